@@ -7,7 +7,7 @@ RUN useradd --create-home softsim && install -d -o softsim -g softsim /softsim /
 COPY --chown=softsim:softsim . /softsim
 USER softsim
 ENV PATH=/softsim/.softsim/venv/bin:$PATH PYTHONUNBUFFERED=1
-RUN cd /softsim && ./softsim scenes && python -m softsim_core.warmup
+RUN cd /softsim && ./softsim scenes && python -m softsim_core.simulation.warmup
 
 WORKDIR /work
 EXPOSE 8080

@@ -19,7 +19,7 @@ from softsim_core import (
     SolverSettings,
     box_mesh,
 )
-from softsim_core.fem.elements import ElementData, element, register_element
+from softsim_core.physics.fem.elements import ElementData, element, register_element
 
 INNER, OUTER = (5.0 - 5.0**0.5) / 20.0, (5.0 + 3.0 * 5.0**0.5) / 20.0
 """Coordinates of the four points that integrate quadratic functions (Keast 1986)."""

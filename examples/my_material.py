@@ -18,8 +18,8 @@ from softsim_core import (
     SolverSettings,
     box_mesh,
 )
-from softsim_core.arrays import Array
-from softsim_core.fem.materials import Material, MaterialParameter, register_material
+from softsim_core.base.arrays import Array
+from softsim_core.physics.fem.materials import Material, MaterialParameter, register_material
 
 IDENTITY = np.eye(3)
 

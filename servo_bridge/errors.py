@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from softsim_core.errors import SoftSimError
+from softsim_core.base.errors import SoftSimError
 
 
 class PacketError(SoftSimError, ValueError):

@@ -7,14 +7,14 @@ from softsim_node.program import run_module
 
 def servo_bridge() -> int:
     """Run the node `servo_bridge`; returns the exit code."""
-    return run_module("servo_bridge.bridge_node")
+    return run_module("servo_bridge.nodes.bridge_node")
 
 
 def virtual_board() -> int:
     """Run the node `virtual_board`; returns the exit code."""
-    return run_module("servo_bridge.virtual_board_node")
+    return run_module("servo_bridge.nodes.virtual_board_node")
 
 
 def emulated_board() -> int:
     """Run the node `emulated_board`; returns the exit code."""
-    return run_module("servo_bridge.emulated_board_node")
+    return run_module("servo_bridge.nodes.emulated_board_node")

@@ -1,28 +1,174 @@
-"""One node as a process, or a program that uses ROS: start, serve, and an end in a safe state."""
+"""One node as a process, or a program that uses ROS: start, spin, and an end in a safe state."""
 
 from __future__ import annotations
 
 import argparse
+import ctypes
 import faulthandler
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 import rclpy
 import rclpy.utilities
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, ShutdownException
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    ShutdownException,
+    SingleThreadedExecutor,
+    TimeoutException,
+)
 from rclpy.signals import SignalHandlerOptions
 
-from softsim_core.errors import SoftSimError
-from softsim_core.processes import use_safe_path
-from softsim_node import discovery, security
+from softsim_core.base.errors import SoftSimError
+from softsim_core.base.processes import use_safe_path
+from softsim_node import environment
 from softsim_node.ending import OUTLIVE, ending
 from softsim_node.environment import check_ros_variables, prepare_environment
-from softsim_node.help import Program
-from softsim_node.spinning import serve_callbacks
+from softsim_node.parameters import Program
+from softsim_node.text import sentence_of
+
+ENABLE: Final = "ROS_SECURITY_ENABLE"
+STRATEGY: Final = "ROS_SECURITY_STRATEGY"
+ENFORCE: Final = "Enforce"
+
+LONGEST_REASON: Final = 120
+
+
+class SecurityError(SoftSimError, RuntimeError):
+    """Security is asked for, and the middleware or its keys cannot give it."""
+
+
+def is_wanted(environment: Mapping[str, str]) -> bool:
+    """Whether ROS is asked to secure what a process with this environment sends."""
+    return environment.get(ENABLE) == "true"
+
+
+def need_security() -> None:
+    """Make sure that secured nodes can be made; once rclpy runs in a process where they are wanted.
+
+    Raises:
+        SecurityError: they cannot be made; says why.
+    """
+    try:
+        node = rclpy.create_node("security_check", start_parameter_services=False, enable_rosout=False)
+    except Exception as error:  # classes of rclpy's extension
+        reason = str(error).splitlines()[0].removeprefix("error creating node: ").split(", at /")[0]
+        raise SecurityError(
+            f"{ENABLE} is true, but no secured node can be made: {reason[:LONGEST_REASON]}; "
+            "ROS 2 from PyPI has no DDS security: use apt's, or unset it"
+        ) from error
+    node.destroy_node()
+
+
+def security_warning(environment: Mapping[str, str]) -> str:
+    """What is to be said of a process that wants security and runs without it; empty: nothing."""
+    if not is_wanted(environment) or environment.get(STRATEGY) == ENFORCE:
+        return ""
+    return (
+        f"{ENABLE} is true, but not enforced: without keys for its enclave this process is open to "
+        f"everybody; {STRATEGY}={ENFORCE} refuses to start then"
+    )
+
+
+_TRIM_THRESHOLD: Final = -1
+_MMAP_THRESHOLD: Final = -3
+"""Names of settings in glibc's malloc.h."""
+
+KEPT_BYTES: Final = 1 << 28
+LARGEST_BYTES: Final = 1 << 25
+"""So much is kept at most, and of arrays no larger than this (more is not allowed)."""
+
+
+def keep_freed_memory() -> bool:
+    """Keep what is freed for the next arrays instead of giving it back to the system; False: no glibc here.
+
+    A step in NumPy frees and asks for the same arrays, a few hundred kilobytes each. Given back, each comes
+    in pages that the system fills with zeros: a fifth of the step's time. It holds for the whole process, so
+    the simulator asks for it, not the library.
+    """
+    try:
+        set_option = ctypes.CDLL(None).mallopt
+    except (OSError, TypeError, AttributeError):
+        return False
+    return bool(set_option(_TRIM_THRESHOLD, KEPT_BYTES)) and bool(set_option(_MMAP_THRESHOLD, LARGEST_BYTES))
+
+
+SPIN_PERIOD_S = 0.1
+"""How long one look for work lasts: the longest time a stop flag goes unseen, in [s]."""
+
+REFUSAL_PERIOD_S = 1.0
+"""What fails in a callback is logged at most this often, in [s]."""
+
+_CALLBACKS_AT_ONCE = 32
+
+
+def spin(executor: Executor, keep_going: Callable[[], bool] = lambda: True) -> None:
+    """Serve callbacks until the context shuts down or `keep_going` turns false.
+
+    A loop over `spin_once`: right for every executor, also where its own `spin` does not end on shutdown.
+    """
+    try:
+        while executor.context.ok() and keep_going():
+            serve_once(executor, SPIN_PERIOD_S)
+    except (ExternalShutdownException, ShutdownException):
+        pass
+    except Exception:
+        if executor.context.ok():  # else the context was shut down in the middle of the call
+            raise
+
+
+def serve_once(executor: Executor, timeout_s: float) -> None:
+    """Serve one callback, waiting for it at most `timeout_s` in [s]; see `outliving`."""
+    with outliving(executor):
+        executor.spin_once(timeout_sec=timeout_s)
+
+
+def ready_callbacks(executor: Executor, enough: Callable[[], bool] = lambda: False) -> None:
+    """Run the callbacks that are ready now, at most a few dozen, without waiting.
+
+    Args:
+        executor: Theirs.
+        enough: Whether the rest of them may wait for the next call; a look for more costs half a millisecond.
+    """
+    for _ in range(_CALLBACKS_AT_ONCE):
+        if enough():
+            return
+        try:
+            handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
+        except TimeoutException:
+            return
+        with outliving(executor):
+            handler()
+            if (error := handler.exception()) is not None:
+                raise error
+
+
+@contextmanager
+def outliving(executor: Executor) -> Iterator[None]:
+    """Log what fails inside in a sentence, such as a message that cannot even be decoded, and go on.
+
+    What fails because the context was shut down passes.
+    """
+    try:
+        yield
+    except (ExternalShutdownException, ShutdownException):
+        raise
+    except Exception as error:
+        if not executor.context.ok():
+            raise
+        for node in list(executor.get_nodes())[:1]:
+            node.get_logger().error(sentence_of(error), throttle_duration_sec=REFUSAL_PERIOD_S)
+
+
+def serve_callbacks(node: Any) -> None:
+    """Serve a node's callbacks until the process shall end, or its context shuts down."""
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    spin(executor, lambda: not ending.asked)
 
 
 class RunnableNode(Protocol):
@@ -73,8 +219,8 @@ def start_ros(words: Sequence[str] = ()) -> None:
         rclpy.init(args=["node", *words], signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # classes of rclpy's extension, which end in the place in its source
         raise RosStartError(str(error).splitlines()[0].split(", at /")[0]) from error
-    if security.is_wanted(os.environ):
-        security.need_security()
+    if is_wanted(os.environ):
+        need_security()
 
 
 @contextmanager
@@ -123,8 +269,8 @@ def run_node(
         with _ending_quietly():
             if not ending.asked:
                 node = build(options)
-                node.get_logger().info(discovery.sentence(os.environ))
-                if warning := security.warning(os.environ):
+                node.get_logger().info(environment.sentence(os.environ))
+                if warning := security_warning(os.environ):
                     node.get_logger().warning(warning)
                 (serve or serve_callbacks)(node)
                 _tell_orphan(node)

@@ -6,8 +6,8 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-from softsim_core.errors import SoftSimError
-from softsim_core.processes import use_safe_path
+from softsim_core.base.errors import SoftSimError
+from softsim_core.base.processes import use_safe_path
 from softsim_node.ending import ending
 from softsim_node.environment import check_ros_variables, prepare_environment
 

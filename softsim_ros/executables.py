@@ -7,37 +7,37 @@ from softsim_node.program import run_module
 
 def simulator() -> int:
     """Run the node `simulator`; returns the exit code."""
-    return run_module("softsim_ros.simulator.simulator_node")
+    return run_module("softsim_ros.nodes.simulator.simulator_node")
 
 
 def teleop() -> int:
     """Run the node `teleop`; returns the exit code."""
-    return run_module("softsim_ros.teleop.teleop_node")
+    return run_module("softsim_ros.nodes.teleop.teleop_node")
 
 
 def inverse_controller() -> int:
     """Run the node `inverse_controller`; returns the exit code."""
-    return run_module("softsim_ros.inverse.inverse_node")
+    return run_module("softsim_ros.nodes.inverse.inverse_node")
 
 
 def path_follower() -> int:
     """Run the node `path_follower`; returns the exit code."""
-    return run_module("softsim_ros.inverse.path_follower_node")
+    return run_module("softsim_ros.nodes.inverse.path_follower_node")
 
 
 def closed_loop() -> int:
     """Run the node `closed_loop`; returns the exit code."""
-    return run_module("softsim_ros.inverse.closed_loop_node")
+    return run_module("softsim_ros.nodes.inverse.closed_loop_node")
 
 
 def observer() -> int:
     """Run the node `observer`; returns the exit code."""
-    return run_module("softsim_ros.observer.observer_node")
+    return run_module("softsim_ros.nodes.observer.observer_node")
 
 
 def policy() -> int:
     """Run the node `policy`; returns the exit code."""
-    return run_module("softsim_ros.policy.policy_node")
+    return run_module("softsim_ros.nodes.policy.policy_node")
 
 
 def recorder() -> int:
@@ -47,4 +47,4 @@ def recorder() -> int:
 
 def viewer() -> int:
     """Run the node `viewer`; returns the exit code."""
-    return run_module("softsim_ros.viewer.viewer_node")
+    return run_module("softsim_ros.nodes.viewer.viewer_node")

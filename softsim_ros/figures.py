@@ -6,7 +6,7 @@ import io
 from pathlib import Path
 from typing import Any, Final
 
-from softsim_core.file_writing import write_file
+from softsim_core.base.files import write_file
 
 _DOTS_PER_INCH: Final = 120
 

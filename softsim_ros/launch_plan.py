@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Final
 
 from softsim_core import RobotDescription, load_scene
-from softsim_core.errors import ConfigError
-from softsim_core.file_writing import write_file
-from softsim_core.locks import runtime_folder
-from softsim_core.wrong_names import one_of
+from softsim_core.base.errors import ConfigError
+from softsim_core.base.files import runtime_folder, write_file
+from softsim_core.base.names import one_of
 from softsim_node.frames import prefix_of
-from softsim_ros.description.controllers import CONTROLLER, controllers
-from softsim_ros.description.rviz import rviz_config
+from softsim_ros.description.folder import CONTROLLER, controllers
+from softsim_ros.description.layouts import rviz_config
 
 SWITCH: Final = ("false", "true")
 BOARDS: Final = ("auto", "virtual", "emulated", "real", "none")

@@ -1,23 +1,68 @@
-"""What the nodes for one robot have in common: which robot, its namespace, its diagnostics."""
+"""What the nodes for one robot share: the robot's description, namespace, diagnostics and callbacks."""
 
 from __future__ import annotations
 
 import os
+import threading
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from softsim_core import RobotDescription, load_scene
-from softsim_node.frames import prefix_of
+from softsim_node.frames import RobotFrames, prefix_of
+from softsim_node.guards import GuardedNode
 from softsim_node.parameters import declare, parameter, parameter_probe
-from softsim_ros.frames import RobotFrames
+from softsim_node.process import spin
 from softsim_ros.messages import diagnostic_array
-from softsim_ros.runtime import ClosableNode
+
+
+class ClosableNode(GuardedNode):
+    """A node that ends its own threads and ports, and outlives whatever is sent to it."""
+
+    def close(self) -> None:
+        """End threads and ports, then destroy the node; a second call does nothing."""
+        self.destroy_node()
+
+
+class SpinThread:
+    """Callbacks of some nodes in a thread of their own; leaving the `with` block ends and joins it."""
+
+    def __init__(self, nodes: Iterable[Node], context: Context | None = None) -> None:
+        self.executor = SingleThreadedExecutor(context=context)
+        for node in nodes:
+            self.executor.add_node(node)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(
+            target=spin, args=(self.executor, lambda: not self._stop.is_set()), name="spin"
+        )
+
+    def __enter__(self) -> SpinThread:
+        """Start the thread."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop and join the thread; the nodes are left to their owner."""
+        self.close()
+
+    def close(self) -> None:
+        """Stop and join the thread, if it was started."""
+        self._stop.set()
+        if self._thread.is_alive():
+            with suppress(
+                Exception
+            ):  # the guard condition dies with its context; the loop ends by itself then
+                self.executor.wake()
+            self._thread.join()
+        self.executor.shutdown(timeout_sec=0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,13 @@
-"""Topics that are named after parts of a robot: words that ROS allows, one for each name."""
+"""Names of topics that are derived from the names of a robot's parts."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
 from typing import Final
+
+from softsim_core.physics.actuation.chamber import ChamberDescription
+from softsim_core.scene.joint import JointDescription
 
 LONGEST_NAME: Final = 60
 """So much of a name stands in a topic; ROS allows about 250 characters for a topic in all."""
@@ -26,3 +29,15 @@ def topic_words(names: Sequence[str], kind: str) -> list[str]:
             word = f"{word}_"
         words.append(word)
     return words
+
+
+def chambers_of(joints: Sequence[JointDescription]) -> dict[int, str]:
+    """Topic of each chamber among a robot's joints, by the joint's number."""
+    chambers = [index for index, joint in enumerate(joints) if isinstance(joint.actuator, ChamberDescription)]
+    topics = chamber_topics([joints[index].name for index in chambers])
+    return dict(zip(chambers, topics, strict=True))
+
+
+def chamber_topics(names: Sequence[str]) -> list[str]:
+    """The topics of chambers by the names of their joints; what no topic may hold becomes an underscore."""
+    return [f"chambers/{word}/pressure" for word in topic_words(names, "chamber")]

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from node_processes import spin_until
 
-from servo_bridge.driver import ServoDriver
+from servo_bridge.driver.driver import ServoDriver
 from servo_bridge.protocols.frames import BoardFlags
-from softsim_core.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.scene.board import BoardDescription, ServoCalibration
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription

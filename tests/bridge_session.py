@@ -12,7 +12,7 @@ import pytest
 from node_processes import Answer, Client, ProcessGroup, parameter_words, spin_until
 
 NAMESPACE = "/tripod"
-BRIDGE = "servo_bridge.bridge_node"
+BRIDGE = "servo_bridge.nodes.bridge_node"
 
 
 class BridgeClient(Client):
@@ -70,8 +70,8 @@ class BridgeHere:
     ) -> None:
         from rclpy.parameter import Parameter
 
-        from servo_bridge.bridge_node import ServoBridge
-        from softsim_ros.runtime import SpinThread
+        from servo_bridge.nodes.bridge_node import ServoBridge
+        from softsim_ros.robot_node import SpinThread
 
         values = {"source": "commands"} | {
             name: str(value) if isinstance(value, Path) else value for name, value in parameters.items()

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import pairwise
 
-from servo_bridge.driver import ServoDriver
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.servo import byte_to_width, bytes_to_angles
 from servo_bridge.emulator import EmulatedBoard
 from servo_bridge.errors import PortError
-from servo_bridge.servo import byte_to_width, bytes_to_angles
 from softsim_core import load_scene
 from softsim_core.scene.robot import RobotDescription
 

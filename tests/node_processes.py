@@ -35,10 +35,12 @@ domain_guards: list[int] = []
 @cache
 def compiled_kernels() -> None:
     """Have robots run on compiled kernels from their start on, as all but the very first one do."""
-    from softsim_core.warmup import kernels_ready
+    from softsim_core.simulation.warmup import kernels_ready
 
     if not kernels_ready():
-        subprocess.run([sys.executable, "-m", "softsim_core.warmup", "--small"], cwd=REPOSITORY, check=True)
+        subprocess.run(
+            [sys.executable, "-m", "softsim_core.simulation.warmup", "--small"], cwd=REPOSITORY, check=True
+        )
 
 
 SHARED_MEMORY = Path("/dev/shm")
@@ -290,7 +292,7 @@ class Client:
         from rclpy.context import Context
         from rclpy.node import Node
 
-        from softsim_ros.runtime import SpinThread
+        from softsim_ros.robot_node import SpinThread
 
         self.context = Context()
         self.context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=domain)

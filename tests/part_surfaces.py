@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
-from softsim_core.mesh.placement import rotation_matrix
-from softsim_core.mesh.shapes import box_surface, cylinder_surface, sphere_surface
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.physics.mesh.embedding import rotation_matrix
+from softsim_core.physics.mesh.shapes import box_surface, cylinder_surface, sphere_surface
 
 Surface = tuple[Array, IndexArray]
 

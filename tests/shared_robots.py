@@ -18,7 +18,7 @@ from node_processes import (
 )
 from waiting import BUILD_S
 
-SIMULATOR = "softsim_ros.simulator.simulator_node"
+SIMULATOR = "softsim_ros.nodes.simulator.simulator_node"
 
 
 class Robot:

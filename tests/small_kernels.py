@@ -9,7 +9,7 @@ from types import ModuleType
 SOURCE = """
 from pathlib import Path
 
-from softsim_core.kernels import Compiler
+from softsim_core.physics.kernels import Compiler
 
 compiler = Compiler(Path(__file__).parent)
 kernel = compiler.kernel

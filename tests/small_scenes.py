@@ -7,18 +7,16 @@ from typing import Any
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mechanics.state import State
-from softsim_core.mesh import TetMesh, boundary, box_mesh
-from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.base.values import Box, Placement
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mesh import TetMesh, boundary, box_mesh
 from softsim_core.scene.control import CommandSettings, StartAnimation
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import SceneDescription, SolverSettings
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.values import Box, Placement
 
 GRAVITY = 9.81
 """In [m/s^2]."""

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from softsim_core.scene.robot import RobotDescription
-from softsim_ros.client.goals import format_point, moved_goal
+from softsim_ros.client.control import format_point, moved_goal
+from softsim_ros.client.joints import decide
 from softsim_ros.client.state import EffectorPose, RobotState, Tilt, with_measurement
-from softsim_ros.client.wishes import decide
 from softsim_ros.keys import press as rules
-from softsim_ros.keys.names import KeyPress
-from softsim_ros.keys.press import CallAction, KeyState, MoveGoal, Quit, Refer
+from softsim_ros.keys.press import CallAction, KeyPress, KeyState, MoveGoal, Quit, Refer
 
 Effect: TypeAlias = tuple[float, ...] | EffectorPose | Tilt | CallAction | Quit
 """What goes out: joint positions, a goal, a reference of the closed loop, an action, the end."""

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from softsim_core import InverseController, Pose, load_policy
-from softsim_core.learning.environments import RobotEnv
-from softsim_core.learning.tasks import REACHED_M
+from softsim_core.lab.learning.environments import RobotEnv
+from softsim_core.lab.learning.tasks import REACHED_M
 
 TASK = "TripodReach-v0"
 HERE = Path(__file__).parent

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
-import softsim_core.learning  # noqa: F401 (registers the ids)
+import softsim_core.lab.learning  # noqa: F401 (registers the ids)
 
 
 class Robots(VecEnv):

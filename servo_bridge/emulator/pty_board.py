@@ -3,7 +3,7 @@
 How the port behaves, and why:
 
 * Opening the port resets the board, as DTR does on a real one; plugging it in is a power-on. While nobody
-  listens, what the firmware sends is dropped. The rest stands in `servo_bridge.pty_board`.
+  listens, what the firmware sends is dropped. The rest stands in `servo_bridge.emulator.pty`.
 * Virtual time never runs ahead of wall time. Where this computer was busy and virtual time is more than 50 ms
   behind, it stays behind: to catch up by racing would let the firmware's time limits run out by mistake. So
   poses are to be asserted once they are settled, and statements about timing belong to the lock-step board.
@@ -16,11 +16,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from servo_bridge.emulator.board import EmulatedBoard
-from servo_bridge.emulator.errors import EmulatorError
-from servo_bridge.emulator.pulses import Pulse
-from servo_bridge.emulator.simavr import BAUD_RATE
-from servo_bridge.pty_board import MasterEnd, PtyBoard
+from servo_bridge.emulator.board import EmulatedBoard, Pulse
+from servo_bridge.emulator.pty import MasterEnd, PtyBoard
+from servo_bridge.emulator.simavr import BAUD_RATE, EmulatorError
 
 SLICE_S = 0.004
 """Virtual time passes in pieces of about this length, in [s]."""

@@ -1,4 +1,4 @@
-"""An ATmega328P from Debian's libsimavr through ctypes: time, pins, serial line, resets.
+"""An ATmega328P from Debian's libsimavr through ctypes: firmware, time, pins, serial line, I2C, resets.
 
 libsimavr is loaded at run time where it is installed (apt-get install libsimavr2); it is no part of this
 suite. It was made for programs that watch a firmware. Driving one byte-exactly and fast needs the following,
@@ -35,10 +35,116 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from servo_bridge.emulator.errors import EmulatorError, EmulatorMissingError
-from servo_bridge.emulator.i2c import I2cRegisters
+from softsim_core.base.errors import SoftSimError
+
+# Conditions on the bus in messages of simavr: bits 8..15 of the value; address in 16..23, data in 24..31.
+_START, _STOP, _ACKNOWLEDGE, _WRITE, _READ = 1 << 0, 1 << 1, 1 << 3, 1 << 4, 1 << 5
+
+
+@dataclass(slots=True)
+class I2cRegisters:
+    """A device of 256 registers; the first byte written sets the register, the next ones go into it and on.
+
+    Attributes:
+        address: Address on the bus, 7 bits.
+        registers: The registers' contents.
+        present: Whether it answers; False for a cable that is off.
+    """
+
+    address: int
+    registers: bytearray = field(default_factory=lambda: bytearray(256))
+    present: bool = True
+    _selected: int = -1
+    _pointer: int | None = None
+
+    def answer(self, value: int) -> int | None:
+        """The bus's next message after a message of the processor; None where nothing is said."""
+        conditions, address, data = value >> 8 & 0xFF, value >> 16 & 0xFF, value >> 24 & 0xFF
+        if conditions & _STOP:
+            self._selected = -1
+        if conditions & _START:
+            self._selected = -1
+            if self.present and address >> 1 == self.address:
+                self._selected = address
+                if not address & 1:
+                    self._pointer = None
+                return self._message(_ACKNOWLEDGE, 1)
+        if self._selected < 0:
+            return None
+        if conditions & _WRITE:
+            if self._pointer is None:
+                self._pointer = data
+            else:
+                self.registers[self._pointer] = data
+                self._pointer = (self._pointer + 1) % 256
+            return self._message(_ACKNOWLEDGE, 1)
+        if conditions & _READ:
+            pointer = self._pointer or 0
+            self._pointer = (pointer + 1) % 256
+            return self._message(_READ, self.registers[pointer])
+        return None
+
+    def _message(self, conditions: int, data: int) -> int:
+        return conditions << 8 | self._selected << 16 | data << 24
+
+
+class EmulatorMissingError(SoftSimError, OSError):
+    """The processor's emulator is not installed, or it is a version whose inside is not known."""
+
+
+class EmulatorError(SoftSimError, RuntimeError):
+    """The emulated processor cannot go on, or a firmware image cannot be loaded into it."""
+
+
+def read_image(path: Path | str) -> tuple[int, bytes]:
+    """Address of the first byte and the bytes of an Intel hex file; gaps are filled with 0xFF.
+
+    Raises:
+        EmulatorError: the file is missing, is no Intel hex, or has a wrong checksum; names file and line.
+    """
+    try:
+        lines = Path(path).read_text(encoding="ascii").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise EmulatorError(
+            f"firmware {path} cannot be read ({error}); give an Intel hex file, such as tripod.hex"
+        ) from error
+    pieces: dict[int, bytes] = {}
+    base = 0
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        kind, address, data = _record(line.strip(), f"{path}, line {number}")
+        if kind == 0:
+            pieces[base + address] = data
+        elif kind == 1:
+            break
+        elif kind in (2, 4):
+            base = int.from_bytes(data, "big") << (4 if kind == 2 else 16)
+    if not pieces:
+        raise EmulatorError(f"firmware {path} holds no bytes; give an Intel hex file, such as tripod.hex")
+    start = min(pieces)
+    image = bytearray(b"\xff" * (max(at + len(data) for at, data in pieces.items()) - start))
+    for at, data in pieces.items():
+        image[at - start : at - start + len(data)] = data
+    return start, bytes(image)
+
+
+def _record(line: str, where: str) -> tuple[int, int, bytes]:
+    """Kind, address and data of one line."""
+    try:
+        raw = bytes.fromhex(line[1:])
+    except ValueError:
+        raw = b""
+    if line[:1] != ":" or len(raw) < 5 or len(raw) != raw[0] + 5:
+        raise EmulatorError(f"{where}: {line[:20]!r} is no line of an Intel hex file")
+    if sum(raw) & 0xFF:
+        raise EmulatorError(f"{where}: the checksum is wrong; the file is damaged, build or copy it again")
+    return raw[3], int.from_bytes(raw[1:3], "big"), raw[4:-1]
+
 
 FREQUENCY = 16_000_000
 """Cycles a second of the board's crystal."""

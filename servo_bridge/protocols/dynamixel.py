@@ -1,8 +1,8 @@
 """Servos of the Dynamixel protocol 2.0 on a bus (XM430, XM540), which measure where they stand.
 
 Such servos speak only when they are asked, one at a time. Each packet of the bridge ends with one bulk read:
-what all servos measure, and of one of them in turn what it is and does (`dynamixel_table`). While the port is
-open and nothing is to move, only that is sent.
+what all servos measure, and of one of them in turn what it is and does (`dynamixel_packets`). While the port
+is open and nothing is to move, only that is sent.
 
 Before a servo gets torque it is told the place where it stands as its goal, and has to say so. From then on
 its own bus watchdog stops it when packets stop.
@@ -13,14 +13,20 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
-from servo_bridge.bus_servo import angle_to_pulse, pulse_to_angle
+from servo_bridge.driver.servo import angle_to_pulse, pulse_to_angle
 from servo_bridge.protocols import dynamixel_packets as packets
-from servo_bridge.protocols import dynamixel_table as table
+from servo_bridge.protocols import dynamixel_packets as table
 from servo_bridge.protocols.dynamixel_bus import DynamixelBus
-from servo_bridge.protocols.dynamixel_packets import ALERT, Instruction, Packet, PacketStream
-from servo_bridge.protocols.dynamixel_table import ServoSettings, ServoState
+from servo_bridge.protocols.dynamixel_packets import (
+    ALERT,
+    Instruction,
+    Packet,
+    PacketStream,
+    ServoSettings,
+    ServoState,
+)
 from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol, Decoded, EncodedPacket
-from softsim_core.errors import listing
+from softsim_core.base.errors import listing
 from softsim_core.scene.board import BoardDescription, BusServo, Servo
 
 WATCHDOG = 25

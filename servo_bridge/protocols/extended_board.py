@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from servo_bridge.driver.servo import PULSE_MIN_US, PULSE_US_PER_180, width_to_byte
 from servo_bridge.protocols import frames
 from servo_bridge.protocols.frames import (
     FRAME_HEADER,
@@ -21,7 +22,6 @@ from servo_bridge.protocols.frames import (
 )
 from servo_bridge.protocols.legacy import PARTIAL_TIMEOUT_S, PacketParser
 from servo_bridge.protocols.protocol import BoardModel
-from servo_bridge.servo import PULSE_MIN_US, PULSE_US_PER_180, width_to_byte
 
 FRAME_S = 0.020
 """Period of the servo pulses in [s]; once in it the widths move."""

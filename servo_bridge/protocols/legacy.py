@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from servo_bridge.driver.servo import angles_to_bytes, bytes_to_angles
 from servo_bridge.errors import PacketError
+from servo_bridge.protocols.ascii_imu import LineParser, text_of
 from servo_bridge.protocols.protocol import BoardModel, BoardProtocol, Decoded, EncodedPacket
-from servo_bridge.protocols.tilt_lines import LineParser, text_of
-from servo_bridge.servo import angles_to_bytes, bytes_to_angles
 from softsim_core.scene.board import BoardDescription, Servo, ServoCalibration
 
 HEADER = 255

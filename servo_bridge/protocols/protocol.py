@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import Flag
 from typing import ClassVar, final
 
-from softsim_core.errors import CommandError
+from softsim_core.base.errors import CommandError
 from softsim_core.scene.board import BoardDescription, Servo, ServoCalibration
 
 

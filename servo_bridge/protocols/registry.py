@@ -15,9 +15,9 @@ from servo_bridge.protocols.dynamixel import DynamixelProtocol
 from servo_bridge.protocols.extended import ExtendedProtocol
 from servo_bridge.protocols.legacy import LegacyProtocol
 from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol
-from softsim_core.errors import listing
+from softsim_core.base.errors import listing
+from softsim_core.base.names import known_names
 from softsim_core.scene.board import BoardDescription, Servo
-from softsim_core.wrong_names import known_names
 
 AUTO = "auto"
 """Stands for: find out by listening; a board that says nothing of its own is taken for `FALLBACK`."""

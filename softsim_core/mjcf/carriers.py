@@ -8,13 +8,13 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from softsim_core.arrays import Array
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mechanics.pose import euler_of, rotation_exp
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Placement, Vector
 from softsim_core.mjcf.reading import Loaded
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics.pose import euler_of, rotation_exp
+from softsim_core.scene.description import Colour
 from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.objects import Colour
-from softsim_core.values import Placement, Vector
 
 Kind: TypeAlias = Literal["world", "joint", "frame", "free"]
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.arrays import Array
-from softsim_core.errors import MjcfError
-from softsim_core.extras import install_command
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import MjcfError
+from softsim_core.base.extras import install_command
+from softsim_core.base.processes import python_command, run_process
 from softsim_core.mjcf.probe import REFUSED
-from softsim_core.processes import python_command, run_process
 
 INSTALL = f"{install_command('mujoco')} (MuJoCo 3.13 or newer)"
 TIME_LIMIT_S = 120.0

@@ -1,25 +1,329 @@
-"""From a scene of ours to a MuJoCo model: soft bodies as flexes, rigid ones as geoms, joints and cables."""
+"""From a scene to a MuJoCo model: soft bodies as flexes, rigid ones as geoms, joints and cables."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from softsim_core.arrays import Array
-from softsim_core.errors import MjcfError
-from softsim_core.fem.materials.tension import rest_stiffness
-from softsim_core.mechanics.model import FIXED, FREE
-from softsim_core.mesh.rods import RodMesh
-from softsim_core.mjcf.driven import add_cables, add_servos, joint_attributes
-from softsim_core.mjcf.elements import Draft, add, words
-from softsim_core.mjcf.masks import masks
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import MjcfError
 from softsim_core.mjcf.reading import Told
-from softsim_core.mjcf.solids import add_rigid_bodies
-from softsim_core.scene.builder import BuiltScene, build
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.actuation.cable.builder import cable_points
+from softsim_core.physics.fem.materials.elastomers import rest_stiffness
+from softsim_core.physics.mechanics.model import FIXED, FREE, Model
+from softsim_core.physics.mechanics.pose import quaternion_of
+from softsim_core.physics.mesh.rods import RodMesh
+from softsim_core.scene.building.builder import BuiltScene, build
+from softsim_core.scene.building.contact_builder import RigidBody
 from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.description import RigidBodyDescription, SceneDescription
+from softsim_core.scene.joint import JointDescription
+
+_BITS = 31
+
+
+@dataclass(frozen=True, slots=True)
+class Mask:
+    """MuJoCo's contype and conaffinity."""
+
+    own: int = 0
+    others: int = 0
+
+
+def masks(scene: SceneDescription, told: Told) -> dict[str, Mask]:
+    """A bit for each body with collision surfaces, and the bits of those it meets."""
+    groups: dict[str, list[frozenset[str]]] = {name: [] for name in scene.body_names}
+    for collision in scene.collisions:
+        groups[collision.body].append(frozenset(collision.groups))
+        if collision.surface is not None or collision.boxes or collision.faces is not None:
+            told.say(f"collision {collision.name}", "the whole surface of its body touches in the model")
+    touching = [name for name, each in groups.items() if each]
+    if len(touching) > _BITS:
+        told.say(
+            "collisions",
+            f"all of the {len(touching)} bodies with a surface may touch each other in the model",
+        )
+        return {name: Mask(int(bool(each)), int(bool(each))) for name, each in groups.items()}
+    bit = {name: 1 << k for k, name in enumerate(touching)}
+    return {
+        name: Mask(
+            bit.get(name, 0),
+            sum(bit[other] for other in touching if other != name and _meet(each, groups[other])),
+        )
+        for name, each in groups.items()
+    }
+
+
+def _meet(ours: list[frozenset[str]], theirs: list[frozenset[str]]) -> bool:
+    return any(not a & b for a in ours for b in theirs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Draft:
+    """A model that is being written.
+
+    Attributes:
+        scene, built: What is written.
+        root, world: The document, and its element `worldbody`.
+        told: What MuJoCo has nothing for.
+        masks: What may touch, by the names of bodies.
+        carriers: Element and origin in [m], shape (3,), of what moves with each joint and frame; no body of
+            the document is turned at the start.
+    """
+
+    scene: SceneDescription
+    built: BuiltScene
+    root: ElementTree.Element
+    world: ElementTree.Element
+    told: Told
+    masks: dict[str, Mask]
+    carriers: dict[str, tuple[ElementTree.Element, Array]]
+
+    def section(self, tag: str) -> ElementTree.Element:
+        """The one element of that tag below the root."""
+        found = self.root.find(tag)
+        return add(self.root, tag) if found is None else found
+
+
+def add(parent: ElementTree.Element, tag: str, /, **attributes: str) -> ElementTree.Element:
+    """A new element below another one."""
+    return ElementTree.SubElement(parent, tag, attributes)
+
+
+def words(numbers: Any) -> str:
+    """Numbers as MJCF has them, exact."""
+    return " ".join(repr(number) for number in np.asarray(numbers).ravel().tolist())
+
+
+_FIRM = {"revolute": 1e3, "prismatic": 1e5}
+"""Stiffness in [N m/rad] or [N/m] of servos that give way to nothing in a scene of ours."""
+_TIGHT = 1e5
+"""The same of cables in [N/m]."""
+_HELD_KG_M2 = 1e-4
+
+
+def joint_attributes(model: Model, j: int, joint: JointDescription) -> dict[str, str]:
+    """A joint that moves a frame, where it starts."""
+    axis = model.joints[j].base_rotation @ model.joints[j].axis
+    found = {
+        "name": joint.name,
+        "type": "hinge" if joint.kind == "revolute" else "slide",
+        "axis": words(axis),
+        "ref": words([joint.rest]),
+        "armature": words([joint.inertia or (0.0 if joint.stiffness else _HELD_KG_M2)]),
+    }
+    if math.isfinite(joint.limits.lower) and math.isfinite(joint.limits.upper):
+        found["range"] = words([joint.limits.lower, joint.limits.upper])
+    return found
+
+
+def add_servos(draft: Draft) -> None:
+    """A position actuator for each joint that moves a frame; what other joints are is told."""
+    for joint in draft.scene.joints:
+        if joint.moves_frame:
+            stiffness = joint.stiffness or _FIRM[joint.kind]
+            add(
+                draft.section("actuator"),
+                "position",
+                name=joint.name,
+                joint=joint.name,
+                kp=words([stiffness]),
+                **({} if joint.stiffness else {"dampratio": "1"}),
+            )
+            if joint.stiffness is None:
+                draft.told.say(
+                    f"joint {joint.name}",
+                    f"follows its command with {stiffness:g} N·m/rad (N/m) there",
+                )
+            if joint.rest:
+                draft.told.say(f"joint {joint.name}", f"set its control to {joint.rest:g}, where it starts")
+            if any(joint.base.rotation_deg) or joint.limits.speed < math.inf:
+                draft.told.say(f"joint {joint.name}", "has no limit of speed in the model")
+        elif not isinstance(joint.actuator, CableDescription):
+            draft.told.say(f"joint {joint.name}", f"kind {joint.kind}: MuJoCo has nothing for it")
+
+
+def add_cables(draft: Draft) -> None:
+    """A tendon through the points of each cable, with what pulls it."""
+    for joint in draft.scene.joints:
+        if isinstance(joint.actuator, CableDescription):
+            _add_cable(draft, joint, joint.actuator)
+
+
+def _add_cable(draft: Draft, joint: JointDescription, cable: CableDescription) -> None:
+    body = next(k for k, each in enumerate(draft.scene.bodies) if each.name == cable.body)
+    points = cable_points(cable, draft.built.bodies[body].solid)
+    tendon = add(draft.section("tendon"), "spatial", name=joint.name)
+    places: list[tuple[Array, str]] = [(point, _owner(draft, body, point)) for point in points]
+    if cable.pull_point is not None:
+        places.insert(0, (np.array(cable.pull_point), cable.pull_on or "world"))
+    for k, (point, owner) in enumerate(places):
+        _add_site(draft, f"{joint.name}_{k}", point, owner)
+        add(tendon, "site", site=f"{joint.name}_{k}")
+    draft.told.say(f"cable {joint.name}", "its points sit on the nearest nodes in the model")
+    if not cable.pull_only:
+        draft.told.say(f"cable {joint.name}", "pushes, too: in the model it pulls only")
+    most = cable.max_tension or 1e6
+    section = draft.section("actuator")
+    if cable.control == "force":
+        add(
+            section,
+            "motor",
+            name=joint.name,
+            tendon=joint.name,
+            gear="-1",
+            ctrlrange=words([0.0, _bounded(joint, most)]),
+        )
+        return
+    length = float(np.linalg.norm(np.diff([place for place, _ in places], axis=0), axis=1).sum())
+    rest = cable.rest_length or length
+    draft.told.say(f"cable {joint.name}", f"holds its displacement with {_TIGHT:g} N/m in the model")
+    add(
+        section,
+        "general",
+        name=joint.name,
+        tendon=joint.name,
+        gear="-1",
+        gainprm=words([_TIGHT]),
+        biastype="affine",
+        biasprm=words([-_TIGHT * rest, -_TIGHT, 0.0]),
+        forcerange=words([0.0, most]),
+        ctrlrange=words([max(joint.limits.lower, -rest), _bounded(joint, rest)]),
+    )
+
+
+def _bounded(joint: JointDescription, otherwise: float) -> float:
+    return joint.limits.upper if math.isfinite(joint.limits.upper) else otherwise
+
+
+def _owner(draft: Draft, body: int, point: Array) -> str:
+    """The body of the node of a soft body that is nearest to a point."""
+    model, own = draft.built.model, draft.built.bodies[body]
+    nearest = int(np.argmin(np.linalg.norm(model.rest[own.nodes] - point, axis=1)))
+    region = int(model.region_of_node[own.nodes.start + nearest])
+    if region == FREE:
+        return f"{own.name}_{nearest}"
+    if region == FIXED:
+        return "world"
+    moved = model.regions[region]
+    return model.frame_names[moved.frame] if moved.frame >= 0 else model.joints[moved.joint].name
+
+
+def _add_site(draft: Draft, name: str, point: Array, owner: str) -> None:
+    if owner == "world":
+        add(draft.world, "site", name=name, pos=words(point))
+    elif owner in draft.carriers:
+        element, origin = draft.carriers[owner]
+        add(element, "site", name=name, pos=words(point - origin))
+    else:
+        element = next(each for each in draft.world if each.get("name") == owner)
+        start = np.array([float(word) for word in element.get("pos", "0 0 0").split()])
+        add(element, "site", name=name, pos=words(point - start))
+
+
+def add_rigid_bodies(draft: Draft) -> None:
+    """Free ones as bodies of their own, the others as geoms of what carries them."""
+    model, weights = draft.built.model, draft.built.model.rigid
+    for description, body in zip(draft.scene.rigid_bodies, draft.built.rigid, strict=True):
+        if body.free >= 0:
+            element = add(
+                draft.world, "body", name=body.name, pos=words(body.position), quat=_quaternion(body.rotation)
+            )
+            add(element, "freejoint", name=f"{body.name}_free")
+            inertia = weights.inertia[body.free]
+            add(
+                element,
+                "inertial",
+                pos="0 0 0",
+                mass=words([weights.mass[body.free]]),
+                fullinertia=words(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
+            )
+            _add_geom(draft, element, description, body, (np.zeros(3), np.eye(3)))
+            if any((*description.velocity, *description.angular_velocity)):
+                draft.told.say(f"rigid body {body.name}", "velocity: everything starts without in the model")
+            continue
+        carrier, pose = draft.world, (body.position, body.rotation)
+        joints = {joint.name: j for j, joint in enumerate(model.joints)}
+        name = body.on.removesuffix("_base") if body.on not in draft.carriers else body.on
+        if name in draft.carriers:
+            origin, rotation = _frame(draft, body.on, joints)
+            if body.on in draft.carriers:
+                carrier, below = draft.carriers[body.on]
+            else:  # the base of a joint: what carries the joint carries it
+                parent = draft.scene.joints[joints[name]].parent
+                carrier, below = draft.carriers.get(parent or "", (draft.world, np.zeros(3)))
+            pose = (origin + rotation @ body.position - below, rotation @ body.rotation)
+        _add_geom(draft, carrier, description, body, pose)
+
+
+def _frame(draft: Draft, on: str, joints: dict[str, int]) -> tuple[Array, Array]:
+    """Where a frame, a joint's frame or a joint's base starts in the world."""
+    model = draft.built.model
+    if on in model.frame_names:
+        f = model.frame_names.index(on)
+        return model.frame_rest[0][f], model.frame_rest[1][f]
+    if on in joints:
+        return model.joint_frame(joints[on], model.rest_state())
+    joint = model.joints[joints[on.removesuffix("_base")]]
+    return joint.base_position, joint.base_rotation
+
+
+def _quaternion(rotation: Array) -> str:
+    x, y, z, w = quaternion_of(rotation)
+    return words([w, x, y, z])
+
+
+def _add_geom(
+    draft: Draft,
+    parent: ElementTree.Element,
+    description: RigidBodyDescription,
+    body: RigidBody,
+    pose: tuple[Array, Array],
+) -> None:
+    shape, mask = description.shape, draft.masks[body.name]
+    if shape.sphere is not None:
+        kind, size = "sphere", [shape.sphere]
+    elif shape.box is not None:
+        kind, size = "box", [0.5 * each for each in shape.box]
+    elif shape.cylinder is not None:
+        kind, size = "cylinder", [shape.cylinder[0], 0.5 * shape.cylinder[1]]
+    elif shape.plane is not None:
+        kind, size = "plane", [0.5 * shape.plane[0], 0.5 * shape.plane[1], 0.1]
+    else:
+        kind, size = "mesh", []
+        add(
+            draft.section("asset"),
+            "mesh",
+            name=body.name,
+            vertex=words(body.surface.points),
+            face=words(body.surface.triangles),
+        )
+        if mask.own:
+            draft.told.say(f"rigid body {body.name}", "touches with the convex hull of its mesh in MuJoCo")
+    if kind == "plane" and parent is not draft.world:
+        draft.told.say(f"rigid body {body.name}", "a plane that moves is a thin box in the model")
+        kind, size = "box", [*size[:2], 0.0005]
+    more = {"size": words(size)} if size else {"mesh": body.name}
+    add(
+        parent,
+        "geom",
+        name=body.name,
+        type=kind,
+        pos=words(pose[0]),
+        quat=_quaternion(pose[1]),
+        mass="0",
+        contype=str(mask.own),
+        conaffinity=str(mask.others),
+        friction=words([draft.scene.contact.friction, 0.005, 0.0001]),
+        rgba=words(description.colour),
+        **more,
+    )
+
 
 ITERATIONS = 3000
 """Most iterations of MuJoCo's solve of a step; its own 100 leave soft bodies unsolved."""

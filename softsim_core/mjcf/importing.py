@@ -1,24 +1,129 @@
-"""From a MuJoCo model to a scene of ours: a description, the meshes it names, and what was left out."""
+"""From a MuJoCo model to a scene in a folder: description, meshes, a list of what was left out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from softsim_core.errors import MeshError, MjcfError, SceneError
-from softsim_core.mesh.types import SurfaceMesh
+from softsim_core.base.errors import MeshError, MjcfError, SceneError
+from softsim_core.base.files import write_file
+from softsim_core.base.values import MeshFile
 from softsim_core.mjcf.carriers import carriers, vector
-from softsim_core.mjcf.flexes import SoftBody, soft_bodies
+from softsim_core.mjcf.flexes import SoftBody, cables, soft_bodies
 from softsim_core.mjcf.geoms import rigid_bodies
 from softsim_core.mjcf.reading import Loaded, Names, load_model
-from softsim_core.mjcf.remaining import remaining
-from softsim_core.mjcf.tendons import cables
+from softsim_core.mjcf.source import Source
 from softsim_core.mjcf.touching import collisions
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.solver_settings import SolverSettings
+from softsim_core.physics.mesh import TetMesh, write_surface, write_tets
+from softsim_core.physics.mesh.types import SurfaceMesh
+from softsim_core.scene.description import SceneDescription, SolverSettings
+from softsim_core.scene.io.files import comment
+from softsim_core.scene.io.portable import write_description
+from softsim_core.scene.robot import as_robot
+
+_POSE = "name class pos quat axisangle xyaxes zaxis euler"
+_READ: Final = {
+    "option": "timestep gravity",
+    "flag": "contact gravity filterparent",
+    "body": f"{_POSE} childclass mocap",
+    "frame": f"{_POSE} childclass",
+    "inertial": f"{_POSE} mass diaginertia fullinertia",
+    "joint": "name class type pos axis ref range limited stiffness springref armature",
+    "freejoint": "name align",
+    "geom": f"{_POSE} type size fromto mass density mesh rgba contype conaffinity friction hfield "
+    "shellinertia fitscale group",
+    "site": f"{_POSE} type size fromto group rgba",
+    "flexcomp": f"{_POSE} type group dim count spacing point element texcoord mass inertiabox file rigid "
+    "radius rgba origin scale dof cellcount",
+    "flex": "name class dim radius body vertex element rgba node group dof cellcount texcoord elemtexcoord",
+    "elasticity": "young poisson damping",
+    "pin": "id range grid gridrange",
+    "exclude": "name body1 body2",
+    "spatial": "name class limited range stiffness damping group width rgba",
+    "position": "name class joint tendon kp gear ctrllimited ctrlrange",
+    "motor": "name class joint tendon gear ctrllimited ctrlrange",
+    "general": "name class joint tendon gear ctrllimited ctrlrange gainprm biasprm gaintype biastype dyntype",
+    "mesh": None,
+}
+"""Attributes that are taken over, or of which the conversion tells by itself; None: all of them."""
+
+_UNDER: Final = {
+    ("flexcomp", "contact"): "contype conaffinity friction",
+    ("flex", "contact"): "contype conaffinity friction",
+    ("spatial", "site"): "site",
+    ("spatial", "geom"): "geom sidesite",
+}
+"""The same of tags that mean something else under others."""
+
+_WHOLE: Final = ("mujoco", "compiler", "default", "worldbody", "include", "replicate", "asset", "deformable")
+_HOLDERS: Final = ("contact", "tendon", "actuator", "extension", "custom")
+"""Tags that only hold others, and what MuJoCo's own reader makes something of."""
+
+_PICTURES: Final = ("light", "camera", "texture", "material", "skin", "visual", "statistic", "layer")
+_SECTIONS: Final = ("sensor", "equality", "keyframe", "custom", "extension", "visual")
+_MOST_NAMES: Final = 4
+
+
+def remaining(source: Source) -> tuple[str, ...]:
+    """A line for each element and attribute that is not taken over, with the names of what has it."""
+    found: dict[str, dict[str, list[str]]] = {}
+    for element, above in source.elements():
+        tag, parent = element.tag, above[-1] if above else ""
+        if tag in _PICTURES or any(each in ("visual", "skin") for each in above):
+            found.setdefault("pictures alone", {}).setdefault("", []).append(tag)
+        elif parent in _SECTIONS:
+            found.setdefault(f"{parent}/{tag}", {}).setdefault("", []).append(element.get("name", ""))
+        elif not _is_holder(tag, parent) and not _is_inside_one(above):
+            _note(found, tag, parent, dict(element.attrib))
+    return tuple(_lines(found))
+
+
+def _is_holder(tag: str, parent: str) -> bool:
+    return tag in _WHOLE or (tag in (*_HOLDERS, *_SECTIONS) and parent in ("mujoco", ""))
+
+
+def _is_inside_one(above: tuple[str, ...]) -> bool:
+    """Whether something above it is told of as a whole."""
+    known = (*_READ, *_WHOLE, *_HOLDERS)
+    return any(each not in known for each in above)
+
+
+def _note(found: dict[str, dict[str, list[str]]], tag: str, parent: str, attributes: dict[str, str]) -> None:
+    read: str | None = _UNDER.get((parent, tag), _READ.get(tag, ""))
+    called = f"{parent}/{tag}" if (parent, tag) in _UNDER or tag not in _READ else tag
+    if tag not in _READ and (parent, tag) not in _UNDER:
+        found.setdefault(called, {}).setdefault("", []).append(attributes.get("name", ""))
+        return
+    for name in attributes:
+        if read is not None and name not in read.split():
+            found.setdefault(called, {}).setdefault(name, []).append(attributes.get("name", ""))
+
+
+def _lines(found: dict[str, dict[str, list[str]]]) -> Iterator[str]:
+    for tag, attributes in found.items():
+        if tag == "pictures alone":
+            kinds = attributes[""]
+            counted = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+            yield f"pictures alone, not taken over: {counted}"
+            continue
+        by_names: dict[tuple[str, ...], list[str]] = {}
+        for attribute, names in attributes.items():
+            by_names.setdefault(tuple(names), []).append(attribute)
+        for owners, which in by_names.items():
+            what = ", ".join(each for each in which if each) or "the whole element"
+            yield f"{tag}: {what} not taken over{_of(owners)}"
+
+
+def _of(names: tuple[str, ...]) -> str:
+    given = [name for name in names if name]
+    shown = ", ".join(given[:_MOST_NAMES]) + (", ..." if len(given) > _MOST_NAMES else "")
+    if len(names) == 1:
+        return f" ({shown})" if shown else ""
+    return f" ({len(names)} of them{': ' + shown if shown else ''})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,3 +213,45 @@ def _damping(loaded: Loaded, soft: tuple[SoftBody, ...]) -> float:
             "flexes", f"elasticity damping differs: all bodies have the least, {values[0]:g} s, here"
         )
     return values[0] if values else 0.0
+
+
+def write_imported(imported: ImportedScene, folder: str | Path, origin: str) -> Path:
+    """Write a scene and its meshes.
+
+    Args:
+        imported: The scene.
+        folder: Where to; it is made, and files of these names in it are replaced.
+        origin: Name of the model that it was made of, for the scene's first line.
+
+    Returns:
+        The scene's file.
+
+    Raises:
+        MjcfError, MeshError: a file cannot be written.
+    """
+    folder = Path(folder)
+    scene = imported.scene
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        bodies = []
+        for body in scene.bodies:
+            assert isinstance(body.mesh, TetMesh)  # as all that are imported
+            file = Path(f"{body.name}.msh")
+            write_tets(folder / file, body.mesh)
+            bodies.append(replace(body, mesh=MeshFile(file=file)))
+        for name, surface in imported.surfaces.items():
+            write_surface(folder / name, surface)
+        written = folder / f"{scene.name}.yaml"
+        robot = as_robot(replace(scene, bodies=tuple(bodies)))
+        text = write_description(robot, given_only=True)
+        write_file(written, _head(imported, origin) + text)
+    except OSError as error:
+        raise MjcfError(folder, f"cannot be written: {error.strerror or error}") from error
+    return written
+
+
+def _head(imported: ImportedScene, origin: str) -> str:
+    lines = [f"{imported.scene.name}: made of {origin} (MuJoCo). SI units (m, kg, s, Pa)."]
+    if imported.told:
+        lines += ["Not taken over, or otherwise than there:", *(f"  {told}" for told in imported.told)]
+    return comment(*lines)

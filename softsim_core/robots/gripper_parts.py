@@ -10,18 +10,17 @@ import math
 
 import numpy as np
 
-from softsim_core.actuation.cable import CableDescription
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mesh.placement import place
-from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.files import config_file
+from softsim_core.base.values import Box, MeshFile, Placement, Vector
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mesh.embedding import place
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import CollisionDescription, Colour, RigidBodyDescription
+from softsim_core.scene.io.files import config_file
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import CollisionDescription, Colour, RigidBodyDescription
 from softsim_core.scene.scene import Part
-from softsim_core.values import Box, MeshFile, Placement, Vector
 
 FINGER_LIMITS = JointLimits(lower=0.0, upper=0.035, speed=0.05)
 """Travel in [m] and top speed in [m/s] of a finger's cable."""

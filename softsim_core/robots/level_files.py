@@ -6,10 +6,10 @@ import argparse
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh.surface import boundary_surface
-from softsim_core.mesh.types import TetMesh
-from softsim_core.mesh.writers import write_surface, write_tets
+from softsim_core.base.errors import MeshError
+from softsim_core.physics.mesh.readers import write_surface, write_tets
+from softsim_core.physics.mesh.surface import boundary_surface
+from softsim_core.physics.mesh.types import TetMesh
 
 
 def write_mesh_files(

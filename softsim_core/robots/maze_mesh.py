@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.arrays import Array, BoolArray
-from softsim_core.errors import MeshError
-from softsim_core.mesh.facets import merge_corners
-from softsim_core.mesh.types import SurfaceMesh
-from softsim_core.mesh.writers import write_surface
-from softsim_core.units import MILLIMETRE
+from softsim_core.base.arrays import Array, BoolArray
+from softsim_core.base.errors import MeshError
+from softsim_core.base.units import MILLIMETRE
+from softsim_core.physics.mesh.formats import merge_corners
+from softsim_core.physics.mesh.readers import write_surface
+from softsim_core.physics.mesh.types import SurfaceMesh
 
 EDGE = 60.0 * MILLIMETRE
 """Edge length of the plate in [m]; its centre is the origin."""

@@ -12,18 +12,16 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from softsim_core.errors import SceneError
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mesh.types import TetMesh
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.files import config_file
+from softsim_core.base.errors import SceneError
+from softsim_core.base.values import Box, MeshFile, Placement, Sphere, Vector
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.io.files import config_file
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import Controller
-from softsim_core.scene.running import RunningSimulation
+from softsim_core.scene.robot import Controller, RunningSimulation
 from softsim_core.scene.scene import Part, animated
-from softsim_core.values import Box, MeshFile, Placement, Sphere, Vector
 
 MeshLevel: TypeAlias = Literal["low", "mid", "high"]
 

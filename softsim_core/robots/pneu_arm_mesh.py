@@ -16,13 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softsim_core.arrays import Array, BoolArray, IndexArray
-from softsim_core.errors import MeshError
-from softsim_core.mesh.generators import extrude, oriented
-from softsim_core.mesh.quadratic import MIDDLES, quadratic
-from softsim_core.mesh.types import TetMesh
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.base.errors import MeshError
+from softsim_core.base.units import MILLIMETRE
+from softsim_core.physics.mesh.generators import extrude, oriented
+from softsim_core.physics.mesh.types import MIDDLES, TetMesh, quadratic
 from softsim_core.robots.level_files import write_mesh_files
-from softsim_core.units import MILLIMETRE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

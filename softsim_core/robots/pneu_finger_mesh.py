@@ -15,11 +15,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh.generators import extrude, oriented
-from softsim_core.mesh.types import TetMesh
+from softsim_core.base.errors import MeshError
+from softsim_core.base.units import MILLIMETRE
+from softsim_core.physics.mesh.generators import extrude, oriented
+from softsim_core.physics.mesh.types import TetMesh
 from softsim_core.robots.level_files import write_mesh_files
-from softsim_core.units import MILLIMETRE
 
 WIDTH = 14.0 * MILLIMETRE
 """Width in [m]; the finger lies from y = -WIDTH / 2 to WIDTH / 2."""

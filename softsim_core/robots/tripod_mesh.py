@@ -16,13 +16,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
-from softsim_core.errors import MeshError
-from softsim_core.mesh.generators import extrude
-from softsim_core.mesh.planar import flip_to_delaunay, smooth, stitch
-from softsim_core.mesh.types import TetMesh
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import MeshError
+from softsim_core.base.units import MILLIMETRE
+from softsim_core.physics.mesh.generators import extrude, flip_to_delaunay, smooth, stitch
+from softsim_core.physics.mesh.types import TetMesh
 from softsim_core.robots.level_files import write_mesh_files
-from softsim_core.units import MILLIMETRE
 
 ARM_HALF_WIDTH = 15.0 * MILLIMETRE
 """Half the width of an arm in [m]."""

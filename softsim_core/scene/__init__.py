@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from os import PathLike
 from typing import Any
 
-from softsim_core.scene.catalog import SceneCatalog
 from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.files import Kind, find_config, known_scenes
-from softsim_core.scene.python_loader import load_python
+from softsim_core.scene.io.catalog import SceneCatalog
+from softsim_core.scene.io.files import Kind, find_config, known_scenes
+from softsim_core.scene.io.python_loader import load_python
+from softsim_core.scene.io.yaml_loader import load_yaml
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.scene import Part, Scene
-from softsim_core.scene.yaml_loader import load_yaml
 
 __all__ = [
     "Part",

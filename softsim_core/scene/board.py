@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from softsim_core.errors import SceneError
-from softsim_core.values import FieldError, need_positive
+from softsim_core.base.errors import SceneError
+from softsim_core.base.values import FieldError, need_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,29 +1,123 @@
-"""A deformable body as a file describes it: shape, material, mass; typed, SI."""
+"""A deformable body as a file describes it: shape, material regions, mass, attachments; typed, SI."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
-from softsim_core.errors import SceneError, listing
-from softsim_core.fem.elements import element
-from softsim_core.fem.materials.section import SECTION
-from softsim_core.mesh.types import TetMesh
-from softsim_core.scene.attachment import need_one_region
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.material_region import MaterialRegionDescription
-from softsim_core.scene.reinforcement import FibresDescription, LayerDescription
-from softsim_core.scene.rod import RodDescription, RodEnd
-from softsim_core.values import (
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import SceneError, listing
+from softsim_core.base.values import (
     DIRECTION,
     Box,
     FieldError,
     MeshFile,
+    Placement,
     Sphere,
     Vector,
     need_finite,
     need_positive,
 )
+from softsim_core.physics.fem.elements import element
+from softsim_core.physics.fem.materials.section import SECTION
+from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.rod import FibresDescription, LayerDescription, RodDescription, RodEnd
+
+SLACK_M = 1e-9
+"""Faces are included; this much rounding is forgiven, in [m]."""
+
+
+def nodes_in(region: Box | Sphere, points: Array) -> IndexArray:
+    """Indices of the `points` (n, 3), in the region's coordinates, that lie inside it, ascending."""
+    offset = points - np.array(region.center)
+    if isinstance(region, Sphere):
+        return np.flatnonzero(np.linalg.norm(offset, axis=1) <= region.radius + SLACK_M)
+    local = offset @ rotation_euler(np.radians(region.rotation_deg))
+    return np.flatnonzero((np.abs(local) <= np.array(region.size) / 2 + SLACK_M).all(axis=1))
+
+
+def need_one_region(owner: str, *given: Box | Sphere | RodEnd | str | None) -> None:
+    """Refuse none, or more than one, of a region's box, sphere, end of a rod and group.
+
+    Raises:
+        SceneError: names the owner.
+    """
+    if sum(each is not None for each in given) != 1:
+        raise SceneError(f"{owner}: give exactly one of box, sphere, end and group")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttachmentDescription:
+    """A region of a body that moves rigidly: with the world, with a joint, or as a free rigid frame.
+
+    Attributes:
+        name: Unique name; a free frame carries this name.
+        body: Name of the body.
+        to: "world" (held still), "free" (a rigid frame with six unknowns), the name of a joint, or that of an
+            attachment with to = free, whose frame then carries both.
+        box, sphere: The region; nodes are chosen once, on the rest shape, of a rod whole sections.
+        end: Or that end of a rod, beyond its clamp where it has one.
+        group: Or the name of a group of the mesh's file: a physical group of Gmsh, of points, lines, faces or
+            cells. Exactly one of the four.
+        relative_to: None: the region is given in world coordinates. A joint name: in that joint's base frame.
+        frame: Origin in [m] and orientation of a free frame, in world coordinates. None: the origin is the
+            mean of its nodes at rest, the axes are those of the world.
+        stiffness: Only with to = "world": spring in [N/m] a node instead of an exact hold.
+    """
+
+    name: str
+    body: str
+    to: str
+    box: Box | None = None
+    sphere: Sphere | None = None
+    end: RodEnd | None = None
+    group: str | None = None
+    relative_to: str | None = None
+    frame: Placement | None = None
+    stiffness: float | None = None
+
+    def __post_init__(self) -> None:
+        need_one_region(f"attachment {self.name}", self.box, self.sphere, self.end, self.group)
+        if self.stiffness is not None and (self.to != "world" or not 0.0 < self.stiffness < math.inf):
+            raise SceneError(f"attachment {self.name}: stiffness needs to = world and a value > 0 N/m")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MaterialRegionDescription:
+    """Cells of a body with another material than the rest of it, such as a bone or a softer skin.
+
+    Attributes:
+        name: Unique in its body.
+        material: Law and parameters; the mass per volume is the body's.
+        group: Name of a group of cells of the mesh's file: a physical group of volumes of Gmsh.
+        box, sphere: Or cells whose middle lies there, on the rest shape. Exactly one of the three.
+    """
+
+    name: str
+    material: MaterialDescription
+    group: str | None = None
+    box: Box | None = None
+    sphere: Sphere | None = None
+
+    def __post_init__(self) -> None:
+        if sum(each is not None for each in (self.group, self.box, self.sphere)) != 1:
+            raise SceneError(f"material region {self.name}: give exactly one of group, box and sphere")
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The parameters of its law by name."""
+        return self.material.values
+
+    def changed(self, values: Mapping[str, float]) -> MaterialRegionDescription:
+        """The same region with other values of its law."""
+        return replace(self, material=self.material.changed(**values))
+
 
 MassDistribution: TypeAlias = Literal["volume", "consistent", "equal"]
 

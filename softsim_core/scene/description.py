@@ -1,31 +1,205 @@
-"""What a scene is: typed, immutable, SI. YAML files and Python scenes both end here; the builder starts here.
+"""The description of a scene: typed, immutable, SI. YAML files and Python scenes both end here.
 
 Angles of placements are in degrees in fields named `*_deg` (people write them); the rest is SI and radians.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Final, Literal, TypeAlias, get_args
 
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.errors import SceneError
-from softsim_core.fem.materials import Material
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material_region import MaterialRegionDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.sensing.description import (
+from softsim_core.base.errors import SceneError, listing
+from softsim_core.base.names import known_names, one_of
+from softsim_core.base.values import (
+    DIRECTION,
+    Box,
+    FieldError,
+    MeshFile,
+    Placement,
+    Vector,
+    need_finite,
+    need_positive,
+)
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.dynamics import Backend
+from softsim_core.physics.fem.materials import Material
+from softsim_core.physics.linalg.solvers import AUTO, linear_solver_names
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.physics.sensing.description import (
     ANY_BODY,
     PLACE,
     SOFT_BODY,
     SimulatedSensorDescription,
     need_sensors,
 )
-from softsim_core.values import FieldError, Vector, need_finite, need_positive
-from softsim_core.wrong_names import known_names
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription, MaterialRegionDescription
+from softsim_core.scene.joint import JointDescription
+
+Colour = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigidBodyDescription:
+    """A rigid body: free (with a mass), or carried by the world, a free frame or a joint (without).
+
+    Attributes:
+        name: Unique among all bodies.
+        shape: Its surface.
+        mass: Mass in [kg], > 0, of a body that moves by itself; None: it is carried by `on`.
+        inertia: Principal moments in [kg m^2] about the axes of its frame; None: those of a solid of even
+            density.
+        pose: Where it starts in the world, or in the frame of `on` (its scale is not used).
+        velocity, angular_velocity: How a body with mass moves at the start, of its centre of mass in [m/s]
+            and in [rad/s], world axes.
+        on: What carries a body without mass: "world", the name of a free frame (an attachment with to =
+            free), or of a joint (the frame that the joint moves), or JOINT_base (the joint's base).
+        colour: Red, green, blue, alpha in 0..1, for pictures only.
+    """
+
+    name: str
+    shape: Shape
+    mass: float | None = None
+    inertia: Vector | None = None
+    pose: Placement = Placement()
+    velocity: Vector = field(default=(0.0, 0.0, 0.0), metadata=DIRECTION)
+    angular_velocity: Vector = field(default=(0.0, 0.0, 0.0), metadata=DIRECTION)
+    on: str = "world"
+    colour: Colour = (0.9, 0.7, 0.2, 1.0)
+
+    def __post_init__(self) -> None:
+        owner = f"rigid body {self.name}"
+        if self.mass is not None:
+            need_positive(owner, "mass", self.mass, "kg")
+            if self.on != "world":
+                raise SceneError(f"{owner}: a body with mass moves by itself; remove `on` or `mass`")
+            if self.shape.plane is not None:
+                raise SceneError(f"{owner}: a plane has no volume, so it takes no mass; remove `mass`")
+        need_finite(owner, "velocity", self.velocity)
+        need_finite(owner, "angular_velocity", self.angular_velocity)
+        if self.mass is None and any((*self.velocity, *self.angular_velocity)):
+            raise SceneError(
+                f"{owner}: what carries a body without mass moves it; remove `velocity` and "
+                "`angular_velocity`, or give a `mass`"
+            )
+        if self.inertia is not None:
+            for moment in self.inertia:
+                need_positive(owner, "inertia", moment, "kg m^2")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CollisionDescription:
+    """A surface that touches others.
+
+    Two surfaces that share a group never meet; a surface without group meets all others. Surfaces of one
+    body meet only where each has groups and none in common (self-contact).
+
+    Attributes:
+        name: Unique name.
+        body: Name of a deformable or rigid body.
+        surface: A surface that follows the body; None: the boundary of the tetrahedra, or the rigid shape.
+        boxes: Only the triangles with all corners in one of these boxes (rest shape); none: all.
+        faces: Only those of a physical group of faces of the body's Gmsh file; None: all.
+        groups: Names of the groups it belongs to.
+    """
+
+    name: str
+    body: str
+    surface: MeshFile | None = None
+    boxes: tuple[Box, ...] = ()
+    faces: str | None = None
+    groups: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.faces is not None and (self.boxes or self.surface is not None):
+            raise SceneError(
+                f"collision {self.name}: `faces` names all of its triangles; remove `boxes` and `surface`, "
+                "or `faces`"
+            )
+
+
+RotationLaw: TypeAlias = Literal["polar", "qr"]
+TimeIntegration: TypeAlias = Literal["implicit_euler", "bossak"]
+Threads: TypeAlias = Literal["auto"] | int
+SUBSTEPS: Final = (1, 2, 4, 8, 16, 32, 64)
+MOST_THREADS: Final = 64
+MOST_ITERATIONS: Final = 1000
+_TOLERANCE, _LARGE = 1.0e-7, 0.1
+"""Default of `iteration_tolerance` in [m], and size in [m] of what deforms below which it shrinks with it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolverSettings:
+    """Numerics: law of bodies that name none, implementation of the step, Rayleigh damping.
+
+    Attributes:
+        rotation: Law of bodies whose material names none: "polar" is corotational (survives inversion), "qr"
+            is corotational_qr (parity with the reference simulator).
+        backend: "numba" (fast), "scipy" (readable reference) or "auto" (numba where it imports).
+        linear_solver: Name of what solves the linear systems of step and statics, see linalg.solvers; "auto"
+            leaves it to the suite. One that the compiled step is not one with runs with plain assembly.
+        threads: Of the compiled step of a large mesh, some 3000 nodes and more: 1 to 64, or "auto": as many
+            as OMP_NUM_THREADS says, else as the process has cores. States are the same bit by bit.
+        rayleigh_stiffness: Damping per stiffness in [s], >= 0.
+        rayleigh_mass: Damping per mass in [1/s], >= 0.
+        time_integration: "implicit_euler", or "bossak", of second order, for what shall ring as
+            the real thing does; see dynamics.bossak.
+        spectral_radius: Of "bossak": what each step leaves of the highest frequencies, 0 to 1.
+        substeps: Parts in which a step is done at most where rubber or a quadratic cell strains too much for
+            one: 1 (always whole), 2, 4 and so on up to 64.
+        iterations: Newton iterations of a step at most, 1 to 1000; with 1 it is linearised once. "bossak"
+            takes 2 at least where a body hangs on nothing: linearised once, it would gain energy as it turns.
+        iteration_tolerance: A step has enough of them once one has moved no node farther than this, in [m],
+            >= 0. None: 1e-7, or less in proportion to what deforms where that is smaller than 0.1 m.
+    """
+
+    rotation: RotationLaw = "polar"
+    backend: Backend = "auto"
+    linear_solver: str = AUTO
+    threads: Threads = "auto"
+    rayleigh_stiffness: float = 0.0
+    rayleigh_mass: float = 0.0
+    time_integration: TimeIntegration = "implicit_euler"
+    spectral_radius: float = 0.8
+    substeps: int = 8
+    iterations: int = 1
+    iteration_tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value, unit in (
+            ("rayleigh_stiffness", self.rayleigh_stiffness, "s"),
+            ("rayleigh_mass", self.rayleigh_mass, "1/s"),
+        ):
+            if not 0.0 <= value < math.inf:
+                raise FieldError("solver", name, value, f">= 0 {unit}")
+        if self.time_integration not in get_args(TimeIntegration):
+            allowed = one_of(self.time_integration, get_args(TimeIntegration))
+            raise FieldError("solver", "time_integration", self.time_integration, allowed)
+        if not 0.0 <= self.spectral_radius <= 1.0:
+            raise FieldError("solver", "spectral_radius", self.spectral_radius, "between 0 and 1")
+        if self.substeps not in SUBSTEPS:
+            raise FieldError("solver", "substeps", self.substeps, f"one of {listing(SUBSTEPS)}")
+        if not 1 <= self.iterations <= MOST_ITERATIONS:
+            raise FieldError("solver", "iterations", self.iterations, f"1 to {MOST_ITERATIONS}")
+        if self.iteration_tolerance is not None and not 0.0 <= self.iteration_tolerance < math.inf:
+            raise FieldError("solver", "iteration_tolerance", self.iteration_tolerance, ">= 0 m")
+        known = (AUTO, *linear_solver_names())
+        if self.linear_solver not in known:
+            raise FieldError("solver", "linear_solver", self.linear_solver, one_of(self.linear_solver, known))
+        if self.threads != "auto" and not 1 <= self.threads <= MOST_THREADS:
+            raise FieldError("solver", "threads", self.threads, f"auto, or 1 to {MOST_THREADS}")
+
+    def last_move(self, size: float) -> float:
+        """Return how far in [m] an iteration may move a node and still be the last one.
+
+        Args:
+            size: Of what deforms in [m].
+        """
+        if self.iteration_tolerance is not None:
+            return self.iteration_tolerance
+        return _TOLERANCE * min(1.0, size / _LARGE)
+
 
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1e9
 """Allowed time steps in [s]: a shorter one would never get anywhere, a longer one is no step."""
@@ -47,7 +221,7 @@ class SceneDescription:
         collisions: Surfaces that touch others.
         contact: How contact is found and solved.
         effector: Name of the free attachment whose pose is the end effector's; None: there is none.
-        sensors: What measures; each of one of the kinds in `softsim_core.sensing`, which `kind` names.
+        sensors: What measures; each of one of the kinds in `softsim_core.physics.sensing`, named by `kind`.
     """
 
     name: str

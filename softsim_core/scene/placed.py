@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.arrays import Array
-from softsim_core.mechanics.pose import euler_of, rotation_euler
-from softsim_core.mesh.types import TetMesh
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import DIRECTION, LOCAL, POINT, Box, Placement, Sphere, Vector
+from softsim_core.physics.mechanics.pose import euler_of, rotation_euler
+from softsim_core.physics.mesh.types import TetMesh
 from softsim_core.scene.description import SceneDescription
-from softsim_core.values import DIRECTION, LOCAL, POINT, Box, Placement, Sphere, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,14 +54,14 @@ def placed(scene: SceneDescription, motion: Motion) -> SceneDescription:
     """The same scene, all that it says of places and directions in the world moved along; gravity stays.
 
     Placements, boxes, spheres and arrays of nodes are moved wherever they stand, but in fields marked LOCAL;
-    vectors in fields marked POINT or DIRECTION; see softsim_core.values. What is told in the frame of
+    vectors in fields marked POINT or DIRECTION; see softsim_core.base.values. What is told in the frame of
     something else stays: regions relative to a joint, rigid bodies on something, and their surfaces. Free
     frames that the scene leaves out are given in the result, so that they turn with it.
 
     Raises:
-        SceneError, MeshError: such a frame cannot be found; see softsim_core.scene.builder.
+        SceneError, MeshError: such a frame cannot be found; see softsim_core.scene.building.builder.
     """
-    from softsim_core.scene.builder import with_rest_frames  # late: most processes only read scenes
+    from softsim_core.scene.building.builder import with_rest_frames  # late: most processes only read scenes
 
     scene = with_rest_frames(scene)
     moved: SceneDescription = _placed(scene, motion)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from softsim_core.errors import SceneError
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.base.names import known_names, one_of
+from softsim_core.base.values import FieldError, need_finite
+from softsim_core.physics.mechanics.pose import Pose
 from softsim_core.scene.board import BoardDescription
 from softsim_core.scene.control import (
     KEY_NAMES,
@@ -20,10 +24,58 @@ from softsim_core.scene.control import (
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.file_keys import ABSENT, BESIDE
 from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.running import RunningSimulation
 from softsim_core.scene.view import ViewSettings
-from softsim_core.values import FieldError, need_finite
-from softsim_core.wrong_names import known_names, one_of
+
+
+class RunningSimulation(Protocol):
+    """The part of a simulation that controllers and animations of a scene rely on.
+
+    Attributes:
+        forces: External forces on the nodes in [N], shape (n, 3); written by the scene's code at will.
+        base_shift: Shift in [m] of all joint bases along their slide axes.
+    """
+
+    forces: Array
+    base_shift: float
+
+    @property
+    def time(self) -> float:
+        """Simulated time in [s]."""
+        ...
+
+    @property
+    def dt(self) -> float:
+        """Time step in [s]."""
+        ...
+
+    @property
+    def step_count(self) -> int:
+        """Steps since the start."""
+        ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joint names in command order."""
+        ...
+
+    @property
+    def joint_positions(self) -> Array:
+        """Measured joint positions in [rad] or [m], shape (j,)."""
+        ...
+
+    @property
+    def joint_targets(self) -> Array:
+        """The last accepted command in [rad] or [m], shape (j,)."""
+        ...
+
+    @property
+    def effector_pose(self) -> Pose | None:
+        """Pose of the end effector, or None in a scene without one."""
+        ...
+
+    def command(self, values: Sequence[float] | Array) -> Array:
+        """Set where the joints go; returns the accepted command in [rad] or [m], shape (j,)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,22 +6,23 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
-from softsim_core.actuation.animation import Mode, check_animation, factor_at, is_over
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.errors import SceneError
-from softsim_core.scene.attachment import AttachmentDescription
+from softsim_core.base.errors import SceneError
+from softsim_core.base.values import Vector
+from softsim_core.physics.actuation.trajectory import Mode, check_animation, factor_at, is_over
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.sensing.description import SimulatedSensorDescription
 from softsim_core.scene.board import BoardDescription
 from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import (
+    CollisionDescription,
+    RigidBodyDescription,
+    SceneDescription,
+    SolverSettings,
+)
 from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.scene.robot import Controller, RobotDescription, need_namespace
-from softsim_core.scene.running import RunningSimulation
-from softsim_core.scene.solver_settings import SolverSettings
+from softsim_core.scene.robot import Controller, RobotDescription, RunningSimulation, need_namespace
 from softsim_core.scene.view import ViewSettings
-from softsim_core.sensing.description import SimulatedSensorDescription
-from softsim_core.values import Vector
 
 StepCallback: TypeAlias = "Callable[[RunningSimulation], None]"
 KeyCallback: TypeAlias = "Callable[[RunningSimulation, str], None]"

@@ -1,17 +1,161 @@
-"""The joints' drive: from accepted commands to where each joint is told to be at the end of every step."""
+"""The joints' drive, moved bases, and velocities and places that may be set."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from softsim_core.actuation.animation import factor_at, is_over
-from softsim_core.arrays import Array
-from softsim_core.errors import CommandError, SceneError
-from softsim_core.mechanics.limits import check_command
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import CommandError, SceneError
+from softsim_core.base.names import known_names
+from softsim_core.physics.actuation.trajectory import factor_at, is_over
+from softsim_core.physics.mechanics.limits import check_command
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.pose import cross, rotation_of
+from softsim_core.physics.mechanics.state import State
+from softsim_core.scene.building.bodies import Body
 from softsim_core.scene.robot import RobotDescription
+
+ROUNDED: Final = 1e-3
+"""By so much the length of a unit quaternion may differ from 1: those of messages are often of few digits."""
+
+
+def checked(what: str, values: ArrayLike, shape: tuple[int, ...], unit: str) -> Array:
+    """The values as a new float64 array of a shape.
+
+    Raises:
+        CommandError: not numbers, another shape, or not finite.
+    """
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise CommandError(f"{what} must be numbers in {unit}, shape {shape}; nothing was changed") from None
+    if array.shape != shape:
+        raise CommandError(
+            f"{what} of shape {array.shape} refused: expected shape {shape} in {unit}; nothing was changed"
+        )
+    if not np.isfinite(array).all():
+        worst = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise CommandError(
+            f"{what} refused: the value at {worst} is not finite; expected numbers in {unit}; "
+            "nothing was changed"
+        )
+    return array
+
+
+def rotation_from(quaternion_xyzw: ArrayLike) -> Array:
+    """Rotation matrix (3, 3) of a quaternion whose length is 1 but for rounding.
+
+    Raises:
+        CommandError: it is none.
+    """
+    quaternion = checked("quaternion", quaternion_xyzw, (4,), "x, y, z, w")
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > ROUNDED:
+        raise CommandError(f"quaternion of length {length:g} refused: expected 1; nothing was changed")
+    return rotation_of(quaternion / length)
+
+
+def set_node_velocities(model: Model, state: State, velocities: Array) -> None:
+    """Velocities (n, 3) in [m/s] of the free nodes; those that are fixed or follow something keep theirs."""
+    free = model.free_nodes
+    state.velocities[free] = velocities[free]
+
+
+def set_body_motion(model: Model, state: State, body: Body, velocity: Array, angular_velocity: Array) -> None:
+    """Move a body as if it were rigid, its free frames too; see Simulation.set_body_velocity."""
+    nodes = np.arange(body.nodes.start, body.nodes.stop)
+    mass, points = model.mass[nodes], state.positions[nodes]
+    centre = mass @ points / mass.sum()
+    moved = np.zeros_like(state.velocities)
+    moved[nodes] = velocity + cross(angular_velocity, points - centre)
+    own = model.free_nodes[np.isin(model.free_nodes, nodes)]
+    state.velocities[own] = moved[own]
+    for region in model.regions:
+        if region.frame < 0 or not len(region.nodes) or region.nodes[0] not in nodes:
+            continue
+        arm = state.frame_positions[region.frame] - centre
+        state.reduced_velocities[6 * region.frame :][:3] = velocity + cross(angular_velocity, arm)
+        state.reduced_velocities[6 * region.frame + 3 :][:3] = angular_velocity
+    model.place_regions(state)
+
+
+def number_of(kind: str, name: str, names: Sequence[str]) -> int:
+    """Index of a name.
+
+    Raises:
+        CommandError: it is not among the names.
+    """
+    if name not in names:
+        raise CommandError(f"unknown {kind} {name!r}; {known_names(name, names)}")
+    return list(names).index(name)
+
+
+SPEED: Final = 0.05
+"""Bases move this fast, in [m/s]: the body follows without a blow."""
+
+
+class MovableBases:
+    """Where the joint bases go; where they are is in State.base_positions.
+
+    Attributes:
+        targets: Where each base goes in [m], shape (j, 3): parents at rest, without the start move's shift.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._start = model.rest_state().base_positions.copy()
+        self.targets = self._start.copy()
+        self._arrived = True
+
+    def move(self, name: str, position: Sequence[float] | Array, base_shift: float) -> None:
+        """Have the base of a joint, which the start move has shifted by `base_shift` [m], go to (3,) in [m].
+
+        Raises:
+            CommandError: no such joint, one without a frame, or a position that is not three finite numbers;
+            nothing is changed.
+        """
+        joints = self._model.joints
+        known = {joint.name: j for j, joint in enumerate(joints) if joint.moves_frame}
+        if name not in known:
+            raise CommandError(f"no joint {name!r} has a base; {known_names(name, known)}")
+        target = np.array(position, dtype=float)
+        if target.shape != (3,) or not np.isfinite(target).all():
+            raise CommandError(f"base of {name} refused: expected three finite numbers in metres")
+        j = known[name]
+        base = self._start[j]
+        self.targets[j] = target + base - joints[j].base_origin(base, base_shift)
+        self._arrived = False
+
+    def advance(self, state: State, dt: float) -> bool:
+        """Move the bases of a state, and what they carry, for a time in [s]; whether one has moved."""
+        if self._arrived:
+            return False
+        way = self.targets - state.base_positions
+        length = np.linalg.norm(way, axis=1)
+        moving = np.flatnonzero(length > 0.0).tolist()
+        for j in moving:
+            if length[j] <= SPEED * dt:
+                state.base_positions[j] = self.targets[j]
+            else:
+                state.base_positions[j] += SPEED * dt / length[j] * way[j]
+        self._arrived = not moving
+        if moving:
+            self._model.place_regions(state)
+        return bool(moving)
+
+    def reset(self) -> None:
+        """Nothing is to be moved any more: the bases are back where the scene has them."""
+        self.restore(self._start)
+
+    def restore(self, targets: Array) -> None:
+        """Go on to other targets (j, 3)."""
+        self.targets, self._arrived = targets.copy(), False
+
 
 _IDLE = -1.0
 

@@ -12,14 +12,8 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.arrays import Array, BoolArray
-from softsim_core.dynamics import Backend
-from softsim_core.dynamics.actuator_statics import taut_commands
-from softsim_core.dynamics.contact_step import runaway_speed
-from softsim_core.dynamics.report import nothing
-from softsim_core.dynamics.statics import StaticSolution, solve_static
-from softsim_core.dynamics.viscous_step import let_relax
-from softsim_core.errors import (
+from softsim_core.base.arrays import Array, BoolArray
+from softsim_core.base.errors import (
     DetectionOverflowError,
     FactorisationError,
     MaterialError,
@@ -28,27 +22,39 @@ from softsim_core.errors import (
     SoftSimError,
     SolverDivergedError,
 )
-from softsim_core.fem.locking import locking_warning
-from softsim_core.linalg.solvers import linear_solver
-from softsim_core.mechanics.control import Control
-from softsim_core.mechanics.limits import check_command
-from softsim_core.mechanics.snapshot import need_rotations, pack, unpack
-from softsim_core.mechanics.state import WARM_START_COLUMNS, State, no_warm_start
-from softsim_core.scene.contact_builder import need_apart
+from softsim_core.base.names import known_names
+from softsim_core.physics.dynamics import Backend
+from softsim_core.physics.dynamics.actuator_statics import taut_commands
+from softsim_core.physics.dynamics.contact_step import runaway_speed
+from softsim_core.physics.dynamics.memory import let_relax
+from softsim_core.physics.dynamics.report import nothing
+from softsim_core.physics.dynamics.statics import StaticSolution, solve_static
+from softsim_core.physics.fem.group import locking_warning
+from softsim_core.physics.linalg.solvers import linear_solver
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mechanics.limits import check_command
+from softsim_core.physics.mechanics.state import (
+    WARM_START_COLUMNS,
+    State,
+    need_rotations,
+    no_warm_start,
+    pack,
+    unpack,
+)
+from softsim_core.scene.building.contact_builder import need_apart
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.robot import RobotDescription, as_robot
-from softsim_core.simulation.bases import MovableBases
-from softsim_core.simulation.drive import JointDrive
-from softsim_core.simulation.scene_state import SceneState
-from softsim_core.simulation.velocities import (
+from softsim_core.simulation.drive import (
+    JointDrive,
+    MovableBases,
     checked,
     number_of,
     rotation_from,
     set_body_motion,
     set_node_velocities,
 )
-from softsim_core.wrong_names import known_names
+from softsim_core.simulation.scene_state import SceneState
 
 
 class Simulation(SceneState):
@@ -220,7 +226,7 @@ class Simulation(SceneState):
     def move_base(self, joint: str, position: Sequence[float] | Array) -> None:
         """Have the base of a joint go to a position (3,) in [m], as `frames` tells it while its parent rests.
 
-        It goes there at a hand's pace, see bases.SPEED, and what is attached to the joint goes along; `reset`
+        It goes there at a hand's pace, see drive.SPEED, and what is attached to the joint goes along; `reset`
         takes it back. What `base_shift` changes later comes on top.
 
         Raises:

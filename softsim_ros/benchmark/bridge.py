@@ -22,12 +22,12 @@ from typing import IO, Any
 
 import numpy as np
 
-from servo_bridge.servo import angle_to_byte, byte_to_angle
-from servo_bridge.virtual_board import ReceivedPacket, VirtualBoard
+from servo_bridge.driver.servo import angle_to_byte, byte_to_angle
+from servo_bridge.emulator.virtual_board import ReceivedPacket, VirtualBoard
 from softsim_core import load_scene
-from softsim_core.arrays import Array
-from softsim_core.errors import SoftSimError
-from softsim_core.processes import python_command, start_process
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SoftSimError
+from softsim_core.base.processes import python_command, start_process
 from softsim_core.scene.board import ServoCalibration
 from softsim_core.scene.robot import RobotDescription
 
@@ -169,8 +169,8 @@ def _programs(robot: str, port: str, source: str) -> list[list[str]]:
     ros = ["--ros-args", "-r", f"__ns:=/{NAMESPACE}", "-p", f"robot:={robot}"]
     bridge = [f"port:={port}", f"source:={source}", "open_wait_s:=0.0", "autostart:=activate"]
     return [
-        ["softsim_ros.simulator.simulator_node", *ros],
-        ["servo_bridge.bridge_node", *ros, *(word for setting in bridge for word in ("-p", setting))],
+        ["softsim_ros.nodes.simulator.simulator_node", *ros],
+        ["servo_bridge.nodes.bridge_node", *ros, *(word for setting in bridge for word in ("-p", setting))],
     ]
 
 
@@ -237,8 +237,8 @@ class _Probe:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
 
-        from softsim_ros.qos import NEWEST_ONLY
-        from softsim_ros.runtime import SpinThread
+        from softsim_node.topics import NEWEST_ONLY
+        from softsim_ros.robot_node import SpinThread
 
         self._context = Context()
         self._context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=self._domain)

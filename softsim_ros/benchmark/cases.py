@@ -1,23 +1,127 @@
-"""The scenes that are measured, each on our meshes and on the reference's where they are found."""
+"""The scenes that are measured, those with cables and contact included."""
 
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from softsim_core import Simulation
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import MeshFile, Placement
+from softsim_core.physics.dynamics import Backend
 from softsim_core.scene import load_scene
-from softsim_core.scene.files import config_file
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.description import RotationLaw
+from softsim_core.scene.io.files import config_file
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.solver_settings import RotationLaw
-from softsim_core.values import MeshFile, Placement
-from softsim_ros.benchmark import touching
+
+TOUCHING = ("cable_finger", "gripper_free", "gripper_grasp", "tripod_ball")
+LIMITS = {"cable_finger": 0.2, "gripper_free": 0.8, "gripper_grasp": 2.5, "tripod_ball": 1.2}
+"""Longest step in [ms] on a machine where the held body of the low mesh takes HELD_MS."""
+HELD_MS = 0.17
+
+CLOSED, LOWERED = 0.012, -0.050
+"""Pull of the cables and height of the grasping gripper in [m]."""
+LEAD_IN = {"cable_finger": 60, "gripper_free": 60, "gripper_grasp": 350, "tripod_ball": 150}
+"""Steps to the state around which a scene is measured: the gripper has closed, the ball has come to rest."""
+
+
+_FINGER_TURNS = {
+    "finger": (90.0, 0.0, 90.0),
+    "finger_1": (-90.0, -75.0, -90.0),
+    "finger_2": (-90.0, -65.0, 90.0),
+    "finger_3": (-90.0, -65.0, 90.0),
+}
+"""Rotation in [deg] of the reference's finger mesh, whose axes are in another order, to where ours is."""
+
+
+def reference_finger(folder: Path) -> Path:
+    """File of the reference's finger mesh below the reference folder; it need not exist."""
+    return folder / "data" / "cable_gripper" / "finger.vtk"
+
+
+def describe_touching(
+    scene: str, silicone: MeshFile | None = None, finger: Path | None = None
+) -> RobotDescription:
+    """One of TOUCHING.
+
+    Args:
+        scene: Its name.
+        silicone: The Tripod's mesh, where it sits in the robot; None: our low mesh.
+        finger: The reference's finger mesh; None: our low mesh.
+
+    Raises:
+        SoftSimError: a file is missing or broken.
+    """
+    named = "cable_gripper" if scene.startswith("gripper") else scene
+    overrides: dict[str, Any] = {"collisions": [], "rigid_bodies": []} if scene == "gripper_free" else {}
+    if scene == "tripod_ball" and silicone is not None:
+        overrides["bodies"] = [{"name": "silicone", "mesh": silicone, "surface": None}]
+        overrides["solver"] = {"rotation": "qr"}
+    elif scene != "tripod_ball" and finger is not None:
+        overrides["bodies"] = [_on_reference_mesh(body, finger) for body in load_scene(named).scene.bodies]
+        overrides["solver"] = {"rotation": "qr"}
+    return load_scene(named, overrides)
+
+
+def _on_reference_mesh(body: BodyDescription, finger: Path) -> dict[str, Any]:
+    """What makes a finger one of the reference's mesh, in the same place."""
+    ours = body.mesh.placement if isinstance(body.mesh, MeshFile) else None
+    translation = ours.translation if ours is not None else (0.0, 0.0, 0.0)
+    placement = Placement(scale=0.001, rotation_deg=_FINGER_TURNS[body.name], translation=translation)
+    return {"name": body.name, "mesh": MeshFile(file=finger, placement=placement), "surface": None}
+
+
+class TouchingScene:
+    """A simulation that starts anew, now and then, from where it pulls and touches.
+
+    Args:
+        name: One of TOUCHING.
+        description: The scene.
+        backend: Implementation of the step that is measured.
+    """
+
+    def __init__(self, name: str, description: RobotDescription, backend: Backend) -> None:
+        with warnings.catch_warnings():  # slivers of a mesh are no news here
+            warnings.simplefilter("ignore", UserWarning)
+            leader, self.simulation = Simulation(description), Simulation(description, backend)
+        if description.start is not None:
+            leader.start_animation()
+        for step in range(LEAD_IN[name]):
+            if description.start is None:
+                leader.command(_pulled(leader, name, step / LEAD_IN[name]))
+            leader.step()
+        self._home, self._command = leader.snapshot(), leader.joint_targets
+        self._random = np.random.default_rng(1)
+        self.stir()
+
+    def stir(self) -> None:
+        """Back to where it started, with a command nearby."""
+        self.simulation.restore(self._home)
+        size = 0.02 if self.simulation.robot.start is not None else 1e-3  # rad, m
+        self.simulation.command(self._command + self._random.uniform(-size, size, len(self._command)))
+
+
+def _pulled(simulation: Simulation, name: str, share: float) -> Array:
+    """Command at a share of the lead-in: first down, where there is a cube, then closed."""
+    down = 0.4 if name == "gripper_grasp" else 0.0
+    cables = [not joint.moves_frame for joint in simulation.model.joints]
+    command = np.where(cables, CLOSED * max(0.0, (share - down) / (1.0 - down)), 0.0)
+    if down:
+        command[simulation.joint_names.index("vertical")] = LOWERED * min(1.0, share / down)
+    return command
+
 
 LEVELS = ("low", "mid", "high")
 REFERENCE = "reference_"
 MESHES = (*LEVELS, *(REFERENCE + level for level in LEVELS))
-SCENES = ("held_centre", "tripod", "inverse", *touching.SCENES)
+SCENES = ("held_centre", "tripod", "inverse", *TOUCHING)
 TOUCHING_MESHES = ("low", REFERENCE + "low")
 """Meshes on which scenes with cables and contact are measured."""
 
@@ -64,12 +168,10 @@ def describe(scene: str, mesh: str, reference: Path) -> RobotDescription:
     Raises:
         SoftSimError: a file is missing or broken.
     """
-    if scene in touching.SCENES:
+    if scene in TOUCHING:
         if not mesh.startswith(REFERENCE):
-            return touching.describe_touching(scene)
-        return touching.describe_touching(
-            scene, silicone(mesh, reference), touching.reference_finger(reference)
-        )
+            return describe_touching(scene)
+        return describe_touching(scene, silicone(mesh, reference), reference_finger(reference))
     law: RotationLaw = "qr" if mesh.startswith(REFERENCE) else "polar"
     body = {"name": "silicone", "mesh": silicone(mesh, reference), "surface": None}
     named = "tripod" if scene == "inverse" else scene
@@ -93,6 +195,6 @@ def cases(meshes: Iterable[str], scenes: Iterable[str], reference: Path) -> Iter
     """
     chosen = tuple(scenes)
     for mesh in meshes:
-        group = [scene for scene in chosen if mesh in TOUCHING_MESHES or scene not in touching.SCENES]
+        group = [scene for scene in chosen if mesh in TOUCHING_MESHES or scene not in TOUCHING]
         if group:
             yield [Case(scene, mesh, describe(scene, mesh, reference)) for scene in group]

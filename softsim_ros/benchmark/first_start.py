@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from softsim_core.processes import start_process
+from softsim_core.base.processes import start_process
 
 MOTION_WITHIN_S: Final = 45.0
 KERNELS_WITHIN_S: Final = 90.0

@@ -15,8 +15,8 @@ from statistics import median
 from typing import Any
 
 from softsim_core import Simulation, load_scene
-from softsim_core.errors import SoftSimError
-from softsim_core.processes import python_command, run_process, start_process
+from softsim_core.base.errors import SoftSimError
+from softsim_core.base.processes import python_command, run_process, start_process
 
 MEMORY_LIMIT_MB = 400.0
 """Largest resident memory of the simulator process on the mid mesh, in [MB]."""
@@ -29,7 +29,7 @@ START_DEADLINE_S = 180.0  # kernels may have to be compiled
 RUN_DEADLINE_S = 120.0
 END_DEADLINE_S = 20.0
 SETTLED_STEPS = 200
-NODE_MODULE = "softsim_ros.simulator.simulator_node"
+NODE_MODULE = "softsim_ros.nodes.simulator.simulator_node"
 
 
 class ProcessError(SoftSimError, RuntimeError):
@@ -168,9 +168,9 @@ class Listener:
         from shape_msgs.msg import Mesh
         from visualization_msgs.msg import Marker
 
+        from softsim_node.topics import LATCHED
         from softsim_ros.optional_messages import optional_type
-        from softsim_ros.qos import LATCHED
-        from softsim_ros.runtime import SpinThread
+        from softsim_ros.robot_node import SpinThread
 
         self._context = Context()
         self._context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=self._domain)

@@ -1,4 +1,4 @@
-"""What was measured, one record a scene, mesh and path; its JSON form and its verdict."""
+"""Measurements: one record per scene, mesh and path; JSON, verdict, table."""
 
 from __future__ import annotations
 
@@ -6,10 +6,22 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
-from softsim_core.file_writing import write_file
-from softsim_ros.benchmark.touching import HELD_MS, LIMITS
+from softsim_core.base.files import write_file
+from softsim_ros.benchmark.cases import HELD_MS, LIMITS
+
+_SILICONE = {"low": (235, 579), "mid": (781, 2684), "high": (1455, 5221)}
+_FINGER = (158, 389)
+_FINGERS = {"cable_finger": 1, "gripper_free": 3, "gripper_grasp": 3}
+
+
+def reference_size(scene: str, mesh: str) -> tuple[int, int]:
+    """Nodes and tetrahedra of a benchmark scene on the reference's mesh of the same level."""
+    if scene in _FINGERS:
+        return _FINGERS[scene] * _FINGER[0], _FINGERS[scene] * _FINGER[1]
+    return _SILICONE[mesh.removeprefix("reference_")]
+
 
 HELD_LIMIT = 1.0 / 6.0
 """The held body's step costs at most this share of one SuperLU factorisation of its matrix."""
@@ -28,7 +40,7 @@ class Record:
 
     Attributes:
         scene: "held_centre", "tripod", "inverse" (a tick of inverse control of the Tripod), or one of
-            touching.SCENES.
+            cases.TOUCHING.
         mesh: "low", "mid", "high" (ours) or "reference_low", ...
         path: "numba", "scipy" or a peer's name.
         nodes: Nodes of the mesh.
@@ -124,3 +136,100 @@ def write_json(records: Iterable[Measured], file: Path) -> None:
         OSError: the file cannot be written.
     """
     write_file(file, json.dumps([record.as_json() for record in records], indent=1) + "\n")
+
+
+HEAD = (
+    "scene",
+    "mesh",
+    "path",
+    "nodes",
+    "tets",
+    "reference",
+    "min ms",
+    "median ms",
+    "splu min",
+    "of scipy",
+    "ratio",
+    "target",
+    "verdict",
+)
+
+PEER_HEAD = (
+    "mesh",
+    "engine",
+    "min ms",
+    "median ms",
+    "ours min",
+    "ours/its",
+    "sag mm",
+    "ours mm",
+    "version",
+    "method",
+)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}" if value < 10.0 else f"{value:.1f}"
+
+
+def _share(value: float) -> str:
+    """A ratio as people say it: 1/7.2 below one, 1.35 above."""
+    return f"1/{1.0 / value:.1f}" if 0.0 < value < 0.9 else f"{value:.2f}"
+
+
+def row(record: Record) -> tuple[str, ...]:
+    """One record as text, a cell for each column of HEAD."""
+    nodes, tets = reference_size(record.scene, record.mesh)
+    cells = (
+        record.scene,
+        record.mesh,
+        record.path,
+        str(record.nodes),
+        str(record.elements),
+        f"{nodes}, {tets}",
+        _number(record.min_ms),
+        _number(record.median_ms),
+        _number(record.splu_min_ms),
+        "" if record.scipy_ratio is None else _share(record.scipy_ratio),
+    )
+    if record.ratio is None or record.limit is None:
+        return (*cells, "", "", "")
+    ratio, target = f"{_share(record.ratio)} {record.against}", f"<= {_share(record.limit)}"
+    return (*cells, ratio, target, "MISSED" if record.missed else "ok")
+
+
+def peer_row(record: Record) -> tuple[str, ...]:
+    """One record of another engine as text, a cell for each column of PEER_HEAD."""
+    extras: dict[str, Any] = record.extras
+    ours = float(extras["ours_min_ms"])
+    return (
+        record.mesh,
+        record.path,
+        _number(record.min_ms),
+        _number(record.median_ms),
+        _number(ours),
+        _share(ours / record.min_ms),
+        _number(extras["sag_mm"]),
+        _number(extras["ours_sag_mm"]),
+        str(extras["version"]),
+        str(extras["method"]),
+    )
+
+
+def table(records: Iterable[Record]) -> list[str]:
+    """The records as lines of aligned columns, head first."""
+    return aligned([HEAD, *(row(record) for record in records)])
+
+
+def peer_table(records: Iterable[Record]) -> list[str]:
+    """Records of other engines as lines of aligned columns, head first."""
+    return aligned([PEER_HEAD, *(peer_row(record) for record in records)])
+
+
+def aligned(rows: list[tuple[str, ...]]) -> list[str]:
+    """Rows as lines with columns of equal width."""
+    widths = [max(len(cells[column]) for cells in rows) for column in range(len(rows[0]))]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
+        for cells in rows
+    ]

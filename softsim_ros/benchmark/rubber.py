@@ -11,7 +11,7 @@ import numpy as np
 from softsim_core import Simulation
 from softsim_core.scene import load_scene
 from softsim_core.scene.robot import RobotDescription
-from softsim_ros.benchmark.report import aligned
+from softsim_ros.benchmark.records import aligned
 from softsim_ros.benchmark.steps import COMMAND_SPREAD, Factorisation
 from softsim_ros.benchmark.timing import Contender, take_turns
 

@@ -28,11 +28,11 @@ from softsim_core import (
     TetMesh,
     box_mesh,
 )
-from softsim_core.linalg.superlu import factorised
-from softsim_core.mechanics.model import Model
-from softsim_core.processes import python_command, run_process
+from softsim_core.base.processes import python_command, run_process
+from softsim_core.physics.linalg.linear_solver import factorised
+from softsim_core.physics.mechanics.model import Model
 from softsim_core.robots.tripod_mesh import tripod_silicone
-from softsim_ros.benchmark.report import aligned
+from softsim_ros.benchmark.records import aligned
 from softsim_ros.benchmark.steps import step_matrix
 
 SIZES = ("1k", "3k", "10k", "30k", "50k")
@@ -131,7 +131,7 @@ def held(mesh: TetMesh, threads: int = 1) -> Simulation:
 
 def measure_scale(shape: str, size: str) -> Scale:
     """Measure one mesh in this process."""
-    from softsim_core.linalg.crew import alone, usable_cores
+    from softsim_core.physics.linalg.threads import alone, usable_cores
 
     threads = usable_cores()
     simulation = held(mesh_of(shape, size), threads)
@@ -177,9 +177,9 @@ def measure_scale(shape: str, size: str) -> Scale:
 
 def planned(model: Model) -> tuple[float, int, float]:
     """Seconds of planning the elimination of a model's free nodes, entries and flops of the factor."""
-    from softsim_core.dynamics.numba_backend.scatter import node_pairs
-    from softsim_core.linalg.simd import LANES, ROWS
-    from softsim_core.linalg.symbolic import plan
+    from softsim_core.physics.dynamics.numba_backend.cells.batches import node_pairs
+    from softsim_core.physics.linalg.simd import LANES, ROWS
+    from softsim_core.physics.linalg.symbolic import plan
 
     local = np.full(len(model.rest), -1, dtype=np.int64)
     local[model.free_nodes] = np.arange(len(model.free_nodes))

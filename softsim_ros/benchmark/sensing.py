@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
+from softsim_core.base.arrays import Array
+from softsim_core.physics.sensing.description import SimulatedSensorDescription
 from softsim_core.scene import load_scene
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.sensing.description import SimulatedSensorDescription
-from softsim_ros.benchmark.report import aligned
+from softsim_ros.benchmark.records import aligned
 from softsim_ros.benchmark.timing import no_garbage_collection
 
 SCENE = "sensed_finger"

@@ -1,9 +1,10 @@
-"""Time of a whole step of our two paths, beside one SuperLU factorisation of the same step's matrix."""
+"""Time of a whole step of both implementations and of a tick of inverse control."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import Literal
 
@@ -11,18 +12,44 @@ import numpy as np
 import scipy.sparse as sp
 
 from softsim_core import Simulation
-from softsim_core.actuation.actuators import Actuators
-from softsim_core.arrays import Array
-from softsim_core.dynamics.assembly import Unknowns
-from softsim_core.dynamics.scipy_backend import ScipyStepper
-from softsim_core.linalg.superlu import factorised
-from softsim_core.mechanics.control import Control
-from softsim_ros.benchmark import touching
-from softsim_ros.benchmark.cases import Case
-from softsim_ros.benchmark.control import MovingGoal, can_control
+from softsim_core.base.arrays import Array
+from softsim_core.control.inverse.controller import InverseController
+from softsim_core.physics.actuation.actuators import Actuators
+from softsim_core.physics.dynamics.assembly import Unknowns
+from softsim_core.physics.dynamics.scipy_backend import ScipyStepper
+from softsim_core.physics.linalg.linear_solver import factorised
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mechanics.pose import Pose
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.benchmark.cases import TOUCHING, Case, TouchingScene
 from softsim_ros.benchmark.records import Record
 from softsim_ros.benchmark.timing import Contender, take_turns
-from softsim_ros.benchmark.touching import TouchingScene
+
+GOAL_SPREAD = 0.004
+"""Half the range in [m] around the effector's place in the start pose from which goals are drawn."""
+
+
+def can_control() -> bool:
+    """Whether inverse control can run here: it needs daqp, and compiled steps to be worth measuring."""
+    return bool(find_spec("daqp") and find_spec("numba"))
+
+
+class MovingGoal:
+    """Inverse control kept in motion: the goal jumps from place to place around the start pose."""
+
+    def __init__(self, description: RobotDescription) -> None:
+        self.controller = InverseController(replace(description, start=None), backend="numba")
+        start = description.start
+        if start is not None:
+            self.controller.start(description.poses[start.pose], start.base_shift)
+        self._home = self.controller.tick().model_pose
+        self._random = np.random.default_rng(1)
+
+    def stir(self) -> None:
+        """Another goal."""
+        shift = self._random.uniform(-GOAL_SPREAD, GOAL_SPREAD, 3)
+        self.controller.set_goal(Pose(self._home.position + shift, self._home.quaternion_xyzw))
+
 
 STEPS_A_TURN = {"numba": 20, "scipy": 1}
 FACTORISATIONS_A_TURN = 2
@@ -124,7 +151,7 @@ def measure(cases: Sequence[Case], paths: Sequence[Path], rounds: int) -> list[R
     for case in steps:
         for path in paths:
             scene: MovingScene | TouchingScene
-            if case.scene in touching.SCENES:
+            if case.scene in TOUCHING:
                 scene = TouchingScene(case.scene, case.description, path)
             else:
                 scene = MovingScene(case, path)

@@ -10,7 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
-from softsim_core.arrays import Array
+from softsim_core.base.arrays import Array
 
 
 def nothing() -> None:

@@ -18,12 +18,12 @@ from typing import IO, Final
 
 import numpy as np
 
-from softsim_core.file_writing import open_in_place, write_file
-from softsim_core.mesh import SurfaceMesh, read_surface
-from softsim_core.mesh.writers import write_surface
-from softsim_core.processes import python_command, start_process
-from softsim_core.scene.files import config_file, find_config
-from softsim_core.values import Placement
+from softsim_core.base.files import open_in_place, write_file
+from softsim_core.base.processes import python_command, start_process
+from softsim_core.base.values import Placement
+from softsim_core.physics.mesh import SurfaceMesh, read_surface
+from softsim_core.physics.mesh.readers import write_surface
+from softsim_core.scene.io.files import config_file, find_config
 from softsim_ros.benchmark.process import (
     NODE_MODULE,
     Listener,
@@ -36,7 +36,7 @@ from softsim_ros.benchmark.process import (
 ROBOT: Final = "tripod"
 """Name of the robot that is watched, and its namespace."""
 
-VIEWER_MODULE: Final = "softsim_ros.viewer.viewer_node"
+VIEWER_MODULE: Final = "softsim_ros.nodes.viewer.viewer_node"
 CORE_SHARE_LIMIT: Final = 0.10
 """Largest share of a core that the viewer may need with one browser at 30 frames per second."""
 

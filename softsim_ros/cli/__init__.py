@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from softsim_core.processes import use_safe_path
+from softsim_core.base.processes import use_safe_path
 from softsim_node.ending import ending
 
 

@@ -1,22 +1,64 @@
-"""The `softsim` program: finds the subcommand, sets the environment, runs it, says errors in a sentence."""
+"""The `softsim` program: finds the subcommand, sets the environment, runs it, reports errors."""
 
 from __future__ import annotations
 
 import os
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Final
 
 from softsim_core import __version__
-from softsim_core.errors import SoftSimError
-from softsim_core.wrong_names import known_names, nearest
+from softsim_core.base.errors import SoftSimError
+from softsim_core.base.extras import install_command
+from softsim_core.base.names import known_names, nearest
 from softsim_node.ending import ending
 from softsim_node.environment import check_ros_variables, prepare_environment
-from softsim_ros.cli.colours import Colours
-from softsim_ros.cli.command import Command
+from softsim_ros.cli.command import Colours, Command, Parser
 from softsim_ros.cli.completion import ASKED, complete
-from softsim_ros.cli.extras import what_is_missing
-from softsim_ros.cli.parser import Parser
+
+_ROS: Final = (
+    "rclpy", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "lifecycle_msgs",
+    "nav_msgs", "rcl_interfaces", "rosgraph_msgs", "sensor_msgs", "shape_msgs", "std_msgs",
+    "std_srvs", "trajectory_msgs", "visualization_msgs",
+)  # fmt: skip
+
+BROUGHT_BY: Final[Mapping[str, str]] = {
+    **dict.fromkeys(_ROS, "ros"),
+    **dict.fromkeys(("viser", "websockets", "imageio", "PIL", "cmap", "msgspec"), "viewer"),
+    **dict.fromkeys(("rosbags", "lz4"), "recording"),
+    "matplotlib": "report",
+    "c3d": "c3d",
+    **dict.fromkeys(("pytetwild", "fast_simplification"), "mesh"),
+    "urdf_parser_py": "arm",
+    "argcomplete": "completion",
+    "mujoco": "mujoco",
+    "gymnasium": "learn",
+    "onnxruntime": "policy",
+    **dict.fromkeys(("onnx", "stable_baselines3"), "train"),
+    **dict.fromkeys(
+        ("dask", "distributed", "bokeh", "cryptography", "zarr", "xarray", "pyarrow", "cma"), "study"
+    ),
+    "pydrake": "peers",
+    "pytest": "test",
+}
+"""The extra that brings a module, by the module's first name."""
+
+_WHERE: Final = {
+    "ros": ", which exists for x86-64 Linux; elsewhere take a ROS 2 Jazzy of the system",
+    "study": ", Python 3.11 or newer",
+}
+
+
+def what_is_missing(error: ImportError) -> str | None:
+    """Return which package is missing and how to install it, or None where no extra brings it."""
+    module = (error.name or "").partition(".")[0]
+    extra = BROUGHT_BY.get(module)
+    if extra is None:
+        return None
+    package = f"ROS 2 ({module})" if extra == "ros" else module
+    return f"{package} is not installed; {install_command(extra)}{_WHERE.get(extra, '')}"
+
 
 COMMANDS = {
     "up": Command(
@@ -143,7 +185,7 @@ def _dispatch(words: Sequence[str]) -> int:
         print(f"softsim {__version__}")
         return 0
     if name not in COMMANDS:
-        from softsim_core.scene.files import known_scenes
+        from softsim_core.scene.io.files import known_scenes
 
         near = known_names(name, COMMANDS, "known commands:", lists_all="softsim --help")
         if scene := next(iter(nearest(name, known_scenes())), ""):

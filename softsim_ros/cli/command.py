@@ -1,10 +1,53 @@
-"""A subcommand of `softsim`: where it is, and what it is for."""
+"""A subcommand of `softsim`: where it is, what it is for, its parser, colours of its output."""
 
 from __future__ import annotations
 
+import argparse
 import importlib
+import os
+from collections.abc import Sequence
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple, TextIO
+
+from softsim_core.base.names import did_you_mean, one_of
+
+_CODES: Final = {"bold": "1", "red": "31", "green": "32", "yellow": "33"}
+
+
+class Colours:
+    """Colours text for one stream, or leaves it as it is.
+
+    It does where the stream is a terminal that has colours, and the environment variable NO_COLOR is not set.
+
+    Args:
+        stream: Where the text will be written.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        plain = os.environ.get("NO_COLOR") or os.environ.get("TERM", "dumb") in ("", "dumb")
+        self._on = not plain and stream.isatty()
+
+    def __call__(self, colour: str, text: str) -> str:
+        """The text in a colour: bold, red, green or yellow."""
+        return f"\x1b[{_CODES[colour]}m{text}\x1b[0m" if self._on else text
+
+
+class Parser(argparse.ArgumentParser):
+    """An argparse parser whose refusals propose the nearest option or value."""
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """As argparse's, but an unknown option is answered with the nearest known ones."""
+        arguments, rest = self.parse_known_args(args, namespace)
+        if rest:
+            options = [option for option in self._option_string_actions if option.startswith("--")]
+            wrong = next((each for each in rest if each.startswith("-")), None)
+            question = "" if wrong is None else did_you_mean(wrong.split("=")[0], options)
+            self.error(f"unrecognized arguments: {' '.join(rest)}" + (f"; {question}" if question else ""))
+        return arguments
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(action, f"{value!r} is not {one_of(value, action.choices)}")
 
 
 class Command(NamedTuple):

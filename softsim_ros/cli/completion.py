@@ -8,9 +8,8 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
-from softsim_core.extras import install_command
-from softsim_ros.cli.command import Command
-from softsim_ros.cli.parser import Parser
+from softsim_core.base.extras import install_command
+from softsim_ros.cli.command import Command, Parser
 
 SHELLS: Final = ("bash", "zsh", "fish")
 LINES: Final = {
@@ -74,7 +73,7 @@ def _completer(names: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
 
 
 def _scenes() -> Iterable[str]:
-    from softsim_core.scene.files import known_scenes
+    from softsim_core.scene.io.files import known_scenes
 
     return known_scenes()
 
@@ -86,13 +85,13 @@ def _nodes() -> Iterable[str]:
 
 
 def _materials() -> Iterable[str]:
-    from softsim_core.fem.materials.elastomers import elastomer_names
+    from softsim_core.physics.fem.materials.elastomers import elastomer_names
 
     return elastomer_names()
 
 
 def _data_sets() -> Iterable[str]:
-    from softsim_core.identification.files import known_data_sets
+    from softsim_core.lab.identification.files import known_data_sets
 
     return known_data_sets()
 

@@ -10,10 +10,9 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from softsim_ros.client.known import Known
 from softsim_ros.client.services import AsyncService, Done, Outcome, Request, unheeded
-from softsim_ros.client.state import BridgeState
-from softsim_ros.state_listener import StateListener
+from softsim_ros.client.state import BridgeState, Known
+from softsim_ros.listeners import StateListener
 
 STATES: Final[dict[int, BridgeState]] = {
     State.PRIMARY_STATE_UNCONFIGURED: "init",

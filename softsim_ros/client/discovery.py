@@ -11,7 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-from softsim_core.errors import SoftSimError, listing
+from softsim_core.base.errors import SoftSimError, listing
 from softsim_node.ending import ending
 
 PEERS = ("simulator", "servo_bridge")

@@ -1,13 +1,18 @@
-"""What a client knows of a robot: measured and commanded joints, goal, the robot's nodes; immutable, SI."""
+"""What a client knows of a robot: joints, goal, nodes, reports."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
 
 from softsim_core.scene.robot import RobotDescription
+from softsim_node.topics import EVERY_ONE
 
 STALE_AFTER_S: Final = 2.0
 """Age in [s] from which measured positions are no longer a base for a command."""
@@ -192,3 +197,83 @@ def known_effector(state: RobotState, now: float) -> EffectorPose | None:
 def enforces_limits(state: RobotState, robot: RobotDescription) -> bool:
     """Whether joint limits hold: as the simulator says, or before it does, as the robot's file says."""
     return robot.commands.enforce_limits if state.enforce_limits is None else state.enforce_limits
+
+
+Watcher = Callable[[RobotState], None]
+"""Called with the state after every change, in the thread that serves the node."""
+
+
+class Known:
+    """The robot's description and its newest state.
+
+    Args:
+        robot: Joints, limits and poses.
+        say: Called with every sentence for the person.
+
+    Attributes:
+        robot: Another one after the simulator has loaded another scene.
+        state: Replaced whole, never changed.
+        watchers: Told of every change.
+    """
+
+    def __init__(self, robot: RobotDescription, say: Callable[[str], None]) -> None:
+        self.robot, self.say = robot, say
+        self.state = RobotState()
+        self.watchers: list[Watcher] = []
+
+    def put(self, state: RobotState) -> None:
+        """Keep a newer state."""
+        if state is not self.state:
+            self.state = state
+            for watcher in self.watchers:
+                watcher(state)
+
+    def change(self, **values: Any) -> None:
+        """Keep the state with other values of some attributes."""
+        self.put(replace(self.state, **values))
+
+
+class Reports:
+    """Follows `/diagnostics` for simulator and inverse control of the node's namespace.
+
+    Whether something runs, is on or is paused is not read here: that is on typed topics.
+
+    Args:
+        node: The node whose executor delivers the messages.
+        known: Where the simulator's numbers are kept.
+        on_inverse: Called with the sentence of inverse control.
+    """
+
+    def __init__(self, node: Node, known: Known, on_inverse: Callable[[str], None]) -> None:
+        self._known, self._on_inverse = known, on_inverse
+        space = node.get_namespace().strip("/")
+        self._simulator, self._inverse = (
+            f"{space}/{name}".lstrip("/") for name in ("simulator", "inverse_controller")
+        )
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVERY_ONE)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self._simulator:
+                self._on_simulator(status)
+            elif status.name == self._inverse:
+                self._on_inverse(status.message)
+
+    def _on_simulator(self, status: DiagnosticStatus) -> None:
+        values = {pair.key: pair.value for pair in status.values}
+        fault = status.message if status.level == DiagnosticStatus.ERROR else ""
+        self._known.change(
+            real_time_factor=_number(values, "real_time_factor"),
+            time_s=_number(values, "time_s"),
+            time_at=time.monotonic(),
+            dt=_number(values, "dt_s"),
+            fault=fault,
+            scene_error=fault if values.get("scene") == "not loaded" else "",
+        )
+
+
+def _number(values: Mapping[str, str], name: str) -> float | None:
+    try:
+        return float(values[name])
+    except (KeyError, ValueError):
+        return None

@@ -1,19 +1,51 @@
-"""Everything about a robot that other programs read, as files in one folder."""
+"""A folder with everything about a robot that other programs read, ros2_control's parameters included."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, Final
+
+import yaml
 
 from softsim_core import RobotDescription
-from softsim_core.file_writing import make_folder, write_file
-from softsim_core.mesh.writers import write_surface
+from softsim_core.base.files import make_folder, write_file
+from softsim_core.base.values import MeshFile
+from softsim_core.physics.mesh.readers import write_surface
 from softsim_core.simulation.scene_state import SceneState
-from softsim_core.values import MeshFile
 from softsim_node.frames import prefix_of
-from softsim_ros.description.controllers import controllers
-from softsim_ros.description.foxglove import foxglove_layout
-from softsim_ros.description.rviz import rviz_config
+from softsim_ros.description.layouts import foxglove_layout, rviz_config
 from softsim_ros.description.urdf import control_topics, urdf
+
+CONTROLLER: Final = "joint_trajectory_controller"
+UPDATE_RATE: Final = 100
+"""Updates of the controller manager a second."""
+
+GOAL_TOLERANCE: Final = 0.02
+"""How far from its goal a joint may end, in [rad] or [m]: silicone pulls at it."""
+
+GOAL_TIME: Final = 0.0
+"""So long after the end of a trajectory its joints may be on their way, in [s]; 0: as long as it takes."""
+
+
+def controllers(robot: RobotDescription, namespace: str) -> str:
+    """YAML text: one trajectory controller over all joints, in the namespace of the robot."""
+    start = f"/{namespace.strip('/')}".rstrip("/")
+    kind = "joint_trajectory_controller/JointTrajectoryController"
+    constraints: dict[str, Any] = {"stopped_velocity_tolerance": 0.0, "goal_time": GOAL_TIME}
+    constraints |= {joint: {"goal": GOAL_TOLERANCE} for joint in robot.joint_names}
+    controller = {
+        "type": kind,
+        "joints": list(robot.joint_names),
+        "command_interfaces": ["position"],
+        "state_interfaces": ["position"],
+        "allow_partial_joints_goal": True,
+        "constraints": constraints,
+    }
+    manager = {"update_rate": UPDATE_RATE, CONTROLLER: {"type": kind}}
+    nodes = {"controller_manager": manager, CONTROLLER: controller}
+    return yaml.safe_dump(
+        {f"{start}/{name}": {"ros__parameters": values} for name, values in nodes.items()}, sort_keys=False
+    )
 
 
 def companions(robot: RobotDescription, namespace: str) -> dict[str, str]:

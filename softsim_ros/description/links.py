@@ -18,15 +18,15 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from softsim_core import RobotDescription
-from softsim_core.arrays import Array
-from softsim_core.mechanics.pose import rotation_exp
-from softsim_core.mesh.placement import rotation_matrix
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.builder import with_rest_frames
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Placement, Vector
+from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mesh.embedding import rotation_matrix
+from softsim_core.scene.building.builder import with_rest_frames
+from softsim_core.scene.deformable import AttachmentDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
-from softsim_core.values import Placement, Vector
-from softsim_ros.frames import BASE_LINK, EFFECTOR
+from softsim_node.frames import BASE_LINK, EFFECTOR
 
 Kind: TypeAlias = Literal["fixed", "floating", "revolute", "continuous", "prismatic"]
 

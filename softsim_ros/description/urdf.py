@@ -16,13 +16,13 @@ from typing import Final
 import numpy as np
 
 from softsim_core import RobotDescription
-from softsim_core.arrays import Array
-from softsim_core.mechanics.pose import euler_of, rotation_euler
-from softsim_core.mesh.shapes import Shape
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import MeshFile
+from softsim_core.physics.mechanics.pose import euler_of, rotation_euler
+from softsim_core.physics.mesh.shapes import Shape
 from softsim_core.scene.joint import JointDescription
-from softsim_core.values import MeshFile
+from softsim_node.frames import BASE_LINK
 from softsim_ros.description.links import Link, links_of, moved_link
-from softsim_ros.frames import BASE_LINK
 
 UNKNOWN_EFFORT: Final = 1000.0
 """Bound in [N m] or [N] that stands for none."""

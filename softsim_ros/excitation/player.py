@@ -10,16 +10,15 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from softsim_core.arrays import Array
-from softsim_core.errors import SoftSimError
-from softsim_core.identification.excitation import ExcitationSettings, room_of, way
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SoftSimError
+from softsim_core.lab.identification.excitation import ExcitationSettings, room_of, way
 from softsim_node.ending import ending
-from softsim_ros.client.session import RobotSession
+from softsim_node.topics import LATCHED
+from softsim_ros.client.robot_client import RobotSession
 from softsim_ros.client.state import commandable
-from softsim_ros.excitation.errors import ExcitationError
 from softsim_ros.excitation.readings import Readings, silence_s
-from softsim_ros.excitation.sensors import Sensor
-from softsim_ros.qos import LATCHED
+from softsim_ros.excitation.sensors import ExcitationError, Sensor
 
 SILENT_S: Final = 2.0
 """A topic from which nothing came for so long in [s] is taken for dead."""

@@ -1,4 +1,4 @@
-"""The sensors of a robot on its topics: which there are, what they sit on, what a message says."""
+"""The sensors of a robot on its topics: which there are, where they sit, what a message reports."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ from geometry_msgs.msg import PoseArray, PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
-from softsim_core.arrays import Array
-from softsim_core.errors import listing
-from softsim_core.identification.description import EFFECTOR, SensorDescription
-from softsim_core.values import Vector
-from softsim_ros.excitation.errors import ExcitationError
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SoftSimError, listing
+from softsim_core.base.values import Vector
+from softsim_core.lab.identification.description import EFFECTOR, SensorDescription
+from softsim_node.topics import hearing_all
 from softsim_ros.excitation.readings import Readings
-from softsim_ros.qos import hearing_all
+
+
+class ExcitationError(SoftSimError, RuntimeError):
+    """A robot cannot be measured, or not to the end; what was recorded before is kept."""
+
 
 POSE, MARKERS, IMU = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseArray", "sensor_msgs/msg/Imu"
 TYPES: Final = {POSE: PoseStamped, MARKERS: PoseArray, IMU: Imu}

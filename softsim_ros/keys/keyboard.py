@@ -1,29 +1,54 @@
-"""`Keyboard`: the keys of one user interface, from a press to what the client does."""
+"""`Keyboard`: the keys of one user interface, from a press to the client's action."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Final
 
 from rclpy.node import Node
 from std_msgs.msg import String
 
 from softsim_core.scene.control import Action
-from softsim_node.parameters import LiveParameters
+from softsim_node.parameters import LiveParameters, declare, parameter, parameter_probe
+from softsim_node.topics import EVERY_ONE
 from softsim_ros.client.robot_client import RobotClient
-from softsim_ros.keys.names import KeyPress
-from softsim_ros.keys.parameters import KeySettings
 from softsim_ros.keys.press import (
+    GOAL_STEP_M,
+    REPEAT_INTERVAL_S,
     CallAction,
     Deed,
+    KeyPress,
     KeyState,
     MoveGoal,
     Quit,
     Refer,
     press,
 )
-from softsim_ros.qos import EVERY_ONE
+
+DEFAULT_ROBOT: Final = "tripod"
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeySettings:
+    """Values of the parameters."""
+
+    robot: str = parameter(
+        DEFAULT_ROBOT, "Name or path of the robot whose keys and joints are used", fixed=True
+    )
+    repeat_interval: float = parameter(
+        REPEAT_INTERVAL_S, "Shortest time between two steps of one held key", unit="s", within=(0.02, 2.0)
+    )
+    goal_step: float = parameter(
+        GOAL_STEP_M, "How far a key moves the goal of inverse control", unit="m", within=(1e-5, 0.05)
+    )
+
+
+def requested_robot(node_name: str) -> str:
+    """The parameter `robot` given to this process, read before the node takes its namespace from it."""
+    with parameter_probe(node_name, namespace=DEFAULT_ROBOT) as probe:
+        return declare(probe, KeySettings()).robot
 
 
 class Keyboard:

@@ -1,4 +1,4 @@
-"""What a key press asks for: pure rules from key, bindings and what is known to one deed of the client."""
+"""Keys: their names, a robot's table of them, and the action that a press asks for."""
 
 from __future__ import annotations
 
@@ -7,13 +7,87 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal, NamedTuple, TypeAlias
 
+from softsim_core.base.units import degrees
 from softsim_core.scene.control import Action, KeyBinding
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.units import degrees
+from softsim_ros.client.joints import GoToPose, StepJoints
 from softsim_ros.client.state import RobotState, Tilt
-from softsim_ros.client.wishes import GoToPose, StepJoints
-from softsim_ros.keys.names import KeyPress
-from softsim_ros.keys.table import GOAL_KEYS, GOAL_STEP_M, HELP_KEY, TILT_KEYS, TILT_STEP_RAD, key_table
+
+
+@dataclass(frozen=True, slots=True)
+class KeyPress:
+    """One key, plain or with Ctrl.
+
+    Attributes:
+        name: One of `softsim_core.scene.control.KEY_NAMES`: "up", "plus", "space", a lower-case letter, a
+            digit, a punctuation character.
+        ctrl: Ctrl (or Cmd) was held. Tab is Ctrl+I on every terminal.
+    """
+
+    name: str
+    ctrl: bool = False
+
+    def __str__(self) -> str:
+        label = self.name.replace("_", " ").capitalize() if len(self.name) > 1 else self.name
+        return f"Ctrl+{label.capitalize()}" if self.ctrl else label
+
+
+HELP_KEY: Final = "?"
+
+BUILT_IN: Final[Mapping[str, KeyBinding]] = {
+    "space": KeyBinding(action="pause", help="pause / go on"),
+    "r": KeyBinding(action="reset", help="reset the simulation"),
+    "x": KeyBinding(action="quit", help="quit"),
+}
+"""Keys every robot has unless its file binds them to something else."""
+
+STOP_KEYS: Final[Mapping[str, KeyBinding]] = {
+    "enter": KeyBinding(action="e_stop", help="E-STOP"),
+    "e": KeyBinding(action="clear_e_stop", help="release the e-stop"),
+}
+"""Those of every robot with a servo board; the first is large, and known without looking."""
+
+GOAL_STEP_M: Final = 0.002
+"""How far one press moves the goal, in [m]."""
+
+GOAL_KEYS: Final[Mapping[str, tuple[int, str]]] = {
+    "up": (1, "x"),
+    "down": (-1, "x"),
+    "left": (1, "y"),
+    "right": (-1, "y"),
+    "plus": (1, "z"),
+    "minus": (-1, "z"),
+}
+"""Direction and world axis of each key while inverse control is on: REP-103, x forward, y left, z up."""
+
+TILT_STEP_RAD: Final = 0.1
+"""How far one press turns the reference of the closed loop, in [rad]."""
+
+TILT_KEYS: Final[Mapping[str, str]] = {
+    "up": "tilt about y",
+    "right": "tilt about x",
+    "plus": "more tilt",
+    "minus": "less tilt",
+}
+"""What each key does while the closed loop is on: arrows choose an axis, in a frame with y up its x and z."""
+
+
+def key_table(robot: RobotDescription) -> dict[str, KeyBinding]:
+    """All bindings of a robot: its own, then the built-in ones it leaves free."""
+    every = {**BUILT_IN, **(STOP_KEYS if robot.board else {})}
+    return {**robot.keys, **{key: binding for key, binding in every.items() if key not in robot.keys}}
+
+
+def key_of(robot: RobotDescription, action: Action) -> str | None:
+    """The key that a robot has for an action."""
+    return next((key for key, binding in key_table(robot).items() if binding.action == action), None)
+
+
+def goal_help(name: str) -> str:
+    """What a goal key does, for the display: "goal +x"."""
+    sign, axis = GOAL_KEYS[name]
+    return f"goal {'+' if sign > 0 else '-'}{axis}"
+
 
 REPEAT_INTERVAL_S: Final = 0.1
 """Shortest time in [s] between two effects of one key: a held key moves at most ten steps per second."""

@@ -1,23 +1,22 @@
 """Conversions from NumPy arrays and plain numbers to ROS messages; array fields are filled from buffers."""
 
-from softsim_ros.messages.base_targets import base_target, read_base_target
-from softsim_ros.messages.buffers import message_array
-from softsim_ros.messages.colours import stress_colours
-from softsim_ros.messages.diagnostics import diagnostic_array, diagnostic_values
-from softsim_ros.messages.marker import MarkerTemplate
-from softsim_ros.messages.meshes import mesh_checksum, point_cloud, read_point_cloud, topology
-from softsim_ros.messages.moving_markers import MovingMarkers
-from softsim_ros.messages.profiles import read_step_profile, step_profile
+from softsim_ros.messages.markers import MarkerTemplate, MovingMarkers
+from softsim_ros.messages.meshes import mesh_checksum, point_cloud, read_point_cloud, stress_colours, topology
+from softsim_ros.messages.sensors import read_step_profile, step_profile
 from softsim_ros.messages.states import (
+    base_target,
     clock,
     fluid_pressure,
     header,
     joint_state,
+    message_array,
     pose,
     pose_stamped,
+    read_base_target,
     time_message,
     transform_stamped,
 )
+from softsim_ros.messages.types import diagnostic_array, diagnostic_values
 
 __all__ = [
     "MarkerTemplate",

@@ -1,17 +1,20 @@
-"""What sensors told as messages, kind by kind; arrays are filled from buffers."""
+"""Sensor samples, contacts and step profiles as messages."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray, Vector3, WrenchStamped
-from sensor_msgs.msg import FluidPressure, Image, Imu, JointState
-from std_msgs.msg import Float64, Float64MultiArray, Header
+from numpy.typing import NDArray
+from sensor_msgs.msg import FluidPressure, Image, Imu, JointState, PointCloud2, PointField
+from std_msgs.msg import Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
-from softsim_core.arrays import Array
-from softsim_core.sensing import (
+from softsim_core.base.arrays import Array
+from softsim_core.physics.dynamics.report import ContactReport
+from softsim_core.physics.sensing import (
     CableSensorDescription,
     ChamberSensorDescription,
     ForceTorqueDescription,
@@ -23,8 +26,77 @@ from softsim_core.sensing import (
     TactileArrayDescription,
     WrenchSensorDescription,
 )
-from softsim_ros.messages.buffers import message_array
-from softsim_ros.messages.states import joint_state, pose
+from softsim_ros.messages.states import header, joint_state, message_array, pose
+
+_NUMBERS = (
+    *("x", "y", "z"),
+    *("normal_x", "normal_y", "normal_z"),
+    *("force_x", "force_y", "force_z"),
+    "gap",
+)
+_BODIES = ("body_a", "body_b")
+
+CONTACT = np.dtype([*((name, "<f4") for name in _NUMBERS), *((name, "<i4") for name in _BODIES)])
+"""A contact: its place and its gap in [m], the unit normal from body b to body a, the force on a in [N]."""
+
+
+def contact_cloud(stamp: Time, frame: str, contacts: ContactReport) -> PointCloud2:
+    """All contacts of a step, with those that are only close (force 0).
+
+    Args:
+        stamp: Time of the step.
+        frame: Frame of places, normals and forces.
+        contacts: What touched.
+    """
+    rows = np.zeros(len(contacts.points), dtype=CONTACT)
+    columns = (contacts.points, contacts.normals, contacts.forces, contacts.gaps[:, None])
+    for name, column in zip(_NUMBERS, np.concatenate(columns, axis=1).T, strict=True):
+        rows[name] = column
+    for name, body in zip(_BODIES, contacts.bodies.T, strict=True):
+        rows[name] = body
+    kinds = dict.fromkeys(_NUMBERS, PointField.FLOAT32) | dict.fromkeys(_BODIES, PointField.INT32)
+    return PointCloud2(
+        header=header(stamp, frame),
+        height=1,
+        width=len(rows),
+        fields=[
+            PointField(name=name, offset=4 * index, datatype=kind, count=1)
+            for index, (name, kind) in enumerate(kinds.items())
+        ],
+        is_bigendian=False,
+        point_step=CONTACT.itemsize,
+        row_step=CONTACT.itemsize * len(rows),
+        data=message_array(rows, "B"),
+        is_dense=True,
+    )
+
+
+def read_contact_cloud(message: PointCloud2) -> NDArray[np.void]:
+    """The contacts of a message made by `contact_cloud`, as rows of CONTACT; a view, not a copy."""
+    return np.frombuffer(message.data, dtype=CONTACT)
+
+
+def step_profile(stages: Sequence[str], rows: Array) -> Float64MultiArray:
+    """Steps with the times of their stages.
+
+    Args:
+        stages: Names of the stages, length s; the label of the second dimension joins them by commas.
+        rows: Number, simulated time in [s], time of each stage in [ms], oldest step first, shape (k, 2 + s).
+    """
+    count, width = rows.shape
+    dimensions = [
+        MultiArrayDimension(label="steps", size=count, stride=count * width),
+        MultiArrayDimension(label=",".join(("step", "time_s", *stages)), size=width, stride=width),
+    ]
+    return Float64MultiArray(layout=MultiArrayLayout(dim=dimensions), data=message_array(rows, "d"))
+
+
+def read_step_profile(message: Float64MultiArray) -> tuple[tuple[str, ...], Array]:
+    """Stages and rows of a message made by `step_profile`."""
+    steps, columns = message.layout.dim
+    rows = np.frombuffer(message.data, dtype=float).reshape(steps.size, columns.size)
+    return tuple(columns.label.split(",")[2:]), rows
+
 
 UPRIGHT: Final = (0.0, 0.0, 0.0, 1.0)
 TACTILE_ENCODING: Final = "32FC1"

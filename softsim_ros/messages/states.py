@@ -1,18 +1,40 @@
-"""Joint states, pressures, poses, transforms, clock: messages of plain numbers (SI, quaternions x y z w)."""
+"""Joint states, pressures, poses, transforms, clock; arrays as buffers of message fields."""
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable, Sequence
+from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, TransformStamped
+from geometry_msgs.msg import PoseStamped, Quaternion, Transform, TransformStamped, Vector3
 from numpy.typing import ArrayLike
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import FluidPressure, JointState
+from sensor_msgs.msg import FluidPressure, JointState, MultiDOFJointState
 from std_msgs.msg import Header
 
-from softsim_ros.messages.buffers import message_array
+from softsim_core.base.errors import CommandError
+from softsim_core.scene.io.catalog import shortened
+
+_TYPECODES: dict[str, Any] = {"d": np.dtype("<f8"), "f": np.dtype("<f4"), "I": np.dtype("<u4")}
+
+
+def message_array(values: ArrayLike, typecode: str) -> array[Any]:
+    """Values as the `array.array` of a message field.
+
+    Args:
+        values: Numbers of any shape; taken row by row.
+        typecode: "d" (float64), "f" (float32), "I" (uint32) or "B" (raw bytes of the values as they are).
+
+    Returns:
+        A copy of the numbers; for "B" a copy of their memory, little-endian where the input is.
+    """
+    numbers = np.asarray(values, dtype=_TYPECODES.get(typecode))
+    buffer: array[Any] = array(typecode)
+    buffer.frombytes(numbers.tobytes())
+    return buffer
 
 
 def time_message(seconds: float) -> Time:
@@ -88,3 +110,38 @@ def transform_stamped(
     shift.x, shift.y, shift.z = map(float, position)
     turn.x, turn.y, turn.z, turn.w = map(float, quaternion_xyzw)
     return message
+
+
+WORLD = "world"
+
+
+def base_target(stamp: Time, joint: str, position: Sequence[float]) -> MultiDOFJointState:
+    """A message that sends the base of a joint to a position (3,) in [m] in `world`."""
+    x, y, z = map(float, position)
+    place = Transform(translation=Vector3(x=x, y=y, z=z))
+    return MultiDOFJointState(header=header(stamp, WORLD), joint_names=[joint], transforms=[place])
+
+
+def read_base_target(message: MultiDOFJointState) -> tuple[str, tuple[float, float, float]]:
+    """Joint and position in [m] of a message.
+
+    Raises:
+        CommandError: another frame than `world`, not one joint with one transform, a rotation, velocities or
+            forces: only the place of a base can be chosen.
+    """
+    if message.header.frame_id != WORLD:
+        raise CommandError(
+            f"base target refused: unknown frame_id {shortened(message.header.frame_id)!r}; allowed: {WORLD}"
+        )
+    if len(message.joint_names) != 1 or len(message.transforms) != 1:
+        raise CommandError(
+            f"base target refused: {len(message.joint_names)} joint names with {len(message.transforms)} "
+            "transforms; name one joint a message, with one transform"
+        )
+    place = message.transforms[0]
+    if message.twist or message.wrench or place.rotation != Quaternion():
+        raise CommandError(
+            "base target refused: only a base's place can be chosen; leave rotation, twist and wrench out"
+        )
+    at = place.translation
+    return message.joint_names[0], (at.x, at.y, at.z)

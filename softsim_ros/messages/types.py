@@ -1,8 +1,14 @@
-"""Message classes by the names that the graph and bags use."""
+"""Message classes by name, and diagnostics."""
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from softsim_ros.messages.states import header
 
 
 def load_message(type_name: str) -> type:
@@ -14,3 +20,42 @@ def load_message(type_name: str) -> type:
     package, _, name = type_name.split("/")
     loaded: type = getattr(importlib.import_module(f"{package}.msg"), name)
     return loaded
+
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+def shown(value: object) -> str:
+    """A value as text: floats with six significant digits, the rest as it prints."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def diagnostic_array(
+    stamp: Time, name: str, hardware_id: str, level: bytes, message: str, values: Mapping[str, object]
+) -> DiagnosticArray:
+    """One status in a DiagnosticArray.
+
+    Args:
+        stamp: Time of the report.
+        name: Component, for example "tripod/simulator".
+        hardware_id: Which robot.
+        level: OK, WARN or ERROR of this module.
+        message: One sentence.
+        values: Named values in the order they are shown.
+    """
+    status = DiagnosticStatus(
+        level=level,
+        name=name,
+        message=message,
+        hardware_id=hardware_id,
+        values=[KeyValue(key=key, value=shown(value)) for key, value in values.items()],
+    )
+    return DiagnosticArray(header=header(stamp, ""), status=[status])
+
+
+def diagnostic_values(message: DiagnosticArray, name: str) -> dict[str, str]:
+    """Values of the status called `name`; empty where the message has none of that name."""
+    for status in message.status:
+        if status.name == name:
+            return {entry.key: entry.value for entry in status.values}
+    return {}

@@ -14,11 +14,10 @@ from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from softsim_core.errors import SoftSimError
-from softsim_core.scene.catalog import shortened
-from softsim_ros.recording.budgets import guard_reader, hold_budget
+from softsim_core.base.errors import SoftSimError
+from softsim_core.scene.io.catalog import shortened
 from softsim_ros.recording.errors import BagError
-from softsim_ros.recording.torn_files import is_torn
+from softsim_ros.recording.integrity import guard_reader, hold_budget, is_torn
 
 DAMAGE = (
     ArithmeticError,

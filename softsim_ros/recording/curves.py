@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softsim_core import RobotDescription
-from softsim_core.arrays import Array
+from softsim_core.base.arrays import Array
 from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.csv_files import diagnostic_row
+from softsim_ros.recording.tables import diagnostic_row
 
 MM = 1000.0
 DEGREES = math.degrees(1.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from os import PathLike
 
-from softsim_core.errors import SoftSimError
+from softsim_core.base.errors import SoftSimError
 
 
 class RecordingError(SoftSimError, RuntimeError):

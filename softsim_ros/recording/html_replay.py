@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from softsim_core.scene.view import ViewSettings
+from softsim_ros.nodes.viewer.guard import AccessRule, GuardedServer
+from softsim_ros.nodes.viewer.marker_view import MarkerView, RigidView
+from softsim_ros.nodes.viewer.surface import MM, Part, SurfaceView
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.errors import BagError
 from softsim_ros.recording.surface_frames import SURFACE, MeshFrame, mesh_frames
-from softsim_ros.viewer.guard import AccessRule, GuardedServer
-from softsim_ros.viewer.marker_view import MarkerView, RigidView
-from softsim_ros.viewer.surface import MM, Part, SurfaceView
 
 MOST_FRAMES = 600
 """Long recordings get fewer frames per second: a page should not exceed about 20 MB."""

@@ -16,23 +16,100 @@ from typing import Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from servo_bridge.state_topics import StateTopics
 from softsim_core import load_scene
-from softsim_core.errors import SoftSimError
-from softsim_node.help import Program
-from softsim_node.parameters import declare, parameter, parameter_probe
+from softsim_core.base.errors import SoftSimError
+from softsim_node.parameters import Program, declare, parameter, parameter_probe
 from softsim_node.process import run_node
+from softsim_node.topics import StateTopics, hearing_all
 from softsim_ros.messages.types import load_message
-from softsim_ros.qos import hearing_all
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import RecordingError
-from softsim_ros.recording.qos import bag_qos
-from softsim_ros.recording.selection import SHARED, Selection
-from softsim_ros.runtime import ClosableNode
+from softsim_ros.robot_node import ClosableNode
+
+FAST_DEPTH = 100
+"""A replay may be faster than the publisher was; so many messages may wait for a slow listener."""
+
+
+def bag_qos(profile: QoSProfile) -> Qos:
+    """The profile a publisher offers, as a bag keeps it."""
+    return Qos(
+        QosHistory[profile.history.name],
+        profile.depth,
+        QosReliability[profile.reliability.name],
+        QosDurability[profile.durability.name],
+        _bag_time(profile.deadline),
+        _bag_time(profile.lifespan),
+        QosLiveliness[profile.liveliness.name],
+        _bag_time(profile.liveliness_lease_duration),
+        profile.avoid_ros_namespace_conventions,
+    )
+
+
+def publisher_qos(offered: Qos | None) -> QoSProfile:
+    """The profile with which a recorded topic is published again; reliable where the bag says nothing."""
+    if offered is None:
+        return QoSProfile(depth=10)
+    best_effort = offered.reliability is QosReliability.BEST_EFFORT
+    latched = offered.durability is QosDurability.TRANSIENT_LOCAL
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=max(offered.depth, 1) if latched else max(offered.depth, FAST_DEPTH),
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _bag_time(duration: Duration) -> QosTime:
+    return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
+
+
+SHARED = ("/diagnostics", "/tf", "/tf_static", "/clock")
+"""Topics that all robots share."""
+
+LEFT_OUT = ("mesh/marker", "step_profile", "recorder/enabled", "scene/edit", "scene/proposal")
+"""Not recorded unless asked for: made from mesh/points, at five times the size; each step ten times over; the
+recorder's own state; edits of the scene's file."""
+
+
+class Selection:
+    """The robot's topics and the shared ones, or those that were named.
+
+    Args:
+        namespace: Namespace of the robot, such as "/tripod".
+        names: Topics to take, absolute or below the namespace; none takes all but `LEFT_OUT`.
+    """
+
+    def __init__(self, namespace: str, names: Sequence[str] = ()) -> None:
+        self._prefix = namespace.rstrip("/") + "/"
+        self._names = {self.absolute(name) for name in names}
+        self._left_out = {self.absolute(name) for name in LEFT_OUT}
+
+    def absolute(self, name: str) -> str:
+        """Full name of a topic."""
+        return name if name.startswith("/") else self._prefix + name
+
+    def wants(self, topic: str) -> bool:
+        """Whether a topic of the graph is taken."""
+        if self._names:
+            return topic in self._names
+        if "/_" in topic:  # hidden, by ROS's rule, such as those of an action
+            return False
+        return topic in SHARED or (topic.startswith(self._prefix) and topic not in self._left_out)
+
 
 NODE_NAME = "recorder"
 LOOK_PERIOD_S = 0.25

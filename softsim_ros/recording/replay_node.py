@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import heapq
+import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import attrgetter
+from typing import NamedTuple
 
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -13,21 +18,112 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from servo_bridge.state_topics import StateTopics
 from softsim_node.ending import ending
 from softsim_node.parameters import LiveParameters, parameter
-from softsim_node.spinning import serve_once
-from softsim_ros.messages.state_topics import STATE_TOPICS
+from softsim_node.process import serve_once
+from softsim_node.topics import STATE_TOPICS, StateTopics
 from softsim_ros.messages.types import load_message
-from softsim_ros.recording import replay_source
-from softsim_ros.recording.bag import Bag
+from softsim_ros.nodes.simulator.monitor import RateGate
+from softsim_ros.recording.bag import Bag, RawMessage
 from softsim_ros.recording.errors import BagError, RecordingError
-from softsim_ros.recording.qos import publisher_qos
-from softsim_ros.recording.replay_clock import ReplayClock
-from softsim_ros.recording.replay_source import Event
-from softsim_ros.recording.selection import SHARED
-from softsim_ros.runtime import ClosableNode
-from softsim_ros.simulator.pacing import RateGate
+from softsim_ros.recording.recorder_node import SHARED, publisher_qos
+from softsim_ros.robot_node import ClosableNode
+
+
+class ReplayClock:
+    """Bag time that runs at `speed` from a position on.
+
+    Args:
+        now: Steady clock in [s].
+        position: Bag time to begin at in [s].
+        speed: Seconds of the bag a second of the clock, > 0.
+
+    Attributes:
+        paused: Whether it stands still.
+    """
+
+    def __init__(self, now: float, position: float = 0.0, speed: float = 1.0) -> None:
+        self._since, self._position, self._speed = now, position, speed
+        self.paused = False
+
+    def position(self, now: float) -> float:
+        """Bag time in [s]."""
+        return self._position + (0.0 if self.paused else (now - self._since) * self._speed)
+
+    def wait_s(self, position: float, now: float) -> float:
+        """How long until a bag time comes: 0 or less where it has passed, infinite while paused."""
+        return math.inf if self.paused else (position - self.position(now)) / self._speed
+
+    def set_speed(self, speed: float, now: float) -> None:
+        """Go on from here at another speed."""
+        self._position, self._since = self.position(now), now
+        self._speed = speed
+
+    def seek(self, position: float, now: float) -> None:
+        """Go on from another bag time."""
+        self._position, self._since = position, now
+
+    def pause(self, paused: bool, now: float) -> None:
+        """Stop here, or go on."""
+        self._position, self._since = self.position(now), now
+        self.paused = paused
+
+
+COMMAND_TOPICS = ("position_controller/commands", "joint_trajectory")
+BASE_SHIFT = "base_shift"
+
+
+class Event(NamedTuple):
+    """Something a replay does at a time of the bag.
+
+    Attributes:
+        stamp_ns: When, in [ns] since 1970.
+        message: What to publish; None calls a service.
+        service: Trigger service of the simulator to call: "start" or "reset"; empty for messages.
+    """
+
+    stamp_ns: int
+    message: RawMessage | None
+    service: str = ""
+
+
+def command_topics(bag: Bag) -> list[str]:
+    """The bag's topics that move joints.
+
+    Raises:
+        BagError: it has none.
+    """
+    topics = [topic for topic in map(bag.topic, COMMAND_TOPICS) if bag.counts.get(topic)]
+    if not topics:
+        raise BagError(bag.path, f"holds no commands (topics {', '.join(map(bag.topic, COMMAND_TOPICS))})")
+    return topics
+
+
+def messages(bag: Bag, topics: list[str], since_ns: int) -> Iterator[Event]:
+    """Messages from `since_ns` on, after the newest earlier one of each latched topic."""
+    for topic in topics:
+        offered = bag.offered_qos(topic)
+        if since_ns > bag.begin_ns and offered is not None and offered.durability.name == "TRANSIENT_LOCAL":
+            for newest in deque(bag.raw_messages([topic], before_ns=since_ns), maxlen=1):
+                yield Event(since_ns, newest)
+    for message in bag.raw_messages(topics, since_ns=since_ns):
+        yield Event(message.stamp_ns, message)
+
+
+def commands(bag: Bag, since_ns: int) -> Iterator[Event]:
+    """Commands, and the start animations and resets that the shift of the bases tells of."""
+    sent = messages(bag, command_topics(bag), since_ns)
+    calls = (event for event in _simulator_calls(bag) if event.stamp_ns >= since_ns)
+    return heapq.merge(sent, calls, key=attrgetter("stamp_ns"))
+
+
+def _simulator_calls(bag: Bag) -> Iterator[Event]:
+    before = 0.0
+    for stamp, message in bag.messages(bag.topic(BASE_SHIFT)):
+        if (message.data == 0.0) != (before == 0.0):
+            yield Event(stamp, None, "start" if before == 0.0 else "reset")
+        before = float(message.data)
+
 
 NODE_NAME = "replay"
 DISCOVERY_S = 1.5
@@ -84,7 +180,7 @@ class Replay(ClosableNode):
         self._serves, self._looks = RateGate(LOOK_PERIOD_S), RateGate(RIVAL_PERIOD_S)
         self.sent = 0
         try:
-            self._topics = replay_source.command_topics(bag) if commands_only else whole_topics(bag)
+            self._topics = command_topics(bag) if commands_only else whole_topics(bag)
             if start_s > bag.duration_s or not self._topics:
                 raise BagError(
                     bag.path, f"has nothing after {start_s:g} s; it is {bag.duration_s:.1f} s long"
@@ -166,8 +262,8 @@ class Replay(ClosableNode):
 
     def _events(self) -> Iterator[Event]:
         if self._commands_only:
-            return replay_source.commands(self._bag, self._since_ns)
-        return replay_source.messages(self._bag, self._topics, self._since_ns)
+            return commands(self._bag, self._since_ns)
+        return messages(self._bag, self._topics, self._since_ns)
 
     def _send(self, event: Event, executor: Executor) -> None:
         if event.message is not None:

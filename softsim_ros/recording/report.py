@@ -8,13 +8,13 @@ from datetime import datetime
 from html import escape
 
 from softsim_core import RobotDescription
-from softsim_core.errors import SoftSimError
-from softsim_core.extras import install_command
+from softsim_core.base.errors import SoftSimError
+from softsim_core.base.extras import install_command
 from softsim_core.scene import SceneCatalog
 from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.csv_files import diagnostic_row
 from softsim_ros.recording.curves import charts
 from softsim_ros.recording.errors import BagError
+from softsim_ros.recording.tables import diagnostic_row
 
 PAGE = """<!doctype html>
 <html lang="en">

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from softsim_core.file_writing import make_folder
+from softsim_core.base.files import make_folder
 from softsim_core.simulation import Simulation
 
 PERIOD_S = 1.0 / 30.0
@@ -40,8 +40,8 @@ class _RunBag:
 
     def look(self, simulation: Simulation) -> None:
         """Write the state that is now."""
+        from softsim_node.frames import WORLD
         from softsim_ros import messages
-        from softsim_ros.frames import WORLD
 
         writer = self._begun(simulation)
         stamp, at = messages.time_message(simulation.time), 1 + round(1e9 * simulation.time)

@@ -1,16 +1,21 @@
-"""The moving mesh in a bag: its cells, and positions with stress over time."""
+"""The moving mesh of a bag: positions with stress over time, and VTU files of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
+from xml.sax.saxutils import quoteattr
 
+import meshio
 import numpy as np
 from numpy.typing import NDArray
 
-from softsim_core.arrays import IndexArray
+from softsim_core.base.arrays import IndexArray
+from softsim_core.base.files import make_folder, put_in_place, write_file
+from softsim_ros.nodes.simulator.monitor import RateGate
 from softsim_ros.recording.bag import Bag
-from softsim_ros.simulator.pacing import RateGate
 
 POINT_COLUMNS = 4
 
@@ -87,3 +92,33 @@ def _cells(message: Any) -> _Cells:
         corners = np.array([each.vertex_indices for each in message.triangles], dtype=np.int64)
         return _Cells(corners.reshape(-1, 3), len(message.vertices))
     return _Cells(np.asarray(message.data, dtype=np.int64).reshape(-1, message.layout.dim[1].size), None)
+
+
+def write_vtu_series(frames: Iterable[MeshFrame], kind: str, folder: Path, name: str) -> tuple[Path, int]:
+    """Write a file per frame into `folder/name/` and `folder/name.pvd`, which lists them with their times.
+
+    Args:
+        frames: What to write.
+        kind: "triangle" or "tetra".
+        folder: Existing folder.
+        name: Of the series.
+
+    Returns:
+        The PVD file and the number of frames; points in [m], `von_mises` in [Pa] at the points.
+    """
+    make_folder(folder / name)
+    entries = []
+    with tempfile.TemporaryDirectory(dir=folder) as aside:
+        new = Path(aside, "new.vtu")
+        for number, frame in enumerate(frames):
+            file = f"{name}/{name}_{number:05d}.vtu"
+            mesh = meshio.Mesh(frame.points, [(kind, frame.cells)], point_data={"von_mises": frame.von_mises})
+            meshio.write(new, mesh)
+            put_in_place(new, folder / file)
+            entries.append(f'    <DataSet timestep="{frame.time_s!r}" part="0" file={quoteattr(file)}/>\n')
+    pvd = write_file(
+        folder / f"{name}.pvd",
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'
+        f"  <Collection>\n{''.join(entries)}  </Collection>\n</VTKFile>\n",
+    )
+    return pvd, len(entries)

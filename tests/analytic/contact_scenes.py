@@ -8,14 +8,17 @@ from typing import Any
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.mesh.shapes import Shape
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Placement
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mesh.shapes import Shape
 from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.values import Placement
+from softsim_core.scene.description import (
+    CollisionDescription,
+    RigidBodyDescription,
+    SceneDescription,
+    SolverSettings,
+)
 
 GRAVITY = 9.81
 DISTANCE = 0.001

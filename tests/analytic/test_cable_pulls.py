@@ -9,9 +9,9 @@ import pytest
 from cable_scenes import bent_bar, cable_joint
 
 from softsim_core import Simulation
-from softsim_core.dynamics import Backend
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mesh import box_mesh
+from softsim_core.physics.dynamics import Backend
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mesh import box_mesh
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription

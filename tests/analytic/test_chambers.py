@@ -12,14 +12,14 @@ from scipy.spatial import ConvexHull
 from small_scenes import scene, slab
 
 from softsim_core import Simulation
-from softsim_core.actuation.building import Placed, Surroundings
-from softsim_core.actuation.chamber import Chamber, ChamberDescription
-from softsim_core.arrays import Array
-from softsim_core.dynamics.actuator_statics import on_nodes
-from softsim_core.errors import SceneError
-from softsim_core.mesh import TetMesh, box_mesh, quadratic
-from softsim_core.mesh.faces import boundary_faces, cavities, encloses
-from softsim_core.scene.builder import build
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.physics.actuation.building import Placed, Surroundings
+from softsim_core.physics.actuation.chamber import Chamber, ChamberDescription
+from softsim_core.physics.dynamics.actuator_statics import on_nodes
+from softsim_core.physics.mesh import TetMesh, box_mesh, quadratic
+from softsim_core.physics.mesh.faces import boundary_faces, cavities, encloses
+from softsim_core.scene.building.builder import build
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription

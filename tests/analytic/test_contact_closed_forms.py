@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
-from softsim_core.contact import CollisionSurface, Detector, Proximities
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.mesh import SurfaceMesh, boundary_surface, box_mesh
+from softsim_core.physics.contact import CollisionSurface, Detector, Proximities
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mesh import SurfaceMesh, boundary_surface, box_mesh
 
 REACH = 0.006
 

@@ -8,9 +8,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from softsim_core.contact import CollisionSurface, Detector, Proximities
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.mesh import boundary_surface, box_mesh
+from softsim_core.physics.contact import CollisionSurface, Detector, Proximities
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mesh import boundary_surface, box_mesh
 
 SIZE = 0.04
 REACH = 0.03

@@ -15,14 +15,17 @@ from half_space import half_ball
 from small_scenes import body
 
 from softsim_core import Simulation
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base.values import Box, Placement
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.deformable import AttachmentDescription
+from softsim_core.scene.description import (
+    CollisionDescription,
+    RigidBodyDescription,
+    SceneDescription,
+    SolverSettings,
+)
 from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.values import Box, Placement
 
 RADIUS, DEPTH = 0.02, 0.0005
 CONTACT_RADIUS = math.sqrt(RADIUS * DEPTH)

@@ -8,20 +8,22 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
-from softsim_core.contact.crossing import surfaces_cross
-from softsim_core.contact.detection import Detector, Proximities
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.contact.surfaces import CollisionSurface
-from softsim_core.mechanics.pose import rotation_euler
-from softsim_core.mesh import box_mesh
-from softsim_core.mesh.shapes import Shape, box_surface
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Placement
+from softsim_core.physics.contact.detection import Detector, Proximities
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.contact.surfaces import CollisionSurface, surfaces_cross
+from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.physics.mesh.shapes import Shape, box_surface
 from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.description import (
+    CollisionDescription,
+    RigidBodyDescription,
+    SceneDescription,
+    SolverSettings,
+)
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.values import Placement
 
 STEPS = 60
 BLOCK = 0.004

@@ -12,26 +12,25 @@ from closed_forms import hooke_stress
 from numpy.random import Generator
 from small_scenes import body, jittered, scene
 
-from softsim_core.arrays import Array
-from softsim_core.dynamics.statics import solve_static
-from softsim_core.fem.assembly import von_mises_stress
-from softsim_core.fem.cells import (
+from softsim_core.base.arrays import Array
+from softsim_core.physics.dynamics.statics import solve_static
+from softsim_core.physics.fem.cells import (
     cauchy_stress,
     cell_energy,
     cell_forces,
     cell_stiffness,
     deformation_gradients,
+    von_mises_stress,
 )
-from softsim_core.fem.elements import element
-from softsim_core.fem.group import ElementGroup, element_group
-from softsim_core.fem.materials import material
-from softsim_core.fem.materials.isotropic import lame
-from softsim_core.fem.materials.material import von_mises
-from softsim_core.mechanics.control import Control
-from softsim_core.mechanics.model import FIXED
-from softsim_core.mechanics.pose import rotation_exp
-from softsim_core.mesh import boundary, box_mesh
-from softsim_core.scene.builder import build
+from softsim_core.physics.fem.elements import element
+from softsim_core.physics.fem.group import ElementGroup, element_group
+from softsim_core.physics.fem.materials import material
+from softsim_core.physics.fem.materials.material import lame, von_mises
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mechanics.model import FIXED
+from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mesh import boundary, box_mesh
+from softsim_core.scene.building.builder import build
 from softsim_core.scene.material import MaterialDescription
 
 LAWS = ("corotational", "corotational_qr", "stable_neo_hookean")
@@ -237,8 +236,8 @@ def compiled_batch(way: str) -> Any:
     """A kernel around the vector code."""
     from numba import njit
 
-    from softsim_core.dynamics.numba_backend import simd_elements as simd
-    from softsim_core.dynamics.numba_backend.rotation import rotate_lanes
+    from softsim_core.physics.dynamics.numba_backend.cells import elements as simd
+    from softsim_core.physics.dynamics.numba_backend.cells.corotational import rotate_lanes
 
     rotations, batch, exact = simd.polar_rotations, simd.turning_batch, way == "exact"
     if way == "frozen":
@@ -256,7 +255,7 @@ def compiled_batch(way: str) -> Any:
 
 def compiled_element(group: ElementGroup, corners: Array, move: Array, way: str) -> tuple[Array, Array]:
     """Forces (4, 3) and stiffness (12, 12) of an element in the first lane of a batch, alone in it."""
-    from softsim_core.linalg.simd import LANES
+    from softsim_core.physics.linalg.simd import LANES
 
     nodes = np.repeat(np.arange(4)[None, :, None], LANES, axis=2)
     gradients = np.repeat(group.gradients.reshape(1, 12, 1), LANES, axis=2)

@@ -9,15 +9,15 @@ import pytest
 from small_scenes import body, scene, slab
 
 from softsim_core import CableDescription, Simulation
-from softsim_core.arrays import Array
-from softsim_core.dynamics import Backend
-from softsim_core.dynamics.actuator_statics import reduced_stiffness
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mechanics.pose import rotation_euler, rotation_exp
-from softsim_core.mesh import box_mesh
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Placement
+from softsim_core.physics.dynamics import Backend
+from softsim_core.physics.dynamics.actuator_statics import reduced_stiffness
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics.pose import rotation_euler, rotation_exp
+from softsim_core.physics.mesh import box_mesh
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
-from softsim_core.values import Placement
 
 SEED = np.random.default_rng(11)
 KINDS = ("revolute", "revolute", "prismatic", "revolute", "revolute")

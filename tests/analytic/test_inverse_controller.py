@@ -9,11 +9,11 @@ import pytest
 from inverse_goals import COUNTS, LOWER, SHIFT, START, UPPER, goals
 
 from softsim_core import Pose, Simulation, load_scene
-from softsim_core.arrays import Array
-from softsim_core.errors import CommandError
-from softsim_core.inverse.controller import InverseController, InverseReport
-from softsim_core.inverse.sensitivity import Sensitivity
-from softsim_core.inverse.static import effector, place
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import CommandError
+from softsim_core.control.inverse.controller import InverseController, InverseReport
+from softsim_core.control.inverse.sensitivity import Sensitivity
+from softsim_core.control.inverse.static import effector, place
 from softsim_core.scene.control import InverseSettings
 from softsim_core.scene.material import MaterialDescription
 
@@ -247,7 +247,7 @@ def test_an_old_sensitivity_is_told_with_its_age(
     controller.set_goal(ahead(controller, z=0.004))
     assert controller.tick().sensitivity_age == 0
     with monkeypatch.context() as patched:
-        patched.setattr("softsim_core.inverse.controller.sensitivity_of", none_exists)
+        patched.setattr("softsim_core.control.inverse.controller.sensitivity_of", none_exists)
         reports = [controller.tick() for _ in range(3)]
     assert [report.sensitivity_age for report in reports] == [1, 2, 3]
     assert reports[0].sentence.endswith("; the sensitivity is 1 tick old, as none exists at this pose")

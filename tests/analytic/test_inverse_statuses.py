@@ -7,9 +7,8 @@ import pytest
 from tendon_bar import LENGTH, tendon_bar
 
 from softsim_core import InverseController, Pose, PositionTask, Simulation, solve_pose
-from softsim_core.arrays import Array
-from softsim_core.inverse.damping import AdaptiveDamping
-from softsim_core.inverse.pace import Pace, pace, slowest_period
+from softsim_core.base.arrays import Array
+from softsim_core.control.inverse.pace import AdaptiveDamping, Pace, pace, slowest_period
 from softsim_core.scene.control import InverseSettings
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

@@ -10,15 +10,15 @@ from closed_forms import torsion_pendulum_angle, weight_torque
 from small_scenes import GRAVITY, body, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.dynamics import Backend
-from softsim_core.dynamics.statics import solve_static
-from softsim_core.mechanics.control import Control
-from softsim_core.mechanics.pose import rotation_exp, rotation_log, rotation_of
-from softsim_core.mesh import box_mesh
+from softsim_core.base.values import Placement
+from softsim_core.physics.dynamics import Backend
+from softsim_core.physics.dynamics.statics import solve_static
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mechanics.pose import rotation_exp, rotation_log, rotation_of
+from softsim_core.physics.mesh import box_mesh
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
-from softsim_core.simulation.bases import SPEED
-from softsim_core.values import Placement
+from softsim_core.simulation.drive import SPEED
 
 MASS, LENGTH = 0.05, 0.1
 AXIS = (0.0, -1.0, 0.0)  # a positive angle lifts the tip

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.inverse.tilts import tilt_rotation
-from softsim_core.mechanics.pose import rotation_of
+from softsim_core.control.inverse.closed_loop import tilt_rotation
+from softsim_core.physics.mechanics.pose import rotation_of
 from softsim_core.scene.joint import JointDescription
 
 GOAL = np.array([0.0252857, -0.0252857])

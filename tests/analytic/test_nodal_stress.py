@@ -10,10 +10,10 @@ import pytest
 from small_scenes import body, jittered, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
-from softsim_core.fem.assembly import elastic_forces
-from softsim_core.fem.materials.material import von_mises
-from softsim_core.mesh import box_mesh
+from softsim_core.base.arrays import Array
+from softsim_core.physics.fem.cells import elastic_forces
+from softsim_core.physics.fem.materials.material import von_mises
+from softsim_core.physics.mesh import box_mesh
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.material import MaterialDescription
 

@@ -10,12 +10,12 @@ import pytest
 from scipy.integrate import quad
 
 from softsim_core import InverseController, Simulation, load_scene
-from softsim_core.errors import MeshError
-from softsim_core.fem.elements import element
-from softsim_core.fem.elements.element import rest_quadrature
-from softsim_core.mechanics.pose import rotation_exp
-from softsim_core.mesh import check_tets
-from softsim_core.mesh.faces import cavities
+from softsim_core.base.errors import MeshError
+from softsim_core.physics.fem.elements import element
+from softsim_core.physics.fem.elements.element import rest_quadrature
+from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mesh import check_tets
+from softsim_core.physics.mesh.faces import cavities
 from softsim_core.robots.pneu_arm_mesh import ArmShape, main, pneu_arm
 
 MESH = Path(__file__).resolve().parents[2] / "configs" / "meshes" / "pneu_arm.vtk"

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from softsim_core import InverseController, Simulation, load_scene, rotation_of
-from softsim_core.errors import MeshError
-from softsim_core.mesh import check_tets, read_tets
-from softsim_core.mesh.faces import cavities
-from softsim_core.mesh.shapes import Shape
+from softsim_core.base.errors import MeshError
+from softsim_core.base.values import Placement
+from softsim_core.physics.mesh import check_tets, read_tets
+from softsim_core.physics.mesh.faces import cavities
+from softsim_core.physics.mesh.shapes import Shape
 from softsim_core.robots.pneu_finger_mesh import CHAMBERS, HEIGHT, SIDE, WIDTH, length_of, main, pneu_finger
+from softsim_core.scene.description import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.values import Placement
 
 MESH = Path(__file__).resolve().parents[2] / "configs" / "meshes" / "pneu_finger.vtk"
 

@@ -10,14 +10,14 @@ import pytest
 from small_scenes import comes_back_bit_for_bit, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
-from softsim_core.errors import SceneError
-from softsim_core.fem.cells import cell_forces
-from softsim_core.fem.elements import element
-from softsim_core.fem.group import ElementGroup, element_group
-from softsim_core.fem.materials import material
-from softsim_core.fem.materials.relaxing import relaxing
-from softsim_core.fem.prony import (
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.physics.fem.cells import cell_forces
+from softsim_core.physics.fem.elements import element
+from softsim_core.physics.fem.group import ElementGroup, element_group
+from softsim_core.physics.fem.materials import material
+from softsim_core.physics.fem.materials.relaxing import relaxing
+from softsim_core.physics.fem.prony import (
     during_step,
     held_forces,
     held_stiffness,
@@ -25,8 +25,8 @@ from softsim_core.fem.prony import (
     memory_shape,
     remember,
 )
-from softsim_core.mechanics.pose import rotation_exp
-from softsim_core.mesh import box_mesh, quadratic
+from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mesh import box_mesh, quadratic
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription

@@ -11,8 +11,8 @@ from small_scenes import scene
 from test_chambers import CELL, balloon, hollow, inflated
 
 from softsim_core import Simulation
-from softsim_core.actuation.chamber import ATMOSPHERE, ChamberDescription
-from softsim_core.errors import SceneError
+from softsim_core.base.errors import SceneError
+from softsim_core.physics.actuation.chamber import ATMOSPHERE, ChamberDescription
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription

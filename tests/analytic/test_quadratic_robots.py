@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from softsim_core import MeshFile, Simulation, load_scene
-from softsim_core.arrays import Array
-from softsim_core.inverse.controller import InverseController
+from softsim_core.base.arrays import Array
+from softsim_core.control.inverse.controller import InverseController
 from softsim_core.scene.robot import RobotDescription
 
 MESHES = Path(__file__).resolve().parents[2] / "configs" / "meshes"

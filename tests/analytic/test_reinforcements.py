@@ -7,19 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softsim_core.errors import MaterialError, SceneError
-from softsim_core.fem.cells import cell_energy, cell_forces, cell_stiffness
-from softsim_core.fem.materials.strain import FIBRES, MEMBRANE
-from softsim_core.mechanics.pose import rotation_exp
-from softsim_core.mesh.generators import box_mesh
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base.errors import MaterialError, SceneError
+from softsim_core.base.values import Box
+from softsim_core.physics.fem.cells import cell_energy, cell_forces, cell_stiffness
+from softsim_core.physics.fem.materials.strain import FIBRES, MEMBRANE
+from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mesh.generators import box_mesh
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import SceneDescription, SolverSettings
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.reinforcement import AxisDescription, FibresDescription, LayerDescription
-from softsim_core.scene.solver_settings import SolverSettings
+from softsim_core.scene.rod import AxisDescription, FibresDescription, LayerDescription
 from softsim_core.simulation import Simulation
-from softsim_core.values import Box
 
 LENGTH, WIDTH, HEIGHT = 0.08, 0.02, 0.01
 PAPER = {"young_modulus": 1.0e9, "thickness": 1.0e-4}

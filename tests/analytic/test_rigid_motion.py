@@ -7,14 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
-from softsim_core.mechanics.pose import rotation_exp
-from softsim_core.mechanics.rigid import RigidBodies
-from softsim_core.mechanics.state import State
-from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.objects import RigidBodyDescription
-from softsim_core.values import Placement
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Placement
+from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mechanics.rigid import RigidBodies
+from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.description import RigidBodyDescription, SceneDescription
 
 NO_GRAVITY = np.zeros(3)
 

@@ -12,21 +12,26 @@ from numpy.linalg import norm
 from small_scenes import body, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
-from softsim_core.dynamics.backends import make_stepper
-from softsim_core.errors import MaterialError
-from softsim_core.fem.materials import material
-from softsim_core.fem.materials.cofactors import cofactor
-from softsim_core.fem.materials.elastomers import FITTED_LAWS, elastomer, elastomer_names
-from softsim_core.fem.materials.rubber import Rubber
-from softsim_core.fem.materials.tension import rest_stiffness, tension
-from softsim_core.inverse.static import solve_pose
-from softsim_core.inverse.tasks import PositionTask
-from softsim_core.mechanics.control import Control
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mechanics.pose import rotation_exp
-from softsim_core.mesh import box_mesh
-from softsim_core.scene.builder import build
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import MaterialError
+from softsim_core.control.inverse.static import solve_pose
+from softsim_core.control.inverse.tasks import PositionTask
+from softsim_core.physics.dynamics.backends import make_stepper
+from softsim_core.physics.fem.materials import material
+from softsim_core.physics.fem.materials.elastomers import (
+    FITTED_LAWS,
+    elastomer,
+    elastomer_names,
+    rest_stiffness,
+    tension,
+)
+from softsim_core.physics.fem.materials.rubber import Rubber
+from softsim_core.physics.fem.materials.stretches import cofactor
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.scene.building.builder import build
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription

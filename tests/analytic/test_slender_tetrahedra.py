@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softsim_core.errors import SceneError
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import AddedMassDescription, BodyDescription
+from softsim_core.base.errors import SceneError
+from softsim_core.scene.deformable import AddedMassDescription, AttachmentDescription, BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.rod import RodClampDescription, RodDescription, RodSectionDescription

@@ -8,7 +8,7 @@ from contact_scenes import FLOOR, GRAVITY, force_on, run, touching
 from small_scenes import body
 
 from softsim_core import Simulation
-from softsim_core.mesh import box_mesh
+from softsim_core.physics.mesh import box_mesh
 
 LOW_MASS, HIGH_MASS = 0.05, 0.03
 GAP = 0.002

@@ -12,14 +12,14 @@ from numpy.linalg import norm
 from small_scenes import body, scene, slab
 
 from softsim_core import Pose, Simulation, load_scene
-from softsim_core.arrays import Array
-from softsim_core.dynamics.backends import make_stepper
-from softsim_core.fem.materials import material
-from softsim_core.inverse.controller import InverseController
-from softsim_core.inverse.static import effector
-from softsim_core.mechanics.control import Control
-from softsim_core.mesh import box_mesh
-from softsim_core.scene.builder import build
+from softsim_core.base.arrays import Array
+from softsim_core.control.inverse.controller import InverseController
+from softsim_core.control.inverse.static import effector
+from softsim_core.physics.dynamics.backends import make_stepper
+from softsim_core.physics.fem.materials import material
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.scene.building.builder import build
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.material import MaterialDescription
 

@@ -8,12 +8,12 @@ from closed_forms import uniaxial_stretch
 from small_scenes import body, machine, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.dynamics.backends import make_stepper
-from softsim_core.dynamics.statics import StaticSolution, solve_static
-from softsim_core.errors import NotConvergedError, SoftSimError
-from softsim_core.mechanics.control import Control
-from softsim_core.mesh import box_mesh
-from softsim_core.scene.builder import BuiltScene, build
+from softsim_core.base.errors import NotConvergedError, SoftSimError
+from softsim_core.physics.dynamics.backends import make_stepper
+from softsim_core.physics.dynamics.statics import StaticSolution, solve_static
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.scene.building.builder import BuiltScene, build
 
 LAWS = ("polar", "qr")
 LENGTH, HEIGHT, YOUNG = 0.1, 0.01, 1e6

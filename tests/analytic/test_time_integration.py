@@ -11,21 +11,20 @@ from contact_scenes import DISTANCE, FLOOR, GRAVITY, downhill, loose, touching
 from small_scenes import body, comes_back_bit_for_bit, machine, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
-from softsim_core.dynamics.backends import make_stepper
-from softsim_core.dynamics.bossak import BossakStepper
-from softsim_core.dynamics.stepper import Stepper
-from softsim_core.errors import SceneError
-from softsim_core.mechanics.control import Control
-from softsim_core.mechanics.model import Model
-from softsim_core.mechanics.state import State
-from softsim_core.mesh import box_mesh
-from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.builder import build
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.base.values import Placement
+from softsim_core.physics.dynamics.backends import make_stepper
+from softsim_core.physics.dynamics.bossak import BossakStepper
+from softsim_core.physics.dynamics.stepper import Stepper
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.building.builder import build
+from softsim_core.scene.description import SceneDescription, SolverSettings
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.values import Placement
 
 SMOOTH = "bossak"
 

@@ -23,14 +23,14 @@ MODULE = "open({marker!r}, 'a').write(__name__ + ' in ' + ' '.join(__import__('s
 PROGRAMS = {
     "two workers of a batch": """
 from softsim_core import Batch
-from softsim_core.warmup import small_scene
+from softsim_core.simulation.warmup import small_scene
 batch = Batch(small_scene(), 2, workers=2, backend="scipy")
 batch.step()
 batch.close()
 """,
     "workers of multiprocessing": """
 import multiprocessing, os
-from softsim_core.processes import use_safe_path
+from softsim_core.base.processes import use_safe_path
 if __name__ == "__main__":
     use_safe_path()
     for method in ("spawn", "forkserver"):
@@ -46,7 +46,7 @@ own_kernels.twice(np.ones(2))
 assert not own_kernels.twice.for_python.stats.cache_misses
 """,
     "settings of Numba": """
-from softsim_core.kernels import why_plain
+from softsim_core.physics.kernels import why_plain
 assert why_plain() is None
 import numba
 assert not numba.config.CACHE_DIR, numba.config.CACHE_DIR
@@ -63,7 +63,7 @@ install.Stages(Path({beside!r}, "log"), 1).run("pip", command)
 
 KERNELS = """
 from pathlib import Path
-from softsim_core.kernels import Compiler
+from softsim_core.physics.kernels import Compiler
 kernel = Compiler(Path(__file__).parent).kernel
 
 
@@ -111,7 +111,7 @@ def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> HostileFolder:
 
 
 AS_ON_3_10 = """
-from softsim_core import processes
+from softsim_core.base import processes
 processes._OPTION_SINCE, processes.SAFE_PATH = (9, 9), "NOTHING"
 """
 
@@ -142,9 +142,11 @@ def test_no_child_of_a_program_imports_from_the_current_folder(
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 imports before any program runs")
-@pytest.mark.parametrize("module", ["softsim_core.warmup", "softsim_ros.cli", "servo_bridge.bridge_node"])
+@pytest.mark.parametrize(
+    "module", ["softsim_core.simulation.warmup", "softsim_ros.cli", "servo_bridge.nodes.bridge_node"]
+)
 def test_a_module_that_is_run_by_hand_imports_nothing_from_there(hostile: HostileFolder, module: str) -> None:
-    if module == "servo_bridge.bridge_node":
+    if module == "servo_bridge.nodes.bridge_node":
         pytest.importorskip("rclpy")
     done = hostile.run(sys.executable, "-m", module, "--help")
     assert done.returncode == 0, done.stderr

@@ -31,7 +31,7 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.serialization import serialize_message
 from tcp_ports import free_port
 
-from servo_bridge.state_topics import STATE_QOS
+from softsim_node.topics import STATE_QOS
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -39,20 +39,20 @@ NAMESPACE = "tripod"
 OPTIONAL = ("control_msgs", "simulation_interfaces")
 """Packages that add an action and services, where they are or can be made."""
 
-BOARD = "servo_bridge.virtual_board_node"
+BOARD = "servo_bridge.nodes.virtual_board_node"
 NODES = {
-    "simulator": ("softsim_ros.simulator.simulator_node", {"robot": "tripod"}),
-    "servo_bridge": ("servo_bridge.bridge_node", {"open_wait_s": 0.0, "autostart": "activate"}),
-    "inverse_controller": ("softsim_ros.inverse.inverse_node", {"robot": "tripod"}),
-    "path_follower": ("softsim_ros.inverse.path_follower_node", {}),
-    "closed_loop": ("softsim_ros.inverse.closed_loop_node", {"robot": "tripod"}),
-    "observer": ("softsim_ros.observer.observer_node", {"marker_places": "-0.02 0.0 0.03"}),
+    "simulator": ("softsim_ros.nodes.simulator.simulator_node", {"robot": "tripod"}),
+    "servo_bridge": ("servo_bridge.nodes.bridge_node", {"open_wait_s": 0.0, "autostart": "activate"}),
+    "inverse_controller": ("softsim_ros.nodes.inverse.inverse_node", {"robot": "tripod"}),
+    "path_follower": ("softsim_ros.nodes.inverse.path_follower_node", {}),
+    "closed_loop": ("softsim_ros.nodes.inverse.closed_loop_node", {"robot": "tripod"}),
+    "observer": ("softsim_ros.nodes.observer.observer_node", {"marker_places": "-0.02 0.0 0.03"}),
     "recorder": ("softsim_ros.recording.recorder_node", {"robot": "tripod"}),
-    "viewer": ("softsim_ros.viewer.viewer_node", {}),
+    "viewer": ("softsim_ros.nodes.viewer.viewer_node", {}),
 }
 if importlib.util.find_spec("onnxruntime"):
     shipped = REPOSITORY / "examples" / "learning" / "tripod_reach.onnx"
-    NODES["policy"] = ("softsim_ros.policy.policy_node", {"robot": "tripod", "policy": str(shipped)})
+    NODES["policy"] = ("softsim_ros.nodes.policy.policy_node", {"robot": "tripod", "policy": str(shipped)})
 MOST_WAITING = 40
 """Requests that are asked before the answers are waited for."""
 

@@ -8,9 +8,9 @@ import pytest
 
 pytest.importorskip("numba")
 
-from softsim_core.batch import Batch
-from softsim_core.dynamics.numba_backend.stepper import NumbaStepper
+from softsim_core.physics.dynamics.numba_backend.stepper import NumbaStepper
 from softsim_core.scene import load_scene
+from softsim_core.simulation.batch import Batch
 
 
 def steppers() -> int:

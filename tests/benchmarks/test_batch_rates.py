@@ -7,8 +7,16 @@ from pathlib import Path
 import pytest
 
 from softsim_ros.benchmark import copies
-from softsim_ros.benchmark.copies import BatchRate, measure_copies, measure_peer, missed, rate_table
-from softsim_ros.benchmark.environments import EnvironmentCost, cost_table, measure_environments
+from softsim_ros.benchmark.copies import (
+    BatchRate,
+    EnvironmentCost,
+    cost_table,
+    measure_copies,
+    measure_environments,
+    measure_peer,
+    missed,
+    rate_table,
+)
 
 
 @pytest.mark.slow

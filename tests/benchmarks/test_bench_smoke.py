@@ -15,17 +15,13 @@ import pytest
 
 from softsim_core import Simulation
 from softsim_ros.benchmark import cases
-from softsim_ros.benchmark.cases import Case, default_reference_dir, describe
-from softsim_ros.benchmark.control import can_control
+from softsim_ros.benchmark.cases import LIMITS, TOUCHING, Case, TouchingScene, default_reference_dir, describe
 from softsim_ros.benchmark.machine import limit_threads
-from softsim_ros.benchmark.records import Record, judge
-from softsim_ros.benchmark.reference_sizes import reference_size
-from softsim_ros.benchmark.report import table
+from softsim_ros.benchmark.records import Record, judge, reference_size, table
 from softsim_ros.benchmark.rubber import measure_rubber, rubber_table
 from softsim_ros.benchmark.sensing import ALL, LIMIT_MS, measure_sensors, sensor_table
+from softsim_ros.benchmark.steps import can_control
 from softsim_ros.benchmark.timing import Contender, take_turns
-from softsim_ros.benchmark.touching import LIMITS, TouchingScene
-from softsim_ros.benchmark.touching import SCENES as TOUCHING
 from softsim_ros.cli.upkeep.bench import SCENES
 
 KEYS = ("scene", "mesh", "path", "nodes", "elements", "min_ms", "median_ms", "splu_min_ms")
@@ -223,7 +219,7 @@ def test_growing_bodies_are_compared_without_waiting_for_rest() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'softsim[mjcf]'")
     from softsim_core.scene.robot import RobotDescription
     from softsim_ros.benchmark.peers.comparison import compare
-    from softsim_ros.benchmark.report import peer_table
+    from softsim_ros.benchmark.records import peer_table
     from softsim_ros.benchmark.scaling import held_scene, mesh_of
 
     scene = RobotDescription(scene=held_scene(mesh_of("silicone", "1k")))

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from servo_bridge.errors import PacketError
 from servo_bridge.protocols import TiltReading
-from servo_bridge.protocols.ascii_imu import encode_line
-from servo_bridge.protocols.tilt_lines import LineParser, parse_line
+from servo_bridge.protocols.ascii_imu import LineParser, encode_line, parse_line
 
 
 def test_servo_bytes_become_a_line_of_text() -> None:

@@ -14,10 +14,10 @@ pytest.importorskip("rclpy")
 from rclpy.parameter import Parameter
 from std_msgs.msg import UInt8MultiArray
 
-from servo_bridge.bridge_node import ServoBridge
-from servo_bridge.transport import SerialTransport
-from servo_bridge.virtual_board import VirtualBoard
-from softsim_core.mechanics.limits import JointLimits
+from servo_bridge.driver.ports import SerialTransport
+from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.nodes.bridge_node import ServoBridge
+from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.scene.board import BoardDescription, ServoCalibration
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
@@ -58,7 +58,7 @@ def test_the_board_runs_as_a_process_and_publishes_what_it_hears(
 ) -> None:
     link = tmp_path / "board"
     arguments = ("--link", str(link), "--ros-args", "-r", "__ns:=/tripod")
-    process = start("servo_bridge.virtual_board_node", *arguments)
+    process = start("servo_bridge.nodes.virtual_board_node", *arguments)
     heard = client.collect(UInt8MultiArray, "virtual_board/servo_bytes")
     assert wait_until(link.is_symlink)
     assert wait_until(lambda: client.node.count_publishers("/tripod/virtual_board/servo_bytes") > 0)

@@ -16,11 +16,11 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 from waiting import DEADLINE_S
 
-from servo_bridge.bridge_node import ServoBridge
-from servo_bridge.e_stop import EStop
-from servo_bridge.e_stop_services import EStopServices
-from softsim_ros.messages.state_topics import STATE_TOPICS
-from softsim_ros.state_listener import StateListener
+from servo_bridge.driver.safety import EStop
+from servo_bridge.nodes.bridge_node import ServoBridge
+from servo_bridge.nodes.bridge_services import EStopServices
+from softsim_node.topics import STATE_TOPICS
+from softsim_ros.listeners import StateListener
 
 
 def bridge_of(client: Any, board: Any) -> ServoBridge:

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servo_bridge.bus_servo import PULSES_PER_RAD, angle_to_pulse, pulse_to_angle, within
-from servo_bridge.calibration_file import calibrated_robot, save_calibration
-from servo_bridge.driver import ServoDriver
+from servo_bridge.driver.calibration import calibrated_robot, save_calibration
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.servo import PULSES_PER_RAD, angle_to_pulse, pulse_to_angle, within
 from softsim_core import load_scene
-from softsim_core.errors import CommandError, ConfigError, SceneError
-from softsim_core.mechanics.limits import JointLimits
+from softsim_core.base.errors import CommandError, ConfigError, SceneError
+from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.scene.board import BusServo
-from softsim_core.scene.plain import unstructure_scene
-from softsim_core.scene.structure import structure_scene
+from softsim_core.scene.io.portable import unstructure_scene
+from softsim_core.scene.io.structure import structure_scene
 from softsim_ros.cli import main as softsim
 
 ROBOT = """\

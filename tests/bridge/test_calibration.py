@@ -11,22 +11,26 @@ from pathlib import Path
 
 import pytest
 
-from servo_bridge import calibration_file
-from servo_bridge.calibrate import CalibrationAbortedError, Observed, ServoMover, calibrate, calibrated
-from servo_bridge.calibration_file import (
+from servo_bridge.driver import calibration
+from servo_bridge.driver.calibration import (
+    CalibrationAbortedError,
+    Observed,
+    ServoMover,
+    calibrate,
+    calibrated,
     calibrated_robot,
     default_file,
     file_for,
     load_calibration,
     save_calibration,
 )
-from servo_bridge.driver import ServoDriver
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.ports import BOARD_USB_IDS, CLONE_USB_IDS
+from servo_bridge.driver.servo import angle_to_byte, byte_to_angle
+from servo_bridge.emulator.virtual_board import VirtualBoard
 from servo_bridge.errors import PortError
-from servo_bridge.ports import BOARD_USB_IDS, CLONE_USB_IDS
-from servo_bridge.servo import angle_to_byte, byte_to_angle
-from servo_bridge.virtual_board import VirtualBoard
-from softsim_core.errors import ConfigError, SceneError
-from softsim_core.mechanics.limits import JointLimits
+from softsim_core.base.errors import ConfigError, SceneError
+from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.scene.board import BoardDescription, ServoCalibration
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
@@ -100,7 +104,7 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
     def full(number: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(calibration_file.os, "fsync", full)
+    monkeypatch.setattr(calibration.os, "fsync", full)
     with pytest.raises(ConfigError, match=r"cannot be written \(No space left on device\)"):
         save_calibration(file, "two", SERVOS)
     assert file.read_bytes() == before

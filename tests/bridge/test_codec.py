@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from servo_bridge.driver.servo import angle_to_byte, byte_to_angle, bytes_to_angles
 from servo_bridge.errors import PacketError
 from servo_bridge.protocols.legacy import avoid_byte_100, decode_packet, encode_packet, rest_packet
-from servo_bridge.servo import angle_to_byte, byte_to_angle, bytes_to_angles
-from softsim_core.errors import CommandError
+from softsim_core.base.errors import CommandError
 from softsim_core.scene.board import ServoCalibration
 
 getcontext().prec = 60

@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.command_input import CommandInput
+from servo_bridge.nodes.commands import CommandInput
 
 
 class Driver:
@@ -37,7 +37,7 @@ def test_what_waited_is_followed_unless_it_is_forgotten(
     node, driver = Node("bridge", context=context), Driver()
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    monkeypatch.setattr("servo_bridge.driver.ServoDriver.command", Driver.command)
+    monkeypatch.setattr("servo_bridge.driver.driver.ServoDriver.command", Driver.command)
     given: Any = driver
     commands = CommandInput(node, "commands", lambda: given)
     heard: list[Any] = []

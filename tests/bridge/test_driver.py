@@ -9,11 +9,11 @@ from itertools import pairwise
 import pytest
 from board_driving import PERIOD, TestClock
 
-from servo_bridge.driver import ServoDriver
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.emulator.virtual_board import VirtualBoard
 from servo_bridge.errors import PortError
-from servo_bridge.virtual_board import VirtualBoard
-from softsim_core.errors import CommandError, SceneError
-from softsim_core.mechanics.limits import JointLimits
+from softsim_core.base.errors import CommandError, SceneError
+from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.scene.board import BoardDescription, ServoCalibration
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription

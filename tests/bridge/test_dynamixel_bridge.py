@@ -19,9 +19,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, UInt16MultiArray
 
-from servo_bridge.protocols import dynamixel_table as table
+from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.protocols import dynamixel_packets as table
 from servo_bridge.protocols.dynamixel_bus import DynamixelBus
-from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.scene import load_scene
 
 pytestmark = pytest.mark.slow
@@ -159,7 +159,7 @@ def test_the_virtual_board_takes_the_servos_from_the_robot_s_file(
     link = tmp_path / "another"
     pulses = client.collect(UInt16MultiArray, "virtual_board/servo_pulses")
     words = ["--ros-args", "-r", "__ns:=/tripod"]
-    board = start("servo_bridge.virtual_board_node", *words, *parameter_words(robot=robot, link=link))
+    board = start("servo_bridge.nodes.virtual_board_node", *words, *parameter_words(robot=robot, link=link))
     assert board.says("virtual board on")
     start(BRIDGE, *bridge_words(robot=robot, port=link, autostart="activate"))
     assert wait_until(lambda: bool(pulses))

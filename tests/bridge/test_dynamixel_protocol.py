@@ -10,16 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from servo_bridge.emulator.virtual_board import VirtualBoard
 from servo_bridge.errors import ProtocolError
 from servo_bridge.protocols import AUTO, candidates
 from servo_bridge.protocols import dynamixel_packets as packets
-from servo_bridge.protocols import dynamixel_table as table
+from servo_bridge.protocols import dynamixel_packets as table
 from servo_bridge.protocols.dynamixel import DEAD_BAND, DynamixelProtocol
-from servo_bridge.protocols.dynamixel_bus import DynamixelBus
-from servo_bridge.protocols.dynamixel_packets import PacketStream, StatusError
-from servo_bridge.protocols.dynamixel_servo import EmulatedServo
-from servo_bridge.protocols.dynamixel_table import HardwareError
-from servo_bridge.virtual_board import VirtualBoard
+from servo_bridge.protocols.dynamixel_bus import DynamixelBus, EmulatedServo
+from servo_bridge.protocols.dynamixel_packets import HardwareError, PacketStream, StatusError
 from softsim_core.scene.board import BoardDescription, BusServo
 
 PERIOD = 0.02

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from servo_bridge.driver.servo import byte_to_width, width_to_byte
 from servo_bridge.errors import PacketError
 from servo_bridge.protocols import frames
 from servo_bridge.protocols.frames import Banner, BoardFlags, Frame, FrameParser, FrameType, Telemetry
 from servo_bridge.protocols.legacy import HEADER, PacketParser
-from servo_bridge.servo import byte_to_width, width_to_byte
 
 sextet = st.integers(0, 63)
 width = st.integers(0, 4095)

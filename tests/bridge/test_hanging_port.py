@@ -17,12 +17,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.bridge_node import ServoBridge
+from servo_bridge.driver.ports import SerialTransport
+from servo_bridge.driver.writer import HANG_S, HangWatch, PeriodicThread
+from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.nodes.bridge_node import ServoBridge
 from servo_bridge.protocols.legacy import LegacyProtocol
-from servo_bridge.transport import SerialTransport
-from servo_bridge.virtual_board import VirtualBoard
-from servo_bridge.writer import HANG_S, HangWatch, PeriodicThread
-from softsim_ros.state_listener import StateListener
+from softsim_ros.listeners import StateListener
 
 Wait = Callable[..., bool]
 

@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
+from servo_bridge.driver.link import BoardLink, Reader
 from servo_bridge.errors import PortError
-from servo_bridge.link import BoardLink, Reader
 from servo_bridge.protocols import candidates, frames
 from servo_bridge.protocols.extended import reset_cause_text
 from servo_bridge.protocols.frames import Banner, BoardFlags, Telemetry

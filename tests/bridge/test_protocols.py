@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from servo_bridge.bus_servo import angle_to_pulse, pulse_to_angle
-from servo_bridge.driver import ServoDriver
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.link import BoardLink
+from servo_bridge.driver.servo import angle_to_pulse, byte_to_angle, pulse_to_angle
 from servo_bridge.errors import PortError, ProtocolError
-from servo_bridge.link import BoardLink
 from servo_bridge.protocols import (
     AUTO,
     Ability,
@@ -29,9 +29,8 @@ from servo_bridge.protocols import (
     register,
     registry,
 )
-from servo_bridge.servo import byte_to_angle
-from softsim_core.errors import CommandError, SceneError
-from softsim_core.mechanics.limits import JointLimits
+from softsim_core.base.errors import CommandError, SceneError
+from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.scene import load_scene
 from softsim_core.scene.board import BoardDescription, BusServo, Servo, ServoCalibration
 from softsim_core.scene.description import SceneDescription

@@ -22,18 +22,16 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
-from servo_bridge import board_session
-from servo_bridge.assembly import assemble
-from servo_bridge.board_session import BoardSession
-from servo_bridge.bridge_node import ServoBridge, main
-from servo_bridge.driver import ServoDriver
-from servo_bridge.e_stop import EStop
-from servo_bridge.inputs import MOST_BYTES, command_values, joint_positions
-from servo_bridge.parameters import BridgeSettings
-from servo_bridge.recovery import DELAYS_S
-from servo_bridge.virtual_board import VirtualBoard
-from servo_bridge.wording import LONGEST_SENTENCE, named, sentence
-from softsim_core.errors import CommandError, SceneError, SoftSimError
+from servo_bridge.driver import board_session
+from servo_bridge.driver.board_session import DELAYS_S, BoardSession
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.safety import EStop
+from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.nodes.bridge_node import ServoBridge, main
+from servo_bridge.nodes.commands import MOST_BYTES, command_values, joint_positions
+from servo_bridge.nodes.parameters import BridgeSettings, assemble
+from softsim_core.base.errors import CommandError, SceneError, SoftSimError
+from softsim_node.text import LONGEST_SENTENCE, named, sentence
 
 pytestmark = pytest.mark.slow
 

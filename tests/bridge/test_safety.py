@@ -9,10 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servo_bridge.safety import SERVO_ACCELERATION, SERVO_SPEED, MotionSettings, ServoMotion, servo_limits
-from servo_bridge.servo import byte_to_angle
-from softsim_core.errors import CommandError, SceneError
-from softsim_core.mechanics.limits import JointLimits
+from servo_bridge.driver.safety import (
+    SERVO_ACCELERATION,
+    SERVO_SPEED,
+    MotionSettings,
+    ServoMotion,
+    servo_limits,
+)
+from servo_bridge.driver.servo import byte_to_angle
+from softsim_core.base.errors import CommandError, SceneError
+from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.scene.board import ServoCalibration
 
 SERVO = ServoCalibration(joint="servo_0")

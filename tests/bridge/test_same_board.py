@@ -11,17 +11,17 @@ import pytest
 from board_driving import robot
 from node_processes import spin_until
 
-from servo_bridge import board_session, link
-from servo_bridge.board_session import BoardSession
-from servo_bridge.driver import ServoDriver
+from servo_bridge.driver import board_session, link
+from servo_bridge.driver.board_session import BoardSession
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.link import BoardLink, MetBoard
+from servo_bridge.driver.ports import find_again, usb_identity
+from servo_bridge.emulator.virtual_board import VirtualBoard
 from servo_bridge.errors import PortError
-from servo_bridge.link import BoardLink, MetBoard
-from servo_bridge.ports import find_again, usb_identity
 from servo_bridge.protocols import candidates, frames
 from servo_bridge.protocols.extended import ExtendedProtocol
 from servo_bridge.protocols.frames import Banner, BoardFlags, FrameParser, FrameType, Telemetry
 from servo_bridge.protocols.legacy import LegacyBoard
-from servo_bridge.virtual_board import VirtualBoard
 
 BOARD = robot().board
 QUIET_S = 0.3

@@ -11,15 +11,14 @@ import pytest
 from board_driving import PERIOD, TestClock, Wait, flags, robot, run, take_over
 from node_processes import spin_until
 
-from servo_bridge.board_pose import STALL_S
-from servo_bridge.driver import ServoDriver
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.servo import angle_to_width
+from servo_bridge.driver.takeover import STALL_S
+from servo_bridge.emulator.virtual_board import VirtualBoard
 from servo_bridge.errors import PortError
-from servo_bridge.protocols.extended import ExtendedProtocol
-from servo_bridge.protocols.following import DEAF_PATIENCE, PATIENCE, Following
+from servo_bridge.protocols.extended import DEAF_PATIENCE, PATIENCE, ExtendedProtocol, Following
 from servo_bridge.protocols.frames import BoardFlags, Telemetry
-from servo_bridge.servo import angle_to_width
-from servo_bridge.virtual_board import VirtualBoard
-from softsim_core.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics.limits import JointLimits
 
 pytestmark = pytest.mark.slow
 

@@ -22,8 +22,8 @@ import yaml
 from doc_pages import PAGES, REPOSITORY, TUTORIALS, Fence, commands, fences, parsed_command
 
 import softsim_core
-from softsim_core.actuation.registry import actuator_kinds
-from softsim_core.fem.materials.registry import material, material_names
+from softsim_core.physics.actuation.registry import actuator_kinds
+from softsim_core.physics.fem.materials.registry import material, material_names
 from softsim_ros.cli.app import main
 from softsim_ros.cli.running.nodes import NODES
 
@@ -88,7 +88,7 @@ write_tets(Path("my_finger.vtk"), box_mesh((0.01, 0.01, 0.06), (2, 2, 6)))
     "sensors": """
 from builtin_interfaces.msg import Time
 from softsim_core import Simulation, load_scene
-from softsim_ros.messages.contacts import contact_cloud
+from softsim_ros.messages.sensors import contact_cloud
 message = contact_cloud(Time(), "world", Simulation(load_scene("tripod_ball"), backend="scipy").contacts)
 """,
     "mesh": f"""
@@ -96,7 +96,7 @@ shutil.copy({str(REPOSITORY / "configs/parts/fin_ray_finger.stl")!r}, "finger.st
 """,
     "sweep": """
 import pathlib, yaml
-from softsim_core.scene.files import config_file
+from softsim_core.scene.io.files import config_file
 from softsim_ros.cli.app import main
 study = yaml.safe_load(config_file("studies/finger_bend.yaml").read_text())
 study["design"]["samples"] = 4

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from node_processes import spin_until as wait_until
 
-from servo_bridge.driver import ServoDriver
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.emulator.virtual_board import VirtualBoard
 from servo_bridge.protocols import protocol_named
-from servo_bridge.virtual_board import VirtualBoard
 from softsim_core.scene import load_scene
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_board.py"

@@ -18,10 +18,10 @@ pytest.importorskip("rclpy")
 from bridge_session import BridgeClient, Stream
 from terminal_session import REPOSITORY
 
+from servo_bridge.driver.ports import SerialTransport
+from servo_bridge.driver.servo import byte_to_width, bytes_to_angles
 from servo_bridge.emulator import EmulatedBoardPty
 from servo_bridge.errors import PortError
-from servo_bridge.servo import byte_to_width, bytes_to_angles
-from servo_bridge.transport import SerialTransport
 from softsim_core import load_scene
 
 pytestmark = [pytest.mark.usefixtures("emulator")]
@@ -53,7 +53,7 @@ def test_on_a_full_disk_the_bridge_drives_on_and_ends_in_order(tmp_path: Path, r
     client = BridgeClient(ros_domain)
     with EmulatedBoardPty(link=tmp_path / "board") as board, (tmp_path / "log.txt").open("wb") as log:
         settings = f"-p port:={board.port} -p source:=commands -p autostart:=activate"
-        bridge = f"{sys.executable} -m servo_bridge.bridge_node --ros-args -r __ns:=/tripod {settings}"
+        bridge = f"{sys.executable} -m servo_bridge.nodes.bridge_node --ros-args -r __ns:=/tripod {settings}"
         process = subprocess.Popen(
             ["sh", "-c", f"ulimit -f 0; exec {bridge}"],  # no file can grow by a byte, its own log included
             cwd=REPOSITORY,

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import pytest
 
+from servo_bridge.driver.servo import byte_to_width
 from servo_bridge.emulator import EmulatedBoard
 from servo_bridge.protocols import frames
-from servo_bridge.servo import byte_to_width
 from softsim_ros.benchmark.process import resident_mb
 
 pytestmark = pytest.mark.usefixtures("emulator")

@@ -14,13 +14,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from node_processes import spin_until
 from rclpy.parameter import Parameter
 
-from servo_bridge import board_session, bridge_node
+from servo_bridge.driver import board_session
+from servo_bridge.driver.ports import stable_name
+from servo_bridge.driver.servo import byte_to_width
 from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.ports import stable_name
-from servo_bridge.pty_board import make_link
-from servo_bridge.servo import byte_to_width
-from servo_bridge.virtual_board import VirtualBoard
-from softsim_ros.runtime import SpinThread
+from servo_bridge.emulator.pty import make_link
+from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.nodes import bridge_node
+from softsim_ros.robot_node import SpinThread
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("emulator")]
 

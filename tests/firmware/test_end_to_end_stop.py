@@ -13,8 +13,8 @@ import pytest
 from firmware_build import build
 from lock_step import REST, TOLERANCE_US, LockStep, tripod
 
+from servo_bridge.driver.servo import byte_to_width, bytes_to_angles
 from servo_bridge.emulator import EmulatedBoard, EmulatedBoardPty
-from servo_bridge.servo import byte_to_width, bytes_to_angles
 
 FAR = (65, 70, 75)
 SLEW_US = 62.0

@@ -19,7 +19,7 @@ from access_policies import FOLDER, RULES, VERSION, read_policies, settled_right
 from node_processes import private_ros
 
 from servo_bridge.emulator.simavr import why_missing
-from softsim_node import security
+from softsim_node import process
 from softsim_ros.cli.running.nodes import NODES
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -73,7 +73,7 @@ def secured_start(tmp_path: Path) -> Start:
     with private_ros(tmp_path):
         done = subprocess.run(
             [
-                *(sys.executable, "-m", "softsim_ros.inverse.path_follower_node"),
+                *(sys.executable, "-m", "softsim_ros.nodes.inverse.path_follower_node"),
                 *("--ros-args", "--enclave", "/tripod/path_follower"),
             ],
             env={
@@ -101,6 +101,10 @@ def test_a_node_that_cannot_be_secured_does_not_start(secured_start: Start) -> N
 
 def test_security_that_is_not_enforced_is_said() -> None:
     wanted = {"ROS_SECURITY_ENABLE": "true"}
-    assert security.warning({}) == security.warning({**wanted, "ROS_SECURITY_STRATEGY": "Enforce"}) == ""
-    assert "open to everybody" in security.warning(wanted)
-    assert len(security.warning(wanted)) <= 300
+    assert (
+        process.security_warning({})
+        == process.security_warning({**wanted, "ROS_SECURITY_STRATEGY": "Enforce"})
+        == ""
+    )
+    assert "open to everybody" in process.security_warning(wanted)
+    assert len(process.security_warning(wanted)) <= 300

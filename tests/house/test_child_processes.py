@@ -21,7 +21,7 @@ STARTERS = {
 """Functions that start a program, by their module of the standard library; os.exec* and os.spawn*, too."""
 
 MAY_START = {
-    "softsim_core/processes.py": "the one place",
+    "softsim_core/base/processes.py": "the one place",
     "softsim_ros/cli/install.py": "runs before the suite is installed; its programs are isolated (-I)",
     "softsim_node/environment.py": "becomes this program again, with its own options",
     "softsim_ros/cli/upkeep/suite.py": "becomes pytest, by a command of python_command",
@@ -71,7 +71,7 @@ def test_no_other_file_starts_a_process() -> None:
 
 
 def test_no_file_runs_a_module_without_a_safe_path() -> None:
-    own = ("softsim_core/processes.py", "softsim_ros/cli/install.py")
+    own = ("softsim_core/base/processes.py", "softsim_ros/cli/install.py")
     found = [f"{name}:{line}" for name, tree in files() if name not in own for line in options(tree)]
     assert found == []
     installer = (REPOSITORY / "softsim_ros/cli/install.py").read_text()

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from softsim_ros.cli.upkeep import suite
-from softsim_ros.cli.upkeep.covering import TESTS, UncoveredPathError, covering_tests, files_of
+from softsim_ros.cli.upkeep.suite import TESTS, UncoveredPathError, covering_tests, files_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TEXTS = {
@@ -61,11 +61,11 @@ def test_every_file_has_tests() -> None:
 
 
 def test_a_path_of_the_product_becomes_its_tests() -> None:
-    assert words("softsim_core/batch/") == ["-m", "not exhaustive", "tests/batch"]
-    assert words("-x", "softsim_core/study/store.py", "-k", "docs") == [
+    assert words("softsim_core/simulation/batch/") == ["-m", "not exhaustive", "tests/batch"]
+    assert words("-x", "softsim_core/lab/study/store.py", "-k", "docs") == [
         *("-m", "not exhaustive", "-x", "tests/study", "-k", "docs")
     ]
-    assert "tests/unit/test_contact_solver.py" in words("softsim_core/contact")
+    assert "tests/unit/test_contact_solver.py" in words("softsim_core/physics/contact")
     assert words("tests/unit/test_pose.py::test_x")[-1] == "tests/unit/test_pose.py::test_x"
 
 

@@ -20,7 +20,7 @@ from node_processes import domain_guards
 from waiting import DEADLINE_S, spin_until
 
 from softsim_node.environment import BOOTSTRAP_MARK
-from softsim_ros.cli.extras import BROUGHT_BY
+from softsim_ros.cli.app import BROUGHT_BY
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")

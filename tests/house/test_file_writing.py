@@ -1,4 +1,4 @@
-"""Files are written by softsim_core.file_writing alone: whole, and never through a link."""
+"""Files are written by softsim_core.base.files alone: whole, and never through a link."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
 
 ELSEWHERE = {
-    "softsim_core/file_writing.py": "the one place",
-    "softsim_core/locks.py": "lock files, never through a link, whose content stays",
-    "softsim_core/meshing/filling.py": "hands a surface to the mesher in a new temporary folder",
-    "softsim_core/meshing/tetwild.py": "the mesher, which imports nothing of this suite, answers there",
+    "softsim_core/base/files.py": "the one place; lock files, whose content stays",
+    "softsim_core/lab/meshing/filling.py": "hands a surface to the mesher in a new temporary folder",
+    "softsim_core/lab/meshing/tetwild.py": "the mesher, which imports nothing of this suite, answers there",
     "softsim_node/ending.py": "/dev/null in place of a stream that was closed",
     "softsim_ros/cli/install.py": "runs before this suite is installed",
-    "softsim_ros/teleop/terminal.py": "the terminal, /dev/tty",
+    "softsim_ros/nodes/teleop/terminal.py": "the terminal, /dev/tty",
 }
 """Files that open others for writing by themselves, with the reason."""
 
@@ -71,7 +70,7 @@ def test_no_file_is_opened_for_writing_elsewhere(package: str) -> None:
         if (name := str(file.relative_to(REPOSITORY))) not in ELSEWHERE
         for line, call in writing_calls(tree_of(file))
     ]
-    assert found == [], "use write_file or open_in_place of softsim_core.file_writing"
+    assert found == [], "use write_file or open_in_place of softsim_core.base.files"
 
 
 def test_each_exception_still_writes() -> None:

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from softsim_ros.cli.app import COMMANDS
-from softsim_ros.cli.parser import Parser
+from softsim_ros.cli.command import Parser
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 WORKFLOWS = sorted((REPOSITORY / ".github" / "workflows").glob("*.yml"))

@@ -57,7 +57,7 @@ def elsewhere(code: str) -> subprocess.CompletedProcess[str]:
 def test_the_core_needs_no_module_that_only_posix_systems_have() -> None:
     done = elsewhere(EVERY_MODULE)
     assert done.returncode == 0, done.stderr
-    assert int(done.stdout) > 300
+    assert int(done.stdout) > 250
 
 
 @pytest.mark.slow

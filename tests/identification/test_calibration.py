@@ -14,16 +14,16 @@ import pytest
 import yaml
 
 from softsim_core import ConfigError, DataError, SceneError, load_scene
-from softsim_core.arrays import Array
-from softsim_core.identification import misfit
-from softsim_core.identification.calibration import (
+from softsim_core.base.arrays import Array
+from softsim_core.lab.identification import problem
+from softsim_core.lab.identification.calibration import (
     CalibrationDescription,
     ParameterDescription,
     data_of,
     load_calibration,
 )
-from softsim_core.identification.expressions import filled
-from softsim_core.identification.fit import QUANTILE, Calibration, calibrate
+from softsim_core.lab.identification.expressions import filled
+from softsim_core.lab.identification.fit import QUANTILE, Calibration, calibrate
 from softsim_core.simulation.simulation import Simulation
 from softsim_ros.cli import main
 
@@ -202,7 +202,7 @@ def test_the_command_writes_a_robot_that_validates(
 
 
 def test_an_interrupt_keeps_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    replayed, calls = misfit.replay, []
+    replayed, calls = problem.replay, []
 
     def interrupted(*arguments: Any, **named: Any) -> Any:
         calls.append(1)
@@ -210,7 +210,7 @@ def test_an_interrupt_keeps_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyP
             raise KeyboardInterrupt
         return replayed(*arguments, **named)
 
-    monkeypatch.setattr(misfit, "replay", interrupted)
+    monkeypatch.setattr(problem, "replay", interrupted)
     result = fitted(bench(tmp_path))
     assert result.stopped
     assert result.after["first"] < result.before["first"]

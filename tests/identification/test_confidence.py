@@ -11,16 +11,17 @@ import pytest
 import yaml
 
 from softsim_core import ConfigError, DataError, SceneError, load_scene
-from softsim_core.arrays import Array
-from softsim_core.identification.confidence import cross_validated, profiled
-from softsim_core.identification.distribution import (
+from softsim_core.base.arrays import Array
+from softsim_core.lab.identification.confidence import (
     DistributionDescription,
+    cross_validated,
     distribution_of,
     load_distribution,
+    profiled,
 )
-from softsim_core.identification.expressions import filled
-from softsim_core.identification.fit import QUANTILE, Calibration
-from softsim_core.identification.next_poses import next_poses
+from softsim_core.lab.identification.excitation import next_poses
+from softsim_core.lab.identification.expressions import filled
+from softsim_core.lab.identification.fit import QUANTILE, Calibration
 from softsim_core.simulation.simulation import Simulation
 from softsim_ros.cli import main
 from softsim_ros.cli.measurements.calibrate_page import page

@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 
 from softsim_core import JointLimits, SceneError, load_scene
-from softsim_core.identification.calibration import data_of, load_calibration
-from softsim_core.identification.description import (
+from softsim_core.lab.identification.calibration import (
+    data_of,
+    first_calibration,
+    load_calibration,
+    write_calibration,
+    write_description,
+    write_table,
+)
+from softsim_core.lab.identification.description import (
     AlignmentDescription,
     CommandColumns,
     DataSetDescription,
@@ -19,7 +26,7 @@ from softsim_core.identification.description import (
     SplitDescription,
     TimeColumn,
 )
-from softsim_core.identification.excitation import (
+from softsim_core.lab.identification.excitation import (
     ExcitationSettings,
     Room,
     chirp,
@@ -30,15 +37,9 @@ from softsim_core.identification.excitation import (
     steps,
     way,
 )
-from softsim_core.identification.expressions import filled
-from softsim_core.identification.files import load_data_set
-from softsim_core.identification.session import load_session
-from softsim_core.identification.writing import (
-    first_calibration,
-    write_calibration,
-    write_description,
-    write_table,
-)
+from softsim_core.lab.identification.expressions import filled
+from softsim_core.lab.identification.files import load_data_set
+from softsim_core.lab.identification.session import load_session
 
 
 def random_room(seed: int) -> Room:

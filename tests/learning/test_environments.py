@@ -18,9 +18,9 @@ gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("numba")
 
 from softsim_core import CommandError, SceneError  # noqa: E402
-from softsim_core.arrays import Array  # noqa: E402
-from softsim_core.learning.environments import RobotEnv, RobotVectorEnv  # noqa: E402
-from softsim_core.learning.tasks import TASKS  # noqa: E402
+from softsim_core.base.arrays import Array  # noqa: E402
+from softsim_core.lab.learning.environments import RobotEnv, RobotVectorEnv  # noqa: E402
+from softsim_core.lab.learning.tasks import TASKS  # noqa: E402
 
 NAMES = tuple(TASKS)
 FOLDER = Path(__file__).parent
@@ -207,7 +207,9 @@ def test_pictures_show_the_robot() -> None:
 
 @pytest.mark.slow
 def test_an_id_with_its_module_needs_no_import() -> None:
-    code = "import gymnasium; print(gymnasium.make('softsim_core.learning:softsim/TripodReach-v0').spec.id)"
+    code = (
+        "import gymnasium; print(gymnasium.make('softsim_core.lab.learning:softsim/TripodReach-v0').spec.id)"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True
     )

@@ -15,11 +15,17 @@ onnx = pytest.importorskip("onnx")
 from policy_files import constant, write_endless_policy, write_graph, write_policy  # noqa: E402
 
 from softsim_core import load_scene  # noqa: E402
-from softsim_core.errors import PolicyError  # noqa: E402
-from softsim_core.learning.onnx_file import objection  # noqa: E402
-from softsim_core.learning.policy import load_policy, policy_metadata  # noqa: E402
-from softsim_core.learning.task import Moment, Senses  # noqa: E402
-from softsim_core.learning.tasks import TASKS  # noqa: E402
+from softsim_core.base.errors import PolicyError  # noqa: E402
+from softsim_core.lab.learning.policy import (  # noqa: E402
+    load_policy,
+    objection,
+    policy_metadata,
+)
+from softsim_core.lab.learning.tasks import (  # noqa: E402
+    TASKS,
+    Moment,
+    Senses,
+)
 
 SHIPPED = Path(__file__).parents[2] / "examples" / "learning" / "tripod_reach.onnx"
 PERFECT = dict.fromkeys(
@@ -30,7 +36,7 @@ PERFECT = dict.fromkeys(
 @pytest.mark.parametrize("name", TASKS)
 def test_senses_of_a_robot_give_the_commands_of_the_environment(name: str, tmp_path: Path) -> None:
     pytest.importorskip("gymnasium")
-    from softsim_core.learning.environments import RobotEnv
+    from softsim_core.lab.learning.environments import RobotEnv
 
     policy = load_policy(write_policy(tmp_path / "policy.onnx", name))
     environment = RobotEnv(name, devices=PERFECT)
@@ -109,7 +115,7 @@ WEIGHTS = np.zeros((14, 3), np.float32)
 
 
 def test_an_endless_policy_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("softsim_core.learning.policy.LONGEST_ACTION_S", 0.1)
+    monkeypatch.setattr("softsim_core.lab.learning.policy.LONGEST_ACTION_S", 0.1)
     policy = load_policy(write_endless_policy(tmp_path / "endless.onnx", "TripodReach-v0"))
     with pytest.raises(PolicyError, match=r"has not answered within 0\.1 s; nothing was moved"):
         policy.actions(np.zeros((1, 14), np.float32))
@@ -196,7 +202,7 @@ def test_functions_and_damaged_files_are_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_shipped_policy_reaches_its_goals() -> None:
     pytest.importorskip("gymnasium")
-    from softsim_core.learning.environments import RobotVectorEnv
+    from softsim_core.lab.learning.environments import RobotVectorEnv
 
     policy = load_policy(SHIPPED)
     robots = RobotVectorEnv("TripodReach-v0", 20, autoreset_mode="Disabled")

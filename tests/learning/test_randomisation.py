@@ -11,10 +11,15 @@ pytest.importorskip("gymnasium")
 pytest.importorskip("numba")
 
 from softsim_core import ConfigError, Simulation
-from softsim_core.learning.devices import Delay, Devices, rounded
-from softsim_core.learning.environments import RobotEnv
-from softsim_core.learning.randomisation import SpreadDescription, load_randomisation
-from softsim_core.values import FieldError
+from softsim_core.base.values import FieldError
+from softsim_core.lab.learning.environments import RobotEnv
+from softsim_core.lab.learning.randomisation import (
+    Delay,
+    Devices,
+    SpreadDescription,
+    load_randomisation,
+    rounded,
+)
 
 OWN = """
 name: soft_and_slow

@@ -15,15 +15,15 @@ import pytest
 from scipy.optimize import curve_fit
 
 from softsim_core import Simulation, load_scene
-from softsim_core.arrays import Array
-from softsim_core.errors import SceneError
-from softsim_core.identification import load_session
-from softsim_core.identification.calibration import data_of, load_calibration
-from softsim_core.identification.fit import calibrate
-from softsim_core.identification.validation import session_robot, validate_session
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.base.values import Box
+from softsim_core.lab.identification import load_session
+from softsim_core.lab.identification.calibration import data_of, load_calibration
+from softsim_core.lab.identification.fit import calibrate
+from softsim_core.lab.identification.validation import session_robot, validate_session
 from softsim_core.scene.deformable import AddedMassDescription
 from softsim_core.scene.description import SceneDescription
-from softsim_core.values import Box
 
 pytestmark = [pytest.mark.slow, pytest.mark.numba]
 

@@ -24,8 +24,12 @@ from part_surfaces import (
     write,
 )
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh import (
+from softsim_core.base.errors import MeshError
+from softsim_core.lab.meshing import MeshingOptions, have_mesher, mesh_part
+from softsim_core.lab.meshing.filling import Filling, filled
+from softsim_core.lab.meshing.sizing import with_nodes
+from softsim_core.lab.meshing.topology import distances, largest_distance
+from softsim_core.physics.mesh import (
     TetMesh,
     boundary_surface,
     box_mesh,
@@ -33,13 +37,9 @@ from softsim_core.mesh import (
     write_surface,
     write_tets,
 )
-from softsim_core.mesh.checks import tet_volumes
-from softsim_core.mesh.faces import cavities
-from softsim_core.mesh.types import SurfaceMesh
-from softsim_core.meshing import MeshingOptions, have_mesher, mesh_part
-from softsim_core.meshing.distance import distances, largest_distance
-from softsim_core.meshing.filling import Filling, filled
-from softsim_core.meshing.sizing import with_nodes
+from softsim_core.physics.mesh.checks import tet_volumes
+from softsim_core.physics.mesh.faces import cavities
+from softsim_core.physics.mesh.types import SurfaceMesh
 
 mesher = pytest.mark.skipif(
     not have_mesher(), reason="pytetwild is not installed (pip install 'softsim[mesh]')"
@@ -236,7 +236,7 @@ def test_whatever_becomes_of_the_mesher_is_said_in_one_sentence(code: str) -> No
 
 
 def test_a_mesher_that_works_for_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("softsim_core.meshing.filling.WORD_S", 0.05)
+    monkeypatch.setattr("softsim_core.lab.meshing.filling.WORD_S", 0.05)
     said: list[float] = []
 
     def waited(seconds: float) -> None:
@@ -262,7 +262,7 @@ def test_too_little_memory_is_said() -> None:
 
 
 def test_without_the_mesher_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("softsim_core.meshing.filling.compiled_part", lambda: None)
+    monkeypatch.setattr("softsim_core.lab.meshing.filling.compiled_part", lambda: None)
     with pytest.raises(MeshError, match=r"pip install .*\[mesh\]'"):
         filled(SURFACE, 5e-3, Filling())
 
@@ -339,7 +339,7 @@ def test_distances_of_surfaces_in_closed_form(seed: int) -> None:
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("suffix", [".vtk", ".msh"])
 def test_what_is_written_is_read_again_to_the_last_bit(order: int, suffix: str, tmp_path: Path) -> None:
-    from softsim_core.mesh import quadratic
+    from softsim_core.physics.mesh import quadratic
 
     mesh = box_mesh((0.1, 0.2, 1.0 / 3.0), (2, 1, 3))
     mesh = quadratic(mesh) if order == 2 else mesh

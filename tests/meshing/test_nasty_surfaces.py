@@ -34,11 +34,11 @@ from part_surfaces import (
     write,
 )
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh.surface import is_closed
-from softsim_core.meshing import read_part, repaired
-from softsim_core.meshing.repair import Repaired
-from softsim_core.meshing.simplification import simplified
+from softsim_core.base.errors import MeshError
+from softsim_core.lab.meshing import read_part, repaired
+from softsim_core.lab.meshing.repair import Repaired
+from softsim_core.lab.meshing.sizing import simplified
+from softsim_core.physics.mesh.surface import is_closed
 
 CUBE = 8000.0
 

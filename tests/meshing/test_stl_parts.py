@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.meshing import read_part, repaired
+from softsim_core.lab.meshing import read_part, repaired
 from softsim_core.robots import stl_parts
 
 PARTS = Path(__file__).resolve().parents[2] / "configs" / "parts"

@@ -10,25 +10,26 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.actuation.cable import CableDescription
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.errors import MjcfError
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mesh import box_mesh
-from softsim_core.mesh.shapes import Shape
+from softsim_core.base.errors import MjcfError
+from softsim_core.base.values import Box, Placement
 from softsim_core.mjcf.engine import MujocoRun
 from softsim_core.mjcf.exporting import export_mjcf
-from softsim_core.mjcf.folder import write_imported
-from softsim_core.mjcf.importing import import_mjcf
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.mjcf.importing import import_mjcf, write_imported
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import (
+    CollisionDescription,
+    RigidBodyDescription,
+    SceneDescription,
+    SolverSettings,
+)
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.rod import RodDescription, RodSectionDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.values import Box, Placement
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 LAW = "saint_venant_kirchhoff"

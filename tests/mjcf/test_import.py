@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene, write_surface
-from softsim_core.mesh.shapes import box_surface
 from softsim_core.mjcf.engine import MujocoRun
-from softsim_core.mjcf.folder import write_imported
-from softsim_core.mjcf.importing import ImportedScene, import_mjcf
-from softsim_core.scene.files import config_file
+from softsim_core.mjcf.importing import ImportedScene, import_mjcf, write_imported
+from softsim_core.physics.mesh.shapes import box_surface
+from softsim_core.scene.io.files import config_file
 
 pytest.importorskip("mujoco", minversion="4.0")  # before, flexes are stiffer than their file says
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")

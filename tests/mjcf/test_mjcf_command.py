@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.scene.files import config_file
+from softsim_core.scene.io.files import config_file
 from softsim_ros.cli.app import main
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")

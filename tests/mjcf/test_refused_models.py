@@ -9,13 +9,12 @@ from pathlib import Path
 import pytest
 
 from softsim_core import load_scene
-from softsim_core.errors import MjcfError, SoftSimError
+from softsim_core.base.errors import MjcfError, SoftSimError
 from softsim_core.mjcf import source
 from softsim_core.mjcf.engine import look_at
-from softsim_core.mjcf.folder import write_imported
-from softsim_core.mjcf.importing import import_mjcf
+from softsim_core.mjcf.importing import import_mjcf, write_imported
 from softsim_core.mjcf.source import read_source
-from softsim_core.scene.files import config_file
+from softsim_core.scene.io.files import config_file
 
 BODY = '<worldbody><geom type="plane" size="1 1 1"/>{}</worldbody>'
 FLEX = (

@@ -16,10 +16,9 @@ pytest.importorskip("rosbags")
 from bag_rows import COMMANDS, NOTES, Row, command, rows, write
 
 from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.bag_writer import BagWriter
+from softsim_ros.recording.bag_writer import BagWriter, repair
 from softsim_ros.recording.errors import BagError, RecordingError
-from softsim_ros.recording.repair import repair
-from softsim_ros.recording.torn_files import is_torn
+from softsim_ros.recording.integrity import is_torn
 
 
 def read_independently(folder: Path) -> list[Row]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from bag_rows import COMMANDS, command, write
 
-from softsim_core.errors import DataError
-from softsim_core.identification.readers import READERS, read_table
+from softsim_core.base.errors import DataError
+from softsim_core.lab.identification.tables import READERS, read_table
 from softsim_ros.cli import main
 from softsim_ros.recording.tables import read_bag, register
 

@@ -20,7 +20,7 @@ from softsim_ros.cli.app import main
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import BagError
-from softsim_ros.recording.torn_files import MAGIC
+from softsim_ros.recording.integrity import MAGIC
 
 pytestmark = pytest.mark.slow
 

@@ -11,11 +11,11 @@ pytest.importorskip("rosbags")
 
 from bag_rows import COMMANDS, command, write
 
-from softsim_ros.recording import replay_source
+from softsim_ros.recording import replay_node
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.errors import BagError, RecordingError
-from softsim_ros.recording.replay_clock import ReplayClock
-from softsim_ros.recording.selection import Selection
+from softsim_ros.recording.recorder_node import Selection
+from softsim_ros.recording.replay_node import ReplayClock
 
 
 def test_the_clock_runs_at_its_speed_stops_and_jumps() -> None:
@@ -85,7 +85,7 @@ def test_commands_go_with_the_starts_and_resets_that_the_shift_tells_of(tmp_path
     writer.write(COMMANDS, 60, command([2.0]))
     writer.close()
     with Bag(tmp_path / "bag") as bag:
-        events = list(replay_source.commands(bag, 0))
+        events = list(replay_node.commands(bag, 0))
     assert [(event.stamp_ns, event.service or "command") for event in events] == [
         (10, "command"),
         (20, "start"),
@@ -101,7 +101,7 @@ def test_a_bag_without_commands_says_so(tmp_path: Path) -> None:
     writer.write("/tripod/base_shift", 5, shift(0.0))
     writer.close()
     with Bag(tmp_path / "bag") as bag, pytest.raises(BagError, match="holds no commands"):
-        replay_source.command_topics(bag)
+        replay_node.command_topics(bag)
 
 
 def test_a_late_start_begins_with_the_newest_latched_message(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_a_late_start_begins_with_the_newest_latched_message(tmp_path: Path) -> 
     writer.write(COMMANDS, 50, command([3.0]))
     writer.close()
     with Bag(tmp_path / "bag") as bag:
-        events = list(replay_source.messages(bag, list(bag.topics), 40))
+        events = list(replay_node.messages(bag, list(bag.topics), 40))
     assert [(event.stamp_ns, event.message.data) for event in events if event.message] == [
         (40, shift(32.0)),
         (50, command([3.0])),

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.inverse.closed_loop import ClosedLoopLog, TiltController, read_closed_loop_log
-from softsim_core.inverse.path_files import read_path
+from softsim_core.control.inverse.closed_loop import ClosedLoopLog, TiltController, read_closed_loop_log
+from softsim_core.control.inverse.paths import read_path
 
 pytestmark = pytest.mark.reference
 

@@ -11,17 +11,14 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.actuation.cable import CableDescription
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base.values import Box, MeshFile, Placement
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import CollisionDescription, SceneDescription, SolverSettings
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import CollisionDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.values import Box, MeshFile, Placement
 
 MILLIMETRES = Placement(scale=1e-3)
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.mesh import (
+from softsim_core.base.values import Placement
+from softsim_core.physics.mesh import (
     boundary,
     boundary_surface,
     check_tets,
@@ -18,8 +19,7 @@ from softsim_core.mesh import (
     read_surface,
     read_tets,
 )
-from softsim_core.mesh.follower import SurfaceFollower
-from softsim_core.values import Placement
+from softsim_core.physics.mesh.follower import SurfaceFollower
 
 # file: nodes, tets, volume, min / max dihedral, min / mean radius ratio, slivers, min / max edge,
 # triangles and points of the boundary

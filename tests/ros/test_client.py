@@ -20,10 +20,10 @@ from softsim_core.scene import load_scene
 from softsim_ros.cli.running import run
 from softsim_ros.client import discovery
 from softsim_ros.client.discovery import RobotChoiceError, RunningRobot, running_robot, running_robots
-from softsim_ros.client.session import ClientError, RobotSession, connect
+from softsim_ros.client.robot_client import ClientError, RobotSession, connect
 from softsim_ros.client.state import EffectorPose
-from softsim_ros.runtime import SpinThread
-from softsim_ros.simulator.simulator_node import Simulator
+from softsim_ros.nodes.simulator.simulator_node import Simulator
+from softsim_ros.robot_node import SpinThread
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-from softsim_core.scene.files import config_file  # noqa: E402
+from softsim_core.scene.io.files import config_file  # noqa: E402
 from softsim_ros.cli.app import main  # noqa: E402
 
 DEMO = ("demo", "grasp", "--speed", "0")

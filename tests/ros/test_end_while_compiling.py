@@ -25,13 +25,13 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from std_msgs.msg import Float64MultiArray, String  # noqa: E402
 
-from servo_bridge.virtual_board import VirtualBoard  # noqa: E402
+from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
 from softsim_core import Simulation, load_scene  # noqa: E402
-from softsim_core.errors import SoftSimError  # noqa: E402
+from softsim_core.base.errors import SoftSimError  # noqa: E402
+from softsim_node import background  # noqa: E402
 from softsim_node.ending import Ending  # noqa: E402
-from softsim_ros import work_queue  # noqa: E402
-from softsim_ros.simulator import physics_thread  # noqa: E402
-from softsim_ros.simulator.physics_thread import PhysicsThread  # noqa: E402
+from softsim_ros.nodes.simulator import physics_thread  # noqa: E402
+from softsim_ros.nodes.simulator.physics_thread import PhysicsThread  # noqa: E402
 
 KERNELS_S = 150.0
 REST = (150, 150, 150)
@@ -178,7 +178,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Ending:
     """A request to end that the physics and its queue look at instead of the process's own."""
     ending = Ending()
     monkeypatch.setattr(physics_thread, "ending", ending)
-    monkeypatch.setattr(work_queue, "ending", ending)
+    monkeypatch.setattr(background, "ending", ending)
     return ending
 
 

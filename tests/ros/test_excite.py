@@ -23,12 +23,10 @@ from std_srvs.srv import Trigger
 from waiting import spin_until
 
 from softsim_core import load_scene, rotation_exp
-from softsim_core.identification import load_data_set, load_session
+from softsim_core.lab.identification import load_data_set, load_session
 from softsim_ros.cli import main
-from softsim_ros.excitation.errors import ExcitationError
-from softsim_ros.excitation.readings import not_before, times_of
-from softsim_ros.excitation.rows import drifts, rings_from
-from softsim_ros.excitation.sensors import SensorChoice, sensor_choice
+from softsim_ros.excitation.readings import drifts, not_before, rings_from, times_of
+from softsim_ros.excitation.sensors import ExcitationError, SensorChoice, sensor_choice
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
@@ -285,7 +283,7 @@ def test_the_whole_chain(
     )
     out, found = tmp_path / "bench", tmp_path / "found.yaml"
     robot = start_process(
-        "softsim_ros.simulator.simulator_node",
+        "softsim_ros.nodes.simulator.simulator_node",
         *("--ros-args", "-p", f"robot:={reality}", "-p", "publish_clock:=true"),
     )
     assert robot.says("simulating", READY_S), robot.output

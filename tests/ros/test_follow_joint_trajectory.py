@@ -270,10 +270,10 @@ def test_the_bridge_s_e_stop_ends_a_goal_and_holds_off_others(
     arm: Arm, start_process: ProcessGroup, tmp_path: Path
 ) -> None:
     port = tmp_path / "board"
-    board = start_process("servo_bridge.virtual_board_node", "--ros-args", *parameter_words(link=port))
+    board = start_process("servo_bridge.nodes.virtual_board_node", "--ros-args", *parameter_words(link=port))
     assert board.says("virtual board on")
     values = {"port": port, "open_wait_s": 0.0, "autostart": "activate"}
-    bridge = start_process("servo_bridge.bridge_node", "--ros-args", *parameter_words(**values))
+    bridge = start_process("servo_bridge.nodes.bridge_node", "--ros-args", *parameter_words(**values))
     sent = arm.start_long()
     assert arm.robot.client.call(Trigger, "servo_bridge/e_stop").success
     assert "goal given up: the e-stop was pressed" in sent.end()[2]
@@ -341,8 +341,8 @@ def test_a_goal_that_ends_when_nobody_serves_the_node_any_more_leaves_the_physic
     from rclpy.context import Context
     from rclpy.parameter import Parameter
 
-    from softsim_ros.runtime import SpinThread
-    from softsim_ros.simulator.simulator_node import Simulator
+    from softsim_ros.nodes.simulator.simulator_node import Simulator
+    from softsim_ros.robot_node import SpinThread
 
     context = Context()
     context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=ros_domain)

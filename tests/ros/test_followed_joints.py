@@ -18,9 +18,9 @@ from std_msgs.msg import Float64MultiArray  # noqa: E402
 from waiting import BUILD_S  # noqa: E402
 
 from softsim_node.parameters import ParameterError  # noqa: E402
-from softsim_ros.simulator.simulator_node import Simulator  # noqa: E402
+from softsim_ros.nodes.simulator.simulator_node import Simulator  # noqa: E402
 
-SIMULATOR = "softsim_ros.simulator.simulator_node"
+SIMULATOR = "softsim_ros.nodes.simulator.simulator_node"
 READY = [0.0, 0.4, 1.7, 0.0, 1.0416, 0.0, 0.0, 0.0, 0.0]
 
 

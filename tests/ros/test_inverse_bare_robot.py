@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
-from servo_bridge.virtual_board import VirtualBoard  # noqa: E402
+from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
 
 START = [-1.4965] * 3
 START_BYTES = (93, 93, 93)
@@ -29,10 +29,10 @@ def test_a_goal_moves_the_bytes_and_its_end_holds_them(
 ) -> None:
     with VirtualBoard(link=tmp_path / "board") as board:
         bridge = start_process(
-            "servo_bridge.bridge_node", "--ros-args", "-p", f"port:={board.port}", "-p", "source:=commands",
-            "-p", "autostart:=activate", "-p", "open_wait_s:=0.0",
+            "servo_bridge.nodes.bridge_node", "--ros-args", "-p", f"port:={board.port}",
+            "-p", "source:=commands", "-p", "autostart:=activate", "-p", "open_wait_s:=0.0",
         )  # fmt: skip
-        controller = start_process("softsim_ros.inverse.inverse_node")
+        controller = start_process("softsim_ros.nodes.inverse.inverse_node")
         assert controller.says("ready to control", 180.0), controller.output
         applied = client.collect(JointState, "applied_joint_states", 1)
         poses = client.collect(PoseStamped, "inverse_controller/model_pose", 1)

@@ -22,8 +22,8 @@ from topic_hardware import TopicHardware  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
 from softsim_ros.messages import time_message  # noqa: E402
-from softsim_ros.runtime import SpinThread  # noqa: E402
-from softsim_ros.simulator.simulator_node import Simulator  # noqa: E402
+from softsim_ros.nodes.simulator.simulator_node import Simulator  # noqa: E402
+from softsim_ros.robot_node import SpinThread  # noqa: E402
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

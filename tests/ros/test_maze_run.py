@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64, Float64MultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from softsim_core.mechanics.pose import rotation_of  # noqa: E402
+from softsim_core.physics.mechanics.pose import rotation_of  # noqa: E402
 
 GOAL = np.array([0.0252857, -0.0252857])
 CORRIDOR = 0.0037143
@@ -52,10 +52,12 @@ def ball_on_plate(message: PoseArray) -> np.ndarray:
 def maze(start_robot: Callable[..., Any], start_process: Callable[..., Any]) -> Iterator[tuple[Any, Any]]:
     """The robot and its path follower."""
     robot = start_robot(robot="tripod_maze", publish_clock=True)
-    inverse = start_process("softsim_ros.inverse.inverse_node", "--ros-args", "-p", "robot:=tripod_maze")
+    inverse = start_process(
+        "softsim_ros.nodes.inverse.inverse_node", "--ros-args", "-p", "robot:=tripod_maze"
+    )
     assert inverse.says("ready to control", 180.0), inverse.output
     follower = start_process(
-        "softsim_ros.inverse.path_follower_node",
+        "softsim_ros.nodes.inverse.path_follower_node",
         *("--ros-args", "-p", "robot:=tripod_maze", "-p", "file:=tripod_maze"),
         *("-p", "use_sim_time:=true"),
     )

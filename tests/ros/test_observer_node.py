@@ -20,14 +20,14 @@ from sensor_msgs.msg import JointState, PointCloud2  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 
 from softsim_core import Simulation, load_scene  # noqa: E402
-from softsim_core.errors import ConfigError  # noqa: E402
-from softsim_core.inverse.static import place  # noqa: E402
+from softsim_core.base.errors import ConfigError  # noqa: E402
+from softsim_core.control.inverse.static import place  # noqa: E402
+from softsim_node.topics import LATCHED  # noqa: E402
+from softsim_ros.listeners import StateListener  # noqa: E402
 from softsim_ros.messages import joint_state, pose_stamped, time_message  # noqa: E402
 from softsim_ros.messages.meshes import read_point_cloud  # noqa: E402
-from softsim_ros.observer.observer_node import ObserverNode  # noqa: E402
-from softsim_ros.qos import LATCHED  # noqa: E402
-from softsim_ros.runtime import SpinThread  # noqa: E402
-from softsim_ros.state_listener import StateListener  # noqa: E402
+from softsim_ros.nodes.observer.observer_node import ObserverNode  # noqa: E402
+from softsim_ros.robot_node import SpinThread  # noqa: E402
 
 JOINTS, ZEROS, SHIFT, NOISE_M = np.array([-1.2, -1.3, -1.1]), np.array([0.04, -0.03, 0.02]), 0.035, 5e-5
 

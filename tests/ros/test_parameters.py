@@ -19,11 +19,16 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter, get_parameter_value  # noqa: E402
 
-from softsim_core.errors import CommandError  # noqa: E402
-from softsim_core.scene.overrides import read_overrides  # noqa: E402
-from softsim_node.guarded_node import GuardedNode  # noqa: E402
-from softsim_node.help import Program  # noqa: E402
-from softsim_node.parameters import LiveParameters, ParameterError, declare, parameter  # noqa: E402
+from softsim_core.base.errors import CommandError  # noqa: E402
+from softsim_core.scene.io.yaml_loader import read_overrides  # noqa: E402
+from softsim_node.guards import GuardedNode  # noqa: E402
+from softsim_node.parameters import (  # noqa: E402
+    LiveParameters,
+    ParameterError,
+    Program,
+    declare,
+    parameter,
+)
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

@@ -22,9 +22,12 @@ from sensor_msgs.msg import Imu, JointState  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
-from softsim_core.inverse.closed_loop import TiltController, read_closed_loop_log  # noqa: E402
-from softsim_core.inverse.tilts import tilts_of  # noqa: E402
-from softsim_core.mechanics.pose import rotation_of  # noqa: E402
+from softsim_core.control.inverse.closed_loop import (  # noqa: E402
+    TiltController,
+    read_closed_loop_log,
+    tilts_of,
+)
+from softsim_core.physics.mechanics.pose import rotation_of  # noqa: E402
 
 PAIRS = [[-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3], [0.2, 0.1]]
 
@@ -71,7 +74,7 @@ def tilts_in(message: PoseStamped) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def controller(start_process: Callable[..., Any], running_tripod: Any) -> Any:
-    process = start_process("softsim_ros.inverse.inverse_node")
+    process = start_process("softsim_ros.nodes.inverse.inverse_node")
     assert process.says("ready to control", BUILD_S), process.output
     return process
 
@@ -119,7 +122,7 @@ def imu(plate: Plate) -> Iterator[None]:
 def test_the_plate_follows_a_maze_plan(plate: Plate, start_node: Callable[..., Any], tmp_path: Path) -> None:
     file = tmp_path / "plan.json"
     file.write_text(json.dumps({"anglePlanningTable": PAIRS}))
-    follower = start_node("softsim_ros.inverse.path_follower_node", "--ros-args", "-p", f"file:={file}")
+    follower = start_node("softsim_ros.nodes.inverse.path_follower_node", "--ros-args", "-p", f"file:={file}")
     assert follower.says("call path_follower/start"), follower.output
     progress = plate.client.collect(Float64, "path_follower/progress")
     assert plate.client.call(Trigger, "path_follower/start").success
@@ -135,7 +138,7 @@ def test_the_loop_closes_on_the_robot(
 ) -> None:
     file = tmp_path / "log.csv"
     loop = start_node(
-        "softsim_ros.inverse.closed_loop_node",
+        "softsim_ros.nodes.inverse.closed_loop_node",
         *("--ros-args", "-p", f"measure:={measure}", "-p", f"log_file:={file}"),
     )
     assert loop.says(f"measures tilts on {measure}"), loop.output

@@ -27,21 +27,23 @@ from std_msgs.msg import Float64, Float64MultiArray  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from waiting import BUILD_S, DEADLINE_S  # noqa: E402
 
+from servo_bridge.driver.servo import width_to_angle  # noqa: E402
 from servo_bridge.emulator import EmulatedBoardPty, why_missing  # noqa: E402
-from servo_bridge.servo import width_to_angle  # noqa: E402
-from servo_bridge.virtual_board import VirtualBoard  # noqa: E402
+from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
 from softsim_core import load_scene  # noqa: E402
-from softsim_core.errors import SoftSimError  # noqa: E402
-from softsim_core.learning.episodes import Episodes  # noqa: E402
-from softsim_core.learning.policy import load_policy  # noqa: E402
-from softsim_core.learning.tasks import TASKS  # noqa: E402
-from softsim_core.mechanics.pose import Pose  # noqa: E402
+from softsim_core.base.errors import SoftSimError  # noqa: E402
+from softsim_core.lab.learning.episodes import Episodes  # noqa: E402
+from softsim_core.lab.learning.policy import load_policy  # noqa: E402
+from softsim_core.lab.learning.tasks import TASKS  # noqa: E402
+from softsim_core.physics.mechanics.pose import Pose  # noqa: E402
+from softsim_node.topics import LATCHED  # noqa: E402
+from softsim_ros.listeners import StateListener  # noqa: E402
 from softsim_ros.messages import pose_stamped, time_message  # noqa: E402
-from softsim_ros.policy.heard import Heard  # noqa: E402
-from softsim_ros.policy.policy_node import PolicyNode  # noqa: E402
-from softsim_ros.qos import LATCHED  # noqa: E402
-from softsim_ros.runtime import SpinThread  # noqa: E402
-from softsim_ros.state_listener import StateListener  # noqa: E402
+from softsim_ros.nodes.policy.policy_node import (  # noqa: E402
+    Heard,
+    PolicyNode,
+)
+from softsim_ros.robot_node import SpinThread  # noqa: E402
 
 TASK = "TripodReach-v0"
 JOINTS = [-1.0, -1.1, -0.9]
@@ -199,7 +201,7 @@ def test_an_answer_that_is_not_finite_moves_nothing(
 def test_an_endless_policy_is_switched_off_and_the_service_answers(
     start_policy: Callable[..., Bench], spin_until: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("softsim_core.learning.policy.LONGEST_ACTION_S", 0.2)
+    monkeypatch.setattr("softsim_core.lab.learning.policy.LONGEST_ACTION_S", 0.2)
     bench = start_policy(policy=str(write_endless_policy(tmp_path / "endless.onnx", TASK)))
     bench.aim(GOAL)
     for _ in range(2):
@@ -319,7 +321,7 @@ def goals_are_reached_by_nodes(
     if follows:
         simulator += ["-p", f"follow_joint_states:={follows}"]
     with ExitStack() as bench:
-        started = [start_process("softsim_ros.simulator.simulator_node", *simulator)]
+        started = [start_process("softsim_ros.nodes.simulator.simulator_node", *simulator)]
         assert started[0].says("simulating", BUILD_S), started[0].output
         poses = client.collect(PoseStamped, "effector_pose", 1)
 
@@ -339,9 +341,9 @@ def goals_are_reached_by_nodes(
                 bench.enter_context(pulses_as_joints(board, client))
             words = [f"port:={board.port}", "source:=commands", "autostart:=activate", "open_wait_s:=0.0"]
             bridge = ["--ros-args", *(word for each in words for word in ("-p", each))]
-            started.append(start_process("servo_bridge.bridge_node", *bridge))
+            started.append(start_process("servo_bridge.nodes.bridge_node", *bridge))
         started.append(
-            start_process("softsim_ros.policy.policy_node", "--ros-args", "-p", f"policy:={SHIPPED}")
+            start_process("softsim_ros.nodes.policy.policy_node", "--ros-args", "-p", f"policy:={SHIPPED}")
         )
         assert started[-1].says("call policy/enable", BUILD_S), started[-1].output
 

@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
-from servo_bridge.virtual_board import VirtualBoard  # noqa: E402
+from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
 from softsim_node.parameters import described  # noqa: E402
 from softsim_ros.cli.running.nodes import NODES  # noqa: E402
 

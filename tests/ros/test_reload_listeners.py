@@ -70,8 +70,10 @@ def test_listeners_follow_from_scene_to_scene(
     robot = start_robot(backend="scipy")
     space = ("--ros-args", "-r", "__ns:=/tripod")
     words = parameter_words(robot="tripod", port=free_port())
-    viewer = start_process("softsim_ros.viewer.viewer_node", *space, *words)
-    inverse = start_process("softsim_ros.inverse.inverse_node", *space, *parameter_words(robot="tripod"))
+    viewer = start_process("softsim_ros.nodes.viewer.viewer_node", *space, *words)
+    inverse = start_process(
+        "softsim_ros.nodes.inverse.inverse_node", *space, *parameter_words(robot="tripod")
+    )
     assert viewer.says("viewer: http"), viewer.output
     assert inverse.says("ready to control", READY_S), inverse.output
     heard, rng, shown = Heard(client), random.Random(11), "tripod"

@@ -22,12 +22,12 @@ from std_srvs.srv import Trigger  # noqa: E402
 from waiting import BUILD_S  # noqa: E402
 
 from softsim_core import load_scene  # noqa: E402
-from softsim_core.editing import Edit, Put  # noqa: E402
-from softsim_core.editing.parts import add_attachment, add_cable  # noqa: E402
-from softsim_core.scene.files import config_file  # noqa: E402
-from softsim_core.scene.overrides import Item  # noqa: E402
-from softsim_core.values import Box  # noqa: E402
-from softsim_ros.messages.proposal import Proposal, read_proposal, write_edits  # noqa: E402
+from softsim_core.base.values import Box  # noqa: E402
+from softsim_core.scene.editing import Edit, Put  # noqa: E402
+from softsim_core.scene.editing.parts import add_attachment, add_cable  # noqa: E402
+from softsim_core.scene.io.files import config_file  # noqa: E402
+from softsim_core.scene.io.yaml_loader import Item  # noqa: E402
+from softsim_ros.messages.scene import Proposal, read_proposal, write_edits  # noqa: E402
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BARE = f"""\
@@ -95,7 +95,7 @@ def simulator(
     file = tmp_path_factory.mktemp("mine") / "finger.yaml"
     file.write_text(BARE)
     words = parameter_words(robot=file)
-    process = start_process("softsim_ros.simulator.simulator_node", "--ros-args", *words)
+    process = start_process("softsim_ros.nodes.simulator.simulator_node", "--ros-args", *words)
     assert process.says("simulating", BUILD_S), process.output
     client = Client(ros_domain, "finger", start_process)
     yield Edited(process, client, file, spin_until)

@@ -56,7 +56,7 @@ def test_keys_call_the_scene_and_a_failing_function_is_one_warning(
     robot.client.publish("keys", String(data="k"))
     assert robot.warns("controller failed: KeyError: 'k'")
     with TerminalSession(
-        [sys.executable, "-m", "softsim_ros.teleop.teleop_node", "--ros-args", "-p", f"robot:={file}"]
+        [sys.executable, "-m", "softsim_ros.nodes.teleop.teleop_node", "--ros-args", "-p", f"robot:={file}"]
     ) as session:
         session.wait_for("simulator: running at")
         assert pressed(robot, lambda: session.type(b"n"), "n was pressed")

@@ -16,9 +16,11 @@ from sensor_msgs.msg import FluidPressure, Image, Imu, JointState, PointCloud2  
 from std_msgs.msg import Float64, String  # noqa: E402
 
 from softsim_core import load_scene  # noqa: E402
-from softsim_ros.messages.contacts import read_contact_cloud  # noqa: E402
-from softsim_ros.messages.sensors import read_tactile_image  # noqa: E402
-from softsim_ros.qos import LATCHED  # noqa: E402
+from softsim_node.topics import LATCHED  # noqa: E402
+from softsim_ros.messages.sensors import (  # noqa: E402
+    read_contact_cloud,
+    read_tactile_image,
+)
 
 SENSORS = {
     "skin": "sensor_msgs/msg/Image",

@@ -212,7 +212,7 @@ def test_messages_that_no_robot_means_are_refused_and_the_simulator_lives(tripod
 
 def test_a_goal_that_is_nowhere_is_refused(start_process: Any, tripod: Any) -> None:
     words = parameter_words(robot="tripod")
-    inverse = start_process("softsim_ros.inverse.inverse_node", "--ros-args", *words)
+    inverse = start_process("softsim_ros.nodes.inverse.inverse_node", "--ros-args", *words)
     assert inverse.says("ready to control"), inverse.output
     for value in (1e308, 1e200, float("inf"), float("nan")):
         goal = PoseStamped()

@@ -16,10 +16,11 @@ from rclpy.serialization import deserialize_message, serialize_message  # noqa: 
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from softsim_core import Simulation, load_scene  # noqa: E402
-from softsim_core.errors import CommandError  # noqa: E402
-from softsim_core.mechanics.pose import rotation_of  # noqa: E402
+from softsim_core.base.errors import CommandError  # noqa: E402
+from softsim_core.physics.mechanics.pose import rotation_of  # noqa: E402
 from softsim_ros import messages  # noqa: E402
-from softsim_ros.simulator.objects import (  # noqa: E402
+from softsim_ros.nodes.simulator.inputs import limited_force, pulled_nodes  # noqa: E402
+from softsim_ros.nodes.simulator.publications import (  # noqa: E402
     FORCE_LENGTH,
     bodies_topology,
     cable_markers,
@@ -31,7 +32,6 @@ from softsim_ros.simulator.objects import (  # noqa: E402
     contact_markers,
     pressure_colour,
 )
-from softsim_ros.simulator.pulls import limited_force, pulled_nodes  # noqa: E402
 
 
 def rows(points: Any) -> np.ndarray:

@@ -14,9 +14,9 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from sensor_msgs.msg import JointState  # noqa: E402
 
-from softsim_ros.simulator.simulator_node import main  # noqa: E402
+from softsim_ros.nodes.simulator.simulator_node import main  # noqa: E402
 
-SIMULATOR = "softsim_ros.simulator.simulator_node"
+SIMULATOR = "softsim_ros.nodes.simulator.simulator_node"
 
 
 def ends_cleanly(process: NodeProcess, number: signal.Signals) -> None:

@@ -17,9 +17,9 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from softsim_core.scene.files import config_file  # noqa: E402
+from softsim_core.scene.io.files import config_file  # noqa: E402
+from softsim_node.topics import LATCHED  # noqa: E402
 from softsim_ros.messages import diagnostic_values  # noqa: E402
-from softsim_ros.qos import LATCHED  # noqa: E402
 
 
 def test_a_simulator_starts_with_other_parameters(start_robot: Any, spin_until: Any) -> None:

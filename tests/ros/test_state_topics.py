@@ -15,10 +15,12 @@ pytestmark = pytest.mark.ros
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from std_msgs.msg import Bool  # noqa: E402
 
-from servo_bridge.state_topics import StateTopics  # noqa: E402
-from softsim_ros.messages.state_topics import STATE_TOPICS  # noqa: E402
-from softsim_ros.runtime import ClosableNode, SpinThread  # noqa: E402
-from softsim_ros.state_listener import StateListener  # noqa: E402
+from softsim_node.topics import (  # noqa: E402
+    STATE_TOPICS,
+    StateTopics,
+)
+from softsim_ros.listeners import StateListener  # noqa: E402
+from softsim_ros.robot_node import ClosableNode, SpinThread  # noqa: E402
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

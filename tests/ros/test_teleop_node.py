@@ -26,15 +26,15 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.virtual_board import VirtualBoard
+from servo_bridge.emulator.virtual_board import VirtualBoard
 from softsim_ros.keys.press import HOLD_GAP_S
-from softsim_ros.teleop.teleop_node import main
+from softsim_ros.nodes.teleop.teleop_node import main
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("ros_domain")]
 
 JOINTS = ["servo_0", "servo_1", "servo_2"]
 START = (-3.14 / 3,) * 3  # the pose mid: a command to go there and the measured positions agree
-TELEOP = [sys.executable, "-m", "softsim_ros.teleop.teleop_node"]
+TELEOP = [sys.executable, "-m", "softsim_ros.nodes.teleop.teleop_node"]
 
 
 class Robot:
@@ -254,7 +254,14 @@ def test_the_servo_bridge_is_started_and_stopped(
         output = (tmp_path / "bridge.txt").open("wb")
         bridge = subprocess.Popen(
             [
-                *(sys.executable, "-m", "servo_bridge.bridge_node", "--ros-args", "-r", "__ns:=/tripod"),
+                *(
+                    sys.executable,
+                    "-m",
+                    "servo_bridge.nodes.bridge_node",
+                    "--ros-args",
+                    "-r",
+                    "__ns:=/tripod",
+                ),
                 *("-p", f"port:={tmp_path / 'board'}", "-p", "open_wait_s:=0.0"),
             ],
             cwd=REPOSITORY,
@@ -293,7 +300,7 @@ def test_a_bare_robot_is_driven_from_what_its_bridge_applied_and_an_interrupt_en
     bridge_arguments = ["-p", f"port:={port}", "-p", "open_wait_s:=0.0", "-p", "source:=commands"]
     with VirtualBoard(link=port) as board, (tmp_path / "bridge.txt").open("wb") as output:
         bridge = subprocess.Popen(
-            [sys.executable, "-m", "servo_bridge.bridge_node", *space, *bridge_arguments],
+            [sys.executable, "-m", "servo_bridge.nodes.bridge_node", *space, *bridge_arguments],
             cwd=REPOSITORY,
             stdin=subprocess.DEVNULL,
             stdout=output,

@@ -19,7 +19,7 @@ START, MID, HIGH = "-1.4965", "-1.0467", "-0.7850"
 @pytest.fixture(scope="module")
 def terminal(running_tripod: Any) -> Iterator[TerminalSession]:
     """One teleop for all tests."""
-    with TerminalSession([sys.executable, "-m", "softsim_ros.teleop.teleop_node"]) as session:
+    with TerminalSession([sys.executable, "-m", "softsim_ros.nodes.teleop.teleop_node"]) as session:
         session.wait_for("simulator: running at")
         yield session
         session.type(b"x")

@@ -23,7 +23,7 @@ from std_msgs.msg import Float64MultiArray, String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from waiting import BUILD_S, spin_until  # noqa: E402
 
-from servo_bridge.virtual_board import VirtualBoard  # noqa: E402
+from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLACES = ("left", "lab/right")
@@ -47,10 +47,10 @@ def tripods(
         boards = dict(zip(PLACES, (left, right), strict=True))
         for place, board in boards.items():
             name = ["--ros-args", "-r", f"__ns:=/{place}"]
-            simulator = start_process("softsim_ros.simulator.simulator_node", *name)
+            simulator = start_process("softsim_ros.nodes.simulator.simulator_node", *name)
             assert simulator.says("simulating", BUILD_S), simulator.output
             words = parameter_words(port=board.port, open_wait_s=0.0, autostart="activate")
-            start_process("servo_bridge.bridge_node", *name, *words)
+            start_process("servo_bridge.nodes.bridge_node", *name, *words)
         yield boards
 
 

@@ -17,7 +17,7 @@ from waiting import BUILD_S, DEADLINE_S, spin_until
 
 pytest.importorskip("rclpy")
 
-from servo_bridge.virtual_board import VirtualBoard
+from servo_bridge.emulator.virtual_board import VirtualBoard
 from softsim_ros.cli.app import main
 from softsim_ros.keys.press import REPEAT_INTERVAL_S
 

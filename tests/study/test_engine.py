@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 from study_files import written
 
-from softsim_core.errors import StudyError
-from softsim_core.study import engine as engine_module
-from softsim_core.study.engine import AHEAD, Engine, Where, _interrupts_wait, engine
-from softsim_core.study.preparing import prepare_study
-from softsim_core.study.single import DONE, Outcome
+from softsim_core.base.errors import StudyError
+from softsim_core.lab.study import engine as engine_module
+from softsim_core.lab.study.engine import AHEAD, Engine, Where, _interrupts_wait, engine
+from softsim_core.lab.study.preparing import prepare_study
+from softsim_core.lab.study.single import DONE, Outcome
 
 
 class Future:

@@ -14,10 +14,10 @@ import pytest
 from study_files import fingerprint, written
 from study_processes import children, kept, started, swept, until
 
-from softsim_core.errors import SoftSimError
-from softsim_core.study.optimise import OBJECTIVE, _Search
-from softsim_core.study.preparing import prepare_study
-from softsim_core.study.single import DONE, RAISED, Outcome
+from softsim_core.base.errors import SoftSimError
+from softsim_core.lab.study.optimise import OBJECTIVE, _Search
+from softsim_core.lab.study.preparing import prepare_study
+from softsim_core.lab.study.single import DONE, RAISED, Outcome
 
 pytest.importorskip("cma")
 

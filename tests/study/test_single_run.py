@@ -10,10 +10,10 @@ import pytest
 from study_files import written
 
 from softsim_core import Simulation, load_scene
-from softsim_core.errors import SoftSimError
-from softsim_core.inverse.workspace import Workspace
-from softsim_core.study.preparing import prepare_study
-from softsim_core.study.single import DIVERGED, DONE, LATE, RAISED, run_once
+from softsim_core.base.errors import SoftSimError
+from softsim_core.control.inverse.workspace import Workspace
+from softsim_core.lab.study.preparing import prepare_study
+from softsim_core.lab.study.single import DIVERGED, DONE, LATE, RAISED, run_once
 
 EVERYTHING = [
     {"name": "tip", "of": "effector.position"},

@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 from study_files import fingerprint, written
 
-from softsim_core.errors import StudyError
-from softsim_core.study.design import values_of_runs
-from softsim_core.study.preparing import PreparedStudy, prepare_study
-from softsim_core.study.results import read_results, write_parquet
-from softsim_core.study.single import DIVERGED, DONE, Outcome
-from softsim_core.study.store import Store
+from softsim_core.base.errors import StudyError
+from softsim_core.lab.study.preparing import PreparedStudy, prepare_study, values_of_runs
+from softsim_core.lab.study.single import DIVERGED, DONE, Outcome
+from softsim_core.lab.study.store import Store, read_results, write_parquet
 
 pytest.importorskip("zarr")
 
@@ -130,8 +128,8 @@ def test_results_of_another_study_are_not_mixed(tmp_path: Path, change: str) -> 
 
 
 def test_the_hash_of_a_scene_follows_what_its_files_hold(tmp_path: Path) -> None:
-    from softsim_core.scene.files import config_file
-    from softsim_core.study.identity import scene_hash
+    from softsim_core.lab.study.store import scene_hash
+    from softsim_core.scene.io.files import config_file
 
     hashes = set()
     mesh = config_file("meshes/finger_low.vtk").read_bytes()

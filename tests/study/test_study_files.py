@@ -14,10 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from study_files import LOAD, written
 
-from softsim_core.errors import SoftSimError
-from softsim_core.study.description import known_studies, load_study
-from softsim_core.study.design import values_of_runs
-from softsim_core.study.preparing import prepare_study
+from softsim_core.base.errors import SoftSimError
+from softsim_core.lab.study.description import known_studies, load_study
+from softsim_core.lab.study.preparing import prepare_study, values_of_runs
 
 TWO = [
     {"name": "g", "lower": 1.0, "upper": 100.0, "spacing": "log", "count": 3},

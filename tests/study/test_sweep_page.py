@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from headless_browser import chromium_path
 
-from softsim_core.errors import StudyError
-from softsim_core.study.response import response_surface
-from softsim_core.study.results import StudyResults
+from softsim_core.base.errors import StudyError
+from softsim_core.lab.study.optimise import response_surface
+from softsim_core.lab.study.store import StudyResults
 from softsim_ros.cli.studies.sweep_page import page, write
 
 

@@ -8,9 +8,14 @@ from typing import ClassVar
 
 import pytest
 
-from softsim_core.actuation import ActuatorDescription, actuator_kind, actuator_kinds, register_actuator
-from softsim_core.actuation.cable import CableDescription
-from softsim_core.errors import ConfigError, SceneError
+from softsim_core.base.errors import ConfigError, SceneError
+from softsim_core.physics.actuation import (
+    ActuatorDescription,
+    actuator_kind,
+    actuator_kinds,
+    register_actuator,
+)
+from softsim_core.physics.actuation.cable import CableDescription
 from softsim_core.scene import load_scene
 from softsim_core.scene.joint import JointDescription
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softsim_core.actuation.animation import check_animation, factor_at, is_over
-from softsim_core.errors import SceneError
+from softsim_core.base.errors import SceneError
+from softsim_core.physics.actuation.trajectory import check_animation, factor_at, is_over
 
 RISE = [step / 20 for step in range(21)]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from servo_bridge.virtual_board import ReceivedPacket
+from servo_bridge.emulator.virtual_board import ReceivedPacket
 from softsim_ros.benchmark.bridge import BridgeFigures, Crossing, latencies
 
 

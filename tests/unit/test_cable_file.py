@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.actuation.cable import read_cable_points
-from softsim_core.errors import ConfigError
+from softsim_core.base.errors import ConfigError
+from softsim_core.physics.actuation.cable import read_cable_points
 
 
 def test_the_reference_path(reference_dir: Path) -> None:

@@ -8,19 +8,17 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation
-from softsim_core.actuation.cable import CableDescription
-from softsim_core.arrays import Array
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.mechanics.control import Control
-from softsim_core.mesh import box_mesh
-from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Box, Placement
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.values import Box, Placement
 
 pytest.importorskip("numba")
 

@@ -9,18 +9,16 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.actuation.cable import CableDescription
-from softsim_core.actuation.chamber import Chamber, ChamberDescription
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.mesh import TetMesh, box_mesh
-from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base.values import Box, Placement
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.actuation.chamber import Chamber, ChamberDescription
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mesh import TetMesh, box_mesh
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.values import Box, Placement
 
 pytest.importorskip("numba")
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_actuator.py"

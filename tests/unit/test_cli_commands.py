@@ -98,7 +98,7 @@ def test_a_shown_scene_tells_meshes_made_in_python_and_mistakes(
 ) -> None:
     file = tmp_path / "own.py"
     file.write_text(
-        "from softsim_core.mesh.generators import box_mesh\n"
+        "from softsim_core.physics.mesh.generators import box_mesh\n"
         "from softsim_core.robots.parts import elastic_body\n"
         "def create_scene(scene):\n"
         "    scene.add(elastic_body('block', box_mesh((0.1, 0.1, 0.1), (1, 1, 1)), total_mass=0.1))\n"

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.cli.upkeep import doctor
-from softsim_ros.cli.upkeep.checks import house, ports, ros
-from softsim_ros.cli.upkeep.checks.finding import Finding, Level
+from softsim_ros.cli.upkeep import doctor, findings, ros_findings
+from softsim_ros.cli.upkeep.findings import Finding, Level
 
 
 def report(port: str = "") -> int:
@@ -61,7 +60,7 @@ def test_a_check_that_fails_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_named_port_that_is_not_there(tmp_path: Path) -> None:
-    (finding,) = ports.board(str(tmp_path / "ttyACM9"))
+    (finding,) = findings.board(str(tmp_path / "ttyACM9"))
     assert finding.level is Level.PROBLEM
     assert "does not exist" in finding.text
 
@@ -70,7 +69,7 @@ def test_a_named_port_that_is_not_there(tmp_path: Path) -> None:
 def test_a_port_without_permission(tmp_path: Path) -> None:
     port = tmp_path / "ttyACM0"
     port.touch(mode=0)
-    (finding,) = ports.board(str(port))
+    (finding,) = findings.board(str(port))
     assert "usermod -aG dialout" in finding.advice
 
 
@@ -78,43 +77,43 @@ def test_configs_are_missed_and_bad_robots_are_named(tmp_path: Path, monkeypatch
     (tmp_path / "robots").mkdir()
     (tmp_path / "robots" / "crooked.yaml").write_text("name: crooked\nbodys: []\n")
     monkeypatch.setenv("SOFTSIM_CONFIG_PATH", str(tmp_path))
-    findings = house.configs()
-    assert findings[0].level is Level.OK
-    assert str(tmp_path) in findings[0].text
-    assert any(finding.subject == "robot crooked" and finding.level is Level.PROBLEM for finding in findings)
+    found = findings.configs()
+    assert found[0].level is Level.OK
+    assert str(tmp_path) in found[0].text
+    assert any(each.subject == "robot crooked" and each.level is Level.PROBLEM for each in found)
 
 
 def test_an_open_network_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOFTSIM_DISCOVERY_RANGE", "SUBNET")
-    assert ros.reach()[0].level is Level.WARNING
+    assert ros_findings.reach()[0].level is Level.WARNING
     monkeypatch.delenv("SOFTSIM_DISCOVERY_RANGE")
-    assert ros.reach()[0].level is Level.OK
+    assert ros_findings.reach()[0].level is Level.OK
 
 
 def test_logs_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     blocked = tmp_path / "file"
     blocked.touch()
     monkeypatch.setenv("ROS_LOG_DIR", str(blocked / "log"))
-    assert ros.log_folder()[0].level is Level.PROBLEM
+    assert ros_findings.log_folder()[0].level is Level.PROBLEM
 
 
 def test_what_only_a_board_needs_is_no_fault_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
-    (finding,) = ports.flashing()
+    (finding,) = findings.flashing()
     assert finding.level is Level.OK
     assert "apt install avrdude" in finding.advice
-    monkeypatch.setattr(ports, "why_missing", lambda: "libsimavr is missing; install it")
-    (finding,) = ports.emulated_board()
+    monkeypatch.setattr(findings, "why_missing", lambda: "libsimavr is missing; install it")
+    (finding,) = findings.emulated_board()
     assert finding.level is Level.OK
     assert "install it" in finding.text
 
 
 def test_what_is_lost_without_each_optional_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    installed = {finding.subject: finding.level for finding in house.optional_packages()}
+    installed = {finding.subject: finding.level for finding in findings.optional_packages()}
     mesh = {"pytetwild", "fast-simplification"}
     assert set(installed) == {"c3d", "daqp", "viser", "rosbags", "matplotlib", "urdfdom_py", "xacro"} | mesh
-    monkeypatch.setattr(house.importlib.util, "find_spec", lambda name: None)
-    missing = {finding.subject: finding for finding in house.optional_packages()}
+    monkeypatch.setattr(findings.importlib.util, "find_spec", lambda name: None)
+    missing = {finding.subject: finding for finding in findings.optional_packages()}
     assert all(finding.level is Level.WARNING for finding in missing.values())
     for package, lost in (("daqp", "inverse control"), ("viser", "web page"), ("rosbags", "record, replay")):
         assert f"without it no {lost}" in missing[package].text

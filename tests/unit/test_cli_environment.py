@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from sampled_cases import sampled
 
-from softsim_node import discovery, environment
+from softsim_node import environment
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -33,12 +33,12 @@ def wheels(prefix: Path) -> Path:
 def test_discovery_stays_on_this_computer_unless_the_user_wishes_otherwise(
     tmp_path: Path, wish: str, ros: str, taken: str, told: str
 ) -> None:
-    given = {discovery.WISH: wish, discovery.RANGE: ros, "ROS_LOCALHOST_ONLY": "1", "HOME": str(tmp_path)}
+    given = {environment.WISH: wish, environment.RANGE: ros, "ROS_LOCALHOST_ONLY": "1", "HOME": str(tmp_path)}
     variables = {name: value for name, value in given.items() if value}
     environment.set_defaults(variables, tmp_path)
-    assert variables[discovery.RANGE] == taken
+    assert variables[environment.RANGE] == taken
     assert "ROS_LOCALHOST_ONLY" not in variables
-    assert told in discovery.sentence(variables)
+    assert told in environment.sentence(variables)
 
 
 def test_rclpy_starts_in_one_place_which_prepares_the_environment() -> None:
@@ -52,12 +52,16 @@ def test_rclpy_starts_in_one_place_which_prepares_the_environment() -> None:
 
 
 def test_an_unknown_discovery_range_is_refused_with_what_is_allowed() -> None:
-    with pytest.raises(discovery.DiscoveryError, match="'everybody' is refused; allowed: LOCALHOST, SUBNET"):
-        discovery.wished_range({discovery.WISH: "everybody"})
+    with pytest.raises(
+        environment.DiscoveryError, match="'everybody' is refused; allowed: LOCALHOST, SUBNET"
+    ):
+        environment.wished_range({environment.WISH: "everybody"})
 
 
 def test_computers_named_by_hand_are_told() -> None:
-    assert "the computers in ROS_STATIC_PEERS (10.0.0.7)" in discovery.sentence({discovery.PEERS: "10.0.0.7"})
+    assert "the computers in ROS_STATIC_PEERS (10.0.0.7)" in environment.sentence(
+        {environment.PEERS: "10.0.0.7"}
+    )
 
 
 def test_the_wheels_index_is_found_beside_an_overlay(tmp_path: Path) -> None:
@@ -207,9 +211,9 @@ def test_ros_starts_without_a_home(ros_domain: int) -> None:
 
 
 def test_the_middleware_is_not_set_up_by_a_file_of_the_current_folder() -> None:
-    environment: dict[str, str] = {}
-    discovery.set_range(environment)
-    assert environment["SKIP_DEFAULT_XML_FILE"] == "1"
-    environment["SKIP_DEFAULT_XML_FILE"] = "0"  # who wants it says so
-    discovery.set_range(environment)
-    assert environment["SKIP_DEFAULT_XML_FILE"] == "0"
+    variables: dict[str, str] = {}
+    environment.set_range(variables)
+    assert variables["SKIP_DEFAULT_XML_FILE"] == "1"
+    variables["SKIP_DEFAULT_XML_FILE"] = "0"  # who wants it says so
+    environment.set_range(variables)
+    assert variables["SKIP_DEFAULT_XML_FILE"] == "0"

@@ -15,10 +15,9 @@ from pathlib import Path
 import pytest
 
 import softsim_core
-from softsim_core.extras import install_command
+from softsim_core.base.extras import install_command
 from softsim_ros.cli import app, main
-from softsim_ros.cli.colours import Colours
-from softsim_ros.cli.parser import Parser
+from softsim_ros.cli.command import Colours, Parser
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NEWCOMERS = ("up", "demo", "scenes", "new", "doctor")

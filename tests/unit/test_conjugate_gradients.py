@@ -8,17 +8,30 @@ import pytest
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
-from softsim_core.linalg.agenda import open_agenda  # noqa: E402
-from softsim_core.linalg.cholesky import factor  # noqa: E402
-from softsim_core.linalg.conjugate import conjugate_gradients, copy_matrix  # noqa: E402
-from softsim_core.linalg.divided_solve import Sharing, multiply, precondition, sharing_of  # noqa: E402
-from softsim_core.linalg.division import divided  # noqa: E402
-from softsim_core.linalg.layout import empty_factor, tree_of  # noqa: E402
-from softsim_core.linalg.matrix_layout import matrix_layout  # noqa: E402
-from softsim_core.linalg.products import Matrix, Preconditioner, matrix_of  # noqa: E402
-from softsim_core.linalg.simd import LANES, ROWS  # noqa: E402
-from softsim_core.linalg.symbolic import plan  # noqa: E402
-from softsim_core.mechanics.pose import rotation_exp  # noqa: E402
+from softsim_core.physics.linalg.cholesky import factor  # noqa: E402
+from softsim_core.physics.linalg.conjugate import (  # noqa: E402
+    Sharing,
+    conjugate_gradients,
+    copy_matrix,
+    multiply,
+    precondition,
+    sharing_of,
+)
+from softsim_core.physics.linalg.divided_factor import divided  # noqa: E402
+from softsim_core.physics.linalg.products import (  # noqa: E402
+    Matrix,
+    Preconditioner,
+    matrix_layout,
+    matrix_of,
+)
+from softsim_core.physics.linalg.simd import LANES, ROWS  # noqa: E402
+from softsim_core.physics.linalg.symbolic import (  # noqa: E402
+    empty_factor,
+    plan,
+    tree_of,
+)
+from softsim_core.physics.linalg.threads import open_agenda  # noqa: E402
+from softsim_core.physics.mechanics.pose import rotation_exp  # noqa: E402
 
 
 def problem(seed: int, count: int = 60) -> tuple[Matrix, Preconditioner, Sharing, np.ndarray]:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.errors import ArrayError
-from softsim_core.mechanics.control import Control
-from softsim_core.mechanics.rows import Rows, joined
+from softsim_core.base.errors import ArrayError
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mechanics.rows import Rows, joined
 
 pytest.importorskip("numba")
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.contact import solve_contacts
-from softsim_core.contact.solver.elimination import eliminate
-from softsim_core.contact.solver.law import ContactProblem
-from softsim_core.contact.solver.projection import Smoothed, project, steepness
+from softsim_core.physics.contact import solve_contacts
+from softsim_core.physics.contact.solver.law import ContactProblem, eliminate
+from softsim_core.physics.contact.solver.smoothing import Smoothed, project, steepness
 
 DT, HALF = 0.01, 0.02
 NONE = (np.zeros(0), np.zeros(0))

@@ -10,16 +10,15 @@ import pytest
 from small_scenes import body
 
 from softsim_core import Simulation
-from softsim_core.contact import CollisionSurface
-from softsim_core.contact.overlap import first_overlap
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.errors import SceneError
-from softsim_core.mesh import TetMesh, box_mesh
-from softsim_core.mesh.shapes import Shape, box_surface
-from softsim_core.mesh.writers import write_surface
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.values import MeshFile, Placement
+from softsim_core.base.errors import SceneError
+from softsim_core.base.values import MeshFile, Placement
+from softsim_core.physics.contact import CollisionSurface
+from softsim_core.physics.contact.overlap import first_overlap
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mesh import TetMesh, box_mesh
+from softsim_core.physics.mesh.readers import write_surface
+from softsim_core.physics.mesh.shapes import Shape, box_surface
+from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
 
 HALF = 0.02
 """Half the height of each body in [m]; a plane has none."""

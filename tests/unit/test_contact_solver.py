@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.contact import solve_contacts
+from softsim_core.physics.contact import solve_contacts
 
 DT = 0.01
 GRAVITY = 9.81

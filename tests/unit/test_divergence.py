@@ -10,9 +10,9 @@ import pytest
 import scipy.sparse as sp
 
 from softsim_core import Simulation, load_scene
-from softsim_core.errors import FactorisationError, SolverDivergedError
+from softsim_core.base.errors import FactorisationError, SolverDivergedError
 from softsim_core.scene.robot import Controller
-from softsim_core.warmup import small_scene
+from softsim_core.simulation.warmup import small_scene
 
 BACKENDS = [pytest.param("numba", marks=pytest.mark.numba), "scipy"]
 
@@ -45,7 +45,9 @@ def test_a_singular_matrix_is_divergence_and_says_why(monkeypatch: pytest.Monkey
     simulation = Simulation(load_scene("tripod"), "scipy")
     size = 3 * len(simulation.positions)
     nothing = sp.csr_matrix((size, size))
-    monkeypatch.setattr("softsim_core.dynamics.scipy_backend.node_stiffness", lambda *_, **__: nothing)
+    monkeypatch.setattr(
+        "softsim_core.physics.dynamics.scipy_backend.node_stiffness", lambda *_, **__: nothing
+    )
     object.__setattr__(simulation.model, "mass", 0.0 * simulation.model.mass)
     with pytest.raises(SolverDivergedError) as caught:
         simulation.step()
@@ -63,7 +65,7 @@ def test_somebodys_mistake_is_not_called_divergence(place: str, monkeypatch: pyt
     simulation = Simulation(scene, "scipy")
     before = simulation.snapshot()
     if place == "step":
-        monkeypatch.setattr("softsim_core.dynamics.scipy_backend.node_stiffness", mistaken)
+        monkeypatch.setattr("softsim_core.physics.dynamics.scipy_backend.node_stiffness", mistaken)
     with pytest.raises(RuntimeError, match="my own mistake"):
         simulation.step()
     assert simulation.positions.tobytes() in before

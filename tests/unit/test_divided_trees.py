@@ -11,19 +11,36 @@ pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
 from softsim_core import box_mesh  # noqa: E402
-from softsim_core.dynamics.numba_backend.scatter import node_pairs  # noqa: E402
-from softsim_core.linalg.agenda import open_agenda  # noqa: E402
-from softsim_core.linalg.cholesky import factor  # noqa: E402
-from softsim_core.linalg.conjugate import conjugate_gradients, copy_matrix, support_gradients  # noqa: E402
-from softsim_core.linalg.crew import Teamwork  # noqa: E402
-from softsim_core.linalg.divided_factor import lead_factor, room_for, support_factor  # noqa: E402
-from softsim_core.linalg.divided_solve import BLOCK, LARGE, precondition, sharing_of  # noqa: E402
-from softsim_core.linalg.division import divided, with_room_for  # noqa: E402
-from softsim_core.linalg.layout import empty_factor, tree_of  # noqa: E402
-from softsim_core.linalg.matrix_layout import matrix_layout  # noqa: E402
-from softsim_core.linalg.products import Matrix, Preconditioner, matrix_of  # noqa: E402
-from softsim_core.linalg.simd import LANES, ROWS  # noqa: E402
-from softsim_core.linalg.symbolic import Plan, padded, plan, plan_stack  # noqa: E402
+from softsim_core.physics.dynamics.numba_backend.cells.batches import node_pairs  # noqa: E402
+from softsim_core.physics.linalg.cholesky import factor  # noqa: E402
+from softsim_core.physics.linalg.conjugate import (  # noqa: E402
+    BLOCK,
+    LARGE,
+    conjugate_gradients,
+    copy_matrix,
+    precondition,
+    sharing_of,
+    support_gradients,
+)
+from softsim_core.physics.linalg.divided_factor import (  # noqa: E402
+    divided,
+    lead_factor,
+    room_for,
+    support_factor,
+    with_room_for,
+)
+from softsim_core.physics.linalg.products import (  # noqa: E402
+    Matrix,
+    Preconditioner,
+    matrix_layout,
+    matrix_of,
+)
+from softsim_core.physics.linalg.simd import LANES, ROWS  # noqa: E402
+from softsim_core.physics.linalg.symbolic import Plan, empty_factor, padded, plan, plan_stack, tree_of  # noqa: E402
+from softsim_core.physics.linalg.threads import (  # noqa: E402
+    Teamwork,
+    open_agenda,
+)
 
 CELLS = (9, 8, 8)
 

@@ -9,15 +9,15 @@ pytest.importorskip("rclpy")
 from rcl_interfaces.msg import SetParametersResult
 from std_srvs.srv import Trigger
 
-from softsim_core.errors import CommandError
-from softsim_node.doors import (
+from softsim_core.base.errors import CommandError
+from softsim_node.guards import (
     REFUSAL_PERIOD_S,
     Refusals,
     message_door,
     parameter_door,
     service_door,
 )
-from softsim_node.sentences import LONGEST_SENTENCE, one_line, sentence_of
+from softsim_node.text import LONGEST_SENTENCE, one_line, sentence_of
 
 pytestmark = pytest.mark.ros
 

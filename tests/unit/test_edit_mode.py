@@ -16,10 +16,10 @@ import rclpy
 from std_srvs.srv import Trigger
 from waiting import spin_until
 
-from softsim_core.editing import Put
-from softsim_ros.client.editing import Editing
-from softsim_ros.messages.proposal import Proposal, write_proposal
-from softsim_ros.viewer.edit_mode import MOST_WAITING, EditMode
+from softsim_core.scene.editing import Put
+from softsim_ros.client.simulator import Editing
+from softsim_ros.messages.scene import Proposal, write_proposal
+from softsim_ros.nodes.viewer.edit_mode import MOST_WAITING, EditMode
 
 
 class Bench:
@@ -108,7 +108,7 @@ def test_a_simulator_that_is_lost_holds_nothing_up_for_ever(
     bench.mode.attempt(lambda: bench.editing.change([]))
     bench.mode.attempt(lambda: "done")
     assert bench.mode.is_behind
-    monkeypatch.setattr("softsim_ros.client.editing.TOLD_WITHIN_S", 0.0)
+    monkeypatch.setattr("softsim_ros.client.simulator.TOLD_WITHIN_S", 0.0)
     assert spin_until(lambda: bench.editing._expire() or not bench.mode.is_behind)
     bench.mode.refresh()
     assert bench.said == ["done"]

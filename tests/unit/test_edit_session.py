@@ -11,17 +11,16 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
-from softsim_core.editing import Edit, SceneDocument
-from softsim_core.editing.chosen import RestShapes, chosen_by
-from softsim_core.editing.parts import routed_points
-from softsim_core.errors import SoftSimError
-from softsim_core.mesh.shapes import box_surface
-from softsim_core.scene.files import config_file, known_scenes
-from softsim_core.values import Box, Sphere
-from softsim_ros.messages.proposal import ChosenPoints, Proposal
-from softsim_ros.viewer.edit_session import CHOOSE, CLICKS, ROUTE, EditSession, dragged
-from softsim_ros.viewer.edit_stage import first_hit, lines_of
-from softsim_ros.viewer.edit_tab import status
+from softsim_core.base.errors import SoftSimError
+from softsim_core.base.values import Box, Sphere
+from softsim_core.physics.mesh.shapes import box_surface
+from softsim_core.scene.editing import Edit, SceneDocument
+from softsim_core.scene.editing.chosen import RestShapes, chosen_by
+from softsim_core.scene.editing.parts import routed_points
+from softsim_core.scene.io.files import config_file, known_scenes
+from softsim_ros.messages.scene import ChosenPoints, Proposal
+from softsim_ros.nodes.viewer.edit_mode import first_hit, lines_of, status
+from softsim_ros.nodes.viewer.edit_session import CHOOSE, CLICKS, ROUTE, EditSession, dragged
 
 FINGER = config_file("meshes/finger_coarse.vtk")
 BARE = f"""\

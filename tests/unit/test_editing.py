@@ -11,29 +11,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softsim_core import load_scene
-from softsim_core.editing import Edit, Put, Remove, SceneDocument
-from softsim_core.editing.chosen import RestShapes, chosen_by
-from softsim_core.editing.parts import (
+from softsim_core.base.errors import ConfigError, SoftSimError
+from softsim_core.base.values import Box, Sphere
+from softsim_core.physics.mechanics.model import FIXED
+from softsim_core.scene.editing import Edit, Put, Remove, SceneDocument
+from softsim_core.scene.editing.chosen import RestShapes, chosen_by
+from softsim_core.scene.editing.document import edited
+from softsim_core.scene.editing.parts import (
     add_attachment,
     add_cable,
     add_chamber,
     add_collision,
     add_mass,
+    regions_of,
     remove,
+    reshaped,
     route,
     routed_points,
 )
-from softsim_core.editing.regions import regions_of, reshaped
-from softsim_core.editing.round_trip import edited
-from softsim_core.errors import ConfigError, SoftSimError
-from softsim_core.mechanics.model import FIXED
-from softsim_core.scene.files import config_file, known_scenes
-from softsim_core.scene.overrides import Item
-from softsim_core.scene.plain import unstructure_scene
+from softsim_core.scene.io.files import config_file, known_scenes
+from softsim_core.scene.io.portable import unstructure_scene
+from softsim_core.scene.io.yaml_loader import Item
+from softsim_core.scene.io.yaml_source import parse_yaml
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.yaml_source import parse_yaml
 from softsim_core.simulation import Simulation
-from softsim_core.values import Box, Sphere
 
 MESH = config_file("meshes/finger_coarse.vtk")
 SCENE = f"""\

@@ -12,13 +12,13 @@ import pytest
 pytest.importorskip("rclpy")
 
 from softsim_core import load_scene
-from softsim_core.editing import Put, Remove
-from softsim_core.editing.round_trip import rebased
-from softsim_core.errors import CommandError, ConfigError
-from softsim_core.scene.files import config_file
-from softsim_core.scene.overrides import Item
-from softsim_core.scene.portable import write_description
-from softsim_ros.messages.proposal import (
+from softsim_core.base.errors import CommandError, ConfigError
+from softsim_core.scene.editing import Put, Remove
+from softsim_core.scene.editing.document import rebased
+from softsim_core.scene.io.files import config_file
+from softsim_core.scene.io.portable import write_description
+from softsim_core.scene.io.yaml_loader import Item
+from softsim_ros.messages.scene import (
     ChosenPoints,
     Proposal,
     read_edits,
@@ -26,8 +26,8 @@ from softsim_ros.messages.proposal import (
     write_edits,
     write_proposal,
 )
-from softsim_ros.simulator.scene_files import files_of, named_files
-from softsim_ros.simulator.scene_writer import SceneWriter
+from softsim_ros.nodes.simulator.scene_editing import SceneWriter
+from softsim_ros.nodes.simulator.scene_files import files_of, named_files
 
 TEXT = "# mine\nname: mine\nbodies: []\n"
 

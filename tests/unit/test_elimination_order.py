@@ -9,24 +9,26 @@ import pytest
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from softsim_core.arrays import IndexArray
-from softsim_core.linalg.linear_solver import Factoriser
-from softsim_core.linalg.solvers import linear_solver
-from softsim_core.mesh.generators import box_mesh
+from softsim_core.base.arrays import IndexArray
+from softsim_core.physics.linalg.linear_solver import Factoriser
+from softsim_core.physics.linalg.solvers import linear_solver
+from softsim_core.physics.mesh.generators import box_mesh
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
-from softsim_core.linalg.blocks import BLOCK, FITS  # noqa: E402
-from softsim_core.linalg.dissection import LEAF, nested_dissection  # noqa: E402
-from softsim_core.linalg.elimination import (  # noqa: E402
+from softsim_core.physics.linalg.cholesky import BLOCK, FITS  # noqa: E402
+from softsim_core.physics.linalg.ordering import (  # noqa: E402
+    LEAF,
     column_counts,
+    elimination_order,
     elimination_tree,
     factor_cost,
     graph_of,
+    minimum_degree,
+    nested_dissection,
     postordered,
 )
-from softsim_core.linalg.ordering import elimination_order, minimum_degree  # noqa: E402
 
 
 def mesh_edges(tets: IndexArray) -> IndexArray:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core import extras
+from softsim_core.base import extras
 
 
 def test_in_the_environment_of_a_checkout_it_names_that_python_and_its_pins(
@@ -16,7 +16,7 @@ def test_in_the_environment_of_a_checkout_it_names_that_python_and_its_pins(
 ) -> None:
     monkeypatch.setattr(sys, "prefix", "/somewhere/venv")
     words = shlex.split(extras.install_command("study"))
-    root = Path(extras.__file__).resolve().parents[1]
+    root = Path(extras.__file__).resolve().parents[2]
     assert words[:2] == [str(Path(sys.executable).with_name("pip")), "install"]
     assert words[2:] == ["-c", str(root / "constraints.txt"), "-e", f"{root}[study]"]
     assert Path(words[3]).is_file()

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from softsim_core import load_scene
-from softsim_core.errors import ConfigError
-from softsim_core.file_writing import (
+from softsim_core.base.errors import ConfigError
+from softsim_core.base.files import (
     make_folder,
     open_in_place,
     put_in_place,
@@ -22,12 +22,11 @@ from softsim_core.file_writing import (
     sync_tree,
     write_file,
 )
-from softsim_core.identification.writing import write_table
-from softsim_core.inverse.closed_loop import ClosedLoopLog
-from softsim_core.inverse.path_files import write_csv_path
-from softsim_core.inverse.paths import EffectorPath
-from softsim_core.mesh.types import SurfaceMesh, TetMesh
-from softsim_core.mesh.writers import write_surface, write_tets
+from softsim_core.control.inverse.closed_loop import ClosedLoopLog
+from softsim_core.control.inverse.paths import EffectorPath, write_csv_path
+from softsim_core.lab.identification.calibration import write_table
+from softsim_core.physics.mesh.readers import write_surface, write_tets
+from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 TET = TetMesh(points=CORNERS, tets=np.array([[0, 1, 2, 3]]))
@@ -148,7 +147,7 @@ def _log(file: Path) -> None:
 
 
 def _calibration(file: Path) -> None:
-    from servo_bridge.calibration_file import save_calibration
+    from servo_bridge.driver.calibration import save_calibration
 
     board = load_scene("tripod").board
     assert board is not None

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.actuation.cable import read_cable_points
-from softsim_core.errors import MeshError
-from softsim_core.mesh import (
+from softsim_core.base.errors import MeshError
+from softsim_core.physics.actuation.cable import read_cable_points
+from softsim_core.physics.mesh import (
     TetMesh,
     boundary_surface,
     check_tets,

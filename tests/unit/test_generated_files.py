@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 import yaml
 
-from softsim_core.errors import ConfigError
-from softsim_core.mesh.types import TetMesh
-from softsim_core.meshing.guesses import guess
-from softsim_core.mjcf.folder import _head
-from softsim_core.mjcf.importing import ImportedScene
+from softsim_core.base.errors import ConfigError
+from softsim_core.lab.meshing.guesses import guess
+from softsim_core.mjcf.importing import ImportedScene, _head
+from softsim_core.physics.mesh.types import TetMesh
 from softsim_core.scene.arm.urdf_file import read_urdf
 from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.generated import comment, scalar
-from softsim_core.scene.yaml_source import parse_yaml
-from softsim_ros.cli.robots.new_on_arm import arm_text
+from softsim_core.scene.io.files import comment, scalar
+from softsim_core.scene.io.yaml_source import parse_yaml
+from softsim_ros.cli.robots.new import arm_text
 
 FOREIGN = (
     "a\narm: {urdf: evil.xacro}",

@@ -21,14 +21,14 @@ pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
 from softsim_core import Simulation, load_scene  # noqa: E402
-from softsim_core.errors import SceneError  # noqa: E402
-from softsim_core.kernels.compile_process import alone  # noqa: E402
-from softsim_core.warmup import small_scene, touching_scene  # noqa: E402
-from softsim_ros.simulator.physics_thread import PhysicsThread  # noqa: E402
+from softsim_core.base.errors import SceneError  # noqa: E402
+from softsim_core.physics.kernels.compile_process import alone  # noqa: E402
+from softsim_core.simulation.warmup import small_scene, touching_scene  # noqa: E402
+from softsim_ros.nodes.simulator.physics_thread import PhysicsThread  # noqa: E402
 
 TOLERANCE = 1e-10  # that of test_steppers_agree
 REPOSITORY = Path(__file__).resolve().parents[2]
-WARM_UP = [sys.executable, "-m", "softsim_core.warmup", "--beside", "--small"]
+WARM_UP = [sys.executable, "-m", "softsim_core.simulation.warmup", "--beside", "--small"]
 
 
 def moved(simulation: Simulation, step: int) -> None:
@@ -101,7 +101,7 @@ def physics(request: pytest.FixtureRequest) -> Any:
 
 @pytest.mark.slow
 def test_a_running_robot_goes_over_between_two_steps(physics: Any) -> None:
-    from softsim_ros.simulator.compiled_later import CompiledLater
+    from softsim_ros.nodes.simulator.scene_files import CompiledLater
 
     compiled_kernels()
     log = Log()
@@ -126,7 +126,14 @@ def test_a_running_robot_goes_over_between_two_steps(physics: Any) -> None:
 @pytest.mark.exhaustive  # compiles for a minute
 def test_a_scene_s_own_kernels_are_all_that_a_person_needs(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(REPOSITORY)}
-    own = [sys.executable, "-m", "softsim_core.warmup", "--only", "--scene", str(load_scene("tripod").source)]
+    own = [
+        sys.executable,
+        "-m",
+        "softsim_core.simulation.warmup",
+        "--only",
+        "--scene",
+        str(load_scene("tripod").source),
+    ]
     subprocess.run(own, env=environment, check=True)
     compiled = set(tmp_path.rglob("*.nbc"))
     assert compiled
@@ -155,7 +162,7 @@ def test_the_swap_loads_and_compiles_nothing(monkeypatch: pytest.MonkeyPatch) ->
     """The robot would wait for it; all of it is loaded beside the physics thread."""
     from numba.core.caching import Cache
 
-    from softsim_ros.simulator.compiled_later import _compiled
+    from softsim_ros.nodes.simulator.scene_files import _compiled
 
     compiled_kernels()
     running = Simulation(load_scene("tripod"), backend="scipy")
@@ -182,8 +189,8 @@ def test_what_kernels_need_is_imported_before_the_robot_moves() -> None:
     code = (
         "import sys\n"
         "from softsim_core import Simulation, load_scene\n"
-        "from softsim_core.warmup import get_ready_to_load\n"
-        "from softsim_ros.simulator.compiled_later import _compiled\n"
+        "from softsim_core.simulation.warmup import get_ready_to_load\n"
+        "from softsim_ros.nodes.simulator.scene_files import _compiled\n"
         "counts = [len(sys.modules)]\n"
         "get_ready_to_load()\n"
         "counts.append(len(sys.modules))\n"
@@ -202,7 +209,7 @@ def test_what_kernels_need_is_imported_before_the_robot_moves() -> None:
 
 @pytest.mark.slow
 def test_what_cannot_be_compiled_is_said_and_the_scipy_path_goes_on(physics: Any) -> None:
-    from softsim_ros.simulator.compiled_later import CompiledLater
+    from softsim_ros.nodes.simulator.scene_files import CompiledLater
 
     log = Log()
     later = CompiledLater(physics, None, log)
@@ -219,7 +226,7 @@ def test_what_cannot_be_compiled_is_said_and_the_scipy_path_goes_on(physics: Any
 
 @pytest.mark.slow
 def test_a_scene_whose_file_is_gone_goes_over_once_all_kernels_stand(physics: Any, tmp_path: Path) -> None:
-    from softsim_ros.simulator.compiled_later import CompiledLater
+    from softsim_ros.nodes.simulator.scene_files import CompiledLater
 
     compiled_kernels()
     log = Log()
@@ -234,7 +241,7 @@ def test_a_scene_whose_file_is_gone_goes_over_once_all_kernels_stand(physics: An
 def test_the_end_does_not_wait_for_the_compiler(
     physics: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from softsim_ros.simulator.compiled_later import CompiledLater
+    from softsim_ros.nodes.simulator.scene_files import CompiledLater
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     later = CompiledLater(physics, None, Log())

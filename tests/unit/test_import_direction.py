@@ -50,86 +50,69 @@ FORBIDDEN = {
 """What a package may not import."""
 
 BRIDGE_MAY_USE = (
-    "softsim_core.errors",
-    "softsim_core.file_writing",
-    "softsim_core.units",
-    "softsim_core.mechanics.limits",
-    "softsim_core.mechanics.named_command",
+    "softsim_core.base.errors",
+    "softsim_core.base.files",
+    "softsim_core.base.moved",
+    "softsim_core.base.names",
+    "softsim_core.base.units",
+    "softsim_core.physics.mechanics.limits",
     "softsim_core.scene",
     "softsim_core.scene.board",
     "softsim_core.scene.description",
-    "softsim_core.scene.files",
-    "softsim_core.scene.generated",
+    "softsim_core.scene.io.files",
+    "softsim_core.scene.io.yaml_source",
     "softsim_core.scene.robot",
-    "softsim_core.scene.yaml_source",
-    "softsim_core.wrong_names",
 )
 """What servo_bridge uses of the core: errors, names, units, limits, commands, robots and their loader."""
 
 LAYERS = (
-    ("errors", "extras", "file_writing", "processes", "units"),
-    ("locks",),
-    ("kernels",),
-    ("wrong_names",),
-    ("arrays",),
-    ("values", "registry"),
-    ("linalg",),
-    ("mesh",),
-    ("fem",),
-    ("mechanics",),
-    ("actuation",),
-    ("contact",),
-    ("meshing",),
-    ("dynamics",),
-    ("sensing",),
+    ("base",),
+    ("physics.kernels",),
+    ("physics.linalg",),
+    ("physics.mesh",),
+    ("physics.fem",),
+    ("physics.mechanics",),
+    ("physics.actuation",),
+    ("physics.contact",),
+    ("physics.dynamics",),
+    ("physics.sensing",),
     ("scene",),
-    ("editing",),
     ("robots", "mjcf"),
     ("simulation",),
-    ("inverse", "warmup", "batch"),
-    ("observer",),
-    ("identification",),
-    ("learning",),
-    ("study",),
+    ("control.inverse",),
+    ("control.observer",),
+    ("lab.meshing", "lab.identification"),
+    ("lab.learning",),
+    ("lab.study",),
 )
-"""Folders and files of softsim_core, lowest first; the last ones run whole simulations."""
+"""Packages of softsim_core, lowest first; the last ones run whole simulations."""
 
 
-INTERFACES = ("cli", "keys", "teleop", "viewer", "benchmark", "recording")
+INTERFACES = ("cli", "keys", "nodes.teleop", "nodes.viewer", "benchmark", "recording")
 """What drives a robot or looks at it, for a person."""
 
 NODES_KNOW = {
-    "client": (*INTERFACES, "simulator", "inverse"),
-    "keys": ("cli", "teleop", "viewer", "simulator", "inverse"),
-    "teleop": ("cli", "viewer", "simulator", "inverse"),
-    "viewer": ("cli", "teleop", "simulator", "inverse"),
-    "inverse": INTERFACES,
+    "client": (*INTERFACES, "nodes.simulator", "nodes.inverse"),
+    "keys": ("cli", "nodes.teleop", "nodes.viewer", "nodes.simulator", "nodes.inverse"),
+    "nodes.teleop": ("cli", "nodes.viewer", "nodes.simulator", "nodes.inverse"),
+    "nodes.viewer": ("cli", "nodes.teleop", "nodes.simulator", "nodes.inverse"),
+    "nodes.inverse": INTERFACES,
 }
 """Folders of softsim_ros that a folder of softsim_ros may not import."""
 
 
 PHYSICS = (
-    "linalg",
-    "mesh",
-    "fem",
-    "mechanics",
-    "actuation",
-    "contact",
-    "dynamics",
-    "sensing",
+    *(f"physics/{name}" for name in ("linalg", "mesh", "fem", "mechanics", "actuation", "contact")),
+    *(f"physics/{name}" for name in ("dynamics", "sensing")),
     "scene/description.py",
-    "scene/objects.py",
-    "scene/body.py",
-    "scene/regions.py",
-    "scene/*builder.py",
+    "scene/deformable.py",
+    "scene/building/bodies.py",
+    "scene/building/*builder.py",
     "simulation/scene_state.py",
-    "simulation/bases.py",
 )
 """What knows bodies, joints and forces, and nothing of the robot around them."""
 
-ROBOT_MODULES = tuple(
-    f"softsim_core.scene.{name}" for name in ("robot", "control", "board", "view", "running", "scene")
-)
+ROBOT_MODULES = tuple(f"softsim_core.scene.{name}" for name in ("robot", "control", "board", "view", "scene"))
 ROBOT_WORDS = {"board", "keyboard", "namespace", "ros", "teleop", "viewer"}
 """Words that name nothing but a robot's matters."""
 
@@ -179,25 +162,40 @@ def test_no_forbidden_import(package: str) -> None:
     assert found == []
 
 
-def test_folders_of_the_core_import_downward_only() -> None:
-    level = {name: k for k, names in enumerate(LAYERS) for name in names}
+def layer(name: str) -> tuple[int, str]:
+    """Rank and name of the package of softsim_core that a module belongs to; -1 for softsim_core itself."""
+    for rank, packages in enumerate(LAYERS):
+        for package in packages:
+            if within(name, (f"softsim_core.{package}",)):
+                return rank, package
+    return -1, ""
+
+
+def test_packages_of_the_core_import_downward_only() -> None:
     found = []
     for file in sources("softsim_core"):
-        inside = file.relative_to(REPOSITORY / "softsim_core").with_suffix("").parts
-        if inside == ("__init__",):
-            continue  # the package's front door names what is above it, and loads it when it is asked for
+        own, package = layer(".".join(file.relative_to(REPOSITORY).with_suffix("").parts))
+        if not package:
+            continue  # the face of softsim_core names what is above it, and loads it when it is asked for
         for name, line in imported(file):
-            words = name.split(".")
-            if words[0] == "softsim_core" and words[1] != inside[0] and level[words[1]] >= level[inside[0]]:
+            other, below = layer(name)
+            if below and below != package and other >= own:
                 found.append(f"{file.relative_to(REPOSITORY)}:{line} imports {name}")
     assert found == []
+
+
+def test_every_package_of_the_core_has_its_layer() -> None:
+    folders = {file.parent.relative_to(REPOSITORY) for file in sources("softsim_core")}
+    packages = {".".join(folder.parts) for folder in folders if len(folder.parts) > 1}
+    groups = {"softsim_core.physics", "softsim_core.control", "softsim_core.lab"}
+    assert [name for name in sorted(packages - groups) if not layer(name)[1]] == []
 
 
 def test_user_interfaces_meet_in_the_client_only() -> None:
     found = [
         f"{file.relative_to(REPOSITORY)}:{line} imports {name}"
         for folder, others in NODES_KNOW.items()
-        for file in sources(f"softsim_ros/{folder}")
+        for file in sources(f"softsim_ros/{folder.replace('.', '/')}")
         for name, line in imported(file)
         if within(name, tuple(f"softsim_ros.{other}" for other in others))
     ]
@@ -307,8 +305,13 @@ def test_programs_that_only_read_scenes_start_without_the_compiler() -> None:
     """Numba takes a quarter of the time in which they would start."""
     for name in ("rclpy", "viser", "mcap"):
         pytest.importorskip(name)
-    nodes = "softsim_ros.teleop.teleop_node, softsim_ros.recording.recorder_node, servo_bridge.bridge_node"
-    code = f"import sys, {nodes}, softsim_ros.viewer.viewer_node; sys.exit('numba' in sys.modules)"
+    nodes = (
+        "softsim_ros.nodes.teleop.teleop_node",
+        "softsim_ros.nodes.viewer.viewer_node",
+        "softsim_ros.recording.recorder_node",
+        "servo_bridge.nodes.bridge_node",
+    )
+    code = f"import sys, {', '.join(nodes)}; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=False).returncode == 0
 
 
@@ -339,8 +342,8 @@ try:
     from . import i
 except ImportError:
     from .. import j
-from softsim_core import Simulation_of_no_module, mesh
-from softsim_core.errors import MeshError
+from softsim_core import Simulation_of_no_module, scene
+from softsim_core.base.errors import MeshError
 if TYPE_CHECKING:
     import k
 else:
@@ -355,8 +358,8 @@ else:
         "p.q",
         "p",
         "softsim_core",
-        "softsim_core.mesh",
-        "softsim_core.errors",
+        "softsim_core.scene",
+        "softsim_core.base.errors",
         "k",
         "l",
     ]

@@ -12,16 +12,14 @@ pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import PoseStamped
 
-from softsim_core.errors import CommandError
-from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
+from softsim_core.base.errors import CommandError
+from softsim_core.physics.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
 from softsim_core.scene import load_scene
-from softsim_ros.inverse.control_thread import ControlStatus
-from softsim_ros.inverse.following import STUCK_AFTER_S, Following, has_moved
-from softsim_ros.inverse.goals import checked_pose
-from softsim_ros.inverse.health import health
-from softsim_ros.inverse.parameters import ControllerSettings
-from softsim_ros.inverse.plant import FEEDBACK_WITHIN_S, SILENT_AFTER_S, Plant
-from softsim_ros.messages.diagnostics import ERROR, OK, WARN
+from softsim_ros.messages.types import ERROR, OK, WARN
+from softsim_ros.nodes.inverse.control_thread import STUCK_AFTER_S, ControlStatus, Following, has_moved
+from softsim_ros.nodes.inverse.inverse_switch import health
+from softsim_ros.nodes.inverse.parameters import ControllerSettings
+from softsim_ros.nodes.inverse.plant import FEEDBACK_WITHIN_S, SILENT_AFTER_S, Plant, checked_pose
 
 TRIPOD = load_scene("tripod")
 FRAMES = ("world", "tripod/base_link")

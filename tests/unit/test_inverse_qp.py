@@ -9,13 +9,22 @@ import numpy as np
 import pytest
 
 from softsim_core import Pose, load_scene
-from softsim_core.arrays import Array
-from softsim_core.errors import SceneError
-from softsim_core.inverse.problem import QP, Constraint, Limits, Linearisation, build, torque_rows
-from softsim_core.inverse.sensitivity import Sensitivity
-from softsim_core.inverse.solver import kkt_residual, need_daqp, solve
-from softsim_core.inverse.static import solve_taut
-from softsim_core.inverse.tasks import PositionTask
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.control.inverse.problem import (
+    QP,
+    Constraint,
+    Limits,
+    Linearisation,
+    build,
+    kkt_residual,
+    need_daqp,
+    solve,
+    torque_rows,
+)
+from softsim_core.control.inverse.sensitivity import Sensitivity
+from softsim_core.control.inverse.static import solve_taut
+from softsim_core.control.inverse.tasks import PositionTask
 from softsim_core.scene.control import InverseSettings
 
 HERE = Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.arrays import Array
-from softsim_core.inverse.tasks import (
+from softsim_core.base.arrays import Array
+from softsim_core.control.inverse.tasks import (
     HeightTiltTask,
     OrientationTask,
     PoseTask,
@@ -16,7 +16,7 @@ from softsim_core.inverse.tasks import (
     task_for,
     tilt_of,
 )
-from softsim_core.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_of
+from softsim_core.physics.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_of
 from softsim_core.scene.control import InverseSettings
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])

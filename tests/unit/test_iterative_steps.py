@@ -19,15 +19,18 @@ from softsim_core import (
     box_mesh,
     load_scene,
 )
-from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.values import Placement
+from softsim_core.base.values import Placement
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.description import CollisionDescription, RigidBodyDescription
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
-from softsim_core.dynamics.numba_backend import iterative, planning  # noqa: E402
-from softsim_core.dynamics.numba_backend.iterative import TOLERANCE  # noqa: E402
+from softsim_core.physics.dynamics.numba_backend import (  # noqa: E402
+    elimination,
+    stepper,
+)
+from softsim_core.physics.dynamics.numba_backend.elimination import TOLERANCE  # noqa: E402
 
 
 def both(name: str) -> tuple[Simulation, Simulation]:
@@ -145,7 +148,7 @@ def test_tuned_materials_are_taken_over() -> None:
 
 
 def test_steps_that_do_not_converge_are_factored(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(iterative, "MOST_ITERATIONS", 2)
+    monkeypatch.setattr(elimination, "MOST_ITERATIONS", 2)
     direct, iterated = hanging("supernodal"), hanging("iterative")
     for _ in range(15):
         direct.step()
@@ -158,8 +161,8 @@ def test_auto_iterates_where_a_factor_has_too_much_to_do(monkeypatch: pytest.Mon
     small = hanging("auto")
     small.step()
     assert small.report.linear_iterations == 0
-    monkeypatch.setattr(planning, "MANY", 100)
-    monkeypatch.setattr(planning, "CROSSING", 20.0)
+    monkeypatch.setattr(stepper, "MANY", 100)
+    monkeypatch.setattr(stepper, "CROSSING", 20.0)
     large = hanging("auto")
     large.step()
     large.step()

@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 from small_kernels import SOURCE, loaded
 
-from softsim_core.kernels.compile_process import alone
-from softsim_core.locks import LockError
+from softsim_core.base.files import LockError
+from softsim_core.physics.kernels.compile_process import alone
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
-from softsim_core.kernels import cache  # noqa: E402
-from softsim_core.warmup import _compilers, warm_up  # noqa: E402
+from softsim_core.physics.kernels import cache  # noqa: E402
+from softsim_core.simulation.warmup import _compilers, warm_up  # noqa: E402
 
 REGIONS = 8
 """Of a file: a bit is flipped in each."""

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
-from softsim_core.errors import CommandError, SceneError
-from softsim_core.mechanics.limits import ARRIVED, JointLimits, check_command
+from softsim_core.base.errors import CommandError, SceneError
+from softsim_core.physics.mechanics.limits import ARRIVED, JointLimits, check_command
 
 JOINTS = ("servo_0", "servo_1", "servo_2")
 finite = st.floats(-1e3, 1e3)

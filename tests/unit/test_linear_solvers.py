@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from softsim_core.arrays import Array
-from softsim_core.errors import FactorisationError, SceneError
-from softsim_core.linalg.linear_solver import Factoriser, Factors
-from softsim_core.linalg.solvers import AUTO, linear_solver, linear_solver_names, register_linear_solver
-from softsim_core.linalg.superlu import SuperLU
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import FactorisationError, SceneError
+from softsim_core.physics.linalg.linear_solver import Factoriser, Factors, SuperLU
+from softsim_core.physics.linalg.solvers import (
+    AUTO,
+    linear_solver,
+    linear_solver_names,
+    register_linear_solver,
+)
 
 SOLVERS = [pytest.param("supernodal", marks=pytest.mark.numba), "superlu"]
 """Each registered one: a newcomer belongs here too."""
@@ -183,7 +187,7 @@ def test_a_wrong_choice_is_refused_in_a_sentence(small: Any) -> None:
 def small() -> Any:
     from dataclasses import replace
 
-    from softsim_core.warmup import touching_scene
+    from softsim_core.simulation.warmup import touching_scene
 
     def make(name: str) -> Any:
         scene = touching_scene()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core.locks import LockError, RuntimeFolderError, open_lock, runtime_folder
+from softsim_core.base.files import LockError, RuntimeFolderError, open_lock, runtime_folder
 from softsim_ros.cli.running.one_at_a_time import AlreadyUpError, lock_file, only_one
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -98,4 +98,4 @@ def test_nothing_else_chooses_a_name_in_a_shared_folder() -> None:
         for file in sorted((REPOSITORY / package).rglob("*.py"))
         if re.search(r"gettempdir|get\(\"XDG_RUNTIME_DIR|[\"']/tmp/", file.read_text())
     ]
-    assert found == ["softsim_core/locks.py"]
+    assert found == ["softsim_core/base/files.py"]

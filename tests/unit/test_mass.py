@@ -9,12 +9,12 @@ import pytest
 from small_scenes import GRAVITY, jittered, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.arrays import Array
-from softsim_core.errors import SceneError
-from softsim_core.mechanics.model import Model
-from softsim_core.mechanics.pose import rotation_exp
-from softsim_core.mesh import TetMesh, box_mesh
-from softsim_core.scene.builder import build
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mesh import TetMesh, box_mesh
+from softsim_core.scene.building.builder import build
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.material import MaterialDescription
 

@@ -11,14 +11,14 @@ import pytest
 from small_scenes import body, scene
 
 from softsim_core import Simulation
-from softsim_core.errors import MaterialError, SceneError
-from softsim_core.fem.elements import element, element_names, register_element
-from softsim_core.fem.elements.element import ElementData
-from softsim_core.fem.materials import material, material_names, register_material
-from softsim_core.fem.materials.corotational import Corotational
-from softsim_core.fem.materials.isotropic import lame
-from softsim_core.mesh import box_mesh
-from softsim_core.scene.builder import build
+from softsim_core.base.errors import MaterialError, SceneError
+from softsim_core.physics.fem.elements import element, element_names, register_element
+from softsim_core.physics.fem.elements.element import ElementData
+from softsim_core.physics.fem.materials import material, material_names, register_material
+from softsim_core.physics.fem.materials.corotational import Corotational
+from softsim_core.physics.fem.materials.material import lame
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.scene.building.builder import build
 from softsim_core.scene.material import MaterialDescription
 
 

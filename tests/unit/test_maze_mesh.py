@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh import enclosed_volume, is_closed, read_surface
+from softsim_core.base.errors import MeshError
+from softsim_core.physics.mesh import enclosed_volume, is_closed, read_surface
 from softsim_core.robots.maze_mesh import (
     EDGE,
     TOP,

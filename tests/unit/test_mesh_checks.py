@@ -7,8 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh import (
+from softsim_core.base.errors import MeshError
+from softsim_core.base.values import Placement
+from softsim_core.physics.mesh import (
     TetMesh,
     boundary,
     boundary_surface,
@@ -21,7 +22,6 @@ from softsim_core.mesh import (
     rotation_matrix,
     vertex_normals,
 )
-from softsim_core.values import Placement
 
 REGULAR = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 ONE = np.array([[0, 1, 2, 3]])

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh import Embedding, SurfaceMesh, TetMesh, box_mesh, embed
-from softsim_core.mesh.follower import SurfaceFollower
+from softsim_core.base.errors import MeshError
+from softsim_core.physics.mesh import Embedding, SurfaceMesh, TetMesh, box_mesh, embed
+from softsim_core.physics.mesh.follower import SurfaceFollower
 from softsim_core.robots.tripod_mesh import tripod_silicone
 
 BOX = box_mesh((0.06, 0.04, 0.03), (3, 2, 2))

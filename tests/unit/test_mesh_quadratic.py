@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from small_scenes import jittered
 
-from softsim_core.errors import MeshError
-from softsim_core.fem.elements.tet10 import MIDDLES, TET10
-from softsim_core.mesh import (
+from softsim_core.base.errors import MeshError
+from softsim_core.physics.fem.elements.tetrahedra import MIDDLES, TET10
+from softsim_core.physics.mesh import (
     TetMesh,
     boundary,
     box_mesh,
@@ -26,7 +26,7 @@ from softsim_core.mesh import (
     subdivided,
     write_tets,
 )
-from softsim_core.mesh.quadratic import MIDDLES as MIDDLES_OF_MESHES
+from softsim_core.physics.mesh.types import MIDDLES as MIDDLES_OF_MESHES
 
 
 def block() -> TetMesh:

@@ -17,8 +17,9 @@ import meshio
 import numpy as np
 import pytest
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh import (
+from softsim_core.base.errors import MeshError
+from softsim_core.base.values import Placement
+from softsim_core.physics.mesh import (
     TetMesh,
     boundary_surface,
     box_mesh,
@@ -28,7 +29,6 @@ from softsim_core.mesh import (
     write_surface,
     write_tets,
 )
-from softsim_core.values import Placement
 
 GID = """MESH dimension 3 ElemType Tetrahedra Nnode 4
 Coordinates
@@ -410,7 +410,7 @@ def test_a_file_cut_off_anywhere_is_refused_or_complete(
 
 
 def test_meshio_is_imported_only_for_a_file_that_needs_it() -> None:
-    code = "import sys, softsim_core.mesh; assert 'meshio' not in sys.modules and 'scipy' not in sys.modules"
+    code = "import sys, softsim_core.physics.mesh; assert not {'meshio', 'scipy'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).resolve().parents[2])
 
 

@@ -18,8 +18,15 @@ from softsim_core import (
     SceneDescription,
     Simulation,
 )
-from softsim_core.errors import MeshError
-from softsim_core.mesh import TetMesh, boundary_surface, check_tets, enclosed_volume, read_surface, read_tets
+from softsim_core.base.errors import MeshError
+from softsim_core.physics.mesh import (
+    TetMesh,
+    boundary_surface,
+    check_tets,
+    enclosed_volume,
+    read_surface,
+    read_tets,
+)
 
 CELLS = 3
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))

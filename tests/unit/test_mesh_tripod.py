@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh import (
+from softsim_core.base.errors import MeshError
+from softsim_core.base.values import Placement
+from softsim_core.physics.mesh import (
     TetMesh,
     boundary_surface,
     check_tets,
@@ -23,7 +24,6 @@ from softsim_core.mesh import (
     rotation_matrix,
 )
 from softsim_core.robots.tripod_mesh import LEVELS, TIP_LINE, main, tripod_silicone
-from softsim_core.values import Placement
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 NODES = {"coarse": 144, "low": 246, "mid": 765, "high": 1536}

@@ -9,7 +9,7 @@ import meshio
 import numpy as np
 import pytest
 
-from softsim_core.mesh import box_mesh, quadratic, read_tets, write_tets
+from softsim_core.physics.mesh import box_mesh, quadratic, read_tets, write_tets
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from softsim_core.errors import SoftSimError
-from softsim_core.observer.belief import Belief, squared_distance
-from softsim_core.observer.jump import WINDOWS, JumpDetector, chi_square_limit
-from softsim_core.observer.settings import ObserverSettings
+from softsim_core.base.errors import SoftSimError
+from softsim_core.control.observer.filter import (
+    WINDOWS,
+    Belief,
+    JumpDetector,
+    chi_square_limit,
+    squared_distance,
+)
+from softsim_core.control.observer.settings import ObserverSettings
 
 
 def test_a_belief_after_many_measurements_is_the_least_squares_estimate() -> None:

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.errors import ConfigError, SceneError
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mesh.types import TetMesh
+from softsim_core.base.errors import ConfigError, SceneError
+from softsim_core.base.values import MeshFile, Placement
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mesh.types import TetMesh
 from softsim_core.robots import parts
 from softsim_core.scene import Part, Scene
 from softsim_core.scene.robot import Controller, RobotDescription
-from softsim_core.values import MeshFile, Placement
 
 
 def described(*items: Any) -> RobotDescription:

@@ -10,17 +10,16 @@ import pytest
 from small_scenes import scene
 
 from softsim_core import load_scene
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.mesh import box_mesh
-from softsim_core.mesh.shapes import Shape
-from softsim_core.mesh.writers import write_tets
-from softsim_core.scene.builder import build
+from softsim_core.base.values import Placement
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.physics.mesh.readers import write_tets
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.building.builder import build
 from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
 from softsim_core.scene.rod import RodDescription, RodSectionDescription
-from softsim_core.values import Placement
 
 SILICONE = MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)
 

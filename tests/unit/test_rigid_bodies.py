@@ -7,14 +7,17 @@ import pytest
 from small_scenes import body, slab
 
 from softsim_core import Simulation
-from softsim_core.contact.settings import ContactSettings
-from softsim_core.mesh import box_mesh
-from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base.values import Placement
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.description import (
+    CollisionDescription,
+    RigidBodyDescription,
+    SceneDescription,
+    SolverSettings,
+)
 from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.objects import CollisionDescription, RigidBodyDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.values import Placement
 
 
 def drop(backend: str = "auto") -> SceneDescription:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from small_scenes import machine
 
-from softsim_core.errors import SceneError
+from softsim_core.base.errors import SceneError
 from softsim_core.scene import Scene
 from softsim_core.scene.control import InverseSettings, StartAnimation
 from softsim_core.scene.description import SceneDescription

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core.errors import ConfigError
+from softsim_core.base.errors import ConfigError
 from softsim_core.scene import find_config, known_scenes, load_scene
-from softsim_core.scene.files import config_file, config_roots
+from softsim_core.scene.io.files import config_file, config_roots
 
 SCENE = "name: own\n"
 
@@ -17,10 +17,10 @@ SCENE = "name: own\n"
 @pytest.fixture
 def no_checkout(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """The package stands alone, as installed: no configs beside it, none in the environment."""
-    installed = tmp_path / "site-packages" / "softsim_core" / "scene" / "files.py"
+    installed = tmp_path / "site-packages" / "softsim_core" / "scene" / "io" / "files.py"
     installed.parent.mkdir(parents=True)
     installed.touch()
-    monkeypatch.setattr("softsim_core.scene.files.__file__", str(installed))
+    monkeypatch.setattr("softsim_core.scene.io.files.__file__", str(installed))
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "prefix"))
     monkeypatch.delenv("SOFTSIM_CONFIG_PATH", raising=False)
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
@@ -97,12 +97,12 @@ def test_a_foreign_configs_folder_beside_the_package_is_not_ours(no_checkout: Pa
 
 def test_a_symlinked_package_finds_the_checkout(no_checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     checkout = no_checkout / "checkout"
-    real = put(checkout, "softsim_core/scene/files.py", "")
+    real = put(checkout, "softsim_core/scene/io/files.py", "")
     robot = put(checkout, "configs/robots/own.yaml")
     link = no_checkout / "ros2_ws" / "softsim_core"
     link.parent.mkdir()
     link.symlink_to(checkout / "softsim_core")
-    monkeypatch.setattr("softsim_core.scene.files.__file__", str(link / "scene" / "files.py"))
+    monkeypatch.setattr("softsim_core.scene.io.files.__file__", str(link / "scene" / "io" / "files.py"))
     assert real.exists()
     assert find_config("own") == robot
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import sys
 from pathlib import Path
@@ -9,11 +10,11 @@ from textwrap import dedent
 
 import pytest
 
-from softsim_core.errors import CommandError, ConfigError, SceneError
-from softsim_core.mesh.types import TetMesh
+from softsim_core.base.errors import CommandError, ConfigError, SceneError
+from softsim_core.physics.mesh.types import TetMesh
 from softsim_core.scene import Part, Scene, load_python, load_scene
+from softsim_core.scene.io.python_loader import MODULES
 from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.moved import MODULES
 from softsim_core.scene.scene import animated
 
 
@@ -47,7 +48,7 @@ def test_a_users_file_builds_a_scene(tmp_path: Path) -> None:
         tmp_path,
         """
         from beside import NAME
-        from softsim_core.scene.solver_settings import SolverSettings
+        from softsim_core.scene.description import SolverSettings
         from softsim_core.robots.parts import elastic_body, fixing_box, servo
 
         def create_scene(scene):
@@ -79,7 +80,7 @@ def test_meshes_may_be_arrays(tmp_path: Path) -> None:
         tmp_path,
         """
         import numpy as np
-        from softsim_core.mesh.types import TetMesh
+        from softsim_core.physics.mesh.types import TetMesh
         from softsim_core.robots.parts import elastic_body
 
         MESH = TetMesh(points=np.eye(4, 3), tets=np.array([[0, 1, 2, 3]]))
@@ -189,12 +190,16 @@ def test_files_that_do_not_run(tmp_path: Path, text: str, key: str, words: list[
     [
         ("from softsim_core.scene.parts import servo", "import softsim_core.robots.parts in its place"),
         ("from softsim_core.scene import parts", "import softsim_core.robots.parts in its place"),
+        (
+            "from softsim_core.contact.crossing import x",
+            "moved into another one below softsim_core.physics.contact; see docs/library.md",
+        ),
         ("import softsim_core.dynamics.simulation", "import softsim_core.simulation in its place"),
         (
             "from softsim_core.scene.description import KeyBinding",
             "not in softsim_core.scene.description any more; write `from softsim_core import KeyBinding`",
         ),
-        ("from softsim_core.mesh import nothing", "ImportError: cannot import name 'nothing'"),
+        ("from softsim_core.physics.mesh import nothing", "ImportError: cannot import name 'nothing'"),
         ("import softsim_core.nothing", "ModuleNotFoundError: No module named 'softsim_core.nothing'"),
     ],
 )
@@ -206,7 +211,8 @@ def test_what_has_moved_is_named_with_its_new_place(tmp_path: Path, line: str, w
 
 def test_every_module_that_moved_has_gone_from_its_old_place_and_is_at_the_new_one() -> None:
     for old, new in MODULES.items():
-        assert importlib.util.find_spec(old) is None
+        with pytest.raises(ModuleNotFoundError):
+            importlib.import_module(old)
         assert importlib.util.find_spec(new) is not None
 
 
@@ -247,7 +253,7 @@ def test_a_failing_controller_names_its_line(tmp_path: Path) -> None:
     path = write(
         tmp_path,
         """
-        from softsim_core.errors import CommandError
+        from softsim_core.base.errors import CommandError
 
         def create_scene(scene):
             @scene.on_step_end

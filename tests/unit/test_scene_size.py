@@ -7,17 +7,18 @@ from typing import Any
 
 import pytest
 
-from softsim_core.errors import ConfigError, SceneError
-from softsim_core.mesh.generators import box_mesh
-from softsim_core.mesh.quadratic import quadratic
-from softsim_core.scene import builder, load_scene
+from softsim_core.base.errors import ConfigError, SceneError
+from softsim_core.base.values import MeshFile
+from softsim_core.physics.mesh.generators import box_mesh
+from softsim_core.physics.mesh.types import quadratic
+from softsim_core.scene import load_scene
+from softsim_core.scene.building import builder
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.io.portable import read_description, write_description
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.portable import read_description, write_description
 from softsim_core.scene.robot import RobotDescription
 from softsim_core.scene.size import check_size, scene_size
-from softsim_core.values import MeshFile
 
 ROD = """
 name: rods
@@ -82,7 +83,7 @@ def test_a_scene_from_a_message_is_measured_before_it_is_built(
     keys: str, body: str, needs: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("rclpy")
-    from softsim_ros.simulator.next_scene import SceneBuilder
+    from softsim_ros.nodes.simulator.scene_files import SceneBuilder
 
     robot = rod(tmp_path, keys, body)
     for door in (

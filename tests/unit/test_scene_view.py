@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core.errors import ConfigError, SceneError
+from softsim_core.base.errors import ConfigError, SceneError
 from softsim_core.scene import Scene, load_scene, load_yaml
 from softsim_core.scene.view import LAYERS, Camera, ViewSettings
 

@@ -13,21 +13,20 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softsim_core.errors import ConfigError
-from softsim_core.mechanics.limits import JointLimits
+from softsim_core.base.errors import ConfigError
+from softsim_core.base.values import Box, MeshFile, Placement, Sphere
+from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.scene import SceneDescription, load_scene, load_yaml
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import SolverSettings
+from softsim_core.scene.io.portable import unstructure_scene
+from softsim_core.scene.io.structure import structure_scene
+from softsim_core.scene.io.yaml_loader import read_overrides
+from softsim_core.scene.io.yaml_source import SourcedMapping, key_path, read_yaml
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.overrides import read_overrides
-from softsim_core.scene.plain import unstructure_scene
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.solver_settings import SolverSettings
-from softsim_core.scene.structure import structure_scene
 from softsim_core.scene.view import ViewSettings
-from softsim_core.scene.yaml_source import SourcedMapping, key_path, read_yaml
-from softsim_core.values import Box, MeshFile, Placement, Sphere
 
 MINIMAL = """\
 name: block
@@ -325,7 +324,7 @@ def test_overrides_are_laid_over_and_named_in_mistakes(write: Write) -> None:
 def test_a_missing_package_is_one_sentence(
     write: Write, monkeypatch: pytest.MonkeyPatch, missing: str
 ) -> None:
-    from softsim_core.scene.converter import scene_converter
+    from softsim_core.scene.io.structure import scene_converter
 
     scene_converter.cache_clear()
     monkeypatch.setitem(sys.modules, missing, None)

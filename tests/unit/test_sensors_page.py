@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core import Simulation, load_scene
-from softsim_core.sensing import sensor_kind, sensor_kinds
+from softsim_core.physics.sensing import sensor_kind, sensor_kinds
 
 SHIPPED = {name for name in sensor_kinds() if "softsim_core" in sensor_kind(name).description.__module__}
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "sensors.md").read_text()

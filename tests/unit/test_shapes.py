@@ -8,9 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.errors import MeshError
-from softsim_core.mesh import SurfaceMesh, enclosed_volume, euler_number, is_closed, place, write_surface
-from softsim_core.mesh.shapes import (
+from softsim_core.base.errors import MeshError
+from softsim_core.base.values import MeshFile, Placement
+from softsim_core.physics.mesh import (
+    SurfaceMesh,
+    enclosed_volume,
+    euler_number,
+    is_closed,
+    place,
+    write_surface,
+)
+from softsim_core.physics.mesh.shapes import (
     Shape,
     box_surface,
     cylinder_surface,
@@ -19,7 +27,6 @@ from softsim_core.mesh.shapes import (
     sphere_surface,
     surface_of,
 )
-from softsim_core.values import MeshFile, Placement
 
 BOX = (0.02, 0.03, 0.05)
 CLOSED = [Shape(sphere=0.013), Shape(box=BOX), Shape(cylinder=(0.01, 0.04))]

@@ -7,12 +7,12 @@ import pytest
 from small_scenes import body, limited, machine, shaken
 
 from softsim_core import Simulation, load_scene
-from softsim_core.dynamics import Backend
-from softsim_core.errors import (
+from softsim_core.base.errors import (
     SnapshotError,
 )
-from softsim_core.mechanics.snapshot import pack
-from softsim_core.mesh import box_mesh
+from softsim_core.physics.dynamics import Backend
+from softsim_core.physics.mechanics.state import pack
+from softsim_core.physics.mesh import box_mesh
 
 A = -1.4965
 DT = 0.01

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from small_scenes import assert_same, body, jittered, machine, scene, slab
 
-from softsim_core.dynamics.backends import make_stepper
-from softsim_core.mechanics.control import Control
-from softsim_core.mechanics.pose import rotation_exp
-from softsim_core.mechanics.state import State
-from softsim_core.mesh import TetMesh, box_mesh
-from softsim_core.scene.builder import build
+from softsim_core.base.values import Placement
+from softsim_core.physics.dynamics.backends import make_stepper
+from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mesh import TetMesh, box_mesh
+from softsim_core.scene.building.builder import build
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
-from softsim_core.values import Placement
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from small_scenes import body, scene
 
-from softsim_core.dynamics.report import StepReport
-from softsim_core.dynamics.substeps import SubstepStepper
-from softsim_core.errors import FactorisationError, SceneError
-from softsim_core.mechanics.control import Control, Parameters
-from softsim_core.mechanics.model import Model
-from softsim_core.mechanics.state import State
-from softsim_core.mesh import box_mesh, quadratic
-from softsim_core.scene.builder import build
+from softsim_core.base.errors import FactorisationError, SceneError
+from softsim_core.physics.dynamics.report import StepReport
+from softsim_core.physics.dynamics.substeps import SubstepStepper
+from softsim_core.physics.mechanics.control import Control, Parameters
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mesh import box_mesh, quadratic
+from softsim_core.scene.building.builder import build
+from softsim_core.scene.description import SolverSettings
 from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.solver_settings import SolverSettings
 
 
 class Shearing:

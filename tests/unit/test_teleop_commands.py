@@ -12,13 +12,22 @@ from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 from typed_keys import Typed, press
 
-from softsim_core.errors import SoftSimError
-from softsim_core.mechanics.limits import JointLimits
+from softsim_core.base.errors import SoftSimError
+from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.scene import load_scene
 from softsim_core.scene.control import KEY_NAMES, CommandSettings, KeyBinding
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.joint import JointDescription
 from softsim_core.scene.robot import RobotDescription
+from softsim_ros.client.joints import (
+    GoToPose,
+    MoveAll,
+    MoveJoint,
+    StepJoints,
+    decide,
+    format_command,
+    format_position,
+)
 from softsim_ros.client.state import (
     STALE_AFTER_S,
     RobotState,
@@ -28,18 +37,7 @@ from softsim_ros.client.state import (
     with_heard_command,
     with_measurement,
 )
-from softsim_ros.client.wishes import (
-    GoToPose,
-    MoveAll,
-    MoveJoint,
-    StepJoints,
-    decide,
-    format_command,
-    format_position,
-)
-from softsim_ros.keys.names import KeyPress
-from softsim_ros.keys.press import CallAction, Quit
-from softsim_ros.keys.table import key_table
+from softsim_ros.keys.press import CallAction, KeyPress, Quit, key_table
 
 TRIPOD = load_scene("tripod")
 FREE = replace(TRIPOD, commands=CommandSettings(enforce_limits=False))

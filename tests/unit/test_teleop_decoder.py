@@ -10,8 +10,8 @@ from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
 from softsim_core.scene.control import KEY_NAMES
-from softsim_ros.keys.names import KeyPress
-from softsim_ros.teleop.decoder import ESCAPE_TIMEOUT_S, KeyDecoder
+from softsim_ros.keys.press import KeyPress
+from softsim_ros.nodes.teleop.decoder import ESCAPE_TIMEOUT_S, KeyDecoder
 
 UP, CTRL_UP = KeyPress("up"), KeyPress("up", ctrl=True)
 

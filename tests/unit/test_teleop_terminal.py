@@ -13,7 +13,7 @@ from waiting import DEADLINE_S
 
 USES_TERMINAL = """
 import os, sys
-from softsim_ros.teleop.terminal import NoTerminalError, RawTerminal
+from softsim_ros.nodes.teleop.terminal import NoTerminalError, RawTerminal
 try:
     with RawTerminal() as terminal:
         terminal.write(f"ready {terminal.size}\\r\\n")
@@ -34,8 +34,8 @@ print("left")
 
 HOLDS_OUTPUT = """
 import os, sys
-from softsim_ros.teleop.held_output import HeldOutput
-from softsim_ros.teleop.terminal import RawTerminal
+from softsim_ros.nodes.teleop.terminal import HeldOutput
+from softsim_ros.nodes.teleop.terminal import RawTerminal
 with HeldOutput(), RawTerminal() as terminal:
     print("held line")
     sys.stdout.flush()

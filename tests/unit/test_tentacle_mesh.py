@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.mesh import check_tets, read_tets
+from softsim_core.physics.mesh import check_tets, read_tets
 from softsim_core.robots.tentacle_mesh import SECTIONS, main, tentacle
 
 MESHES = Path(__file__).parents[2] / "configs" / "meshes"

@@ -16,13 +16,13 @@ from softsim_core import ConfigError, SceneError, Simulation, SolverSettings, lo
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
-from softsim_core.linalg import division  # noqa: E402
-from softsim_core.linalg.crew import usable_cores, usable_threads  # noqa: E402
+from softsim_core.physics.linalg import divided_factor  # noqa: E402
+from softsim_core.physics.linalg.threads import usable_cores, usable_threads  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
 def _small_trees_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(division, "WORTHWHILE", 0.0)
+    monkeypatch.setattr(divided_factor, "WORTHWHILE", 0.0)
 
 
 def moved(name: str, solver: str, threads: int, steps: int = 12) -> Simulation:
@@ -69,7 +69,7 @@ def test_states_are_the_same_bit_by_bit(name: str, solver: str, monkeypatch: pyt
     for step in range(12, 16):
         drive(again, step)
     assert again.snapshot() == further
-    monkeypatch.setattr(division, "WORTHWHILE", np.inf)  # one part: sums in another order
+    monkeypatch.setattr(divided_factor, "WORTHWHILE", np.inf)  # one part: sums in another order
     whole = moved(name, solver, 1, steps=16)
     assert np.abs(again.positions - whole.positions).max() < 1e-7
 
@@ -94,8 +94,8 @@ def test_one_setting_says_how_many(monkeypatch: pytest.MonkeyPatch) -> None:
 SCRIPT = """
 import os, sys, threading
 from softsim_core import Simulation, load_scene
-from softsim_core.linalg import division
-division.WORTHWHILE = 0.0
+from softsim_core.physics.linalg import divided_factor
+divided_factor.WORTHWHILE = 0.0
 threads = int(sys.argv[1])
 simulation = Simulation(load_scene("cable_finger", {"solver": {"threads": threads}}), backend="numba")
 simulation.step()

@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.errors import CommandError
-from softsim_core.mechanics.pose import rotation_of
-from softsim_core.sensing import ImuDescription
-from softsim_core.values import Placement
+from softsim_core.base.errors import CommandError
+from softsim_core.base.values import Placement
+from softsim_core.physics.mechanics.pose import rotation_of
+from softsim_core.physics.sensing import ImuDescription
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
 
-from softsim_node.frames import prefix_of
-from softsim_ros.frames import RobotFrames
-from softsim_ros.simulator.objects import bodies_topology
-from softsim_ros.simulator.transforms import FrameTree
+from softsim_node.frames import RobotFrames, prefix_of
+from softsim_ros.nodes.simulator.publications import bodies_topology
+from softsim_ros.nodes.simulator.scene_topics import FrameTree
 
 STAMP = Time(sec=3)
 

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import pytest
 from waiting import DEADLINE_S, spin_until
 
-from softsim_core.errors import SoftSimError
-from softsim_ros import work_queue
-from softsim_ros.work_queue import WorkQueue
+from softsim_core.base.errors import SoftSimError
+from softsim_node import background
+from softsim_node.background import WorkQueue
 
 
 class Owner:
@@ -65,7 +65,7 @@ def test_what_is_given_up_is_never_done(owner: Owner, monkeypatch: pytest.Monkey
     first.start()
     assert owner.busy.wait(DEADLINE_S)
     with monkeypatch.context() as patch:
-        patch.setattr(work_queue, "REQUEST_TIMEOUT_S", 0.0)
+        patch.setattr(background, "REQUEST_TIMEOUT_S", 0.0)
         with pytest.raises(SoftSimError, match="its work takes more than 0 s; it is not done later"):
             owner.queue.ask(lambda: done.append("late"))
     owner.alive = False  # as a thread that is taken for dead in the middle of an action

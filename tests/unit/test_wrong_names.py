@@ -6,8 +6,8 @@ import re
 
 import pytest
 
+from softsim_core.base.names import MOST_PROPOSED, did_you_mean, known_names, nearest, one_of
 from softsim_core.scene import known_scenes
-from softsim_core.wrong_names import MOST_PROPOSED, did_you_mean, known_names, nearest, one_of
 
 MANY = [f"scene_{k}" for k in range(35)]
 

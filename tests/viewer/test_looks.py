@@ -16,11 +16,9 @@ from drawn_canvas import Canvas
 
 from softsim_core import load_scene
 from softsim_core.scene.view import STRESS_MAPS, Section, StressMap, ViewSettings
-from softsim_ros.viewer.ground_shadow import CELLS, covered, shade, spread_over
-from softsim_ros.viewer.picture import Picture, landmarks
-from softsim_ros.viewer.stage import for_window
-from softsim_ros.viewer.surface import BANDS, Part, SurfaceView, band_colours, kept
-from softsim_ros.viewer.trail import Trail
+from softsim_ros.nodes.viewer.picture import Picture, landmarks
+from softsim_ros.nodes.viewer.stage import CELLS, Trail, covered, for_window, shade, spread_over
+from softsim_ros.nodes.viewer.surface import BANDS, Part, SurfaceView, band_colours, kept
 
 pytestmark = pytest.mark.ros
 

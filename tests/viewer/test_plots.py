@@ -14,7 +14,7 @@ pytest.importorskip("viser")
 
 from softsim_core import load_scene
 from softsim_ros.client.state import EffectorPose, RobotState, with_inverse
-from softsim_ros.viewer.timing_tabs import PlotsTab
+from softsim_ros.nodes.viewer.tabs import PlotsTab
 
 pytestmark = pytest.mark.ros
 

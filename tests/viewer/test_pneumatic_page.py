@@ -15,9 +15,9 @@ from browser_page import NODES, BrowserPage
 from sensor_msgs.msg import JointState
 
 from softsim_core import Simulation, load_scene
-from softsim_ros.viewer.marker_view import facing
-from softsim_ros.viewer.stage import HOLLOW_OFFSET_MM
-from softsim_ros.viewer.surface import MM
+from softsim_ros.nodes.viewer.marker_view import facing
+from softsim_ros.nodes.viewer.stage import HOLLOW_OFFSET_MM
+from softsim_ros.nodes.viewer.surface import MM
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

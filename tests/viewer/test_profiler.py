@@ -8,9 +8,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
-from softsim_ros.viewer.profiler import Profile
-from softsim_ros.viewer.readings import progress
-from softsim_ros.viewer.stage_tables import stage_table, step_table
+from softsim_ros.nodes.viewer.profiler import Profile, stage_table, step_table
+from softsim_ros.nodes.viewer.readings import progress
 
 pytestmark = pytest.mark.ros
 

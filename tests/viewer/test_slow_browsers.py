@@ -21,7 +21,7 @@ from softsim_ros.messages import diagnostic_values
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-VIEWER = "softsim_ros.viewer.viewer_node"
+VIEWER = "softsim_ros.nodes.viewer.viewer_node"
 
 
 def connected(port: int) -> socket.socket:

@@ -25,7 +25,7 @@ from tcp_ports import free_port
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core import Simulation, load_scene
-from softsim_ros.simulator.structure import structure
+from softsim_ros.nodes.simulator.scene_topics import structure
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -68,7 +68,7 @@ class Watched:
 def viewer(start_process: Any, client: Client, spin_until: Callable[..., bool]) -> Iterator[Watched]:
     port = free_port()
     process = start_process(
-        "softsim_ros.viewer.viewer_node", "--ros-args", "-p", "robot:=tripod", "-p", f"port:={port}"
+        "softsim_ros.nodes.viewer.viewer_node", "--ros-args", "-p", "robot:=tripod", "-p", f"port:={port}"
     )
     assert process.says("viewer: http"), process.output
     watched = Watched(process, client, port, spin_until)

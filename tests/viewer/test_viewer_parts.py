@@ -21,25 +21,34 @@ from softsim_core import load_scene
 from softsim_core.scene.control import KeyBinding
 from softsim_core.scene.view import LAYERS as LAYERS_OF_A_VIEW
 from softsim_core.scene.view import ViewSettings
-from softsim_ros.simulator.tuning import tunables as physical
-from softsim_ros.viewer import readings
-from softsim_ros.viewer.base_handle import BaseHandle
-from softsim_ros.viewer.collision_view import CollisionView
-from softsim_ros.viewer.controls import have_same_controls
-from softsim_ros.viewer.hotkeys import hotkeys, key_label, key_rows, page_keys
-from softsim_ros.viewer.inner_view import InnerView
-from softsim_ros.viewer.layers import LAYERS
-from softsim_ros.viewer.marker_view import MarkerView, RigidView, marker_colour, marker_points
-from softsim_ros.viewer.normals_view import NormalsView
-from softsim_ros.viewer.panel import Inbox
-from softsim_ros.viewer.properties import parts_of
-from softsim_ros.viewer.pull import Pull
-from softsim_ros.viewer.scene_tab import joint_at
-from softsim_ros.viewer.shapes import box_lines, normal_lines, shrunk_faces, sphere_lines, tetrahedra_edges
-from softsim_ros.viewer.stage import CAMERA_FOV, camera_for, floor_height
-from softsim_ros.viewer.surface import BANDS, bands_of, compact, round_up
-from softsim_ros.viewer.tuning import tunables
-from softsim_ros.viewer.units import command_of, joint_range, slider_label, slider_value
+from softsim_ros.nodes.simulator.parameters import tunables as physical
+from softsim_ros.nodes.viewer import readings
+from softsim_ros.nodes.viewer.inner_view import CollisionView, InnerView, NormalsView
+from softsim_ros.nodes.viewer.marker_view import MarkerView, RigidView, marker_colour, marker_points
+from softsim_ros.nodes.viewer.panel import Inbox
+from softsim_ros.nodes.viewer.parameters import tunables
+from softsim_ros.nodes.viewer.part_tree import parts_of
+from softsim_ros.nodes.viewer.readings import LAYERS, command_of, joint_range, slider_label, slider_value
+from softsim_ros.nodes.viewer.stage import CAMERA_FOV, BaseHandle, Pull, camera_for, floor_height
+from softsim_ros.nodes.viewer.surface import (
+    BANDS,
+    bands_of,
+    box_lines,
+    compact,
+    normal_lines,
+    round_up,
+    shrunk_faces,
+    sphere_lines,
+    tetrahedra_edges,
+)
+from softsim_ros.nodes.viewer.tabs import (
+    have_same_controls,
+    hotkeys,
+    joint_at,
+    key_label,
+    key_rows,
+    page_keys,
+)
 
 pytestmark = pytest.mark.ros
 

@@ -1,4 +1,4 @@
-"""Rigid robots in URDF files: links, their shapes, and the joints between them.
+"""Rigid robots in URDF and Xacro files: links, shapes, joints, and the ROS packages they name.
 
 Source: the URDF specification of ROS (wiki.ros.org/urdf/XML); parsed by ROS 2's own urdfdom_py.
 """
@@ -7,26 +7,192 @@ from __future__ import annotations
 
 import importlib
 import math
+import os
+import stat
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
+from xml.etree import ElementTree
 
 import numpy as np
 
-from softsim_core.arrays import Array
-from softsim_core.errors import ConfigError, SceneError, listing
-from softsim_core.extras import install_command
-from softsim_core.mechanics.limits import JointLimits
-from softsim_core.mechanics.pose import rotation_euler
-from softsim_core.mesh.shapes import Shape
-from softsim_core.scene.arm.packages import not_found, package_folders
-from softsim_core.scene.arm.xacro_file import expanded
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import ConfigError, SceneError, listing
+from softsim_core.base.extras import install_command
+from softsim_core.base.names import known_names
+from softsim_core.base.values import MeshFile, Placement
+from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.scene.io.programs import XACRO, allowed_program, may_hold_programs
 from softsim_core.scene.placed import Motion
-from softsim_core.scene.programs import XACRO
-from softsim_core.values import MeshFile, Placement
-from softsim_core.wrong_names import known_names
+
+MANIFEST: Final = "package.xml"
+MOST_MANIFEST_BYTES: Final = 1_000_000
+MOST_ABOVE: Final = 6
+"""Folders above a file whose children are searched: of WORKSPACE/src/REPOSITORY/PACKAGE/urdf all five."""
+MOST_BELOW: Final = 3
+"""Depth to which the children of a folder are searched."""
+MOST_FOLDERS: Final = 5000
+"""Folders that one search visits at most."""
+AMENT, CATKIN = "AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH"
+_IGNORED: Final = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
+
+
+def package_folders(
+    package: str, file: Path, allowed: Callable[[Path], bool] = lambda folder: True
+) -> Iterator[Path]:
+    """Search a ROS package above a file, beside the folders above it, and where the environment says.
+
+    A folder is the package if its `package.xml` says so; above the file and below AMENT_PREFIX_PATH also if
+    it has the name. Children of / and of the home folder are not searched, nor those of a folder that other
+    users may write, such as /tmp.
+
+    Args:
+        package: Its name.
+        file: The file that names it.
+        allowed: Whether a folder beside those above the file may be taken.
+
+    Yields:
+        Folders that exist, the nearest first.
+    """
+    above = file.resolve().parents
+    yield from (folder for folder in above if folder.name == package or _name_of(folder) == package)
+    yield from (folder for folder in _below(package, _searched(file)) if allowed(folder))
+    shares = (entry / "share" / package for entry in _entries(AMENT))
+    yield from (folder for folder in shares if folder.is_dir())
+    yield from _below(package, _entries(CATKIN))
+
+
+def not_found(package: str, file: Path) -> str:
+    """Return the message that a package is in none of `package_folders`, with the places searched."""
+    below = listing(f"{folder}" for folder in _searched(file)[-1:])
+    entries = (f"{name} ({listing(_entries(name))})" for name in (AMENT, CATKIN))
+    return (
+        f"package {package} is in no folder of that name and no folder with its package.xml above {file}, "
+        f"up to {MOST_BELOW} folders below {below}, and in {listing(entries)}; put it beside the file's own "
+        f"package, or name its folder in {CATKIN}"
+    )
+
+
+def _entries(variable: str) -> list[Path]:
+    return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
+
+
+def _searched(file: Path) -> list[Path]:
+    """The folders above a file whose children are searched."""
+    return [folder for folder in file.resolve().parents[:MOST_ABOVE] if _is_searchable(folder)]
+
+
+def _is_searchable(folder: Path) -> bool:
+    return folder not in (Path(folder.anchor), Path.home()) and _is_trusted(folder)
+
+
+def _is_trusted(folder: Path) -> bool:
+    """Whether only this user and root may put something into a folder."""
+    status = folder.stat()
+    own = not hasattr(os, "getuid") or status.st_uid in (0, os.getuid())
+    return own and not status.st_mode & stat.S_IWOTH
+
+
+def _below(package: str, roots: Iterable[Path]) -> Iterator[Path]:
+    """The folders of that package among some folders and what is below them."""
+    visited: set[Path] = set()
+    for root in roots:
+        for folder in _packages(root, MOST_BELOW, visited):
+            if _name_of(folder) == package:
+                yield folder
+
+
+def _packages(folder: Path, depth: int, visited: set[Path]) -> Iterator[Path]:
+    """The folders with a manifest: the folder itself, or folders below it. No package lies in another one."""
+    if folder in visited or len(visited) >= MOST_FOLDERS:
+        return
+    visited.add(folder)
+    if (folder / MANIFEST).is_file():
+        yield folder
+    elif depth > 0 and not any((folder / name).exists() for name in _IGNORED):
+        for child in _children(folder):
+            yield from _packages(child, depth - 1, visited)
+
+
+def _children(folder: Path) -> list[Path]:
+    """The trusted folders in a folder by name, without hidden ones and links; none if it cannot be read."""
+    try:
+        with os.scandir(folder) as entries:
+            names = [each.name for each in entries if each.is_dir(follow_symlinks=False)]
+        shown = (folder / name for name in sorted(names) if not name.startswith("."))
+        return [child for child in shown if _is_trusted(child)]
+    except OSError:
+        return []
+
+
+def _name_of(folder: Path) -> str:
+    """Return the name in the manifest of a folder; "" where there is no manifest that can be read."""
+    try:
+        with (folder / MANIFEST).open("rb") as stream:
+            text = stream.read(MOST_MANIFEST_BYTES + 1)
+        if len(text) > MOST_MANIFEST_BYTES:
+            return ""
+        return (ElementTree.fromstring(text).findtext("name") or "").strip()
+    except (OSError, ElementTree.ParseError, ValueError, LookupError):
+        return ""
+
+
+def expanded(file: Path, arguments: Mapping[str, str], most_bytes: int) -> bytes:
+    """The URDF of a xacro file.
+
+    Xacro computes what stands in `${...}` as Python does: such a file is a program, and runs only where
+    `scene.programs` allows it. `$(find PACKAGE)` is the first of its `package_folders`; beside the folders
+    above the file only where programs may run, since xacro runs what it includes.
+
+    Args:
+        file: The file.
+        arguments: Values of its arguments (`xacro:arg`), by name.
+        most_bytes: A longer file is refused.
+
+    Raises:
+        ConfigError: it may not run, xacro is not installed, or the file is too long or cannot be expanded.
+        OSError: there is no such file.
+    """
+    program = allowed_program(file)
+    if program.stat().st_size > most_bytes:
+        raise ConfigError(file, "", f"is longer than {most_bytes} bytes; make it shorter")
+    try:
+        xacro: Any = importlib.import_module("xacro")
+        substitution: Any = importlib.import_module("xacro.substitution_args")
+    except ImportError as error:
+        problem = f"is a xacro file, which xacro expands: {install_command('arm')} (or apt install "
+        raise ConfigError(file, "", f"{problem}ros-jazzy-xacro)") from error
+    with _finding(substitution, file):
+        try:
+            document = xacro.process_file(str(program), mappings=dict(arguments), verbosity=0)
+            return bytes(document.toprettyxml(indent=" ", encoding="utf-8"))
+        except Exception as error:  # the library's own kinds, and whatever an expression raises
+            reason = " ".join(f"{type(error).__name__}: {error}".split())[:1000]
+            raise ConfigError(file, "", f"xacro cannot expand it ({reason})") from error
+
+
+@contextmanager
+def _finding(substitution: Any, file: Path) -> Iterator[None]:
+    """While it lasts, xacro looks for packages as meshes of a URDF file are looked for."""
+
+    def find(package: str) -> str:
+        folder = next(package_folders(package, file, may_hold_programs), None)
+        if folder is None:
+            raise LookupError(not_found(package, file))
+        return str(folder)
+
+    before = substitution._eval_find
+    substitution._eval_find = find
+    try:
+        yield
+    finally:
+        substitution._eval_find = before
+
 
 MOST_BYTES: Final = 10_000_000
 """A larger file is refused before it is parsed."""

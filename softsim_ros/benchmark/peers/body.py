@@ -7,12 +7,12 @@ from typing import Protocol
 
 import numpy as np
 
-from softsim_core.arrays import Array, IndexArray
-from softsim_core.mechanics.model import FIXED
-from softsim_core.scene.builder import build
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.values import Box
+from softsim_core.physics.mechanics.model import FIXED
+from softsim_core.scene.building.builder import build
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.robot import RobotDescription
-from softsim_core.values import Box
 
 
 class PeerMissingError(ImportError):

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
+from softsim_core.base.arrays import Array
 from softsim_core.scene.robot import RobotDescription
 from softsim_ros.benchmark.cases import Case
 from softsim_ros.benchmark.peers.body import Engine, HeldBody, PeerMissingError, held_body

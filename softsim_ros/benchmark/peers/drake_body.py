@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.arrays import Array
-from softsim_core.extras import install_command
-from softsim_core.mesh import TetMesh, write_tets
+from softsim_core.base.arrays import Array
+from softsim_core.base.extras import install_command
+from softsim_core.physics.mesh import TetMesh, write_tets
 from softsim_ros.benchmark.machine import version_of
 from softsim_ros.benchmark.peers.body import HeldBody, PeerMissingError
 

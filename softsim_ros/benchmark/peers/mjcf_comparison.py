@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.arrays import Array
-from softsim_core.errors import MjcfError
-from softsim_core.mjcf.folder import write_imported
-from softsim_core.mjcf.importing import ImportedScene, import_mjcf
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import MjcfError
+from softsim_core.mjcf.importing import ImportedScene, import_mjcf, write_imported
 from softsim_core.scene import load_scene
 from softsim_ros.benchmark.peers.comparison import falling_anew
 from softsim_ros.benchmark.peers.mujoco_flex import MujocoEngine

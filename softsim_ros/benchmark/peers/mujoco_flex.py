@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from softsim_core.errors import MjcfError
+from softsim_core.base.errors import MjcfError
 from softsim_core.mjcf.engine import MujocoRun
 from softsim_core.mjcf.exporting import ITERATIONS, export_mjcf
 from softsim_ros.benchmark.peers.body import HeldBody, PeerMissingError

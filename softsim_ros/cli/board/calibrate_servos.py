@@ -6,18 +6,20 @@ import argparse
 import math
 from pathlib import Path
 
-from servo_bridge.calibrate import (
+from servo_bridge.driver.calibration import (
     START_TIMEOUT_S,
     CalibrationAbortedError,
     ServoMover,
     calibrate,
+    calibrated_robot,
+    default_file,
+    save_calibration,
 )
-from servo_bridge.calibration_file import calibrated_robot, default_file, save_calibration
-from servo_bridge.driver import ServoDriver
-from servo_bridge.ports import find_port
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.ports import find_port
+from servo_bridge.driver.servo import byte_to_angle
 from servo_bridge.protocols import AUTO, names
-from servo_bridge.servo import byte_to_angle
-from softsim_core.errors import SceneError, listing
+from softsim_core.base.errors import SceneError, listing
 from softsim_core.scene import load_scene
 from softsim_core.scene.board import ServoCalibration
 

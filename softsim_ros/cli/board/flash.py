@@ -9,7 +9,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from softsim_core.processes import run_process
+from softsim_core.base.processes import run_process
 
 BAUD_RATE = 115200
 OLD_NANO_BAUD_RATE = 57600
@@ -33,10 +33,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Flash the board; 0 when avrdude wrote and verified it, 1 when something is missing or was refused."""
+    from servo_bridge.driver.ports import find_port
     from servo_bridge.emulator.board import FIRMWARE
-    from servo_bridge.emulator.intel_hex import read_image
+    from servo_bridge.emulator.simavr import read_image
     from servo_bridge.errors import PortError
-    from servo_bridge.ports import find_port
 
     image = Path(arguments.hex or FIRMWARE)
     _, content = read_image(image)
@@ -97,7 +97,7 @@ def _check_free(port: str, baud_rate: int) -> None:
     Raises:
         PortError: the port is in use, missing, or not allowed; the sentence says what to do.
     """
-    from servo_bridge.transport import SerialTransport
+    from servo_bridge.driver.ports import SerialTransport
 
     with SerialTransport(port, baud_rate):
         return

@@ -14,8 +14,8 @@ import time
 from typing import TYPE_CHECKING, Final, Protocol
 
 if TYPE_CHECKING:
+    from softsim_ros.client.robot_client import RobotSession
     from softsim_ros.client.services import Done
-    from softsim_ros.client.session import RobotSession
 
 DEMOS: Final = {
     "grasp": ("softsim_ros.cli.demos.grasp", "Grasp"),
@@ -93,10 +93,9 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_core.scene import load_scene
     from softsim_node.process import ros_process
     from softsim_ros.cli.running.one_at_a_time import only_one
-    from softsim_ros.client.robot_client import RobotClient
-    from softsim_ros.client.session import RobotSession
-    from softsim_ros.runtime import ClosableNode, SpinThread
-    from softsim_ros.simulator.simulator_node import Simulator
+    from softsim_ros.client.robot_client import RobotClient, RobotSession
+    from softsim_ros.nodes.simulator.simulator_node import Simulator
+    from softsim_ros.robot_node import ClosableNode, SpinThread
 
     module, name = DEMOS[arguments.name]
     show_class = getattr(importlib.import_module(module), name)

@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from rclpy.node import Node
 
-from softsim_core.arrays import Array
+from softsim_core.base.arrays import Array
 from softsim_ros.cli.demos.demo import LEAD_S
 from softsim_ros.cli.demos.shown_bodies import ShownBodies, ShownBody
 from softsim_ros.client.robot_client import RobotClient

@@ -10,9 +10,9 @@ from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from softsim_core.arrays import Array
-from softsim_core.mechanics.pose import rotation_of
-from softsim_ros.qos import EVERY_ONE, LATCHED
+from softsim_core.base.arrays import Array
+from softsim_core.physics.mechanics.pose import rotation_of
+from softsim_node.topics import EVERY_ONE, LATCHED
 
 
 class ShownBody(NamedTuple):

@@ -1,4 +1,4 @@
-"""A look at the ROS graph from outside: topics, one topic's messages, one topic's rate."""
+"""The ROS graph from outside: topics, messages as text, rates."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from array import array
+from collections.abc import Callable, Iterator, Sequence
 from statistics import fmean
 from typing import Any
 
@@ -14,14 +15,58 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from softsim_core.wrong_names import known_names
-from softsim_node import discovery
+from softsim_core.base.names import known_names
+from softsim_node import environment
 from softsim_node.ending import ending
 from softsim_node.process import ros_process
-from softsim_ros.cli.graph.message_text import message_text
+from softsim_node.topics import hearing_all
 from softsim_ros.client.discovery import FIRST_WITHIN_S, OTHERS_S, running_robots
 from softsim_ros.messages.types import load_message
-from softsim_ros.qos import hearing_all
+
+
+def message_text(message: Any, limit: int | None = 12, indent: str = "") -> str:
+    """Fields of a message, one a line, nested messages indented.
+
+    Args:
+        message: Any ROS message.
+        limit: Longest array that is printed whole; None prints all.
+        indent: Put before every line.
+    """
+    lines = []
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if hasattr(value, "get_fields_and_field_types"):
+            lines += [f"{indent}{name}:", message_text(value, limit, f"{indent}  ")]
+        elif _is_list(value) and len(value) and hasattr(value[0], "get_fields_and_field_types"):
+            shown = value if limit is None else value[:limit]
+            lines.append(f"{indent}{name}:")
+            lines += [_item(item, limit, indent) for item in shown]
+            if len(shown) < len(value):
+                lines.append(f"{indent}  ... {len(value)} in all")
+        else:
+            lines.append(f"{indent}{name}: {_value_text(value, limit)}")
+    return "\n".join(lines)
+
+
+def _item(item: Any, limit: int | None, indent: str) -> str:
+    text = message_text(item, limit, f"{indent}    ")
+    return f"{indent}  - {text.lstrip()}"
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, (Sequence, array)) and not isinstance(value, (str, bytes))
+
+
+def _value_text(value: Any, limit: int | None) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, (str, bytes)) or not hasattr(value, "__len__"):
+        return str(value)
+    shown = value if limit is None else value[:limit]
+    text = ", ".join(_value_text(item, limit) for item in shown)
+    rest = f", ... {len(value)} in all" if len(shown) < len(value) else ""
+    return f"[{text}{rest}]"
+
 
 TURN_S = 0.1
 REPORT_S = 1.0
@@ -34,7 +79,7 @@ OWN_NAME = "_softsim_topics"
 def where() -> str:
     """Which part of the ROS network this process sees, in words."""
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    return f"domain {domain}, discovery range {discovery.wished_range(os.environ)}"
+    return f"domain {domain}, discovery range {environment.wished_range(os.environ)}"
 
 
 @contextlib.contextmanager

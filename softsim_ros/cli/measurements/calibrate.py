@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softsim_node.terminals import takes_escapes
+from softsim_node.text import takes_escapes
 from softsim_ros.cli.measurements.calibrate_report import (
     Further,
     plain,
@@ -25,8 +25,8 @@ from softsim_ros.cli.measurements.calibrate_report import (
 from softsim_ros.cli.measurements.validate import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
-    from softsim_core.arrays import Array
-    from softsim_core.identification.fit import Calibration
+    from softsim_core.base.arrays import Array
+    from softsim_core.lab.identification.fit import Calibration
 
 USUAL_ROUNDS = 5
 """Most searches end within so many; what is told of the time to go assumes it, and then one more."""
@@ -74,8 +74,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, fit, tell."""
-    from softsim_core.identification.calibration import data_of, known_calibrations, load_calibration
-    from softsim_core.identification.fit import calibrate
+    from softsim_core.lab.identification.calibration import data_of, known_calibrations, load_calibration
+    from softsim_core.lab.identification.fit import calibrate
 
     if arguments.calibration is None:
         for name in known_calibrations():
@@ -126,8 +126,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _judged(result: Calibration, arguments: argparse.Namespace, progress: _Progress) -> Further:
     """What the options ask for; an interrupt leaves out what is not done."""
-    from softsim_core.identification.confidence import cross_validated, profiled
-    from softsim_core.identification.next_poses import next_poses
+    from softsim_core.lab.identification.confidence import cross_validated, profiled
+    from softsim_core.lab.identification.excitation import next_poses
 
     further = Further()
     try:

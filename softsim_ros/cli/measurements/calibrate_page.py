@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softsim_core.errors import DataError
-from softsim_core.file_writing import write_file
+from softsim_core.base.errors import DataError
+from softsim_core.base.files import write_file
 from softsim_ros.cli.measurements.calibrate_report import Further, interval, sentences, verdict
-from softsim_ros.cli.measurements.validate_page import PAGE
-from softsim_ros.cli.measurements.validate_script import STYLE
+from softsim_ros.cli.measurements.validate_report import PAGE, STYLE
 
 if TYPE_CHECKING:
-    from softsim_core.identification.fit import Calibration
+    from softsim_core.lab.identification.fit import Calibration
 
 WIDE, HIGH = 240, 18
 """Size of a parameter's bar in pixels."""

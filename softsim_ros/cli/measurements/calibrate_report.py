@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softsim_core.file_writing import write_file
-from softsim_core.scene.generated import comment
+from softsim_core.base.files import write_file
+from softsim_core.scene.io.files import comment
 
 if TYPE_CHECKING:
-    from softsim_core.identification.confidence import Folds
-    from softsim_core.identification.fit import Calibration
-    from softsim_core.identification.next_poses import NextPoses
+    from softsim_core.lab.identification.confidence import Folds
+    from softsim_core.lab.identification.excitation import NextPoses
+    from softsim_core.lab.identification.fit import Calibration
 
 WIDER = 1.2
 """From this on it is told how many times as wide intervals are."""
@@ -222,7 +222,7 @@ def write_distribution(file: Path, robot: str, result: Calibration) -> None:
     """A file that `load_distribution` reads."""
     import yaml
 
-    from softsim_core.identification.distribution import distribution_of, plain_distribution
+    from softsim_core.lab.identification.confidence import distribution_of, plain_distribution
 
     told = plain_distribution(distribution_of(result, _beside(robot, file)))
     head = comment(f"What softsim calibrate {result.description.name} leaves open.")

@@ -13,14 +13,14 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.errors import SoftSimError
-from softsim_core.identification.description import AlignmentDescription
-from softsim_core.identification.excitation import KINDS, ExcitationSettings
-from softsim_node.terminals import takes_escapes
+from softsim_core.base.errors import SoftSimError
+from softsim_core.lab.identification.description import AlignmentDescription
+from softsim_core.lab.identification.excitation import KINDS, ExcitationSettings
+from softsim_node.text import takes_escapes
 
 if TYPE_CHECKING:
     from softsim_core.scene import RobotDescription
-    from softsim_ros.client.session import RobotSession
+    from softsim_ros.client.robot_client import RobotSession
     from softsim_ros.excitation.sensors import Sensor
 
 EXIT_INTERRUPTED = 130
@@ -108,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_core.scene import load_scene
     from softsim_node.process import ros_process
     from softsim_ros.client.discovery import running_robot
-    from softsim_ros.client.session import CONNECT_WITHIN_S, connect
+    from softsim_ros.client.robot_client import CONNECT_WITHIN_S, connect
 
     if not (arguments.settle >= 0.0 and arguments.hold > 0.0):
         print("softsim excite: --settle must be >= 0 s and --hold > 0 s", file=sys.stderr)
@@ -147,8 +147,8 @@ def _simulate(stack: contextlib.ExitStack[bool | None], robot: RobotDescription,
     from rclpy.parameter import Parameter
 
     from softsim_ros.cli.running.one_at_a_time import only_one
-    from softsim_ros.runtime import SpinThread
-    from softsim_ros.simulator.simulator_node import Simulator
+    from softsim_ros.nodes.simulator.simulator_node import Simulator
+    from softsim_ros.robot_node import SpinThread
 
     stack.enter_context(only_one(namespace))
     overrides = [Parameter("publish_clock", value=True)]
@@ -161,10 +161,9 @@ def _measured(
     arguments: argparse.Namespace, settings: ExcitationSettings, session: RobotSession, folder: Path
 ) -> int:
     """Measure the robot of a session; returns the exit code."""
-    from softsim_ros.excitation.measure import Looks, Measurement
+    from softsim_ros.excitation.measure import Looks, Measurement, SetFolder
     from softsim_ros.excitation.player import MeasurementInterruptedError, Player
     from softsim_ros.excitation.sensors import SIMULATED, hear_sensors, sensor_choice
-    from softsim_ros.excitation.set_folder import SetFolder
 
     robot, node = session.client.robot, session.client.node
     sensors = hear_sensors(node, [sensor_choice(each) for each in arguments.sensor], _say)
@@ -226,9 +225,8 @@ def _in_robot(sensors: Sequence[Sensor], namespace: str) -> bool:
     Raises:
         ExcitationError: they have different ones.
     """
-    from softsim_ros.excitation.errors import ExcitationError
-    from softsim_ros.excitation.sensors import IMU
-    from softsim_ros.frames import BASE_LINK, WORLD
+    from softsim_node.frames import BASE_LINK, WORLD
+    from softsim_ros.excitation.sensors import IMU, ExcitationError
 
     own = {WORLD, BASE_LINK, f"{namespace.strip('/')}/{BASE_LINK}"}
     known = {each.readings.frame in own for each in sensors if each.kind != IMU}

@@ -11,15 +11,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.errors import DataError
-from softsim_core.wrong_names import known_names
-from softsim_node.terminals import takes_escapes
+from softsim_core.base.errors import DataError
+from softsim_core.base.names import known_names
+from softsim_node.text import takes_escapes
 
 if TYPE_CHECKING:
-    from softsim_core.identification.description import SessionDescription
-    from softsim_core.identification.files import DataSet
-    from softsim_core.identification.session import Session
-    from softsim_core.identification.validation import SessionResult
+    from softsim_core.lab.identification.description import SessionDescription
+    from softsim_core.lab.identification.files import DataSet
+    from softsim_core.lab.identification.session import Session
+    from softsim_core.lab.identification.validation import SessionResult
 
 EXIT_INTERRUPTED = 130
 LIMITS = ("mean", "rms", "p95", "max")
@@ -61,9 +61,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, replay, align, compare."""
-    from softsim_core.identification.files import known_data_sets, load_data_set
-    from softsim_core.identification.report import plain
-    from softsim_ros.cli.measurements.validate_text import sentences
+    from softsim_core.lab.identification.files import known_data_sets, load_data_set
+    from softsim_core.lab.identification.validation import plain
+    from softsim_ros.cli.measurements.validate_report import sentences
 
     if arguments.data_set is None:
         known = known_data_sets()
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print("\n".join(sentences(data.description, model, results)))
     if arguments.out is not None and results:
-        from softsim_ros.cli.measurements.validate_page import write
+        from softsim_ros.cli.measurements.validate_report import write
 
         write(arguments.out, data.description, model, results)
         print(f"report: {arguments.out}", file=sys.stderr)
@@ -107,9 +107,13 @@ def _results(
     arguments: argparse.Namespace, data: DataSet, model: str | None
 ) -> tuple[list[SessionResult], bool, bool]:
     """What each session gives; whether one gave none, which is said; whether it was interrupted."""
-    from softsim_core.identification.report import given_alignment, read_alignments
-    from softsim_core.identification.session import load_session
-    from softsim_core.identification.validation import session_robot, validate_session
+    from softsim_core.lab.identification.session import load_session
+    from softsim_core.lab.identification.validation import (
+        given_alignment,
+        read_alignments,
+        session_robot,
+        validate_session,
+    )
 
     alignments = read_alignments(arguments.alignment) if arguments.alignment is not None else None
     chosen = [_with_limits(each, arguments) for each in _chosen(data, arguments.session)]

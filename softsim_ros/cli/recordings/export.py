@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _export_csv(bag: Bag, folder: Path) -> None:
-    from softsim_ros.recording.csv_files import write_csv
+    from softsim_ros.recording.tables import write_csv
 
     files, left_out = write_csv(bag, folder)
     print(f"{folder}: {len(files)} tables ({', '.join(file.name for file in files)})")
@@ -60,8 +60,7 @@ def _export_csv(bag: Bag, folder: Path) -> None:
 
 
 def _export_vtu(bag: Bag, folder: Path, rate: float | None) -> None:
-    from softsim_ros.recording.surface_frames import SURFACE, VOLUME, mesh_frames
-    from softsim_ros.recording.vtu_series import write_vtu_series
+    from softsim_ros.recording.surface_frames import SURFACE, VOLUME, mesh_frames, write_vtu_series
 
     for name, topics in (("surface", SURFACE), ("volume", VOLUME)):
         if bag.counts.get(bag.topic(topics.points)):
@@ -72,7 +71,7 @@ def _export_vtu(bag: Bag, folder: Path, rate: float | None) -> None:
 
 
 def _export_html(bag: Bag, folder: Path) -> None:
-    from softsim_core.file_writing import write_file
+    from softsim_core.base.files import write_file
     from softsim_ros.recording.errors import BagError
     from softsim_ros.recording.html_replay import html_replay
 

@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Record until Ctrl-C, a limit, or a full disk."""
     if arguments.repair:
-        from softsim_ros.recording.repair import repair
+        from softsim_ros.recording.bag_writer import repair
 
         print(repair(Path(arguments.repair)))
         return 0
@@ -46,8 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rclpy.parameter import Parameter
 
     from softsim_node.ending import ending
-    from softsim_node.process import ros_process
-    from softsim_node.spinning import spin
+    from softsim_node.process import ros_process, spin
     from softsim_ros.client.discovery import RunningRobot, running_robot
     from softsim_ros.recording.recorder_node import Recorder
 

@@ -7,7 +7,7 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from softsim_core.extras import install_command
+from softsim_core.base.extras import install_command
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec("matplotlib") is None:
         print(f"softsim report: charts need matplotlib; {install_command('report')}", file=sys.stderr)
         return 1
-    from softsim_core.file_writing import write_file
+    from softsim_core.base.files import write_file
     from softsim_ros.recording.bag import Bag
     from softsim_ros.recording.report import report
 

@@ -1,4 +1,4 @@
-"""`softsim material NAME`: how an elastomer answers when it is pulled, and what that means for a scene."""
+"""`softsim material NAME`: how an elastomer answers when it is pulled, and the laws that fit it."""
 
 from __future__ import annotations
 
@@ -8,23 +8,98 @@ import json
 import math
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.errors import SceneError
-from softsim_core.extras import install_command
-from softsim_core.fem.materials import material
-from softsim_core.fem.materials.elastomers import (
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import ConfigError, SceneError
+from softsim_core.base.extras import install_command
+from softsim_core.physics.fem.materials import material
+from softsim_core.physics.fem.materials.elastomers import (
     DEFAULT_FIT,
     FITTED_LAWS,
     Elastomer,
+    RestStiffness,
     elastomer,
     elastomer_names,
+    rest_stiffness,
     stiffness_warning,
+    tension,
 )
-from softsim_core.fem.materials.tension import RestStiffness, rest_stiffness, tension
 from softsim_core.scene.material import MaterialDescription
-from softsim_ros.cli.robots.material_chart import Curve, terminal_chart
+from softsim_ros.figures import save_figure
+
+WIDTH, HEIGHT = 60, 16
+"""Characters across and lines of the chart."""
+
+
+class Curve(NamedTuple):
+    """A law's curve of tension and measured points.
+
+    Attributes:
+        title: What it is.
+        stretches: In [-], rising, shape (k,).
+        stresses: Nominal, in [Pa], shape (k,).
+        points: Measured stretch in [-] and stress in [Pa], shape (j, 2).
+    """
+
+    title: str
+    stretches: Array
+    stresses: Array
+    points: Array
+
+
+def terminal_chart(curve: Curve) -> list[str]:
+    """Lines of the chart: the law in dots, points as o."""
+    highest = float(max(curve.stresses.max(), curve.points[:, 1].max(initial=0.0)))
+    first, last = float(curve.stretches[0]), float(curve.stretches[-1])
+    cells = [[" "] * WIDTH for _ in range(HEIGHT)]
+
+    def put(stretch: float, stress: float, mark: str) -> None:
+        column = round((stretch - first) / (last - first) * (WIDTH - 1))
+        row = round((1.0 - stress / highest) * (HEIGHT - 1))
+        cells[min(max(row, 0), HEIGHT - 1)][min(max(column, 0), WIDTH - 1)] = mark
+
+    for stretch in np.linspace(first, last, WIDTH).tolist():
+        put(stretch, float(np.interp(stretch, curve.stretches, curve.stresses)), ".")
+    for stretch, stress in curve.points.tolist():
+        put(stretch, stress, "o")
+    top, foot = f"{1e-3 * highest:.4g}", f"{first:g}"
+    margin = len(top)
+    labels = [top, *[""] * (HEIGHT - 2), "0"]
+    lines = [f"{label:>{margin}} |{''.join(row)}".rstrip() for label, row in zip(labels, cells, strict=True)]
+    axis = " " * (margin + 2) + foot + f"{last:g}".rjust(WIDTH - len(foot))
+    return [
+        f"nominal stress in kPa over stretch: . {curve.title}, o measured",
+        *lines,
+        " " * margin + " +" + "-" * WIDTH,
+        axis,
+    ]
+
+
+def draw(curve: Curve, file: Path) -> None:
+    """Write a picture.
+
+    Raises:
+        ConfigError: the file cannot be written, or its ending names no picture format.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.plot(curve.stretches, 1e-3 * curve.stresses, label=curve.title)
+    axes.plot(curve.points[:, 0], 1e-3 * curve.points[:, 1], "o", label="measured, times the factor")
+    axes.set(xlabel="stretch [-]", ylabel="nominal stress [kPa]")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    try:
+        save_figure(figure, file)
+    except (OSError, ValueError) as error:
+        raise ConfigError(file, "", f"no picture was written: {error}; name a .png file") from error
+
 
 COMMON_DENSITY = 1070.0
 """In [kg/m^3], that of Dragon Skin 10, where the table has none."""
@@ -81,8 +156,6 @@ def run(arguments: argparse.Namespace) -> int:
     if made_of.warning:
         print(f"softsim material: {stiffness_warning(chosen.name)}", file=sys.stderr)
     if arguments.out is not None:
-        from softsim_ros.cli.robots.material_picture import draw
-
         draw(curve, arguments.out)
         print(f"picture: {arguments.out}", file=sys.stderr)
     return 0

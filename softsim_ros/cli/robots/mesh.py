@@ -10,11 +10,11 @@ import sys
 import warnings
 from pathlib import Path
 
-from softsim_core.errors import MeshError
-from softsim_core.extras import install_command
-from softsim_core.mesh.writers import write_tets
-from softsim_core.meshing import MeshedPart, MeshingOptions, mesh_part
-from softsim_core.meshing.part import UNITS
+from softsim_core.base.errors import MeshError
+from softsim_core.base.extras import install_command
+from softsim_core.lab.meshing import MeshedPart, MeshingOptions, mesh_part
+from softsim_core.lab.meshing.part import UNITS
+from softsim_core.physics.mesh.readers import write_tets
 
 WRITTEN = (".vtk", ".msh")
 _LENGTHS = ("size", "holes", "deviation")

@@ -7,9 +7,9 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from softsim_core.mesh.checks import dihedral_angles_deg
-from softsim_core.mesh.surface import boundary_surface
-from softsim_core.meshing import MeshedPart
+from softsim_core.lab.meshing import MeshedPart
+from softsim_core.physics.mesh.checks import dihedral_angles_deg
+from softsim_core.physics.mesh.surface import boundary_surface
 from softsim_ros.figures import save_figure
 
 matplotlib.use("Agg")

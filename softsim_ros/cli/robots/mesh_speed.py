@@ -6,13 +6,11 @@ from time import perf_counter
 
 import numpy as np
 
-from softsim_core.mesh.types import TetMesh
-from softsim_core.meshing.guesses import end_face
-from softsim_core.scene.attachment import AttachmentDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.lab.meshing.guesses import end_face
+from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
+from softsim_core.scene.description import SceneDescription, SolverSettings
 from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.solver_settings import SolverSettings
 from softsim_core.simulation import Simulation
 
 PRESET = "Dragon Skin 10 MEDIUM"

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.errors import MjcfError
-from softsim_core.file_writing import write_file
+from softsim_core.base.errors import MjcfError
+from softsim_core.base.files import write_file
 
 if TYPE_CHECKING:
     from softsim_ros.benchmark.peers.mjcf_comparison import ModelComparison
@@ -68,8 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    from softsim_core.mjcf.folder import write_imported
-    from softsim_core.mjcf.importing import import_mjcf
+    from softsim_core.mjcf.importing import import_mjcf, write_imported
 
     imported = import_mjcf(arguments.model, arguments.law)
     folder = arguments.out or Path(arguments.model.stem)

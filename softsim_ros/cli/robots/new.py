@@ -3,23 +3,264 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from softsim_core.errors import ConfigError, SceneError
-from softsim_core.fem.materials.elastomers import elastomer
-from softsim_core.file_writing import write_file
-from softsim_core.mesh.writers import write_tets
-from softsim_core.meshing import MeshedPart, mesh_part
-from softsim_core.meshing.guesses import Guess, guess
-from softsim_core.meshing.openings import open_hollows
-from softsim_core.meshing.repair import Repaired
-from softsim_core.scene.arm.urdf_file import read_urdf
+import numpy as np
+
+from softsim_core.base.errors import ConfigError, SceneError, listing
+from softsim_core.base.files import write_file
+from softsim_core.base.values import Box
+from softsim_core.lab.meshing import MeshedPart, mesh_part
+from softsim_core.lab.meshing.guesses import Guess, guess
+from softsim_core.lab.meshing.openings import open_hollows
+from softsim_core.lab.meshing.repair import Repaired
+from softsim_core.physics.fem.materials.elastomers import elastomer
+from softsim_core.physics.mechanics.pose import euler_of, rotation_euler
+from softsim_core.physics.mesh.readers import write_tets
+from softsim_core.scene.arm.urdf_file import RigidRobot, read_urdf
+from softsim_core.scene.io.files import on_one_line, scalar
 from softsim_ros.cli.robots.mesh import add_options, options, say
-from softsim_ros.cli.robots.mesh_speed import PRESET, STIFFNESS_FACTOR
-from softsim_ros.cli.robots.new_on_arm import arm_text, chosen_link
-from softsim_ros.cli.robots.new_scene import scene_text, test_text
+from softsim_ros.cli.robots.mesh_speed import DENSITY, POISSON, PRESET, STIFFNESS_FACTOR
+
+_DT = 0.01
+
+
+def scene_text(
+    name: str,
+    made: MeshedPart,
+    guess: Guess,
+    preset: str,
+    factor: float,
+    doubts: Sequence[str] = (),
+    dt: float = _DT,
+) -> str:
+    """The scene in YAML.
+
+    Args:
+        name: Of the robot, and of its files.
+        made: Its mesh.
+        guess: What is assumed of it.
+        preset: Name of an elastomer.
+        factor: Of its stiffness.
+        doubts: What speaks against the guess of a cable.
+        dt: Time step in [s].
+    """
+    order, tilt = made.mesh.order, guess.tilt_deg
+    order_line = "\n    order: 2  # quadratic elements" if order == 2 else ""
+    at = (
+        "its lowest face"
+        if guess.axis == 2
+        else f"the low end of its longest side, along {'xyz'[guess.axis]}"
+    ) + (f" (of its own axes: it lies askew by {tilt:.0f} degrees in its file)" if tilt else "")
+    hollow = made.source.cavities == 1
+    joint = _chamber() if hollow else "".join(f"  # {each}\n" for each in doubts) + _cable(guess)
+    step, unit = (1000.0, "Pa") if hollow else (0.01 * guess.length, "m")
+    pulled = 8000.0 if hollow else 0.06 * guess.length
+    moves = ("pump", "let air out") if hollow else ("pull the cable", "let the cable go")
+    nodes = made.report.nodes
+    file, mass = on_one_line(Path(made.source.surface.name).name), 1e3 * DENSITY * made.report.volume
+    return f"""\
+# {name}: made of {file} by `softsim new`. SI units (m, kg, s, Pa), z up.
+# What is a GUESS here is marked so: look at each in the page (softsim up), then correct it.
+name: {name}
+dt: {number(dt)}  # time step; every dt is stable, a smaller one damps less
+gravity: [0.0, 0.0, -9.81]
+solver: {{rayleigh_stiffness: 0.01}}  # damping; GUESS
+
+bodies:
+  - name: part
+    mesh: {{file: {name}.vtk}}  # {nodes} nodes; keep it: the mesher does not make a mesh twice{order_line}
+    # GUESS: `softsim material` lists others; or {{young_modulus: 250.0e+3, poisson_ratio: 0.45}}
+    material: {{preset: {scalar(preset)}, stiffness_factor: {factor:g}, poisson_ratio: {POISSON[order]:g}}}
+    density: {DENSITY:g}  # of silicone; by this the part weighs {mass:.3g} g: weigh a casting
+    colour: [0.9, 0.6, 0.4, 0.6]
+
+joints:
+{joint}
+attachments:
+  # GUESS: held at {at}: all nodes in this box
+  - {{name: base, body: part, to: world, box: {_box(guess.held)}}}
+  # the tip, whose pose is told on a topic and moved by inverse control
+  - name: tip
+    body: part
+    to: free
+    box: {_box(guess.tip)}
+    frame: {{translation: {number_list(guess.tip_place)}}}
+effector: tip
+
+poses:
+  start: [0.0]
+  moved: [{number(pulled)}]
+{"" if hollow else "inverse: {task: position, posture_weight: 0.0}" + chr(10)}
+keys:  # each on the plain key and with Ctrl; by: {unit} from where it is
+  plus: {{joints: [{"air" if hollow else "cable"}], by: {number(step)}, help: {moves[0]}}}
+  minus: {{joints: [{"air" if hollow else "cable"}], by: {number(-step)}, help: {moves[1]}}}
+  q: {{pose: moved, help: moved pose}}
+  a: {{pose: start, help: start pose}}
+"""
+
+
+def _chamber() -> str:
+    return """\
+  # GUESS: the hollow inside is an air chamber, commanded by its pressure in Pa
+  - name: air
+    kind: chamber
+    limits: {lower: 0.0, upper: 1.0e+4, speed: 1.0e+4}
+    chamber: {body: part, control: pressure}
+"""
+
+
+def _cable(guess: Guess) -> str:
+    upper, speed = 0.1 * guess.length, 0.5 * guess.length
+    points = "\n".join(f"        - {number_list(point)}" for point in guess.cable)
+    return f"""\
+  # GUESS: one cable along the longest axis, near one side; it slides through points and ends at the last
+  - name: cable
+    kind: cable
+    limits: {{lower: 0.0, upper: {number(upper)}, speed: {number(speed)}}}  # how far it is pulled in, in m
+    cable:
+      body: part
+      points:
+{points}
+      pull_point: {number_list(guess.pull_point)}  # where it leaves towards the motor
+      max_tension: 10.0  # in N
+"""
+
+
+def _box(box: Box) -> str:
+    turned = f", rotation_deg: {number_list(box.rotation_deg)}" if any(box.rotation_deg) else ""
+    return f"{{center: {number_list(box.center)}, size: {number_list(box.size)}{turned}}}"
+
+
+def number_list(values: tuple[float, ...]) -> str:
+    """A YAML list of such numbers."""
+    return "[" + ", ".join(number(each) for each in values) + "]"
+
+
+def number(value: float) -> str:
+    """A number as YAML takes it for one: with a point and without an exponent, to a nanometre."""
+    text = f"{value:.9f}".rstrip("0")
+    return "0.0" if float(text) == 0.0 else text + "0" * text.endswith(".")
+
+
+def test_text(name: str, made: MeshedPart, guess: Guess) -> str:
+    """A test of that scene for pytest."""
+    pulled = 8000.0 if made.source.cavities == 1 else 0.06 * guess.length
+    return f'''\
+"""{name} comes to rest under its own weight, stays where it is held, and moves when it is told to."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softsim_core import Simulation, load_scene
+
+SCENE = Path(__file__).with_name("{name}.yaml")
+LENGTH = {guess.length:.6g}  # in m
+
+
+@pytest.fixture(scope="module")
+def simulation() -> Simulation:
+    simulation = Simulation(load_scene(SCENE))
+    for _ in range(150):
+        simulation.step()
+    return simulation
+
+
+def test_it_rests(simulation: Simulation) -> None:
+    before = simulation.positions.copy()
+    simulation.step()
+    assert np.isfinite(simulation.positions).all()
+    assert np.abs(simulation.positions - before).max() < 1e-3 * LENGTH
+
+
+def test_it_moves(simulation: Simulation) -> None:
+    before = simulation.positions.copy()
+    simulation.command([{pulled:.4g}])
+    for _ in range(100):
+        simulation.step()
+    assert np.isfinite(simulation.positions).all()
+    moved = np.linalg.norm(simulation.positions - before, axis=1)
+    assert 1e-3 * LENGTH < moved.max() < LENGTH
+    assert moved.min() < 1e-9  # where it is held
+'''
+
+
+_ALONG_Z = ((0.0, -90.0, 0.0), (90.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+"""Rotations in [deg] that turn x, y and z to z."""
+_FELT = """
+sensors:  # what the arm feels there: weight, and every acceleration
+  - {{name: flange, kind: force_torque, on: {joint}}}
+"""
+
+
+def chosen_link(rigid: RigidRobot, link: str | None) -> str:
+    """The link that carries: the one named, else the last one.
+
+    Raises:
+        SceneError: the arm has no such link.
+    """
+    if link is None:
+        return rigid.last_link
+    if link not in rigid.shapes:
+        raise SceneError(f"{link!r} is no link of {rigid.name}; known: {listing(rigid.shapes)}")
+    return link
+
+
+def arm_text(name: str, urdf: Path, rigid: RigidRobot, link: str, guess: Guess) -> str:
+    """The scene in YAML, which lies beside that of the robot.
+
+    Args:
+        name: Of the robot.
+        urdf: The arm's file.
+        rigid: What stands in it.
+        link: What carries the robot.
+        guess: Where the robot is held.
+    """
+    turned = _ALONG_Z[guess.axis]
+    if guess.tilt_deg:
+        upright = rotation_euler(np.radians(turned)) @ guess.axes.T
+        x, y, z = np.degrees(euler_of(upright)).tolist()
+        turned = (x, y, z)
+    held = rotation_euler(np.radians(turned)) @ np.array(guess.held.center)
+    moving = [joint.name for joint in rigid.joints if joint.kind != "fixed"]
+    file, listed = on_one_line(urdf.name), on_one_line(", ".join(moving))
+    carrier = _carrier(rigid, link)
+    pairs = (("left", "right"), ("up", "down"))
+    keys = "\n".join(
+        f"  {key}: {{joints: [{scalar(joint)}], by: {sign}0.05, help: {scalar(f'move {joint}')}}}"
+        for joint, both in zip(moving, pairs, strict=False)
+        for key, sign in zip(both, ("", "-"), strict=True)
+    )
+    return f"""\
+# {name}_on_arm: {name} on the arm of {file}. Commands are the arm's joints, then those of {name}.
+name: {name}_on_arm
+arm:
+  urdf: {scalar(os.path.relpath(urdf.resolve(), Path(name).resolve()))}
+  start: {{}}  # positions of its joints at the start in rad or m; others at 0: {listed}
+  tools:
+    # GUESS: held end at the origin of the last link, along its +z
+    - robot: {name}.yaml
+      on: {scalar(link)}
+      pose: {{rotation_deg: {number_list(turned)}, translation: {number_list(tuple(0.0 - held))}}}
+{_FELT.format(joint=scalar(carrier)) if carrier else ""}
+keys:  # those of {name} are there, too
+{keys or "  {}"}
+"""
+
+
+def _carrier(rigid: RigidRobot, link: str) -> str | None:
+    """The last joint that moves before a link."""
+    carried_by = {joint.child: joint for joint in rigid.joints}
+    while (joint := carried_by.get(link)) is not None and joint.kind == "fixed":
+        link = joint.parent
+    return None if joint is None else joint.name
+
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from softsim_core.errors import SoftSimError
-from softsim_core.scene.files import config_roots, known_scenes
+from softsim_core.base.errors import SoftSimError
+from softsim_core.scene.io.files import config_roots, known_scenes
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _show(scene: str) -> int:
     try:
         from softsim_core.scene import load_scene
-        from softsim_core.scene.portable import write_description
+        from softsim_core.scene.io.portable import write_description
 
         text = write_description(load_scene(scene))
     except (SoftSimError, ImportError) as error:

@@ -11,11 +11,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.extras import install_command
-from softsim_node.terminals import takes_escapes
+from softsim_core.base.extras import install_command
+from softsim_node.text import takes_escapes
 
 if TYPE_CHECKING:
-    from softsim_core.inverse.workspace import Workspace
+    from softsim_core.control.inverse.workspace import Workspace
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.samples < 4:
         print("softsim workspace: --samples must be 4 or more", file=sys.stderr)
         return 2
-    from softsim_core.inverse.workspace import sample_workspace
+    from softsim_core.control.inverse.workspace import sample_workspace
     from softsim_core.scene import load_scene
 
     scene = load_scene(arguments.robot)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from softsim_core.errors import ConfigError
-from softsim_core.inverse.workspace import Workspace
+from softsim_core.base.errors import ConfigError
+from softsim_core.control.inverse.workspace import Workspace
 from softsim_ros.figures import save_figure
 
 

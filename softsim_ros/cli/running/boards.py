@@ -6,9 +6,9 @@ import contextlib
 from dataclasses import dataclass
 from enum import Enum
 
-from servo_bridge.board_node import BoardNode
-from servo_bridge.virtual_board_node import VirtualBoardNode
-from softsim_core.errors import SceneError
+from servo_bridge.nodes.board_node import BoardNode
+from servo_bridge.nodes.virtual_board_node import VirtualBoardNode
+from softsim_core.base.errors import SceneError
 from softsim_core.scene import RobotDescription
 
 EMULATED_SERVOS = 3
@@ -57,7 +57,7 @@ def local_board(
     if kind is BoardKind.VIRTUAL or (kind is BoardKind.EMULATED and _has_bus(robot)):
         node = VirtualBoardNode(described=robot.board, link="", namespace=namespace)
     elif kind is BoardKind.EMULATED:
-        from servo_bridge.emulated_board_node import EmulatedBoardNode  # loads simavr: only when wanted
+        from servo_bridge.nodes.emulated_board_node import EmulatedBoardNode  # loads simavr: only when wanted
 
         if servo_count(robot) != EMULATED_SERVOS:
             raise SceneError(

@@ -8,8 +8,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from softsim_core.errors import SoftSimError
-from softsim_core.locks import open_lock, runtime_folder
+from softsim_core.base.errors import SoftSimError
+from softsim_core.base.files import open_lock, runtime_folder
 
 
 class AlreadyUpError(SoftSimError, RuntimeError):

@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from softsim_core.wrong_names import known_names
+from softsim_core.base.names import known_names
 from softsim_node.ending import ending
 from softsim_node.program import run_module
 from softsim_ros.cli.running.nodes import NODES

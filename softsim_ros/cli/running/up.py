@@ -8,7 +8,7 @@ import os
 import re
 import sys
 
-from softsim_node.terminals import takes_escapes
+from softsim_node.text import takes_escapes
 
 VIRTUAL, EMULATED, SEARCH = "virtual", "emulated", "auto"
 PAGE_HOST, PAGE_PORT = "127.0.0.1", 8080
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     import rclpy  # noqa: F401  # where there is none, that is told before anything starts
 
     from softsim_core.scene import load_scene
-    from softsim_node import discovery
+    from softsim_node import environment
     from softsim_ros.cli.running.one_at_a_time import only_one
     from softsim_ros.cli.running.web_page import PageChoice, WebPage
 
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         stack.enter_context(only_one(namespace))
         print(f"starting {scene.name}: Ctrl-C ends it in the safe pose", flush=True)
-        print(discovery.sentence(os.environ), flush=True)
+        print(environment.sentence(os.environ), flush=True)
         page = None
         if not arguments.no_viewer:
             choice = PageChoice(arguments.host, arguments.port, arguments.lite, arguments.no_token)
@@ -132,7 +132,7 @@ def _robot_on_mesh(robot: str, level: str | None) -> str:
     Raises:
         ConfigError: there is no such robot; names the known ones.
     """
-    from softsim_core.scene.files import known_scenes
+    from softsim_core.scene.io.files import known_scenes
 
     if level is None or (level == "low" and f"{robot}_low" not in known_scenes()):
         return robot

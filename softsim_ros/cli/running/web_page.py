@@ -11,8 +11,8 @@ import time
 from dataclasses import dataclass
 from typing import IO, Final
 
-from softsim_core.extras import install_command
-from softsim_core.processes import python_command, start_process
+from softsim_core.base.extras import install_command
+from softsim_core.base.processes import python_command, start_process
 from softsim_node.ending import ending
 
 ANNOUNCED: Final = "viewer: "
@@ -66,7 +66,7 @@ class WebPage:
             "no_token": str(choice.no_token).lower(),
         }
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
-        module = "softsim_ros.viewer.viewer_node"
+        module = "softsim_ros.nodes.viewer.viewer_node"
         self._process = start_process(
             python_command(module, "--ros-args", "-r", f"__ns:=/{namespace}", *given),
             stdin=subprocess.DEVNULL,

@@ -18,8 +18,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run generations until it is found, and say what it is."""
-    from softsim_core.study.optimise import optimise
-    from softsim_core.study.preparing import prepare_study
+    from softsim_core.lab.study.optimise import optimise
+    from softsim_core.lab.study.preparing import prepare_study
 
     if (wrong := wrong_numbers(arguments)) is not None:
         print(f"softsim optimise: {wrong}", file=sys.stderr)

@@ -11,12 +11,12 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.errors import StudyError
-from softsim_core.extras import install_command
-from softsim_node.terminals import takes_escapes
+from softsim_core.base.errors import StudyError
+from softsim_core.base.extras import install_command
+from softsim_node.text import takes_escapes
 
 if TYPE_CHECKING:
-    from softsim_core.study.sweep import StudySummary, SweepOptions
+    from softsim_core.lab.study.engine import StudySummary, SweepOptions
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +56,7 @@ def configure_running(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a study, or draw its store."""
-    from softsim_core.study.description import known_studies, load_study
+    from softsim_core.lab.study.description import known_studies, load_study
 
     if arguments.report is not None:
         return _report(arguments)
@@ -66,9 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
         for name, file in known.items():
             print(f"{name:<{width}}  {load_study(file).about}")
         return 0
-    from softsim_core.study.preparing import prepare_study
-    from softsim_core.study.results import read_results, write_parquet
-    from softsim_core.study.sweep import sweep
+    from softsim_core.lab.study.engine import sweep
+    from softsim_core.lab.study.preparing import prepare_study
+    from softsim_core.lab.study.store import read_results, write_parquet
 
     if (wrong := wrong_numbers(arguments)) is not None:
         print(f"softsim sweep: {wrong}", file=sys.stderr)
@@ -103,8 +103,7 @@ def options(arguments: argparse.Namespace, store: Path, progress: Progress) -> S
     Raises:
         StudyError: recordings are asked for, and ROS or the package that writes them is missing.
     """
-    from softsim_core.study.engine import Where
-    from softsim_core.study.sweep import SweepOptions
+    from softsim_core.lab.study.engine import SweepOptions, Where
 
     recorder = None
     if arguments.bags:
@@ -138,7 +137,7 @@ def tell(summary: StudySummary, as_json: bool) -> None:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from softsim_core.study.results import read_results, write_parquet
+    from softsim_core.lab.study.store import read_results, write_parquet
     from softsim_ros.cli.studies.sweep_page import write
 
     if arguments.study is not None:

@@ -118,7 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
         from softsim_ros.cli.upkeep.bench_batch import run_batch
 
         return run_batch(arguments, _rounds(arguments))
-    from softsim_core.wrong_names import known_names
+    from softsim_core.base.names import known_names
     from softsim_ros.benchmark.cases import MESHES, available_meshes, default_reference_dir
 
     reference = arguments.reference or default_reference_dir()
@@ -178,8 +178,7 @@ def _rounds(arguments: argparse.Namespace) -> int:
 def _steps(arguments: argparse.Namespace, meshes: list[str], reference: Path) -> tuple[list[Record], int]:
     """Measure whole steps and print them; the records and the number of missed targets."""
     from softsim_ros.benchmark.cases import cases
-    from softsim_ros.benchmark.records import judge
-    from softsim_ros.benchmark.report import table
+    from softsim_ros.benchmark.records import judge, table
     from softsim_ros.benchmark.steps import known_paths, measure
 
     paths = known_paths()
@@ -218,7 +217,7 @@ def _peers(
 def _compared(cases: Sequence[Case], rounds: int, to_rest: bool = True) -> list[Record]:
     """Measure held bodies in other engines and print it; their records."""
     from softsim_ros.benchmark.peers.comparison import compare
-    from softsim_ros.benchmark.report import peer_table
+    from softsim_ros.benchmark.records import peer_table
 
     records: list[Record] = []
     notes: dict[str, None] = {}

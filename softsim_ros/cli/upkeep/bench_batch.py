@@ -11,13 +11,15 @@ from softsim_ros.benchmark.copies import (
     QUICK_COUNTS,
     WORKERS,
     BatchRate,
+    EnvironmentCost,
+    cost_table,
     measure_copies,
+    measure_environments,
     measure_peer,
     missed,
     peer_missing,
     rate_table,
 )
-from softsim_ros.benchmark.environments import EnvironmentCost, cost_table, measure_environments
 from softsim_ros.benchmark.machine import describe_machine
 from softsim_ros.benchmark.records import write_json
 from softsim_ros.benchmark.steps import known_paths

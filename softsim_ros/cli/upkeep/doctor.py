@@ -6,29 +6,29 @@ import argparse
 import sys
 from pathlib import Path
 
-from softsim_ros.cli.colours import Colours
-from softsim_ros.cli.upkeep.checks import house, ports, ros
-from softsim_ros.cli.upkeep.checks.finding import Finding, Level
+from softsim_ros.cli.command import Colours
+from softsim_ros.cli.upkeep import findings, ros_findings
+from softsim_ros.cli.upkeep.findings import Finding, Level
 
 MARKS = {Level.OK: "ok  ", Level.WARNING: "warn", Level.PROBLEM: "FAIL"}
 COLOURS = {Level.OK: "green", Level.WARNING: "yellow", Level.PROBLEM: "red"}
 
 CHECKS = (
-    house.python,
-    house.packages,
-    house.optional_packages,
-    house.numba,
-    house.configs,
-    ros.client,
-    ros.mixture,
-    ros.reach,
-    ros.log_folder,
-    ros.shared_memory,
-    ports.board,
-    ports.virtual_board,
-    ports.emulated_board,
-    ports.flashing,
-    house.terminal,
+    findings.python,
+    findings.packages,
+    findings.optional_packages,
+    findings.numba,
+    findings.configs,
+    ros_findings.client,
+    ros_findings.mixture,
+    ros_findings.reach,
+    ros_findings.log_folder,
+    ros_findings.shared_memory,
+    findings.board,
+    findings.virtual_board,
+    findings.emulated_board,
+    findings.flashing,
+    findings.terminal,
 )
 
 
@@ -39,26 +39,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print every finding; 0 where nothing is broken (warnings allowed), else 1."""
-    findings = examine(arguments.port)
+    found = examine(arguments.port)
     colour = Colours(sys.stdout)
-    for finding in findings:
+    for finding in found:
         mark = colour(COLOURS[finding.level], MARKS[finding.level])
         print(f"{mark}  {finding.subject}: {finding.text}")
         if finding.advice:
             print(f"      -> {finding.advice}")
-    problems = sum(finding.level is Level.PROBLEM for finding in findings)
-    warnings = sum(finding.level is Level.WARNING for finding in findings)
-    print(f"{len(findings)} checks, {problems} broken, {warnings} to mind")
+    problems = sum(finding.level is Level.PROBLEM for finding in found)
+    warnings = sum(finding.level is Level.WARNING for finding in found)
+    print(f"{len(found)} checks, {problems} broken, {warnings} to mind")
     return 1 if problems else 0
 
 
 def examine(port: str = "") -> list[Finding]:
     """Run every check; one that fails by itself becomes a finding, too."""
-    findings = []
+    found = []
     for check in CHECKS:
         try:
-            findings += check(port) if check is ports.board else check()
+            found += check(port) if check is findings.board else check()
         except Exception as error:  # a broken installation may fail anywhere, and this is where it gets said
             name = f"{Path(check.__module__.replace('.', '/')).name} {check.__name__}"
-            findings.append(Finding(Level.PROBLEM, name, f"the check itself failed: {error!r}"))
-    return findings
+            found.append(Finding(Level.PROBLEM, name, f"the check itself failed: {error!r}"))
+    return found

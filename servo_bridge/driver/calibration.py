@@ -1,0 +1,379 @@
+"""The calibration of a robot's own servos: its file, and a walk through the servos that measures it.
+
+robot: tripod
+    servos:
+      - {joint: servo_0, zero_byte: 179, sign: 1, trim_deg: 2.0, byte_min: 62, byte_max: 178, rest_byte: 150}
+
+The keys are those of the robot's file. Every key but `joint` may be left out and is then the robot's own; so
+may a servo.
+
+The servos move only through the driver, so limits of position, speed and acceleration hold all the time, and
+the board hears a pose fifty times per second while the person thinks.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.servo import angle_to_byte, byte_to_angle
+from servo_bridge.driver.writer import PeriodicThread
+from servo_bridge.errors import PortError
+from softsim_core.base.errors import ConfigError, SceneError, SoftSimError
+from softsim_core.base.files import write_file
+from softsim_core.base.names import known_names
+from softsim_core.scene.board import BusServo, Servo, ServoCalibration
+from softsim_core.scene.io.files import comment, scalar
+from softsim_core.scene.io.yaml_source import read_yaml
+from softsim_core.scene.robot import RobotDescription
+
+AnyServo = TypeVar("AnyServo", ServoCalibration, BusServo)
+
+
+def default_file(robot: str) -> Path:
+    """Where the calibration of a robot is kept: softsim/servos/<robot>.yaml in the person's configuration."""
+    configuration = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+    return Path(configuration) / "softsim" / "servos" / f"{robot}.yaml"
+
+
+def file_for(choice: str, robot: str) -> Path | None:
+    """The file that the parameter `calibration` means: a path, the default file where it exists, or none."""
+    if choice == "auto":
+        return default_file(robot) if default_file(robot).is_file() else None
+    return Path(choice).expanduser() if choice else None
+
+
+def load_calibration(file: Path, robot: str, servos: Sequence[AnyServo]) -> tuple[AnyServo, ...]:
+    """The servos of a board with what the file says of them.
+
+    Args:
+        file: The calibration.
+        robot: Name of the robot; the file of another one is refused.
+        servos: The robot's own calibration, in packet order.
+
+    Raises:
+        ConfigError: unreadable file, unknown key or joint, a value that is not allowed.
+    """
+    data = read_yaml(file)
+    for key in data:
+        if key not in ("robot", "servos"):
+            raise ConfigError(file, key, "is no key of a calibration; known: robot, servos")
+    if data.get("robot") != robot:
+        raise ConfigError(file, "robot", f"must be {robot}, not {data.get('robot')!r}; calibrate that robot")
+    entries = data.get("servos")
+    if not isinstance(entries, list):
+        raise ConfigError(file, "servos", "must be a list of servos, each with joint and what differs")
+    found = {servo.joint: servo for servo in servos}
+    seen: set[str] = set()
+    for index, entry in enumerate(entries):
+        where = f"servos[{index}]"
+        joint = entry.get("joint") if isinstance(entry, dict) else None
+        if joint not in found:
+            raise ConfigError(
+                file, f"{where}.joint", f"{joint!r} drives no servo; {known_names(joint, found)}"
+            )
+        if joint in seen:
+            raise ConfigError(file, f"{where}.joint", f"{joint} is given twice")
+        seen.add(joint)
+        found[joint] = _changed(found[joint], entry, file, where)
+    return tuple(found[servo.joint] for servo in servos)
+
+
+def calibrated_robot(robot: RobotDescription, file: Path) -> RobotDescription:
+    """The robot with its board's servos as the file says.
+
+    Raises:
+        ConfigError: see `load_calibration`.
+        SceneError: the robot has no board.
+    """
+    if robot.board is None:
+        raise SceneError(f"robot {robot.name} has no servo board to calibrate")
+    board = robot.board
+    servos: tuple[Servo, ...]
+    if board.bus_servos:
+        servos = load_calibration(file, robot.name, board.bus_servos)
+    else:
+        servos = load_calibration(file, robot.name, board.hobby_servos)
+    return replace(robot, board=replace(board, servos=servos))
+
+
+def save_calibration(file: Path, robot: str, servos: Sequence[Servo]) -> None:
+    """Write the file in one go: a reader, or a power cut, meets the old one or the new one, never half of it.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    head = comment(f"How the servos of {robot} are mounted; made by `softsim calibrate-servos {robot}`.")
+    lines = [f"robot: {scalar(robot)}", "servos:"]
+    for servo in servos:
+        values = {**asdict(servo), "joint": scalar(servo.joint)}
+        lines.append("  - {" + ", ".join(f"{key}: {value}" for key, value in values.items()) + "}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_file(file, head + "\n".join(lines) + "\n")
+    except OSError as error:
+        raise ConfigError(file, "", f"cannot be written ({error.strerror or error})") from error
+
+
+def _changed(servo: AnyServo, entry: dict[str, Any], file: Path, where: str) -> AnyServo:
+    known = asdict(servo)
+    for key, value in entry.items():
+        if key not in known:
+            raise ConfigError(file, f"{where}.{key}", f"is no key of a servo; {known_names(key, known)}")
+        if key == "joint":
+            continue
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        any_number = isinstance(known[key], float)
+        if not number or not (any_number or isinstance(value, int)):
+            wanted = "a number" if any_number else "a whole number"
+            raise ConfigError(file, f"{where}.{key}", f"must be {wanted}, not {value!r}")
+        if key == "sign" and value not in (1, -1):
+            raise ConfigError(file, f"{where}.sign", f"must be 1 or -1, not {value}")
+        if key == "trim_deg" and not -180.0 <= value <= 180.0:
+            raise ConfigError(file, f"{where}.trim_deg", f"must be within -180..180, not {value}")
+    try:
+        return replace(servo, **entry)
+    except SceneError as error:
+        raise ConfigError(file, where, str(error)) from error
+
+
+Ask = Callable[[str], str]
+"""Shows a question, returns the line that the person typed."""
+
+Say = Callable[[str], None]
+
+SMALL_MOVE_DEG, MOVE_TIMEOUT_S, START_TIMEOUT_S = 10.0, 15.0, 10.0
+ALLOWED_NUDGES = "+ or - (1 deg), ++ or -- (5 deg), or degrees such as -2.5"
+NUDGES = {"+": 1.0, "++": 5.0, "-": -1.0, "--": -5.0}
+
+
+class CalibrationAbortedError(SoftSimError):
+    """The person ended the calibration; nothing is written."""
+
+    def __init__(self) -> None:
+        super().__init__("calibration ended; nothing was written")
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """What the person saw of one servo.
+
+    Attributes:
+        mirrored: It turns the other way.
+        reference_rad: Joint angle at which its mounting was judged, in [rad].
+        offset_deg: How much more than told the servo had to turn until the joint stood there, in [deg].
+        byte_min, byte_max: Ends of the range that is free; None: as before.
+    """
+
+    mirrored: bool
+    reference_rad: float
+    offset_deg: float
+    byte_min: int | None = None
+    byte_max: int | None = None
+
+
+def calibrated(servo: ServoCalibration, seen: Observed) -> ServoCalibration:
+    """The servo's calibration after what was seen: at the reference it is sent what proved right there.
+
+    A mirrored servo counts backwards from the middle of its range. The rest angle stays, as far as the range
+    allows.
+
+    Raises:
+        SceneError: the range is empty.
+    """
+    degrees = seen.reference_rad * 180.0 / math.pi
+    right = servo.sign * degrees + servo.trim_deg + servo.zero_byte + seen.offset_deg
+    rest = byte_to_angle(servo.rest_byte, servo)
+    sign, zero = servo.sign, servo.zero_byte
+    if seen.mirrored:
+        sign, zero = (-1 if sign == 1 else 1), servo.byte_min + servo.byte_max - zero
+    low = servo.byte_min if seen.byte_min is None else seen.byte_min
+    high = servo.byte_max if seen.byte_max is None else seen.byte_max
+    fresh = replace(
+        servo,
+        sign=sign,
+        zero_byte=zero,
+        trim_deg=round(right - zero - sign * degrees, 3),
+        byte_min=low,
+        byte_max=high,
+        rest_byte=min(max(servo.rest_byte, low), high),
+    )
+    return replace(fresh, rest_byte=angle_to_byte(rest, fresh))
+
+
+class ServoMover:
+    """Sends the newest pose at the board's rate from a thread; `move` waits until it is reached.
+
+    Args:
+        driver: Connected; the caller disconnects it after `close`.
+    """
+
+    def __init__(self, driver: ServoDriver) -> None:
+        self._driver = driver
+        self._changed = threading.Condition()
+        self._fault: PortError | None = None
+        self._target = dict(zip(driver.servo_joints, driver.motion.rest, strict=True))
+        driver.start()
+        self._thread = PeriodicThread(self._tick, driver.period)
+
+    def wait_for_board(self, deadline_s: float) -> None:
+        """Wait until the first pose was sent.
+
+        Raises:
+            PortError: the board is lost, or did not start in time.
+        """
+        self._wait(lambda: self._driver.sent_bytes is not None, deadline_s)
+
+    def move(self, joint: str, angle_rad: float) -> float:
+        """Turn one joint, the others stay; the angle reached in [rad], within the limits.
+
+        Raises:
+            PortError: the board is lost.
+        """
+        with self._changed:
+            self._target[joint] = angle_rad
+        index = self._driver.servo_joints.index(joint)
+        goal = self._driver.motion.limits[index].clamp(angle_rad)
+        self._wait(lambda: self._driver.motion.positions[index] == goal, MOVE_TIMEOUT_S)
+        return goal
+
+    def sent_byte(self, joint: str) -> int:
+        """Servo byte that the joint was told last."""
+        with self._changed:
+            assert self._driver.sent_bytes is not None
+            return self._driver.sent_bytes[self._driver.servo_joints.index(joint)]
+
+    def close(self) -> None:
+        """Stop sending, go to rest at the limits' speed."""
+        self._thread.stop()
+        self._thread.join()
+        self._driver.settle(MOVE_TIMEOUT_S)
+
+    def _tick(self) -> None:
+        with self._changed:
+            if self._fault is None:
+                try:
+                    self._driver.command_named(self._target)
+                    self._driver.tick()
+                except PortError as error:
+                    self._fault = error
+            self._changed.notify_all()
+
+    def _wait(self, condition: Callable[[], bool], deadline_s: float) -> None:
+        with self._changed:
+            done = self._changed.wait_for(lambda: self._fault is not None or condition(), deadline_s)
+            if self._fault is not None:
+                raise self._fault
+            if not done:
+                raise PortError(
+                    self._driver.port,
+                    f"the board on {self._driver.port} did not get there in time; start again",
+                )
+
+
+def calibrate(robot: RobotDescription, mover: ServoMover, ask: Ask, say: Say) -> tuple[ServoCalibration, ...]:
+    """Walk through every servo of the board; the last answer to each question counts.
+
+    Args:
+        robot: With the calibration that the driver of `mover` has, as the first guess.
+        mover: Moves the servos.
+        ask: Asks the person.
+        say: Tells the person.
+
+    Returns:
+        The new calibrations, in packet order.
+
+    Raises:
+        CalibrationAbortedError: the person typed q.
+        PortError: the board is lost.
+    """
+    assert robot.board is not None
+    say("Enter takes what is shown, q ends without a change.")
+    results = []
+    for number, servo in enumerate(robot.board.hobby_servos, start=1):
+        say(f"\n{servo.joint}, servo {number} of {len(robot.board.hobby_servos)}")
+        results.append(calibrated(servo, _observe(robot, servo, mover, ask, say)))
+    return tuple(results)
+
+
+def _observe(
+    robot: RobotDescription, servo: ServoCalibration, mover: ServoMover, ask: Ask, say: Say
+) -> Observed:
+    rest = byte_to_angle(servo.rest_byte, servo)
+    mirrored = _turns_the_other_way(servo, rest, mover, ask)
+    reference = _reference(robot, servo.joint, rest)
+    reached = mover.move(servo.joint, reference)
+    say(f"It should stand at {math.degrees(reached):.1f} deg of joint angle now (pose of the robot's file).")
+    say(f"Correct it until it does: {ALLOWED_NUDGES}.")
+    offset = _nudge(servo, reached, mover, ask, say, "Correction")
+    limits = next(joint.limits for joint in robot.joints if joint.name == servo.joint)
+    ends: list[int | None] = []
+    for word, towards in (("smallest", -1), ("largest", 1)):
+        end = limits.lower if servo.sign * towards < 0 else limits.upper
+        fallback = byte_to_angle(servo.byte_min if towards < 0 else servo.byte_max, servo)
+        reached = mover.move(servo.joint, end if math.isfinite(end) else fallback)
+        back = _nudge(
+            servo, reached, mover, ask, say, f"The {word} servo byte; step back where it strains or touches"
+        )
+        ends.append(mover.sent_byte(servo.joint) if back else None)
+        mover.move(servo.joint, rest)
+    return Observed(mirrored, reference, offset, *ends)
+
+
+def _turns_the_other_way(servo: ServoCalibration, rest: float, mover: ServoMover, ask: Ask) -> bool:
+    while True:
+        mover.move(servo.joint, rest - math.radians(SMALL_MOVE_DEG))
+        mover.move(servo.joint, rest)
+        answer = _answer(
+            ask,
+            f"{servo.joint} turned by {SMALL_MOVE_DEG:g} deg and back: to a smaller joint angle? [Y/n/again]",
+        )
+        if answer in ("", "y", "yes"):
+            return False
+        if answer in ("n", "no"):
+            return True
+
+
+def _nudge(servo: ServoCalibration, start: float, mover: ServoMover, ask: Ask, say: Say, what: str) -> float:
+    """Degrees of the servo that the person added, as far as the limits let them."""
+    offset = 0.0
+    while True:
+        answer = _answer(ask, f"{what} [{offset:+.3g} deg, byte {mover.sent_byte(servo.joint)}]")
+        if not answer:
+            return offset
+        step = _degrees(answer)
+        if step is None:
+            say(f"{answer!r} moves nothing; type {ALLOWED_NUDGES}, or Enter when it is right.")
+            continue
+        reached = mover.move(servo.joint, start + servo.sign * math.radians(offset + step))
+        wanted, offset = offset + step, round(servo.sign * math.degrees(reached - start), 6)
+        if abs(offset - wanted) > 1e-3:
+            say("The joint's limits or the servo's range end here.")
+
+
+def _degrees(answer: str) -> float | None:
+    """The step that was typed, in [deg]; None where it is none."""
+    try:
+        step = NUDGES[answer] if answer in NUDGES else float(answer)
+    except ValueError:
+        return None
+    return step if math.isfinite(step) else None
+
+
+def _answer(ask: Ask, question: str) -> str:
+    answer = ask(question).strip().lower()
+    if answer == "q":
+        raise CalibrationAbortedError
+    return answer
+
+
+def _reference(robot: RobotDescription, joint: str, rest: float) -> float:
+    """The joint's angle in the robot's first named pose; its rest angle where there is none."""
+    index = robot.joint_names.index(joint)
+    return next((float(pose[index]) for pose in robot.poses.values()), rest)

@@ -1,0 +1,536 @@
+"""From commands to packets on a port: motion, protocol and port of one board. The clock is an argument.
+
+Two threads may use a driver: one ticks, the other gives commands. The e-stop needs neither: it is a latch
+that every tick looks at first. A port or a protocol that hangs keeps the ticks, and nobody else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+from servo_bridge.driver.board_port import BoardPort, Word
+from servo_bridge.driver.link import BoardLink
+from servo_bridge.driver.ports import SerialTransport, Transport
+from servo_bridge.driver.safety import EStop, MotionSettings, ServoMotion, rest_angle, servo_limits
+from servo_bridge.driver.servo import within
+from servo_bridge.driver.takeover import BoardPose, Takeover
+from servo_bridge.driver.writer import ends_in_time
+from servo_bridge.errors import PortError, ProtocolError
+from servo_bridge.protocols import AUTO, WAITING, Ability, TiltReading, candidates
+from softsim_core.base.errors import CommandError, SceneError
+from softsim_core.physics.mechanics.limits import check_command, check_named_command
+from softsim_core.scene.board import BoardDescription, BusServo
+from softsim_core.scene.robot import RobotDescription
+from softsim_node.text import named, sentence
+
+REST_REPEATS = 3
+"""Last packets are sent so often: one byte lost on the line does not decide where the servos stay."""
+
+Aim: TypeAlias = Literal["listen", "follow", "settle"]
+
+
+class Course:
+    """The present aim, and how far the way to rest has come.
+
+    Attributes:
+        settled: Set while the servos are not on the way to rest.
+    """
+
+    def __init__(self) -> None:
+        self.settled = threading.Event()
+        self.settled.set()
+        self._aim: Aim = "follow"
+        self._settle_until = 0.0
+        self._rest_packets = 0  # sent at the end of the way to rest
+
+    @property
+    def listens(self) -> bool:
+        """Whether no pose is to be sent."""
+        return self._aim == "listen"
+
+    @property
+    def settles(self) -> bool:
+        """Whether the servos are on the way to rest."""
+        return self._aim == "settle"
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the newest way to rest ended there."""
+        return self._rest_packets >= REST_REPEATS
+
+    def follow(self) -> None:
+        """Follow commands from now on."""
+        self._aim = "follow"
+
+    def settle(self, until: float) -> None:
+        """Go to rest; after the time `until` in [s] brake and stay where the servos are by then."""
+        self._aim, self._rest_packets = "settle", 0
+        self._settle_until = until
+        self.settled.clear()
+
+    def end(self) -> None:
+        """Only listen from now on."""
+        self._aim = "listen"
+        self.settled.set()
+
+    def step(self, motion: ServoMotion, now: float) -> tuple[float, ...]:
+        """The next pose in [rad] to send."""
+        if not self.settles:
+            return motion.step(now)
+        return motion.brake(now) if self._late(now) else motion.step_to_rest(now)
+
+    def sent(self, motion: ServoMotion, now: float) -> bool:
+        """The pose of `step` has left: whether the way to rest ends with it, arrived or out of time."""
+        if not self.settles:
+            return False
+        self._rest_packets += motion.at_rest
+        return self.arrived or (self._late(now) and motion.standing)
+
+    def _late(self, now: float) -> bool:
+        return now >= self._settle_until
+
+
+class ServoCommands:
+    """The joints of a robot and those among them that servos turn.
+
+    Args:
+        joint_names: The robot's joints, in the order of commands without names.
+        servo_joints: Joint of each servo, in packet order.
+    """
+
+    def __init__(self, joint_names: Sequence[str], servo_joints: Sequence[str]) -> None:
+        self._joint_names, self._servo_joints = tuple(joint_names), tuple(servo_joints)
+        self._order = [self._joint_names.index(name) for name in self._servo_joints]
+
+    def of_all(self, values: Sequence[float]) -> list[float]:
+        """Angles of the servos from one position per joint of the robot, in [rad].
+
+        Raises:
+            CommandError: wrong length or a value that is not finite.
+        """
+        checked = check_command(values, self._joint_names)
+        return [checked[index] for index in self._order]
+
+    def of_names(self, positions: Mapping[str, float]) -> list[float]:
+        """Angles of the servos from positions in [rad] by joint name; names without a servo are ignored.
+
+        Raises:
+            CommandError: a servo's joint is missing.
+        """
+        missing = [name for name in self._servo_joints if name not in positions]
+        if missing:
+            raise CommandError(
+                f"joint states without {named(missing)} refused; they name {named(positions)};"
+                " nothing was moved"
+            )
+        return [positions[name] for name in self._servo_joints]
+
+    def of_some(self, names: Sequence[str], positions: Sequence[float]) -> Mapping[str, float]:
+        """Angles by joint of the servos that are named, in [rad]; a NaN stands for no command.
+
+        Raises:
+            CommandError: unknown or repeated names, another number of positions, or an infinite one.
+        """
+        command = check_named_command(names, positions, self._joint_names)
+        return {name: command[name] for name in self._servo_joints if name in command}
+
+
+SLOWEST_HZ, FASTEST_HZ = 10.0, 200.0
+"""Allowed packets a second: less, and a board takes the pauses for silence; more, and the line is full."""
+
+
+def steady_time() -> float:
+    """Steady clock in [s] that also counts the time in which the computer was suspended."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+@dataclass(slots=True)
+class DriverCounts:
+    """What the driver did since it was made.
+
+    Attributes:
+        packets: Packets written.
+        refused: Commands refused as a whole.
+        last_refusal: Sentence of the newest refusal.
+        avoided: Packets in which a byte 100 was replaced.
+        restarts: Times that a board which says what it is was met, or met again after a reset.
+    """
+
+    packets: int = 0
+    refused: int = 0
+    last_refusal: str = ""
+    avoided: int = 0
+    restarts: int = 0
+
+
+class ServoDriver(BoardPort):
+    """Sends the newest command to the board, through limits and ramps, one packet a tick.
+
+    Args:
+        robot: Description with a board; its joints give names, order and limits.
+        settings: Timing of hold and rest.
+        rate: Packets a second in [Hz]; None takes the board's.
+        avoid_byte_100: Send no byte 100 where the protocol can help it; see `BoardProtocol`.
+        protocol: Name of what the board speaks; auto: as the robot's board says, else found out, see `link`.
+        baud_rate: Bits a second; None takes the protocol's own where it has one, else the board's.
+        on_tilt: Called with every reading of a board's IMU, in the reading thread.
+        e_stop: The latch that every tick looks at; None makes one.
+        clock: Steady clock in [s].
+        wait: Sleeps for a time in [s]; used only by `settle`.
+        open_port: Opens a port by its name and baud rate.
+
+    Raises:
+        SceneError: the robot has no board, a protocol that is unknown or does not fit its servos, a servo
+            whose rest byte lies outside its limits, or a rate that is not allowed.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        *,
+        settings: MotionSettings | None = None,
+        rate: float | None = None,
+        avoid_byte_100: bool = True,
+        protocol: str = AUTO,
+        baud_rate: int | None = None,
+        on_tilt: Callable[[TiltReading], None] = lambda reading: None,
+        e_stop: EStop | None = None,
+        clock: Callable[[], float] = steady_time,
+        wait: Callable[[float], None] = time.sleep,
+        open_port: Callable[[str, int], Transport] = SerialTransport,
+    ) -> None:
+        if robot.board is None or not robot.board.servos:
+            raise SceneError(
+                f"robot {robot.name} has no servo board; add a section board to {robot.source or 'it'}"
+            )
+        self.period = _period(robot.name, rate or robot.board.rate)
+        board = _board(robot, robot.board, 1.0 / self.period, baud_rate or robot.board.baud_rate)
+        try:
+            spoken = candidates(protocol, board)
+        except ProtocolError as error:
+            raise SceneError(f"robot {robot.name}: {error}") from error
+        super().__init__(board, spoken, baud_rate or spoken[-1].baud_rate or board.baud_rate, on_tilt, clock)
+        self.protocol = spoken[0].name if len(spoken) == 1 else AUTO
+        self.may_speak = any(Ability.DETECT in each.abilities for each in spoken)
+        self.servo_joints = tuple(servo.joint for servo in self.servos)
+        self._commands = ServoCommands(robot.joint_names, self.servo_joints)
+        limits = {joint.name: joint.limits for joint in robot.joints}
+        self.motion = ServoMotion(
+            self.servo_joints,
+            [servo_limits(servo, limits[servo.joint]) for servo in self.servos],
+            [rest_angle(servo) for servo in self.servos],
+            e_stop=e_stop,
+        )
+        self._lock = threading.RLock()
+        self.set_timing(settings or MotionSettings())
+        self.avoid_byte_100 = avoid_byte_100
+        self.counts = DriverCounts()
+        self._course = Course()
+        self._pose = BoardPose(self.motion, self._lock)
+        self._told = False  # the last tick told the board a pose, or to hold
+        self.sent_bytes: tuple[int, ...] | None = None
+        self._wait, self._open_port = wait, open_port
+        self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
+
+    @property
+    def command_age(self) -> float | None:
+        """Time in [s] since the newest accepted command; None before the first."""
+        return self.motion.command_age(self._clock())
+
+    @property
+    def sending(self) -> bool:
+        """Whether the last tick told the board a pose, or to hold."""
+        return self._told and self.connected
+
+    @property
+    def takeover(self) -> Takeover:
+        """Whether and why the board's pose has to be asked for before a pose is sent."""
+        return self._pose.takeover
+
+    @property
+    def moved(self) -> bool:
+        """Whether the board was sent a pose since `connect`."""
+        return self._pose.moved
+
+    @property
+    def settled(self) -> threading.Event:
+        """Set while the servos are not on the way to rest."""
+        return self._course.settled
+
+    def set_timing(self, settings: MotionSettings) -> None:
+        """Take new hold and rest times at once; the longest step stays two periods."""
+        with self._lock:
+            self.motion.settings = replace(settings, longest_step_s=2.0 * self.period)
+
+    def connect(
+        self, port: str, quiet_s: float = 0.0, *, again: bool = False, silent_allowed: bool = True
+    ) -> None:
+        """Open the port; nothing is written until the board spoke, or for `quiet_s` seconds; ticks send then.
+
+        Args:
+            port: Name of the port.
+            quiet_s: Quiet time after opening in [s].
+            again: Drive the board that was met before, and no other: one that does not say the same is
+                refused by `tick`, and so is silence where that one has spoken.
+            silent_allowed: Drive a board that says nothing, in a protocol of such boards; else `tick` refuses
+                it.
+
+        Raises:
+            PortError: it cannot be opened.
+        """
+        self.disconnect()
+        transport = self._open_port(port, self.baud_rate)
+        with self._lock:
+            self._open(transport, quiet_s, self.met if again else None, silent_allowed)
+            self._course.follow()
+            self._pose.opened()
+
+    def disconnect(self, *, relax: bool = False) -> None:
+        """Close the port, if one is open; the last pose sent stays known.
+
+        Args:
+            relax: Switch the pulses off first, where the board can and its servos were left at rest.
+        """
+        with self._lock:
+            words: Sequence[Word] = ()
+            if self.motion.e_stop.latched:
+                words = self._holds()
+            elif relax and self._pose.moved and self.motion.at_rest and not self.waiting:
+                words = (Ability.RELAX,)
+            close = self._take_out(words)
+            self._end_course()
+        ends_in_time(close)
+
+    def start(self) -> None:
+        """Begin to send from the board's pose, else the last one sent (at first the rest pose).
+
+        Earlier commands do not count.
+        """
+        with self._lock:
+            self.motion.start(self._clock())
+            self._pose.begin()
+            self._course.follow()
+
+    def stand_by(self) -> None:
+        """Only listen from now on, and tell a board that can hold to do so while the e-stop is latched."""
+        with self._lock:
+            self._end_course()
+
+    def command(self, values: Sequence[float]) -> None:
+        """Take a command of one position per joint of the robot, in its order, in [rad].
+
+        Raises:
+            CommandError: wrong length or a value that is not finite; nothing of it is used.
+        """
+        with self._counting_refusals():
+            angles = self._commands.of_all(values)
+            with self._lock:
+                self.motion.command(angles, self._clock())
+
+    def command_named(self, positions: Mapping[str, float]) -> None:
+        """Take positions in [rad] by joint name; names that drive no servo are ignored.
+
+        Raises:
+            CommandError: a servo's joint is missing, or its value is not finite; nothing of it is used.
+        """
+        with self._counting_refusals():
+            angles = self._commands.of_names(positions)
+            with self._lock:
+                self.motion.command(angles, self._clock())
+
+    def command_some(self, names: Sequence[str], positions: Sequence[float]) -> None:
+        """Take positions in [rad] of some of the robot's joints; the other servos go on as they are told.
+
+        A NaN stands for no command; one for no servo at all changes nothing.
+
+        Raises:
+            CommandError: unknown or repeated names, another number of positions, or an infinite one; nothing
+                of it is used.
+        """
+        with self._counting_refusals():
+            command = self._commands.of_some(names, positions)
+            if not command:
+                return
+            with self._lock:
+                now = self._clock()
+                told = {**dict(zip(self.servo_joints, self.motion.goal(now), strict=True)), **command}
+                self.motion.command([told[name] for name in self.servo_joints], now)
+
+    def refuse(self, error: CommandError) -> None:
+        """Count a command that was refused."""
+        self.counts.refused += 1
+        self.counts.last_refusal = sentence(error)
+
+    @contextlib.contextmanager
+    def _counting_refusals(self) -> Iterator[None]:
+        try:
+            yield
+        except CommandError as error:
+            self.refuse(error)
+            raise
+
+    def tick(self) -> tuple[int, ...] | None:
+        """Send the packet for now; call it once a period.
+
+        Returns:
+            The servo bytes that the board was told last; None where it was told no pose: standing by, in the
+            board's quiet time, and while its pose is taken over.
+
+        Raises:
+            PortError: the port vanished or takes no data; the pose stays the last one sent.
+        """
+        latched = self.motion.e_stop.latched
+        try:
+            sent = self._tick(self._clock())
+            self._told = sent is not None
+            return sent
+        except PortError:
+            self._end_course()
+            raise
+        finally:
+            if latched:
+                self.motion.e_stop.heed()
+
+    def begin_settling(self, timeout_s: float) -> bool:
+        """Go to the rest pose at the limits' speed from the next tick on, then stand by.
+
+        A latched e-stop ends it: nothing moves. When the way takes longer than `timeout_s` seconds, the
+        servos brake and stay where they are by then.
+
+        Returns:
+            Whether there is a way to go; not without a port, nor for a board that was not told to move.
+        """
+        with self._lock:
+            if self._transport is None or self.motion.e_stop.latched or not self._pose.moved:
+                self._end_course()
+                return False
+            self._course.settle(self._clock() + timeout_s)
+            return True
+
+    def settle(self, timeout_s: float = 1.5, sent: Callable[[], None] = lambda: None) -> bool:
+        """As `begin_settling`, but ticks itself and blocks until the end; `sent` is called after each packet.
+
+        Returns:
+            Whether the last packet was the rest pose.
+        """
+        if not self.begin_settling(timeout_s):
+            return False
+        try:
+            while not self.settled.is_set():
+                self._wait(self.period)
+                self.tick()
+                sent()
+        except PortError:
+            return False
+        return self.arrived
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the newest way to rest ended there."""
+        return self._course.arrived
+
+    def hold_board(self) -> None:
+        """Tell the board to stay where it is, where it can be told: for whoever finds the ticks ended."""
+        words = self._holds()
+        ends_in_time(lambda: [self._say(each) for each in words])
+
+    def _tick(self, now: float) -> tuple[int, ...] | None:
+        transport, link = self._transport, self.link
+        if transport is None or link is None:
+            raise PortError("", "no port is open; configure the bridge first")
+        link.check(now)
+        stalled_s = self._pose.passed_s(now)
+        if link.state(now) == WAITING:
+            with self._lock:
+                self.motion.forget(now)
+            self._ask()
+            return None
+        if self.motion.e_stop.latched:
+            if self._course.settles:
+                self._end_course()
+            if self._say(Ability.HOLD):
+                self._pose.held()
+                self.counts.packets += 1
+                return self.sent_bytes
+        restarted, listens = link.take_restart(), self._course.listens
+        self.counts.restarts += restarted
+        self._pose.look(link, now, stalled_s, restarted=restarted, listens=listens)
+        if listens:
+            self._ask()
+            return None
+        if question := self._pose.question(link):
+            transport.write(question)
+            return None
+        return self._send(transport, link, now)
+
+    def _send(self, transport: Transport, link: BoardLink, now: float) -> tuple[int, ...]:
+        """Write the next pose of the present course."""
+        with self._lock:
+            before = self.motion.positions
+            positions = self._course.step(self.motion, now)
+        try:
+            with link.speaking() as board:
+                board.avoid_byte_100 = self.avoid_byte_100
+                packet = board.encode(positions)
+                measured = board.measured() if Ability.MEASURES in board.abilities else None
+            transport.write(packet.data)
+        except PortError:
+            with self._lock:
+                self.motion.resume_from(before)
+            raise
+        self.counts.packets += 1
+        self.counts.avoided += packet.avoided
+        self._pose.moved = True
+        self.sent_bytes = packet.servo_bytes
+        self._applied = packet.angles_rad if measured is None else tuple(measured)
+        with self._lock:
+            if self._course.sent(self.motion, now):
+                self._end_course()
+        return packet.servo_bytes
+
+    def _holds(self) -> Sequence[Word]:
+        hold: Word = Ability.HOLD
+        return () if self.waiting else (hold,) * REST_REPEATS
+
+    def _end_course(self) -> None:
+        self._course.end()
+        self._told = False
+
+    def applied_angles(self) -> tuple[float, ...]:
+        """Joint angles in [rad], in servo order: as measured where the servos do, else the nominal ones sent.
+
+        NaN before the first packet.
+        """
+        return self._applied
+
+
+def _board(robot: RobotDescription, board: BoardDescription, rate: float, baud_rate: int) -> BoardDescription:
+    """The board as it is used: its servos on a bus narrowed to the limits of their joints.
+
+    Raises:
+        SceneError: a joint of a servo does not turn, or a servo's rest lies outside the limits.
+    """
+    joints = {joint.name: joint for joint in robot.joints}
+    for servo in board.servos:
+        if joints[servo.joint].kind != "revolute":
+            raise SceneError(f"robot {robot.name}: joint {servo.joint} of a servo must be revolute")
+    servos = tuple(
+        within(servo, joints[servo.joint].limits) if isinstance(servo, BusServo) else servo
+        for servo in board.servos
+    )
+    return replace(board, servos=servos, rate=rate, baud_rate=baud_rate)
+
+
+def _period(robot: str, rate: float) -> float:
+    if not SLOWEST_HZ <= rate <= FASTEST_HZ:  # also refuses NaN
+        raise SceneError(
+            f"robot {robot}: {rate:g} packets a second refused; allowed are"
+            f" {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+        )
+    return 1.0 / rate

@@ -1,0 +1,339 @@
+"""Serial ports: which one the board is on, and opening it for one user only."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol
+
+import serial
+from serial.tools import list_ports
+
+from servo_bridge.errors import PortError
+from softsim_core.base.errors import listing
+from softsim_node.text import printable
+
+READ_TIMEOUT_S = 0.05
+WRITE_TIMEOUT_S = 0.2
+BRLTTY = "if it vanishes right after plugging in on Ubuntu, remove the package brltty: it takes CH340 chips"
+
+
+class Transport(Protocol):
+    """An open port to a board; `SerialTransport` is one."""
+
+    port: str
+
+    def write(self, packet: bytes) -> None:
+        """Send one packet; PortError where the port failed."""
+        ...
+
+    def read(self) -> bytes:
+        """Bytes that came in, none after a short time without any; PortError where the port failed."""
+        ...
+
+    def cancel_read(self) -> None:
+        """End a `read` that waits in another thread."""
+        ...
+
+    def close(self) -> None:
+        """Close the port; a second call does nothing."""
+        ...
+
+
+class SerialTransport:
+    """An open serial port: whole packets out, bytes in.
+
+    One thread may read while another one writes. The modem lines are left alone: opening a port resets most
+    boards whatever is asked of them, and a pseudo-terminal has none.
+
+    Args:
+        port: Name of the device, for example /dev/ttyACM0.
+        baud_rate: Bits a second.
+
+    Raises:
+        PortError: the port cannot be opened; the sentence says why and what to do.
+    """
+
+    def __init__(self, port: str, baud_rate: int = 115200) -> None:
+        self.port = port
+        try:
+            self._serial = serial.Serial(port, baud_rate, timeout=READ_TIMEOUT_S, exclusive=True)
+        except (OSError, ValueError) as error:  # SerialException is an OSError
+            raise PortError(port, opening_sentence(port, error)) from error
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port has not been closed yet."""
+        return bool(self._serial.is_open)
+
+    def write(self, packet: bytes) -> None:
+        """Send one packet, in one write where the port has room for it.
+
+        The port alone decides whether it takes data. Pyserial's own time limit looks at the clock after it
+        has written: where this process is paused there, it calls a packet that has left a failure.
+
+        Raises:
+            PortError: the port vanished, was closed, or takes no data for 0.2 s.
+        """
+        while packet:
+            taken = self._take(packet)
+            if not taken:
+                raise PortError(
+                    self.port,
+                    f"the board on {self.port} took no data for {WRITE_TIMEOUT_S} s; unplug it and plug it"
+                    " in",
+                )
+            packet = packet[taken:]
+
+    def _take(self, packet: bytes) -> int:
+        """Number of bytes that the port takes as soon as it has room; 0 after 0.2 s without any."""
+        try:
+            _, ready, _ = select.select([], [self._serial.fileno()], [], WRITE_TIMEOUT_S)
+            return os.write(self._serial.fileno(), packet) if ready else 0
+        except BlockingIOError:
+            return 0
+        except (OSError, TypeError) as error:  # TypeError: another thread closed the port
+            raise PortError(self.port, self._vanished()) from error
+
+    def read(self) -> bytes:
+        """What came in; waits for the first byte for 0.05 s at most.
+
+        Raises:
+            PortError: the port vanished or was closed.
+        """
+        try:
+            data = bytes(self._serial.read(1))
+            waiting = self._serial.in_waiting if data else 0
+            return data + bytes(self._serial.read(waiting)) if waiting else data
+        except (OSError, TypeError) as error:
+            raise PortError(self.port, self._vanished()) from error
+
+    def cancel_read(self) -> None:
+        """End a `read` that waits in another thread."""
+        try:
+            self._serial.cancel_read()
+        except (OSError, AttributeError):  # vanished or closed: nothing waits any more
+            return
+
+    def discard_input(self) -> int:
+        """Read and drop what came in, without waiting.
+
+        Returns:
+            Number of bytes dropped.
+
+        Raises:
+            PortError: the port vanished.
+        """
+        try:
+            waiting = self._serial.in_waiting
+            return len(self._serial.read(waiting)) if waiting else 0
+        except (OSError, TypeError) as error:
+            raise PortError(self.port, self._vanished()) from error
+
+    def close(self) -> None:
+        """Close the port; a second call, or one on a vanished port, does nothing."""
+        try:
+            self._serial.close()
+        except OSError:  # a vanished device may refuse even this; its descriptor is gone all the same
+            self._serial.is_open = False
+
+    def __enter__(self) -> SerialTransport:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _vanished(self) -> str:
+        sentence = f"port {self.port} vanished (board unplugged, or its USB supply failed); plug it in again"
+        return f"{sentence}; {BRLTTY}" if _is_usb_adapter(self.port) else sentence
+
+
+def opening_sentence(port: str, error: BaseException) -> str:
+    """Why a port cannot be opened, and what to do, in one sentence."""
+    code = _error_number(error)
+    if code in (errno.EACCES, errno.EPERM):
+        return (
+            f"no permission to open {port}; run: sudo usermod -aG dialout $USER, then log out and in, or"
+            " install configs/udev/99-tripod.rules (in a container: --device and --group-add dialout)"
+        )
+    if code in (errno.EAGAIN, errno.EBUSY):
+        return (
+            f"port {port} is in use by another program (another bridge, a serial monitor, an upload);"
+            " stop that program first; ModemManager tries every new port for some seconds:"
+            " configs/udev/99-tripod.rules keeps it away"
+        )
+    if code in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        if port and not os.path.lexists(port):
+            advice = (
+                "plug the board in, or give another name with the parameter port (ls -l /dev/serial/by-id)"
+            )
+            if _is_usb_adapter(port):
+                advice += f"; {BRLTTY}"
+            return f"port {port} does not exist; {advice}"
+        return f"port {port} has no device behind it; plug the board in"
+    if code in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
+        return f"{port} is not a serial port; give the board's with the parameter port, e.g. /dev/ttyACM0"
+    if code == errno.EIO:
+        return f"port {port} does not answer (input/output error); unplug the board and plug it in again"
+    return f"port {port} cannot be opened: {error}"
+
+
+def _is_usb_adapter(port: str) -> bool:
+    try:
+        target = os.path.realpath(port)
+    except OSError:  # the link vanishes at this very moment
+        target = port
+    return Path(port).name.startswith("ttyUSB") or Path(target).name.startswith("ttyUSB")
+
+
+def _error_number(error: BaseException | None) -> int | None:
+    """Error number of an exception or of the one it came from (pyserial drops it in some places)."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno is not None:
+            return error.errno
+        if type(error).__module__ == "termios" and error.args and isinstance(error.args[0], int):
+            return error.args[0]
+        error = error.__context__
+    return None
+
+
+BY_ID = Path("/dev/serial/by-id")
+"""Links that keep their name when the port's number changes."""
+
+BOARD_USB_IDS = {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243), (0x2341, 0x006A)}
+"""Vendor and product of genuine Uno boards."""
+
+CLONE_USB_IDS = {(0x1A86, 0x7523), (0x0403, 0x6001), (0x10C4, 0xEA60)}
+"""USB-serial chips (CH340, FT232, CP210x) of cheap boards and of any other gadget: never chosen unasked.
+
+Many of them have no serial number, or all the same.
+"""
+
+NAME_IT = "name it with the parameter port (port:=/dev/...)"
+
+
+class PortInfo(Protocol):
+    """The part of pyserial's ListPortInfo used here."""
+
+    device: str
+    vid: int | None
+    pid: int | None
+    serial_number: str | None
+    location: str | None
+    manufacturer: str | None
+    description: str
+
+
+def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id: Path = BY_ID) -> str:
+    """The board's port: `port` itself when given, else the one board that is plugged in.
+
+    Args:
+        port: Name from the user; empty to search.
+        ports: Serial ports of this machine; None asks the system.
+        by_id: Folder of stable links.
+
+    Returns:
+        The name to open; a link of /dev/serial/by-id where there is one.
+
+    Raises:
+        PortError: no board, or more than one; the sentence lists what was seen.
+    """
+    if port:
+        return port
+    seen: list[PortInfo] = sorted(
+        list_ports.comports() if ports is None else ports, key=lambda info: info.device
+    )
+    boards = {Path(info.device).resolve(): info.device for info in seen if _is_board(info)}
+    links = sorted(by_id.iterdir()) if by_id.is_dir() else []
+    for link in links:
+        if "arduino" in link.name.lower() or link.resolve() in boards:
+            boards[link.resolve()] = str(link)
+    if len(boards) == 1:
+        return next(iter(boards.values()))
+    if boards:
+        raise PortError("", f"several boards found ({', '.join(sorted(boards.values()))}); {NAME_IT}")
+    clones = [f"{info.device} ({info.description})" for info in seen if (info.vid, info.pid) in CLONE_USB_IDS]
+    if clones:
+        raise PortError(
+            "", f"no certain board found; {', '.join(clones)} may be one or any other gadget: {NAME_IT}"
+        )
+    others = ", ".join(info.device for info in seen) or "none"
+    raise PortError("", f"no board found (serial ports seen: {others}); plug the board in, or {NAME_IT}")
+
+
+def stable_name(port: str, by_id: Path = BY_ID) -> str:
+    """The link of /dev/serial/by-id that leads to an open port; empty where there is none."""
+    target = Path(port).resolve()
+    links = sorted(by_id.iterdir()) if by_id.is_dir() else []
+    return next((str(link) for link in links if link.resolve() == target), "")
+
+
+def usb_identity(port: str, ports: Iterable[PortInfo] | None = None) -> str:
+    """What the USB chip of a port says of itself and keeps when it is plugged in again.
+
+    Args:
+        port: Name of the port, or of a link to it.
+        ports: Serial ports of this machine; None asks the system.
+
+    Returns:
+        Vendor, product and serial number; the socket in place of a serial number that does not tell one chip
+        from another. Empty where there is no USB chip, as for a pseudo-terminal.
+    """
+    target = Path(port).resolve()
+    seen = list_ports.comports() if ports is None else ports
+    return next((_identity(info) for info in seen if Path(info.device).resolve() == target), "")
+
+
+def _identity(info: PortInfo) -> str:
+    if info.vid is None or info.pid is None:
+        return ""
+    socket = info.location or ""
+    which = f"in USB socket {socket}"
+    if info.serial_number and (info.vid, info.pid) not in CLONE_USB_IDS:
+        _, _, interface = socket.partition(":")  # of several on one chip
+        which = f"serial number {printable(info.serial_number)}{interface and f' interface {interface}'}"
+    return f"USB {info.vid:04x}:{info.pid:04x} {which}"
+
+
+def find_again(port: str, stable: str, usb: str = "", *, ports: Iterable[PortInfo] | None = None) -> str:
+    """The port to open after one was lost: the same device, whatever its number; never another one.
+
+    Args:
+        port: Name from the person; empty searches, see `find_port`.
+        stable: What `stable_name` said while the port was open; empty: there was no such name.
+        usb: What `usb_identity` said then; empty: nothing.
+        ports: Serial ports of this machine; None asks the system.
+
+    Raises:
+        PortError: the device is not there, though the name from the person may be, as another device; of
+            `find_port` where neither name nor identity is known.
+    """
+    if usb:
+        seen = list_ports.comports() if ports is None else ports
+        there = [info.device for info in seen if _identity(info) == usb]
+        if len(there) > 1:
+            raise PortError(
+                port, f"{listing(sorted(there))} are the same to USB ({usb}); plug in the configured one only"
+            )
+        found = there[0] if there else ""
+    else:
+        found = stable if stable and Path(stable).exists() else ""
+    if found:
+        return found
+    if not usb and not stable:
+        return find_port(port)
+    other = f", and {port} may be another device by now" if port and Path(port).exists() else ""
+    raise PortError(
+        stable or port,
+        f"{stable or usb} is not plugged in{other}; plug it in, or for another board cleanup and configure",
+    )
+
+
+def _is_board(info: PortInfo) -> bool:
+    return (info.vid, info.pid) in BOARD_USB_IDS or "arduino" in (info.manufacturer or "").lower()

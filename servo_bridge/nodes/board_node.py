@@ -1,0 +1,97 @@
+"""A node around a board on a pseudo-terminal: its link, its status line, its end."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
+from servo_bridge.emulator.pty import PtyBoard
+from softsim_node.guards import GuardedNode
+from softsim_node.parameters import declare, parameter
+from softsim_node.text import takes_escapes
+
+STATUS_PERIOD_S = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardSettings:
+    """What the parameters of every board begin with."""
+
+    robot: str = parameter("tripod", "Robot whose namespace the board takes", fixed=True)
+    link: str = parameter("", "Path of a symbolic link to the port; empty: none", fixed=True)
+
+
+class BoardNode(GuardedNode):
+    """A board, what it does as a topic, and where wished as a line on standard output.
+
+    A subclass makes its `board` with a link to `link_path`, then calls `begin`.
+
+    Args:
+        link: Path of a link to the port; None takes the parameter `link` (empty: no link).
+        show: Write the port's name and a status line to standard output.
+        node_name: Name of the node.
+        **node_kwargs: Passed on to rclpy's Node.
+
+    Attributes:
+        defaults: Parameters and their defaults; a subclass may have more.
+        settings: The same as they were given.
+    """
+
+    board: PtyBoard
+    defaults: ClassVar[Any] = BoardSettings()
+
+    def __init__(self, *, link: str | None, show: bool, node_name: str, **node_kwargs: Any) -> None:
+        super().__init__(node_name, **node_kwargs)
+        self.settings = declare(self, self.defaults)
+        self.link_path = (self.settings.link if link is None else link) or None
+        self._show = show
+        self._shown = ""
+
+    @property
+    @abstractmethod
+    def pose_text(self) -> str:
+        """What the servos are told now, for a status line."""
+
+    @abstractmethod
+    def publish_pose(self) -> None:
+        """Publish what the servos are told."""
+
+    def begin(self, what: str, publish_period_s: float) -> None:
+        """The board is there: say so, and publish from now on."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(publish_period_s, self.publish_pose, clock=steady)
+        self.create_timer(STATUS_PERIOD_S, self._show_status, clock=steady)
+        self.get_logger().info(f"{what} on {self.board.port}")
+        if self._show:
+            sys.stdout.write(f"{self.board.port}\n")
+            sys.stdout.flush()
+
+    def close(self) -> None:
+        """Remove the port and its link; a second call does nothing."""
+        self.board.close()
+
+    def destroy_node(self) -> None:
+        """Close, then destroy the node."""
+        self.close()
+        super().destroy_node()
+
+    def _show_status(self) -> None:
+        if not self._show:
+            return
+        line = f"{self.pose_text}  port {'open' if self.board.is_open else 'closed'}"
+        if line != self._shown:
+            self._shown = line
+            terminal = takes_escapes(sys.stdout)
+            sys.stdout.write(f"\r{line}\x1b[K" if terminal else f"{line}\n")
+            sys.stdout.flush()
+
+
+def add_link(parser: argparse.ArgumentParser) -> None:
+    """Add the option --link of a board's command line."""
+    parser.add_argument("--link", metavar="PATH", help="as the parameter link")

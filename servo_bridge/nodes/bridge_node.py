@@ -1,0 +1,308 @@
+"""Lifecycle node `servo_bridge`: configure opens the port, activate sends, exits end in the safe pose."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from lifecycle_msgs.srv import ChangeState
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
+from servo_bridge.driver.board_session import BoardSession, Recovery
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.ports import find_port
+from servo_bridge.driver.safety import EStop
+from servo_bridge.errors import PortError, WriterError
+from servo_bridge.nodes import parameters
+from servo_bridge.nodes.bridge_services import EStopServices, GuardedLifecycleNode
+from servo_bridge.nodes.commands import CommandInput
+from servo_bridge.nodes.parameters import BridgeSettings, assemble
+from servo_bridge.nodes.reports import Reports
+from softsim_core.base.errors import SoftSimError
+from softsim_core.scene.robot import RobotDescription
+from softsim_node.frames import prefix_of
+from softsim_node.parameters import LiveParameters, Program
+from softsim_node.process import run_node
+from softsim_node.text import sentence
+from softsim_node.topics import StateTopics
+
+SUPERVISION_PERIOD_S = 0.1
+RETRY_JITTER = 0.2
+
+
+class ServoBridge(GuardedLifecycleNode):
+    """Thin: lifecycle, parameters and timers; decisions live in safety, driver, board_session and recovery.
+
+    Topics (relative): `joint_states`, `position_controller/commands` or `joint_commands` in,
+    `applied_joint_states` out (what was really sent, one message a packet), `imu` where the board has one,
+    `/diagnostics` at 1 Hz; latched and on a change `~/state`, `~/connected`, `~/sending`, `~/e_stop_latched`,
+    `~/commanded_by`. Packets leave from a thread of their own, at a fixed rate whatever the executor is busy
+    with; it runs as long as the port is open, and looks at the e-stop for each packet. Services: the
+    lifecycle ones, and `~/e_stop`, `~/clear_e_stop` on an executor of their own.
+
+    Args:
+        scene: Robot already loaded; None loads the parameter `robot` at configure.
+        node_name: Name of the node.
+        **node_kwargs: Passed on to rclpy's Node (namespace, parameter_overrides, context, ...).
+    """
+
+    def __init__(
+        self, *, scene: RobotDescription | None = None, node_name: str = "servo_bridge", **node_kwargs: Any
+    ) -> None:
+        super().__init__(node_name, **node_kwargs)
+        self._live = LiveParameters(
+            self,
+            BridgeSettings(frame_prefix=prefix_of(self.get_namespace())),
+            check=self._check_parameters,
+            apply=self._apply_parameters,
+        )
+        parameters.check(self._live.values)
+        self._scene = scene
+        self._lock = threading.RLock()  # in-process, close() may come from another thread than the callbacks
+        self._session = BoardSession(lambda driver: self._reports.tell_applied(driver))
+        self._e_stop = EStop(self._session.hurry)  # outside that lock
+        base_frame = f"{self.get_parameter('frame_prefix').value}base_link"
+        self._reports = Reports(self, self._session, self._e_stop, base_frame)
+        self._input: CommandInput | None = None
+        self._closed = False
+        self._recovery = Recovery(RETRY_JITTER)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
+        self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
+        self._recovery.want(self._live.values.autostart, time.monotonic(), wait=False)
+        self._state_topics = StateTopics(self, self._reports.facts())
+        self._e_stop_services = EStopServices(
+            self, self._e_stop, self._forget_commands, self._state_topics.refresh, self._reports.told_at_stop
+        )
+
+    # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the robot and open the port; failure leaves the node unconfigured, with a sentence."""
+        self._state_topics.refresh()
+        with self._lock:
+            try:
+                self._configure()
+            except SoftSimError as error:
+                self._reports.report(str(error))
+                return TransitionCallbackReturn.FAILURE
+            except Exception as error:
+                self._reports.report(f"configure failed ({type(error).__name__}: {sentence(error)})")
+                return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Send from where the board stands; refused without a port and while the e-stop is latched."""
+        with self._lock:
+            driver, refusal = self._session.driver, self._activation_refusal()
+            if refusal or driver is None:
+                self.get_logger().error(refusal)
+                return TransitionCallbackReturn.FAILURE
+            self._forget_commands()  # sent while a port was opened
+            self._session.start()
+            self._reports.trouble = ""
+        self.get_logger().info(f"sending to {driver.port} at {1.0 / driver.period:g} Hz")
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go to the safe pose and stop sending; the port stays open."""
+        self._state_topics.refresh()
+        self._recovery.give_up()
+        self._stop_sending()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the port; the last pose sent stays known."""
+        self._state_topics.refresh()
+        self._recovery.give_up()
+        self._disconnect()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go to the safe pose and close the port, for good."""
+        self._state_topics.refresh()
+        self._recovery.give_up()
+        self._disconnect()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """After an unforeseen error: safe pose, port closed, unconfigured."""
+        self.get_logger().error("a transition failed unexpectedly; the bridge is unconfigured again")
+        self._recovery.give_up()  # it would configure any board that is there
+        self._disconnect()
+        return super().on_error(state)
+
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        try:
+            return super()._on_change_state(request, response)
+        finally:
+            self._state_topics.refresh()
+
+    def close(self) -> None:
+        """Reach the safe pose and close the port, in whatever state; a second call does nothing."""
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._recovery.give_up()
+                self._disconnect()
+                self._state_topics.refresh()
+
+    def destroy_node(self) -> None:
+        """Close, then destroy the node; the e-stop is served until the port is closed."""
+        self.close()
+        self._e_stop_services.close()
+        super().destroy_node()
+
+    def _configure(self) -> None:
+        settings = self._live.values
+        assembled = assemble(settings, self._scene, self._e_stop, self._reports.tell_tilt)
+        driver, before, reports = assembled.driver, self._session.driver, self._reports
+        reports.imu_frame, reports.calibration = assembled.imu_frame, assembled.calibration
+        if before is not None and before.servo_joints == driver.servo_joints:
+            driver.motion.resume_from(before.motion.positions)
+        self._session.open(driver, find_port(settings.port), settings.open_wait_s)
+        self._release_input()
+        self._input = CommandInput(self, settings.source, self._obeying)
+        reports.source_topic, reports.trouble = self._input.topic, ""
+        self.get_logger().info(
+            f"port {driver.port} open, source {settings.source}, calibration {reports.calibration or 'none'};"
+            " activate to send"
+        )
+
+    def _obeying(self) -> ServoDriver | None:
+        return self._session.driver if self._session.sending else None
+
+    def _activation_refusal(self) -> str:
+        if self._e_stop.latched:
+            return "activation refused: the e-stop is latched; call ~/clear_e_stop first"
+        if not self._session.connected:
+            return f"activation refused: no port is open ({self._reports.trouble or 'configure first'})"
+        return ""
+
+    def _stop_sending(self) -> None:
+        with self._lock:
+            rests = self._session.stop(self._live.values.settle_timeout)
+            if not (rests or self._e_stop.latched):
+                self.get_logger().warning("the servos have not reached rest; they stay where they are")
+
+    def _disconnect(self) -> None:
+        with self._lock:
+            self._stop_sending()
+            self._session.close(relax=self._live.values.relax_at_end)
+            if not self._closed:
+                self._release_input()
+
+    def _forget_commands(self) -> None:
+        waiting = self._input
+        if waiting is not None:
+            waiting.forget()
+
+    def _release_input(self) -> None:
+        if self._input is not None:
+            self._input.close()
+        self._input = None
+
+    # Timers
+
+    def _supervise(self) -> None:
+        with self._lock:
+            if self._closed:
+                return
+            self._reports.tell_news()
+            fault = self._session.fault()
+            if isinstance(fault, PortError):
+                self._lose_port(fault)
+            elif fault is not None:
+                self._lose_writer(fault)
+            now = time.monotonic()
+            if self._recovery.due(now):
+                if self._pursue():
+                    self._recovery.reached(time.monotonic())
+                else:
+                    self._recovery.failed(time.monotonic())
+
+    def _lose_writer(self, error: WriterError) -> None:
+        """Nothing sends any more: the servos hold, the bridge is inactive until it is activated."""
+        self._session.hold()
+        self._reports.report(str(error))
+        self._leave_active()
+        self._recovery.give_up()
+
+    def _lose_port(self, error: PortError) -> None:
+        """The port vanished: inactive, port closed, trying to open it again and then to go on as before."""
+        was_sending = self._session.sending
+        self._session.close()
+        self._reports.report(f"{error}; the bridge tries to open it again")
+        self._leave_active()
+        self._recovery.want("activate" if was_sending else "configure", time.monotonic(), wait=True)
+
+    def _leave_active(self) -> None:
+        if self.lifecycle_state == "active":
+            self.trigger_deactivate()
+
+    def _pursue(self) -> bool:
+        """One try to reach what recovery wishes; True when there is no more to try."""
+        wish = self._recovery.wish
+        if self.lifecycle_state == "unconfigured":
+            if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+                return False
+        elif self.lifecycle_state == "inactive" and not self._session.connected:
+            settings = self._live.values
+            try:
+                self._session.open_again(settings.port, settings.open_wait_s)
+            except PortError as error:
+                self._reports.report(str(error))
+                return False
+            self._reports.reconnects += 1
+            self._reports.trouble = ""
+            self.get_logger().info(f"port {self._session.port} is open again")
+        if wish == "activate" and self.lifecycle_state == "inactive":
+            self.trigger_activate()
+        return True
+
+    def _publish_diagnostics(self) -> None:
+        with self._lock:
+            if not self._closed:
+                self._reports.diagnose()
+
+    # Parameters
+
+    def _check_parameters(self, names: frozenset[str], settings: BridgeSettings) -> None:
+        configured = self.lifecycle_state in ("inactive", "active")
+        parameters.check(settings, names, configured=configured)
+
+    def _apply_parameters(self, _: frozenset[str], settings: BridgeSettings) -> None:
+        with self._lock:
+            driver = self._session.driver
+            if driver is not None:
+                driver.avoid_byte_100 = settings.avoid_byte_100
+                driver.set_timing(settings.motion)
+
+
+PROGRAM = Program(
+    name="servo_bridge",
+    about="Writes a robot's joint angles as servo packets to a serial port, through limits and ramps.",
+    settings=(BridgeSettings(),),
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the bridge until a signal or the end of its parent; the servos end in the safe pose.
+
+    Its namespace is the robot's name unless `-r __ns:=/other` says otherwise.
+
+    Returns:
+        Exit code: 0 after a normal end, 1 for a parameter that cannot be used, 2 for a wrong command line.
+    """
+    return run_node(PROGRAM, lambda _: ServoBridge(namespace=parameters.robot_namespace(PROGRAM.name)), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,158 @@
+"""Services of the bridge: lifecycle transitions, the e-stop and its release."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import ChangeState
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from servo_bridge.driver.safety import EStop
+from softsim_core.base.errors import listing
+from softsim_node.guards import GuardedNode
+from softsim_node.text import sentence, shortened
+
+
+class GuardedLifecycleNode(GuardedNode, LifecycleNode):
+    """rclpy's LifecycleNode behind doors, and safe against transitions that the present state does not have.
+
+    rclpy raises from the service's callback then, which ends the process: any `ros2 lifecycle set` typed in
+    the wrong state would stop a robot.
+    """
+
+    def __init__(self, node_name: str, **node_kwargs: Any) -> None:
+        super().__init__(node_name, **node_kwargs)
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+
+    @property
+    def lifecycle_state(self) -> str:
+        """Present lifecycle state: unconfigured, inactive, active, finalized, or a transition's."""
+        return str(self.state_message().label)
+
+    def state_message(self) -> State:
+        """Present lifecycle state with its number."""
+        number, label = self._state_machine.current_state
+        return State(id=number, label=label)
+
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        offered = {transition[0]: transition[1] for transition in self._state_machine.available_transitions}
+        label = request.transition.label
+        if (label in offered.values()) if label else (request.transition.id in offered):
+            return self._change_state(request, response)
+        self.get_logger().error(
+            f"transition {shortened(label) or request.transition.id} refused in state {self.lifecycle_state};"
+            f" possible are: {listing(sorted(set(offered.values())))}"
+        )
+        response.success = False
+        return response
+
+
+SPIN_PERIOD_S = 0.1
+
+HEED_S = 0.25
+"""Longest wait in [s] for the packet that carries the stop: more than a period of the slowest rate."""
+
+ARRIVES_S = 0.5
+"""The node outlives its last answer by so long in [s]: one that nobody has read yet goes with the process."""
+
+
+class EStopServices:
+    """Both services on a node, an executor and a thread of their own; they set a latch.
+
+    A stop is answered when the packet that carries it has left, or when it is clear that there is none.
+
+    Args:
+        bridge: Gives the services their names, remapped as its own would be, and the log.
+        e_stop: The latch.
+        forget: Called before it is cleared; drops commands that were sent earlier and wait still.
+        changed: Called in that thread after it was set or cleared.
+        told: What the board was told at a stop, for a sentence; gets whether whoever writes packets saw it.
+    """
+
+    def __init__(
+        self,
+        bridge: Node,
+        e_stop: EStop,
+        forget: Callable[[], None],
+        changed: Callable[[], None],
+        told: Callable[[bool], str],
+    ) -> None:
+        self._e_stop, self._logger, self._forget = e_stop, bridge.get_logger(), forget
+        self._changed, self._told = changed, told
+        self._node = Node(
+            f"{bridge.get_name()}_e_stop",
+            context=bridge.context,
+            namespace=bridge.get_namespace(),
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        for name, answer in (("~/e_stop", self._latch), ("~/clear_e_stop", self._clear)):
+            self._node.create_service(Trigger, bridge.resolve_service_name(name), answer)
+        self._executor = SingleThreadedExecutor(context=bridge.context)
+        self._executor.add_node(self._node)
+        self._stop = threading.Event()
+        self._answered = -math.inf
+        self._thread = threading.Thread(target=self._spin, name="servo_bridge_e_stop", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread, and the node once its last answer can have arrived; a second call does nothing."""
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self._thread.join()
+        time.sleep(max(0.0, self._answered + ARRIVES_S - time.monotonic()))
+        self._executor.shutdown(timeout_sec=0)
+        self._node.destroy_node()
+
+    def _spin(self) -> None:
+        context = self._node.context
+        try:
+            while context.ok() and not self._stop.is_set():
+                self._executor.spin_once(timeout_sec=SPIN_PERIOD_S)
+        except ExternalShutdownException:
+            pass
+        except Exception:
+            if context.ok():  # else the context went down under the call
+                raise
+
+    def _latch(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._e_stop.latch()
+        heeded = self._e_stop.wait_heeded(HEED_S)
+        self._tell()
+        response.success, response.message = True, f"e-stop latched: {self._told(heeded)}"
+        self._logger.warning(response.message)
+        self._answered = time.monotonic()
+        return response
+
+    def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._forget()
+        except Exception as error:
+            words = f"the e-stop stays latched: commands that wait cannot be dropped ({sentence(error)})"
+            response.success, response.message = False, words
+            self._logger.error(words)
+        else:
+            self._e_stop.clear()
+            self._tell()
+            response.success, response.message = True, "e-stop cleared: the next command moves the servos"
+            self._logger.info(response.message)
+        self._answered = time.monotonic()
+        return response
+
+    def _tell(self) -> None:
+        with contextlib.suppress(Exception):  # the services must live on, whatever telling it runs into
+            self._changed()

@@ -1,0 +1,178 @@
+"""Commands of the bridge: bounded messages, checked and put into the order of the servos."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from servo_bridge.driver.driver import ServoDriver
+from softsim_core.base.errors import CommandError
+from softsim_core.physics.mechanics.limits import check_age, check_positions_only
+from softsim_node.text import named, sentence
+
+MOST_BYTES = 65_536
+"""Longest message that is unpacked: a thousand joints, and no packet is late for it."""
+
+
+class NamedCommand(NamedTuple):
+    """A command for some joints, not checked against those that there are.
+
+    Attributes:
+        names: Names of the joints.
+        positions: In [rad].
+    """
+
+    names: Sequence[str]
+    positions: Sequence[float]
+
+
+def command_values(data: bytes) -> Sequence[float]:
+    """Values of a serialised Float64MultiArray.
+
+    Raises:
+        CommandError: the message is too long or damaged.
+    """
+    values: Sequence[float] = _unpacked(data, Float64MultiArray).data
+    return values
+
+
+def joint_positions(data: bytes) -> dict[str, float]:
+    """Positions by joint name of a serialised JointState.
+
+    Raises:
+        CommandError: the message is too long or damaged, names a joint twice, or has another number of names
+            than of positions.
+    """
+    message = _unpacked(data, JointState)
+    if len(message.name) != len(message.position):
+        raise CommandError(
+            f"{len(message.name)} names with {len(message.position)} positions refused; nothing was moved"
+        )
+    positions = dict(zip(message.name, message.position, strict=True))
+    if len(positions) != len(message.name):
+        twice = [name for name, count in Counter(message.name).items() if count > 1]
+        raise CommandError(
+            f"joint states that name {named(twice)} twice refused; name every joint once; nothing was moved"
+        )
+    return positions
+
+
+def named_command(data: bytes, now_s: float) -> NamedCommand:
+    """The command of a serialised JointState.
+
+    Args:
+        data: The message.
+        now_s: The time now in [s], on the clock of its stamp.
+
+    Raises:
+        CommandError: the message is too long, damaged or too old, or it says more than positions.
+    """
+    message = _unpacked(data, JointState)
+    stamp = message.header.stamp
+    check_age(stamp.sec + 1e-9 * stamp.nanosec, now_s)
+    check_positions_only(message.velocity, message.effort)
+    return NamedCommand(message.name, message.position)
+
+
+def _unpacked(data: bytes, message_type: type[Any]) -> Any:
+    if len(data) > MOST_BYTES:
+        raise CommandError(
+            f"message of {len(data)} bytes refused; allowed are {MOST_BYTES}; nothing was moved"
+        )
+    try:
+        return deserialize_message(data, message_type)
+    except Exception as error:  # an RMWError, or what a field's setter says of text that is none
+        raise CommandError(
+            f"message refused: its {len(data)} bytes are no {message_type.__name__}; nothing was moved"
+        ) from error
+
+
+Values = TypeVar("Values")
+
+NAMED_DEPTH = 10
+"""Commands by name that may wait: each may be for other joints."""
+
+REFUSAL_LOG_PERIOD_S = 2.0
+
+
+class CommandInput:
+    """A subscription from its making to `close`.
+
+    Args:
+        node: Owner of the subscription, and the log of refusals.
+        source: Kind of commands: joint_states, commands or joint_commands.
+        obeys: The driver that is to follow them now; None while nothing is.
+
+    Attributes:
+        topic: Full name of the topic.
+    """
+
+    def __init__(self, node: Node, source: str, obeys: Callable[[], ServoDriver | None]) -> None:
+        self._node, self._obeys = node, obeys
+        message_type, topic, callback, self._depth = {
+            "joint_states": (JointState, "joint_states", self._on_joint_states, 1),
+            "commands": (Float64MultiArray, "position_controller/commands", self._on_command, 1),
+            "joint_commands": (JointState, "joint_commands", self._on_joint_commands, NAMED_DEPTH),
+        }[source]
+        self._subscription: Subscription = node.create_subscription(
+            message_type, topic, callback, QoSProfile(depth=self._depth), raw=True
+        )
+        self.topic = str(self._subscription.topic_name)
+
+    def forget(self) -> None:
+        """Drop commands that wait to be read; in any thread, also after `close`.
+
+        As many as can wait: those that come meanwhile are newer, and may come without end.
+        """
+        waiting = self._subscription.handle
+        with contextlib.suppress(InvalidHandle), waiting:
+            for _ in range(self._depth):
+                if waiting.take_message(self._subscription.msg_type, True) is None:
+                    break
+
+    def close(self) -> None:
+        """Follow the topic no more."""
+        self._node.destroy_subscription(self._subscription)
+
+    def _on_command(self, data: bytes) -> None:
+        self._obey("position_controller/commands", data, command_values, ServoDriver.command)
+
+    def _on_joint_states(self, data: bytes) -> None:
+        self._obey("joint_states", data, joint_positions, ServoDriver.command_named)
+
+    def _on_joint_commands(self, data: bytes) -> None:
+        def unpack(data: bytes) -> NamedCommand:
+            return named_command(data, 1e-9 * self._node.get_clock().now().nanoseconds)
+
+        self._obey("joint_commands", data, unpack, lambda driver, each: driver.command_some(*each))
+
+    def _obey(
+        self,
+        topic: str,
+        data: bytes,
+        unpack: Callable[[bytes], Values],
+        command: Callable[[ServoDriver, Values], None],
+    ) -> None:
+        driver = self._obeys()
+        if driver is None:
+            return
+        try:
+            try:
+                values = unpack(data)
+            except CommandError as error:
+                driver.refuse(error)
+                raise
+            command(driver, values)
+        except CommandError as error:
+            text = f"{topic}: {sentence(error)}"
+            self._node.get_logger().warning(text, throttle_duration_sec=REFUSAL_LOG_PERIOD_S)

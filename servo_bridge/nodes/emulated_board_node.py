@@ -1,0 +1,108 @@
+"""The node `emulated_board`: the real firmware, emulated; its pulses as status line and topic."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64MultiArray
+
+from servo_bridge.emulator import EmulatedBoardPty
+from servo_bridge.nodes.board_node import BoardNode, BoardSettings, add_link
+from servo_bridge.nodes.parameters import robot_namespace
+from softsim_node.parameters import Program, parameter
+from softsim_node.process import run_node
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmulatedBoardSettings(BoardSettings):
+    """Values of the parameters."""
+
+    firmware: str = parameter("", "Firmware to run (Intel hex); empty: this package's own", fixed=True)
+
+
+PROGRAM = Program(
+    name="emulated_board",
+    about="The servo board's real firmware in an emulated processor, on a pseudo-terminal.",
+    settings=(EmulatedBoardSettings(),),
+    configure=add_link,
+)
+
+PUBLISH_PERIOD_S = 0.1
+
+KEPT = 1000
+"""Pulses that the board remembers: it runs for days."""
+
+
+class EmulatedBoardNode(BoardNode):
+    """An emulated board and its measured pulse widths, on `emulated_board/pulse_widths` ([us]; empty: none).
+
+    Args:
+        link: Path of a link to the port; None takes the parameter `link` (empty: no link).
+        show: Write the port's name and a status line to standard output.
+        node_name: Name of the node.
+        **node_kwargs: Passed on to rclpy's Node.
+
+    Raises:
+        EmulatorMissingError: libsimavr is not installed.
+        EmulatorError: the firmware cannot be read or does not fit.
+        PortError: the link cannot be made.
+    """
+
+    board: EmulatedBoardPty
+    defaults = EmulatedBoardSettings()
+
+    def __init__(
+        self,
+        *,
+        link: str | None = None,
+        show: bool = False,
+        node_name: str = "emulated_board",
+        **node_kwargs: Any,
+    ) -> None:
+        super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
+        self.board = EmulatedBoardPty(self.settings.firmware or None, link=self.link_path, log_length=KEPT)
+        self._failed = False
+        self._widths: Publisher = self.create_publisher(
+            Float64MultiArray, "emulated_board/pulse_widths", QoSProfile(depth=1)
+        )
+        self.begin("emulated board", PUBLISH_PERIOD_S)
+
+    @property
+    def pose_text(self) -> str:
+        """Measured pulse widths."""
+        if self.board.failure:
+            return self.board.failure
+        widths = self.board.widths_us()
+        return "pulses none yet" if widths is None else f"pulses {' '.join(f'{w:.0f}' for w in widths)} µs"
+
+    def publish_pose(self) -> None:
+        """Publish the newest pulse widths; say once why the processor stopped."""
+        if self.board.failure and not self._failed:
+            self._failed = True
+            self.get_logger().error(self.board.failure)
+        if self.context.ok():
+            self._widths.publish(Float64MultiArray(data=list(self.board.widths_us() or ())))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run an emulated board until a signal ends it, in the namespace of its robot (parameter `robot`).
+
+    Returns:
+        Exit code: 0 after a normal end, 1 where the emulator, the firmware or the link is missing, 2 for a
+        wrong command line.
+    """
+
+    def build(options: argparse.Namespace) -> EmulatedBoardNode:
+        return EmulatedBoardNode(link=options.link, show=True, namespace=robot_namespace(PROGRAM.name))
+
+    return run_node(PROGRAM, build, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,227 @@
+"""Parameters of the bridge node, the files they name, and the driver that they describe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeVar, get_args
+
+from servo_bridge.driver.calibration import calibrated_robot, file_for
+from servo_bridge.driver.driver import FASTEST_HZ, SLOWEST_HZ, ServoDriver
+from servo_bridge.driver.safety import EStop, MotionSettings
+from servo_bridge.protocols import AUTO, TiltReading, names
+from softsim_core.base.errors import ConfigError, SoftSimError, listing
+from softsim_core.scene.robot import RobotDescription
+from softsim_node.parameters import ParameterError, declare, parameter, parameter_probe
+from softsim_node.text import shortened
+
+Loaded = TypeVar("Loaded")
+
+
+def load_robot(name: str) -> RobotDescription:
+    """The robot of a name or file.
+
+    Raises:
+        SoftSimError: it cannot be read.
+    """
+    from softsim_core.scene import load_scene  # costs imports: only when needed
+
+    return read_named("robot", name, lambda: load_scene(name))
+
+
+def read_named(parameter: str, value: str, read: Callable[[], Loaded]) -> Loaded:
+    """What `read` gives; anything that the value makes it raise becomes a sentence about the parameter."""
+    try:
+        return read()
+    except SoftSimError:
+        raise
+    except Exception as error:  # a user of that name, a name too long, nesting too deep, a robot's own code
+        raise ConfigError(
+            "servo_bridge",
+            f"parameter {parameter}",
+            f"{shortened(value)!r} cannot be read ({type(error).__name__}: {shortened(str(error), 100)});"
+            " give a name or a readable file",
+        ) from error
+
+
+Source = Literal["joint_states", "commands", "joint_commands"]
+Autostart = Literal["none", "configure", "activate"]
+
+FIXED_WHILE_CONFIGURED = frozenset(("source", "rate", "open_wait_s", "baud_rate"))
+"""Parameters that take effect at the next configure and are refused while the node is configured."""
+
+_TIMES = MotionSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BridgeSettings:
+    """Values of the parameters."""
+
+    robot: str = parameter("tripod", "Robot: a name from configs/robots, or the path of its file", fixed=True)
+    port: str = parameter(
+        "",
+        "Serial port, e.g. /dev/ttyACM0 or a link; empty: the one board that is plugged in",
+        fixed=True,
+    )
+    source: Source = parameter(
+        "joint_states",
+        "What the servos follow: joint_states (the simulator's), commands (position_controller/commands) or"
+        " joint_commands (by name, as ros2_control sends them)",
+        choices=get_args(Source),
+    )
+    autostart: Autostart = parameter(
+        "none",
+        "How far to go unasked: none, configure (open the port) or activate (send); tried until it works",
+        choices=get_args(Autostart),
+        fixed=True,
+    )
+    protocol: str = parameter(
+        AUTO,
+        f"What the board speaks: {AUTO} (as the robot's file says, else found out), or its name:"
+        f" {listing(names())}, or one that the robot's Python file registers",
+        fixed=True,
+    )
+    baud_rate: int = parameter(
+        0,
+        "Bits per second; 0: the protocol's own, else the board's from the robot's file",
+        unit="bit/s",
+        within=(0, 2_000_000),
+    )
+    calibration: str = parameter(
+        "auto",
+        "File of the servos' calibration (softsim calibrate-servos); auto: the one in the person's"
+        " configuration, where it exists; empty: none",
+        fixed=True,
+    )
+    imu_frame: str = parameter("", "Frame of the topic imu; empty: <frame_prefix>effector")
+    frame_prefix: str = parameter("", "Stands before the robot's frames; from its namespace", fixed=True)
+    rate: float = parameter(
+        0.0,
+        f"Packets per second: {SLOWEST_HZ:g} to {FASTEST_HZ:g}; 0: the robot's file says",
+        unit="Hz",
+        within=(0.0, FASTEST_HZ),
+    )
+    open_wait_s: float = parameter(
+        2.5, "Quiet time after opening: most boards reset when opened", unit="s", within=(0.0, 60.0)
+    )
+    hold_timeout: float = parameter(
+        _TIMES.hold_timeout_s, "Hold still without a command for this long", unit="s", within=(0.02, 3600.0)
+    )
+    rest_timeout: float = parameter(
+        _TIMES.rest_timeout_s,
+        "Go slowly to rest without a command for this long",
+        unit="s",
+        within=(0.02, 3600.0),
+    )
+    rest_speed: float = parameter(
+        _TIMES.rest_speed, "Speed of the slow way to rest", unit="rad/s", within=(0.01, 10.0)
+    )
+    settle_timeout: float = parameter(
+        4.0, "Longest ramp to the safe pose on the way out", unit="s", within=(0.1, 60.0)
+    )
+    avoid_byte_100: bool = parameter(
+        True,
+        "Send no byte 100 where the protocol can help it: coming first after a reset amid a packet, 100"
+        " makes the boot loader erase the firmware",
+    )
+    relax_at_end: bool = parameter(
+        True,
+        "Switch the pulses off when the port is closed with the servos at rest, where the board can",
+    )
+
+    @property
+    def motion(self) -> MotionSettings:
+        """Timing of hold and rest."""
+        return MotionSettings(
+            hold_timeout_s=self.hold_timeout, rest_timeout_s=self.rest_timeout, rest_speed=self.rest_speed
+        )
+
+
+def robot_namespace(node_name: str) -> str:
+    """Namespace for the robot of a node's command line; empty where it is unknown (configure says why).
+
+    Raises:
+        ParameterError: a value given at the start is not allowed.
+    """
+    with parameter_probe(node_name) as probe:
+        name = declare(probe, BridgeSettings()).robot
+    try:
+        return load_robot(name).name
+    except SoftSimError:
+        return ""
+
+
+def check(
+    settings: BridgeSettings, changed: frozenset[str] = frozenset(), *, configured: bool = False
+) -> None:
+    """Raise where values cannot be used, for a reason that their ranges cannot say.
+
+    Args:
+        settings: The values as they would be.
+        changed: Names of those that are set.
+        configured: Whether the bridge is configured.
+
+    Raises:
+        ParameterError: they cannot be.
+    """
+    fixed = sorted(changed & FIXED_WHILE_CONFIGURED)
+    if configured and fixed:
+        raise ParameterError(
+            f"{listing(fixed)} is fixed while the bridge is configured; call its lifecycle cleanup first"
+        )
+    if 0.0 < settings.rate < SLOWEST_HZ:
+        raise ParameterError(
+            f"parameter rate = {settings.rate:g} is refused; give 0.0, or {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Assembled:
+    """A driver that is not connected yet.
+
+    Attributes:
+        driver: The driver.
+        calibration: File of the servos' calibration; empty without one.
+        imu_frame: Frame of the topic imu.
+    """
+
+    driver: ServoDriver
+    calibration: str
+    imu_frame: str
+
+
+def assemble(
+    settings: BridgeSettings,
+    scene: RobotDescription | None,
+    e_stop: EStop,
+    on_tilt: Callable[[TiltReading], None],
+) -> Assembled:
+    """A driver as the settings say.
+
+    Args:
+        settings: The bridge's.
+        scene: Robot already loaded; None loads the one of the settings.
+        e_stop: The latch that the driver looks at.
+        on_tilt: Called with every reading of a board's IMU.
+
+    Raises:
+        SoftSimError: robot or calibration cannot be read, or the robot has no board that can be driven so.
+    """
+    robot = load_robot(settings.robot) if scene is None else scene
+    calibration = read_named(
+        "calibration", settings.calibration, lambda: file_for(settings.calibration, robot.name)
+    )
+    if calibration is not None:
+        file = calibration
+        robot = read_named("calibration", str(file), lambda: calibrated_robot(robot, file))
+    driver = ServoDriver(
+        robot,
+        settings=settings.motion,
+        rate=settings.rate or None,
+        avoid_byte_100=settings.avoid_byte_100,
+        protocol=settings.protocol,
+        baud_rate=settings.baud_rate or None,
+        on_tilt=on_tilt,
+        e_stop=e_stop,
+    )
+    return Assembled(driver, str(calibration or ""), settings.imu_frame or f"{settings.frame_prefix}effector")

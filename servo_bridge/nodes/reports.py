@@ -1,0 +1,282 @@
+"""What a bridge publishes: poses sent, the board's tilts, its state, its line in /diagnostics."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from lifecycle_msgs.msg import State
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Bool, String
+
+from servo_bridge.driver.board_session import BoardSession
+from servo_bridge.driver.driver import ServoDriver
+from servo_bridge.driver.link import BoardLink
+from servo_bridge.driver.safety import EStop
+from servo_bridge.driver.writer import PeriodFigures
+from servo_bridge.errors import PortError
+from servo_bridge.nodes.bridge_services import GuardedLifecycleNode
+from servo_bridge.protocols import Ability, TiltReading
+from softsim_node.text import printable
+from softsim_node.topics import Facts
+
+TILT_VARIANCE = math.radians(1.0) ** 2
+"""Variance in [rad^2] of a tilt: about a degree, as small IMUs with sensor fusion state."""
+
+HEADING_VARIANCE = math.pi**2
+"""Variance in [rad^2] of the heading, which is not measured."""
+
+
+def imu_message(reading: TiltReading, frame: str, stamp: Any) -> Imu:
+    """Orientation of the two tilts; rates and accelerations are marked as absent (first covariance -1).
+
+    Args:
+        reading: Tilts in [rad].
+        frame: Frame of the sensor.
+        stamp: Time of the reading, builtin_interfaces/Time.
+    """
+    message = Imu()
+    message.header.stamp, message.header.frame_id = stamp, frame
+    orientation = message.orientation
+    orientation.x, orientation.y, orientation.z, orientation.w = reading.quaternion_xyzw()
+    message.orientation_covariance = [
+        TILT_VARIANCE,
+        0.0,
+        0.0,
+        0.0,
+        TILT_VARIANCE,
+        0.0,
+        0.0,
+        0.0,
+        HEADING_VARIANCE,
+    ]
+    message.angular_velocity_covariance = [-1.0, *[0.0] * 8]
+    message.linear_acceleration_covariance = [-1.0, *[0.0] * 8]
+    return message
+
+
+def bridge_status(
+    name: str,
+    state: str,
+    driver: ServoDriver | None,
+    *,
+    e_stopped: bool,
+    trouble: str,
+    reconnects: int,
+    calibration: str = "",
+    period: PeriodFigures | None = None,
+) -> DiagnosticStatus:
+    """Status message of the bridge.
+
+    Args:
+        name: Full name of the node.
+        state: Lifecycle state.
+        driver: The driver; None before the first configure.
+        e_stopped: Whether the software e-stop is latched.
+        trouble: Sentence of what keeps the bridge from working; empty when nothing does.
+        reconnects: Times that a lost port was opened again.
+        calibration: File of the servos' calibration; empty without one.
+        period: How evenly packets are sent; None while none are.
+    """
+    level, message = DiagnosticStatus.OK, state
+    values: dict[str, object] = {"state": state, "e_stop": e_stopped, "reconnects": reconnects}
+    if driver is not None:
+        age, counts = driver.command_age, driver.counts
+        if state == "active":
+            if driver.waiting:
+                message = "active, waiting for the board to start"
+            else:
+                message = f"active, {driver.motion.mode}"
+                level = DiagnosticStatus.OK if driver.motion.mode == "track" else DiagnosticStatus.WARN
+            if driver.takeover.pending and not driver.waiting:
+                why = driver.takeover.reason or "sending has begun"
+                message, level = f"active, asking for the board's pose: {why}", DiagnosticStatus.ERROR
+        values |= {
+            "port": driver.port or "none",
+            "mode": driver.motion.mode,
+            "packets sent": counts.packets,
+            "servo bytes": " ".join(map(str, driver.sent_bytes or ())) or "none",
+            "command age [s]": "none" if age is None else f"{age:.3f}",
+            "takeovers": driver.takeover.count,
+            "commands clipped": driver.motion.clipped,
+            "commands refused": counts.refused,
+            "last refusal": counts.last_refusal or "none",
+            "byte 100 replaced": counts.avoided,
+            "calibration": calibration or "none",
+        }
+        values |= _link_values(driver)
+    if period is not None:
+        values |= {
+            "send period [ms]": f"{period.mean_s * 1e3:.2f}",
+            "send period off by [ms]": f"{period.worst_s * 1e3:.2f}",
+            "packets left out": period.missed,
+        }
+    if e_stopped:
+        level, message = DiagnosticStatus.WARN, f"{state}, e-stop latched"
+    if trouble:
+        level, message = DiagnosticStatus.ERROR, trouble
+    return DiagnosticStatus(
+        level=level,
+        name=f"{name.lstrip('/')}: servo board",
+        message=message,
+        hardware_id="" if driver is None else driver.port,
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )
+
+
+def _link_values(driver: ServoDriver) -> dict[str, object]:
+    """What is known of the board: its protocol, what it can do, and what it said last."""
+    link = driver.link
+    if link is None:
+        return {"link": "closed"}
+    values: dict[str, object] = {"link": driver.link_state}
+    try:
+        with link.speaking() as board:
+            abilities, said = board.abilities, dict(board.values())
+    except PortError as error:
+        return values | {"link fault": str(error)}
+    values["board can"] = " ".join(str(each.name).lower() for each in Ability if each in abilities) or "none"
+    age = driver.telemetry_age
+    if age is not None:
+        values |= {"telemetry age [s]": f"{age:.3f}", "board starts": driver.counts.restarts}
+    tilt_age = driver.tilt_age
+    if tilt_age is not None or Ability.IMU in abilities:
+        values |= {
+            "imu age [s]": "none" if tilt_age is None else f"{tilt_age:.3f}",
+            "imu readings": link.tilts,
+        }
+    return values | said
+
+
+class Reports:
+    """Publishers of a bridge, and what is told through them; any thread may call.
+
+    Args:
+        node: The bridge.
+        session: Its board.
+        e_stop: Its latch.
+        base_frame: Frame of the topic applied_joint_states.
+
+    Attributes:
+        trouble: Sentence of what keeps the bridge from working; empty when nothing does.
+        reconnects: Times that a lost port was opened again.
+        calibration: File of the servos' calibration; empty without one.
+        imu_frame: Frame of the topic imu.
+        source_topic: Full name of the topic with commands; empty before the first configure.
+    """
+
+    def __init__(
+        self, node: GuardedLifecycleNode, session: BoardSession, e_stop: EStop, base_frame: str
+    ) -> None:
+        self._node, self._session, self._e_stop = node, session, e_stop
+        self._base_frame = base_frame
+        self.trouble = self.calibration = self.imu_frame = self.source_topic = ""
+        self.reconnects = 0
+        self._known: BoardLink | None = None  # whose board's abilities were told
+        depth = QoSProfile(depth=10)
+        self._applied: Publisher = node.create_publisher(JointState, "applied_joint_states", depth)
+        self._diagnostics: Publisher = node.create_publisher(DiagnosticArray, "/diagnostics", depth)
+        self._imu: Publisher = node.create_publisher(Imu, "imu", depth)
+
+    def facts(self) -> Facts:
+        """The state topics."""
+        return {
+            "~/state": (State, self._node.state_message),
+            "~/connected": (Bool, lambda: Bool(data=self._session.connected)),
+            "~/sending": (Bool, lambda: Bool(data=self._sending())),
+            "~/e_stop_latched": (Bool, lambda: Bool(data=self._e_stop.latched)),
+            "~/commanded_by": (String, lambda: String(data=self._commanded_by())),
+        }
+
+    def report(self, problem: str) -> None:
+        """Log an error once, and show it in the diagnostics until it is over."""
+        text = printable(problem)
+        if text != self.trouble:
+            self.trouble = text
+            self._node.get_logger().error(text)
+
+    def tell_applied(self, driver: ServoDriver) -> None:
+        """The pose that the servos were told last."""
+        if not self._node.context.ok():
+            return
+        message = JointState(name=list(driver.servo_joints))
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.frame_id = self._base_frame
+        message.position = array("d", driver.applied_angles())
+        self._publish(self._applied, message)
+
+    def tell_tilt(self, reading: TiltReading) -> None:
+        """A reading of the board's IMU."""
+        stamp = self._node.get_clock().now().to_msg()
+        self._publish(self._imu, imu_message(reading, self.imu_frame, stamp))
+
+    def tell_news(self) -> None:
+        """Log what has happened between bridge and board, and once a port what the board cannot be told."""
+        driver = self._session.driver
+        if driver is None:
+            return
+        while driver.takeover.news:
+            self._node.get_logger().warning(driver.takeover.news.popleft())
+        if driver.link is not self._known and driver.holds is not None:
+            self._known = driver.link
+            if not driver.holds:
+                self._node.get_logger().warning(f"{driver.port}: {self._no_hold(driver)}")
+
+    def told_at_stop(self, heeded: bool) -> str:
+        """What an e-stop has told the board, for a sentence; `heeded`: whoever writes packets saw it."""
+        driver = self._session.driver
+        if driver is None or not driver.connected:
+            return "no port is open, and nothing is sent before ~/clear_e_stop"
+        if not heeded:
+            return "but no packet could leave; cut the servos' supply"
+        if driver.holds is None:
+            return "the board has not started yet, and is told no pose before ~/clear_e_stop"
+        held = "the servos hold until ~/clear_e_stop"
+        return held if driver.holds else f"{held}; {self._no_hold(driver)}"
+
+    @staticmethod
+    def _no_hold(driver: ServoDriver) -> str:
+        return (
+            f"the {driver.link_state} protocol has no word to stop: at an e-stop the servos are told their"
+            " pose while the bridge is active, and in silence the board's firmware decides"
+        )
+
+    def diagnose(self) -> None:
+        """One message for people."""
+        if not self._node.context.ok():
+            return
+        status = bridge_status(
+            self._node.get_fully_qualified_name(),
+            self._node.lifecycle_state,
+            self._session.driver,
+            e_stopped=self._e_stop.latched,
+            trouble=self.trouble,
+            reconnects=self.reconnects,
+            calibration=self.calibration,
+            period=self._session.figures(),
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publish(self._diagnostics, message)
+
+    def _sending(self) -> bool:
+        driver = self._session.driver
+        return driver is not None and driver.sending
+
+    def _commanded_by(self) -> str:
+        """The topic whose commands the servos follow now; empty: they hold, rest or are stopped."""
+        driver = self._session.driver
+        follows = driver is not None and driver.sending and driver.motion.mode == "track"
+        return self.source_topic if follows else ""
+
+    def _publish(self, publisher: Publisher, message: Any) -> None:
+        try:
+            if self._node.context.ok():
+                publisher.publish(message)
+        except Exception:
+            if self._node.context.ok():  # else the context went down under the call, at a signal: no fault
+                raise

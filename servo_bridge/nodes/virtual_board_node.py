@@ -1,0 +1,129 @@
+"""The node `virtual_board`: a serial board on a pseudo-terminal, its servo bytes as status line and topic."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from std_msgs.msg import UInt8MultiArray, UInt16MultiArray
+
+from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.nodes.board_node import BoardNode, BoardSettings, add_link
+from servo_bridge.nodes.parameters import load_robot, robot_namespace
+from servo_bridge.protocols import AUTO, names
+from softsim_core.base.errors import listing
+from softsim_core.scene.board import BoardDescription, Servo
+from softsim_node.parameters import Program, parameter
+from softsim_node.process import run_node
+
+
+@dataclass(frozen=True, kw_only=True)
+class VirtualBoardSettings(BoardSettings):
+    """Values of the parameters."""
+
+    servos: int = parameter(0, "Servo bytes in a packet; 0: the robot's servos", within=(0, 16), fixed=True)
+    protocol: str = parameter(
+        "",
+        f"Protocol that it speaks: {AUTO} (one that does not say what it is), {listing(names())}; empty: as"
+        " the robot's file says",
+        fixed=True,
+    )
+
+
+PROGRAM = Program(
+    name="virtual_board",
+    about="A serial servo board on a pseudo-terminal, for tests and demos.",
+    settings=(VirtualBoardSettings(),),
+    configure=add_link,
+)
+
+PUBLISH_PERIOD_S = 0.02
+
+KEPT = 100
+"""Packets that the board remembers: it runs for days."""
+
+
+class VirtualBoardNode(BoardNode):
+    """A virtual board and what its servos are told.
+
+    Hobby servos: on `virtual_board/servo_bytes`, in [deg]; servos on a bus: on `virtual_board/servo_pulses`.
+
+    Args:
+        described: Board of the robot; None takes the one of the parameter `robot`.
+        link: Path of a link to the port; None takes the parameter `link` (empty: no link).
+        show: Write the port's name and a status line to standard output.
+        node_name: Name of the node.
+        **node_kwargs: Passed on to rclpy's Node.
+
+    Raises:
+        PortError: the link cannot be made.
+        ProtocolError: the protocol is unknown, or has no model of such a board.
+    """
+
+    board: VirtualBoard
+    defaults = VirtualBoardSettings()
+
+    def __init__(
+        self,
+        *,
+        described: BoardDescription | None = None,
+        link: str | None = None,
+        show: bool = False,
+        node_name: str = "virtual_board",
+        **node_kwargs: Any,
+    ) -> None:
+        super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
+        servos: int | Sequence[Servo] = self.settings.servos
+        protocol = self.settings.protocol
+        if described is None and not (servos and protocol):
+            described = load_robot(self.settings.robot).board
+        if described is not None:
+            servos, protocol = servos or described.servos, protocol or described.protocol
+        self.board = VirtualBoard(servos, self.link_path, protocol=protocol or AUTO, log_length=KEPT)
+        self._seen = 0
+        self._in_degrees = self.board.model.largest <= 255
+        self._told: Publisher = self.create_publisher(
+            UInt8MultiArray if self._in_degrees else UInt16MultiArray,
+            f"virtual_board/servo_{'bytes' if self._in_degrees else 'pulses'}",
+            QoSProfile(depth=10),
+        )
+        self.begin("virtual board", PUBLISH_PERIOD_S)
+
+    @property
+    def pose_text(self) -> str:
+        """What the servos are told, and how many packets were dropped."""
+        told, unit = self.board.servo_bytes, "°" if self._in_degrees else ""
+        pose = "told nothing yet" if told is None else " ".join(f"{value:3d}{unit}" for value in told)
+        return f"servos {pose}  dropped {self.board.dropped}"
+
+    def publish_pose(self) -> None:
+        """Publish what a new packet tells the servos."""
+        accepted, servo_bytes = self.board.accepted, self.board.servo_bytes
+        if accepted != self._seen and servo_bytes is not None and self.context.ok():
+            self._seen = accepted
+            data = bytes(servo_bytes) if self._in_degrees else array("H", servo_bytes)
+            self._told.publish((UInt8MultiArray if self._in_degrees else UInt16MultiArray)(data=data))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run a virtual board until a signal ends it, in the namespace of its robot (parameter `robot`).
+
+    Returns:
+        Exit code: 0 after a normal end, 1 where the link or a board of the protocol cannot be made, 2 for a
+        wrong command line.
+    """
+
+    def build(options: argparse.Namespace) -> VirtualBoardNode:
+        return VirtualBoardNode(link=options.link, show=True, namespace=robot_namespace(PROGRAM.name))
+
+    return run_node(PROGRAM, build, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

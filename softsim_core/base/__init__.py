@@ -1,0 +1,1 @@
+"""What every other package uses: errors, units, values, arrays, names, files, processes."""

@@ -1,0 +1,60 @@
+"""Array type names used in signatures, and the check of arrays that users pass."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softsim_core.base.errors import ArrayError
+
+Array: TypeAlias = NDArray[np.float64]
+"""float64 array; its shape and unit stand in the docstring beside it."""
+
+IndexArray: TypeAlias = NDArray[np.int64]
+"""int64 array of indices, 0-based."""
+
+BoolArray: TypeAlias = NDArray[np.bool_]
+"""Array of flags."""
+
+_FLOAT64 = np.dtype(np.float64)
+
+
+def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
+    """`value` as float64, row by row: itself where it is that already, else a copy.
+
+    Args:
+        value: What was passed.
+        shape: What it must have; -1 is any length.
+        name: What a message calls it.
+
+    Raises:
+        ArrayError: another shape, or not real numbers.
+    """
+    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.flags.c_contiguous:
+        array: Array = value
+    else:
+        try:
+            given = np.asarray(value)
+            if given.dtype.kind not in "biuf":
+                raise TypeError
+            array = np.array(given, dtype=np.float64, order="C")
+        except (TypeError, ValueError) as error:
+            raise ArrayError(name, shape, "something that is no array of real numbers") from error
+    if array.shape != shape and not _fits(array.shape, shape):
+        raise ArrayError(name, shape, f"shape {array.shape}")
+    return array
+
+
+def _fits(given: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
+    """Whether a shape is as wanted, where -1 is any length."""
+    return len(given) == len(wanted) and all(
+        want in (-1, have) for have, want in zip(given, wanted, strict=True)
+    )
+
+
+def unique_pairs(pairs: IndexArray) -> IndexArray:
+    """The distinct rows of `pairs` (k, 2), numbers >= 0, in ascending order, shape (u, 2)."""
+    span = int(pairs[:, 1].max(initial=0)) + 1
+    return np.stack(np.divmod(np.unique(pairs[:, 0] * span + pairs[:, 1]), span), axis=1)

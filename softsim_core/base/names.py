@@ -1,0 +1,147 @@
+"""Names of implementations: registered, listed, looked up, and proposals for a wrong one."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Generic, Protocol, TypeVar
+
+from softsim_core.base.errors import SceneError, listing
+
+MOST_PROPOSED = 5
+MOST_LISTED = 12
+"""So many known names a sentence lists; of more it gives the nearest, or the first few."""
+
+_ALIKE = 0.55
+_NEARLY_AS_ALIKE = 0.1
+"""A proposal may be so much less alike than the best one, of 1."""
+
+_LONGEST = 60
+
+
+def nearest(given: object, names: Iterable[object]) -> list[str]:
+    """The names that somebody may have meant, best first: those that begin so, then those spelt alike.
+
+    Case, blanks, hyphens, underscores and dots do not count.
+    """
+    return [name for _, name in _ranked(given, names)]
+
+
+def _ranked(given: object, names: Iterable[object]) -> list[tuple[float, str]]:
+    """The nearest names with how alike they are, up to 1; more for those that begin so."""
+    wanted = _plain(str(given)[:_LONGEST])
+    table: dict[str, str] = {}
+    for name in map(str, names):
+        table.setdefault(_plain(name), name)
+    if not wanted:
+        return []
+    ranks = {each: 1.0 + 1.0 / len(each) for each in table if each.startswith(wanted)}
+    matcher = difflib.SequenceMatcher(b=wanted)
+    alike = difflib.get_close_matches(wanted, table, MOST_PROPOSED, _ALIKE)
+    ratios = []
+    for each in alike:
+        matcher.set_seq1(each)
+        ratios.append(matcher.ratio())
+    for each, ratio in zip(alike, ratios, strict=True):
+        if ratio >= ratios[0] - _NEARLY_AS_ALIKE:
+            ranks.setdefault(each, ratio)
+    best = sorted(ranks, key=lambda each: (-ranks[each], each))[:MOST_PROPOSED]
+    return [(ranks[each], table[each]) for each in best]
+
+
+def did_you_mean(given: object, names: Iterable[object]) -> str:
+    """The question "did you mean tripod or tripod_mid?"; empty where nothing is near."""
+    near = nearest(given, names)
+    if len(near) > 1:
+        near = [", ".join(near[:-1]), near[-1]]
+    return f"did you mean {' or '.join(near)}?" if near else ""
+
+
+def _best_of_few(given: object, names: Iterable[object]) -> str:
+    """The question after the one that is nearer than all others, where those stand beside it."""
+    ranked = _ranked(given, names)
+    alone = len(ranked) == 1 or (len(ranked) > 1 and ranked[0][0] > ranked[1][0])
+    return f"did you mean {ranked[0][1]}?" if alone else ""
+
+
+def known_names(
+    given: object,
+    names: Iterable[object],
+    known: str = "known:",
+    *,
+    lists_all: str = "",
+    whole: bool = False,
+) -> str:
+    """The second half of a refusal: what may have been meant, and what is known.
+
+    Args:
+        given: The name that is not known.
+        names: Those that are.
+        known: What stands before the list: "known joints:".
+        lists_all: Command that lists all of them, for more than MOST_LISTED.
+        whole: List all, however many: nothing else does.
+    """
+    every = list(map(str, names))
+    if whole or len(every) <= MOST_LISTED:
+        return f"{_best_of_few(given, every)} {known} {listing(every)}".lstrip()
+    more = f"{known} {listing(every[:MOST_PROPOSED])} and {len(every) - MOST_PROPOSED} more"
+    return (did_you_mean(given, every) or more) + (f" (all: {lists_all})" if lists_all else "")
+
+
+def one_of(given: object, names: Iterable[object]) -> str:
+    """What is allowed in the place of a wrong word: "one of tet4, tet10 (did you mean tet4?)"."""
+    every = list(map(str, names))
+    question = _best_of_few(given, every)
+    return f"one of {listing(every)}" + (f" ({question})" if question else "")
+
+
+def _plain(name: str) -> str:
+    return "".join(each for each in name.casefold() if each not in " -_.")
+
+
+class Named(Protocol):
+    """Anything with a name."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+
+N = TypeVar("N", bound=Named)
+
+
+class Registry(Generic[N]):
+    """Implementations of one seam by name.
+
+    Args:
+        what: What they are, for messages: "linear solver".
+        shipped: Those of the package; their names are taken.
+    """
+
+    def __init__(self, what: str, *shipped: N) -> None:
+        self._what = what
+        self._shipped = {each.name for each in shipped}
+        self._known = {each.name: each for each in shipped}
+
+    def register(self, new: N) -> None:
+        """Make `new` known by its name; one that a scene file registered before is replaced.
+
+        Raises:
+            SceneError: the name is one of the package's own.
+        """
+        if new.name in self._shipped:
+            raise SceneError(f"{self._what} {new.name!r} is the package's own; choose another name for yours")
+        self._known[new.name] = new
+
+    def get(self, name: str) -> N:
+        """The one of that name.
+
+        Raises:
+            SceneError: there is none; the sentence lists those that are known.
+        """
+        if name not in self._known:
+            raise SceneError(f"unknown {self._what} {name!r}; {known_names(name, self._known)}")
+        return self._known[name]
+
+    def names(self) -> tuple[str, ...]:
+        """All known names, the package's own first."""
+        return tuple(self._known)

@@ -1,7 +1,0 @@
-"""Many copies of a scene at once: one model and one plan; each has its state, commands and parameters."""
-
-from __future__ import annotations
-
-from softsim_core.batch.batch import Batch
-
-__all__ = ["Batch"]

@@ -1,7 +1,0 @@
-"""Forces of contacts with Coulomb friction and of bounded rows: Gauss-Seidel, Newton, smoothed projection."""
-
-from __future__ import annotations
-
-from softsim_core.contact.solver.gauss_seidel import ContactSolution, solve_contacts
-
-__all__ = ["ContactSolution", "solve_contacts"]

@@ -1,0 +1,1 @@
+"""Control by a model: inverse control of an effector, and an observer of a robot's state."""

@@ -1,0 +1,537 @@
+"""Inverse control in real time: one joint increment a tick, on a model that moves along.
+
+A tick takes the effector's sensitivity at the model's present state, and where it would come to rest from
+there; solves one quadratic program for the increment dq towards the goal, at a rate that the slowest mode
+allows (see pace); and steps the model by dt under q + dq. With a measured pose y the error of the
+model is learned as a correction d and taken off the goal:
+
+    d <- clip(d + (1 - exp(-k dt)) (y - (x + d))),    the model's goal is goal - d
+
+At rest y = x + d = goal, whatever the plant is: an integral law, which cannot wind up beyond what it clips.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import CommandError, FactorisationError, NotConvergedError, SolverDivergedError
+from softsim_core.base.units import MILLIMETRE, degrees
+from softsim_core.control.inverse.pace import AdaptiveDamping, Pace, pace, slowest_period
+from softsim_core.control.inverse.problem import QP, Aim, Limits, Solution, build, need_daqp
+from softsim_core.control.inverse.sensitivity import Sensitivity, analytic_sensitivity
+from softsim_core.control.inverse.static import (
+    effector,
+    far_limits,
+    is_optimal,
+    lengths,
+    linearised,
+    place,
+    residuals,
+    sensitivity_of,
+    solve_taut,
+)
+from softsim_core.control.inverse.tasks import Task, task_for
+from softsim_core.physics.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
+from softsim_core.scene.control import InverseSettings
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.simulation import Simulation
+
+__all__ = ["InverseController", "InverseReport", "InverseSettings", "InverseStatus"]
+
+InverseStatus: TypeAlias = Literal[
+    "idle",
+    "moving",
+    "limited",
+    "reached",
+    "unreachable",
+    "stalled",
+    "infeasible",
+    "not_converged",
+    "diverged",
+]
+
+PATIENCE = 10
+"""Ticks in a row, at the full rate, that a robot must rest before a goal counts as unreachable."""
+
+PATIENCE_STALLED = 100
+"""Or may make no progress before it counts as stalled."""
+
+OVERLOAD = 0.02
+"""Part of a torque limit by which an effort may exceed it at the goal."""
+
+AT_REST = 0.1
+"""What is still to move at rest, as a part of the tolerance."""
+
+RESAMPLE = 0.02
+"""Joint travel in units of Limits.scale after which a sampled sensitivity is taken anew."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InverseReport:
+    """What one tick did.
+
+    Attributes:
+        command: Joint command in [rad] or [m], shape (j,): inside limits, at most speed * dt from the last.
+        model_pose: The model's effector after the tick.
+        residual_m, residual_rad: Distance from the goal in [m] and [rad] over the task's coordinates: of the
+            measured pose where one was given, else of the model. 0 without goal.
+        mismatch_m, mismatch_rad: Distance of the measured pose from the model's in [m] and [rad]; 0 without
+            measurement.
+        active: Names of the limits that hold the increment back ("servo_0 upper", "servo_1 speed").
+        reachable: False once the goal counts as unreachable.
+        status: "idle" (no goal); "moving"; "limited" (moving, and held back by the limits of `active`);
+            "reached" (within the tolerance, at rest there, and within torque limits); "unreachable" (at rest,
+            and no step within the limits leads nearer); "stalled" (no nearer for long, though a step promises
+            to lead there);
+            or why nothing moves: "infeasible", "not_converged" (the program), "diverged" (the model).
+        kkt_residual: Largest violation of the program's optimality conditions, in [rad] or [m].
+        sensitivity_age: Ticks in a row, this one included, in which the sensitivity could not be computed and
+            the last one served instead (near a branch of equilibria there is none); 0: it is good.
+        qp_ms, tick_ms: Time of the program (build, solve, check) and of the whole tick in [ms].
+        sentence: The same for a person.
+    """
+
+    command: Array
+    model_pose: Pose
+    residual_m: float
+    residual_rad: float
+    mismatch_m: float
+    mismatch_rad: float
+    active: tuple[str, ...]
+    reachable: bool
+    status: InverseStatus
+    kkt_residual: float
+    sensitivity_age: int
+    qp_ms: float
+    tick_ms: float
+    sentence: str
+
+
+class InverseController:
+    """Effector goals to joint commands, with a model of the robot of its own.
+
+    Args:
+        scene: The robot; its own controllers and start move are left out of the model.
+        settings: None: the robot file's key `inverse`.
+        backend: Of the model's step, as in Simulation.
+
+    Attributes:
+        robot: The robot.
+        model: The model; look, do not touch.
+        settings: What was given.
+        limits: Joint limits of one tick.
+
+    Raises:
+        SceneError: no end effector or no joints, or the package daqp is missing.
+    """
+
+    def __init__(
+        self,
+        scene: SceneDescription | RobotDescription,
+        settings: InverseSettings | None = None,
+        backend: Literal["auto", "numba", "scipy"] | None = None,
+    ) -> None:
+        need_daqp()
+        self.robot = as_robot(scene)
+        self.settings = self.robot.inverse if settings is None else settings
+        alone = self.robot.robot_alone()
+        bodies = tuple(replace(body, surface=None) for body in alone.scene.bodies)
+        self.model = Simulation(alone.with_scene(bodies=bodies), backend)
+        self.model.enforce_limits = False  # this class keeps them
+        self.limits = Limits.of(self.robot.scene, self.settings, self.model.dt)
+        self._posture = self._posture_from(self.model.joint_targets)
+        self._sampled_at: Array | None = None
+        self._sensitivity = sensitivity_of(self.model, replace(self.settings, backend="analytic"))
+        self._sensitivity_age = 0
+        self._period = 0.0
+        self._measure_period()
+        self._goal: Pose | None = None
+        self._pose: Pose | None = None
+        self._velocities = self.model.velocities
+        self._moved, self._dq = np.zeros(6), np.zeros_like(self.command)
+        self._lag = np.zeros(6)
+        self._correction = np.zeros(6)
+        self._rested = 0.0
+        self._damping = AdaptiveDamping(len(self.robot.joints), self.settings.lever)
+
+    @property
+    def period(self) -> float:
+        """Time of a tick in [s]: the scene's dt."""
+        return self.model.dt
+
+    @property
+    def goal(self) -> Pose | None:
+        """The goal, or None."""
+        return self._goal
+
+    @property
+    def command(self) -> Array:
+        """The last command in [rad] or [m], shape (j,)."""
+        return self.model.joint_targets
+
+    @property
+    def slowest_period(self) -> float:
+        """Slowest period of the model in [s] where control was started, which limits the rate."""
+        return self._period
+
+    @property
+    def correction(self) -> Array:
+        """What was learned about the model: shift in [m] and rotation vector in [rad], shape (6,)."""
+        return self._correction.copy()
+
+    def start(self, joints: Sequence[float] | Array | None = None, base_shift: float | None = None) -> None:
+        """Stand at the robot's present joints, at rest, without goal: the first commands start from there.
+
+        Args:
+            joints: In [rad] or [m], shape (j,), inside the limits or not; None: the last command.
+            base_shift: Shift in [m] of the joint bases; None: where the robot's start move ends, else 0.
+
+        Raises:
+            CommandError: wrong length or not finite; nothing is changed.
+            SolverDivergedError: the model cannot get there.
+        """
+        try:
+            wanted = self.command if joints is None else np.asarray(joints, dtype=float)
+        except (TypeError, ValueError):
+            raise CommandError("start refused: joints must be numbers; nothing was moved") from None
+        shift = self.robot.start_shift if base_shift is None else float(base_shift)
+        if wanted.shape != self.command.shape or not np.isfinite(wanted).all() or not math.isfinite(shift):
+            raise CommandError(
+                f"start at {wanted.tolist()} with bases at {shift} refused: expected {len(self.command)} "
+                "finite joint positions and a finite shift; nothing was moved"
+            )
+        place(self.model, wanted, shift)
+        self._posture = self._posture_from(wanted)
+        self._sampled_at = None
+        self._measure_period()
+        self._forget()
+
+    def set_goal(self, goal: Pose | None) -> None:
+        """Where the effector should go, in the world; None: stay.
+
+        Raises:
+            CommandError: not finite, or no rotation; the goal stays what it was.
+        """
+        if goal is not None:
+            try:
+                position = np.array(goal.position, dtype=float)
+                quaternion = np.array(goal.quaternion_xyzw, dtype=float)
+            except (TypeError, ValueError):
+                raise CommandError(
+                    "goal refused: position and quaternion must be arrays of numbers; the goal stays"
+                ) from None
+            norm = float(np.linalg.norm(quaternion))
+            if position.shape != (3,) or quaternion.shape != (4,) or not np.isfinite(position).all():
+                raise CommandError(
+                    f"goal at {position.tolist()} refused: expected three finite numbers; the goal stays"
+                )
+            if not 1e-6 < norm < math.inf:  # also rejects NaN
+                raise CommandError(
+                    f"goal orientation {quaternion.tolist()} refused: expected a unit quaternion "
+                    "(x, y, z, w); the goal stays"
+                )
+            goal = Pose(position, quaternion / norm)
+        if goal is None or self._goal is None or _differ(goal, self._goal):
+            self._rested = 0.0
+            self._damping.rest()
+        self._goal = goal
+
+    def tick(self, measured: Pose | None = None) -> InverseReport:
+        """One dt: an increment towards the goal, within all limits; without goal the command stays.
+
+        Args:
+            measured: The real effector now, where it is known; a part (position or quaternion) that is not
+                finite counts as not measured.
+        """
+        started = perf_counter()
+        before = effector(self.model) if self._pose is None else self._pose
+        mismatch = self._learn(measured, before)
+        solution, qp_ms = Solution(np.zeros_like(self.command), "solved", 0.0, ()), 0.0
+        task: Task | None = None
+        taken_up = np.zeros_like(self.command)
+        if self._goal is None:
+            self._sensitivity_age = 0
+        else:
+            task = task_for(self._corrected(self._goal), self.settings)
+            self._sensitivity = self._renewed()
+            qp_started = perf_counter()
+            qp, taken_up = self._program(task, before)
+            solution = solve_taut(qp, self._pace.approach)
+            qp_ms = 1e3 * (perf_counter() - qp_started)
+        diverged = not self._advance(solution.dq + taken_up * (solution.status == "solved"))
+        overloaded = () if self._goal is None else self._overloaded()
+        active = tuple(dict.fromkeys((*solution.active, *overloaded)))
+        pose, residual = effector(self.model), (0.0, 0.0)
+        self._pose, self._moved, self._dq = pose, _difference(pose, before), solution.dq
+        status: InverseStatus = "idle"
+        if self._goal is not None and task is not None:
+            residual = self._residual(self._seen(pose, measured))
+            status = self._progress(task, before, self._seen(before, measured), residual, solution)
+            status = "limited" if overloaded and status == "reached" else status
+        if diverged:
+            status = "diverged"
+        return InverseReport(
+            self.command, pose, *residual, *mismatch, active, status != "unreachable", status,
+            solution.kkt_residual, self._sensitivity_age, qp_ms, 1e3 * (perf_counter() - started),
+            self._sentence(status, residual, mismatch, active),
+        )  # fmt: skip
+
+    # --- parts of a tick ---
+
+    @property
+    def _pace(self) -> Pace:
+        """The shares of a tick at the present settings."""
+        solver, parameters = self.model.scene.solver, self.model.parameters
+        numerical = self.period if solver.time_integration == "implicit_euler" else 0.0
+        damping = parameters.rayleigh_mass, parameters.rayleigh_stiffness + numerical
+        return pace(self.settings.rate_at(self.period), self._period, damping, self.period)
+
+    def _measure_period(self) -> None:
+        """Learn the slowest period of the model where it is; what has no stable equilibrium keeps it."""
+        with suppress(np.linalg.LinAlgError, FactorisationError):
+            self._period = slowest_period(self.model)
+
+    def _program(self, task: Task, pose: Pose) -> tuple[QP, Array]:
+        """The program of this tick, and what takes up slack before its increments count, shape (j,)."""
+        shares, limits = self._pace, self.limits
+        robot, rows = linearised(self.model, self._sensitivity, limits)
+        most = np.minimum(limits.step, np.maximum(limits.upper - self.command, 0.0))
+        taken_up = np.clip(robot.joints - self.command, 0.0, most) if rows else np.zeros_like(most)
+        qp = build(
+            [task], robot._replace(pose=pose, joints=self.command + taken_up), limits, self.settings,
+            aim=Aim(shares.approach, shares.full, -shares.catch_up * self._lag),
+            posture=self._posture, constraints=rows,
+            damping=self._damping.at(self._sensitivity.effector * limits.scale),
+        )  # fmt: skip
+        fastest = (limits.step - taken_up) / qp.scale
+        upper, lower = np.minimum(qp.upper, fastest), np.minimum(qp.lower, fastest)
+        return qp._replace(upper=upper, lower=lower, at_upper=qp.at_upper & (qp.upper <= fastest)), taken_up
+
+    def _renewed(self) -> Sensitivity:
+        """The sensitivity now; where there is none (a branch of equilibria), the last one, a tick older.
+
+        With it the way is found that is left to the effector until it rests under the present commands: what
+        holds it back now are inertia and damping, which are loads on an equilibrium.
+        """
+        velocities, parameters = self.model.velocities, self.model.parameters
+        acceleration = (velocities - self._velocities) / self.period + parameters.rayleigh_mass * velocities
+        self._velocities = velocities
+        loads = self.model.model.momentum(acceleration) if acceleration.any() else None
+        try:
+            fresh = self._sampled_or_analytic(loads)
+        except (np.linalg.LinAlgError, FactorisationError, NotConvergedError):
+            fresh = None
+        if fresh is None or not all(
+            np.isfinite(part).all() for part in (fresh.effector, fresh.effort, fresh.loaded)
+        ):
+            self._sensitivity_age += 1
+            self._lag = np.zeros(6)
+            return self._sensitivity
+        self._sensitivity_age = 0
+        speed = (self._moved - fresh.effector @ self._dq) / self.period
+        self._lag = fresh.loaded + parameters.rayleigh_stiffness * np.nan_to_num(speed)
+        return fresh
+
+    def _sampled_or_analytic(self, loads: Array | None) -> Sensitivity:
+        """The sensitivity by the back end of the settings; a sampled one serves while joints are near."""
+        if self.settings.backend == "analytic":
+            return sensitivity_of(self.model, self.settings, loads)
+        last, here = self._sampled_at, self.command
+        if last is None or (np.abs(here - last) / self.limits.scale).max() > RESAMPLE:
+            self._sensitivity = sensitivity_of(self.model, self.settings)
+            self._sampled_at = here
+        loaded = analytic_sensitivity(self.model, loads=loads).loaded
+        return replace(self._sensitivity, loaded=loaded)
+
+    def _advance(self, dq: Array) -> bool:
+        """Step the model under the next command; False: it diverged, and the command stays."""
+        last = self.command
+        inside = np.maximum(last + dq, np.minimum(self.limits.lower, last))
+        self.model.command(np.minimum(inside, np.maximum(self.limits.upper, last)))
+        try:
+            self.model.step()
+        except SolverDivergedError:
+            self.model.command(last)
+            return False
+        return True
+
+    def _progress(
+        self, task: Task, before: Pose, seen: Pose, residual: tuple[float, float], solution: Solution
+    ) -> InverseStatus:
+        """Take note of a tick towards the goal, and say how it goes."""
+        settings, shares = self.settings, self._pace
+        left = lengths(task, task.jacobian(self._lag[:, None], before)[:, 0])  # until it rests
+        there = self._is_there(residual) and self._is_there(left)
+        ends = self._residual(_shifted(seen, self._lag))
+        weight = shares.approach / shares.full
+        distance = ends[0] + settings.lever * ends[1]
+        dq = solution.dq / self.limits.scale
+        self._damping.learn(dq, distance, there=there, approach=shares.approach, weight=weight)
+        if solution.status != "solved":
+            self._rested = 0.0
+            return solution.status
+        steps = self._moved, self._sensitivity.effector @ solution.dq  # of the body, and of where it rests
+        to_come = [task.jacobian((each / shares.approach)[:, None], before)[:, 0] for each in steps]
+        rests = all(self._is_there(each, AT_REST) for each in (left, *(lengths(task, e) for e in to_come)))
+        self._rested = self._rested + weight if rests else 0.0
+        if there:
+            return "reached"
+        if self._rested >= PATIENCE and self._is_nearest(task, before):
+            return "unreachable"
+        if max(self._rested, self._damping.stalled) >= PATIENCE_STALLED:
+            return "stalled"
+        return "moving" if all(name.endswith(" speed") for name in solution.active) else "limited"
+
+    def _overloaded(self) -> tuple[str, ...]:
+        """Names of the torque limits that efforts exceed, whatever the program promised.
+
+        It knows how tensions follow from commands as long as routes are independent; what several tendons of
+        one route share is not theirs to choose.
+        """
+        over = np.abs(self.model.joint_efforts) > (1.0 + OVERLOAD) * self.limits.torque
+        return tuple(f"{self.limits.names[joint]} torque" for joint in np.flatnonzero(over))
+
+    def _is_nearest(self, task: Task, pose: Pose) -> bool:
+        """Whether no step within the limits, however long it takes, leads nearer."""
+        if self._sensitivity_age:
+            return False
+        far = far_limits(self.limits)
+        robot, rows = linearised(self.model, self._sensitivity, far)
+        return is_optimal([task], robot._replace(pose=pose), rows, far, self.settings)
+
+    def _is_there(self, residual: tuple[float, float], part: float = 1.0) -> bool:
+        settings = self.settings
+        return residual[0] <= part * settings.tolerance and residual[1] <= part * settings.tolerance_turn
+
+    # --- feedback ---
+
+    def _learn(self, measured: Pose | None, pose: Pose) -> tuple[float, float]:
+        """Move the correction towards what was measured; returns the model's distance in [m] and [rad]."""
+        if measured is None:
+            return 0.0, 0.0
+        seen = _difference(measured, pose)
+        share = 1.0 - math.exp(-min(self.settings.feedback_gain, self._pace.rate) * self.period)
+        for part, most in ((slice(0, 3), "max_correction"), (slice(3, 6), "max_correction_turn")):
+            if np.isfinite(seen[part]).all():
+                learned = self._correction[part] + share * (seen[part] - self._correction[part])
+                self._correction[part] = _shortened(learned, getattr(self.settings, most))
+        known = np.where(np.isfinite(seen), seen, 0.0)
+        return float(np.linalg.norm(known[:3])), float(np.linalg.norm(known[3:]))
+
+    def _corrected(self, goal: Pose) -> Pose:
+        """Where the model must go for the plant to be at the goal."""
+        if not self._correction.any():
+            return goal
+        turned = rotation_exp(-self._correction[3:]) @ rotation_of(goal.quaternion_xyzw)
+        return Pose(goal.position - self._correction[:3], quaternion_of(turned))
+
+    def _seen(self, pose: Pose, measured: Pose | None) -> Pose:
+        """What is measured of the effector; else the model's pose."""
+        if measured is None:
+            return pose
+        position, quaternion = measured.position, measured.quaternion_xyzw
+        return Pose(
+            position if np.isfinite(position).all() else pose.position,
+            quaternion if np.isfinite(quaternion).all() else pose.quaternion_xyzw,
+        )
+
+    def _residual(self, pose: Pose) -> tuple[float, float]:
+        """Distance of a pose in [m] and [rad] from the goal."""
+        assert self._goal is not None
+        return residuals([task_for(self._goal, self.settings)], pose)
+
+    def _posture_from(self, joints: Array) -> Array:
+        name = self.settings.posture
+        return joints.copy() if name is None else np.array(self.robot.poses[name])
+
+    def _forget(self) -> None:
+        """Begin anew, at rest and without goal."""
+        self._goal = None
+        self._pose = None
+        self._velocities = self.model.velocities
+        self._moved, self._dq = np.zeros(6), np.zeros_like(self.command)
+        self._lag = np.zeros(6)
+        self._sensitivity_age = 0
+        self._rested = 0.0
+        self._correction = np.zeros(6)
+        self._damping = AdaptiveDamping(len(self.command), self.settings.lever)
+
+    # --- words ---
+
+    def _sentence(
+        self,
+        status: InverseStatus,
+        residual: tuple[float, float],
+        mismatch: tuple[float, float],
+        active: tuple[str, ...],
+    ) -> str:
+        away = _distance(*residual, self.settings.task)
+        held = f" (limits: {', '.join(active)})" if active else ""
+        sentence = {
+            "idle": "no goal, holding",
+            "moving": f"on the way, {away} away",
+            "reached": f"at the goal, {away} away",
+            "limited": f"on the way, {away} away{held}",
+            "unreachable": f"unreachable, {away} away{held}",
+            "stalled": f"no nearer for a while, {away} away{held}; give another goal, or start elsewhere",
+            "infeasible": "no joint step keeps all limits, holding; widen them or start elsewhere",
+            "not_converged": "the joint step could not be solved for, holding",
+            "diverged": "the model diverged, holding; start again from the robot's joints",
+        }[status]
+        if self._sensitivity_age and status != "idle":
+            ticks = f"{self._sensitivity_age} tick{'s' if self._sensitivity_age > 1 else ''}"
+            sentence += f"; the sensitivity is {ticks} old, as none exists at this pose"
+        if self.settings.feedback_gain == 0.0 and any(mismatch):
+            return f"{sentence}; the model is {_distance(*mismatch, 'pose')} off the measured pose"
+        return sentence
+
+
+def _shifted(pose: Pose, displacement: Array) -> Pose:
+    """A pose moved by a shift in [m] and a rotation vector in [rad], shape (6,)."""
+    turned = rotation_exp(displacement[3:]) @ rotation_of(pose.quaternion_xyzw)
+    return Pose(pose.position + displacement[:3], quaternion_of(turned))
+
+
+def _differ(goal: Pose, other: Pose) -> bool:
+    """Whether two goals are different places."""
+    same = np.array_equal(goal.position, other.position)
+    return not (same and np.array_equal(goal.quaternion_xyzw, other.quaternion_xyzw))
+
+
+def _difference(measured: Pose, pose: Pose) -> Array:
+    """Shift and rotation vector (6,) from a pose to the measured one; NaN where not measured."""
+    shift, turn = np.full(3, np.nan), np.full(3, np.nan)
+    if np.isfinite(measured.position).all():
+        shift = measured.position - pose.position
+    norm = np.linalg.norm(measured.quaternion_xyzw)
+    if np.isfinite(norm) and norm > 1e-6:
+        rotation = rotation_of(measured.quaternion_xyzw / norm)
+        turn = rotation_log(rotation @ rotation_of(pose.quaternion_xyzw).T)
+    return np.concatenate([shift, turn])
+
+
+def _shortened(vector: Array, most: float) -> Array:
+    """The vector, no longer than `most`."""
+    length = float(np.linalg.norm(vector))
+    return vector if length <= most else vector * (most / length)
+
+
+def _distance(shift: float, turn: float, task: str) -> str:
+    """3.21 mm, 1.5 deg, or both, as the task has them."""
+    parts = [f"{_short(shift / MILLIMETRE)} mm"] if task != "orientation" else []
+    parts += [f"{_short(degrees(turn))} deg"] if task != "position" else []
+    return " and ".join(parts)
+
+
+def _short(value: float) -> str:
+    """Three digits, never an exponent of ten above."""
+    return f"{value:.0f}" if value >= 1000.0 else f"{value:.3g}"

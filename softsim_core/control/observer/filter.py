@@ -1,0 +1,277 @@
+"""A Kalman filter over what the model does not know, and the detection of contact onset.
+
+predict:  P <- P + Q
+    update:   K = P H^T (H P H^T + R)^-1,   z <- z + K v,   P <- (I - K H) P (I - K H)^T + K R K^T
+
+Source: Kalman 1960; the covariance in Joseph's form (Bucy and Joseph 1968), which rounding leaves positive.
+
+Under the jump c the innovations of the last n steps are v_k = G_k c + e_k with e_k of covariance S_k, so
+
+    J = sum G^T S^-1 G,    b = sum G^T S^-1 v,    c = (J + L)^-1 b,    T = b^T (J + L)^-1 b
+
+with L the inverse of the covariance that jumps have. Without a jump T is at most chi-square distributed; the
+longest of several windows whose T is beyond the threshold wins. That the filter follows a jump meanwhile is
+left out: what it learns of slow unknowns within so short a time is little.
+
+Source: Willsky and Jones 1976, generalised likelihood ratio for jumps in linear systems.
+
+In this order: an offset of each joint, the share by which loads are heavier than thought (a softer body), a
+steady push on the effector, and a touch there: force and moment in world axes each. Push and touch act
+alike; the one changes as the robot travels, the other comes at once. A robot without end effector has
+neither. Behind these stands by how much each sensor is misplaced, which moves nothing.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammainccinv
+
+from softsim_core.base.arrays import Array
+from softsim_core.control.inverse.problem import scales
+from softsim_core.control.observer.sensors import Sensor, effector_frame, field_rows
+from softsim_core.control.observer.settings import ObserverSettings
+from softsim_core.physics.mechanics.pose import cross_matrix
+from softsim_core.physics.mechanics.rows import Rows, joined
+from softsim_core.simulation import Simulation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """A mean z (p,) and a covariance P (p, p), in the units of the unknowns; never changed in place."""
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviations of the unknowns, shape (p,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def spread(self, variance: Array) -> Belief:
+        """After independent changes of such variances (p,)."""
+        return Belief(self.mean, self.covariance + np.diag(variance))
+
+    def updated(self, innovation: Array, rows: Array, noise: Array) -> Belief:
+        """After a measurement.
+
+        Args:
+            innovation: v: what was measured less what was expected, shape (m,).
+            rows: H: its derivatives by the unknowns, shape (m, p).
+            noise: R: covariance of the measurement, shape (m, m).
+        """
+        across = self.covariance @ rows.T
+        gain = np.linalg.solve(rows @ across + noise, across.T).T
+        left = np.eye(len(self.mean)) - gain @ rows
+        covariance = left @ self.covariance @ left.T + gain @ noise @ gain.T
+        return Belief(self.mean + gain @ innovation, 0.5 * (covariance + covariance.T))
+
+    def pinned(self, which: slice) -> Belief:
+        """After some unknowns have become known to be 0, whatever was believed of them."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[which] = 0.0
+        covariance[which] = 0.0
+        covariance[:, which] = 0.0
+        return Belief(mean, covariance)
+
+    def opened(self, which: slice, mean: Array, covariance: Array) -> Belief:
+        """After some unknowns were found anew, independent of the others: their mean and covariance."""
+        opened = self.pinned(which)
+        opened.mean[which] = mean
+        opened.covariance[which, which] = covariance
+        return opened
+
+
+def squared_distance(innovation: Array, covariance: Array) -> float:
+    """v^T S^-1 v: chi-square distributed where v (m,) is normal of covariance S (m, m)."""
+    return float(innovation @ np.linalg.solve(covariance, innovation))
+
+
+WINDOWS = (1, 2, 3, 5, 8, 12, 18)
+"""Numbers of steps that are looked at, each of them at every step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Jump:
+    """A jump that was found.
+
+    Attributes:
+        steps: So many steps ago it began, this one included.
+        mean, covariance: What the innovations since then say of it, shapes (c,) and (c, c).
+        statistic: T.
+    """
+
+    steps: int
+    mean: Array
+    covariance: Array
+    statistic: float
+
+
+class JumpDetector:
+    """Looks for a jump of c unknowns.
+
+    Args:
+        prior: Standard deviation of jumps, shape (c,).
+        false_alarms: Expected number per step without any jump, as if all windows were independent.
+    """
+
+    def __init__(self, prior: Array, false_alarms: float) -> None:
+        self._limit = np.diag(1.0 / prior**2)
+        self.threshold = chi_square_limit(max(len(prior), 1), false_alarms / len(WINDOWS))
+        self._seen: deque[tuple[Array, Array]] = deque(maxlen=WINDOWS[-1])
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._seen.clear()
+
+    def look(self, innovation: Array, rows: Array, covariance: Array) -> Jump | None:
+        """The likeliest jump, if any, after another step's innovation v (m,), G (m, c) and S (m, m)."""
+        weighted = np.linalg.solve(covariance, np.column_stack([rows, innovation]))
+        self._seen.append((rows.T @ weighted[:, :-1], rows.T @ weighted[:, -1]))
+        best: Jump | None = None
+        information, score, done = self._limit.copy(), np.zeros(len(self._limit)), 0
+        for window in WINDOWS:
+            if window > len(self._seen):
+                break
+            for back in range(done, window):
+                each = self._seen[-1 - back]
+                information += each[0]
+                score += each[1]
+            done = window
+            mean = np.linalg.solve(information, score)
+            statistic = float(score @ mean)
+            if statistic > self.threshold and (best is None or statistic > best.statistic):
+                best = Jump(window, mean, np.linalg.inv(information), statistic)
+        return best
+
+
+def chi_square_limit(freedom: int, chance: float) -> float:
+    """What a chi-square variable of so many degrees of freedom exceeds with a given chance."""
+    return 2.0 * float(gammainccinv(0.5 * freedom, chance))
+
+
+LENGTH = 0.1
+"""So many [m] of a slide or a cable count as a radian of a hinge; others: see inverse.problem.scales."""
+
+WRENCH = 6
+"""Numbers of a push: force, then moment."""
+
+
+class Unknowns:
+    """The unknowns of one simulation and its sensors.
+
+    Attributes:
+        size: How many there are.
+        acting: So many of them, the first, move the model.
+        offsets, share, push, touch: Where they stand.
+        misplaced: Where those of each sensor stand, by its name.
+    """
+
+    def __init__(self, simulation: Simulation, sensors: Sequence[Sensor]) -> None:
+        self._joints = simulation.joint_names
+        joints = len(self._joints)
+        wrench = WRENCH if simulation.scene.effector is not None else 0
+        self.acting = joints + 1 + 2 * wrench
+        ends = self.acting + np.cumsum([0] + [len(sensor.noise) for sensor in sensors])
+        self.size = int(ends[-1])
+        self.misplaced = {
+            sensor.name: slice(int(first), int(last))
+            for sensor, first, last in zip(sensors, ends[:-1], ends[1:], strict=True)
+        }
+        self._angular = np.array([each for sensor in sensors for each in sensor.angular], dtype=bool)
+        self.offsets, self.share = slice(0, joints), slice(joints, joints + 1)
+        self.push = slice(joints + 1, joints + 1 + wrench)
+        self.touch = slice(joints + 1 + wrench, self.acting)
+        lengths = np.array([joint.units.command.si == "m" for joint in simulation.scene.joints], dtype=bool)
+        self._scale = np.where(lengths, LENGTH, scales(simulation.scene))
+        model = simulation.model
+        self._all = np.arange(len(model.rest))
+        self._frame = effector_frame(simulation) if wrench else -1
+        self._region = np.zeros(0, np.int64)
+        for region in model.regions:
+            if region.frame == self._frame and wrench:
+                self._region = np.append(self._region, region.nodes)
+
+    def prior(self, settings: ObserverSettings) -> Belief:
+        """What is believed before anything is measured: nothing touches."""
+        s = settings
+        slow = self._slow(s.joint_offset, s.load_share, s.push, s.push_moment)
+        deviation = self._all_unknowns(slow, s.sensor_offset, s.sensor_turn)
+        return Belief(np.zeros(self.size), np.diag(deviation**2))
+
+    def change(self, settings: ObserverSettings, dt: float, travel: Array) -> Array:
+        """Variances (p,) of what changes in a step of `dt` [s] while joints go by `travel` (j,)."""
+        s = settings
+        slow = self._slow(s.joint_offset, s.load_share, s.push, s.push_moment)
+        moving = self._slow(s.offset_per_travel, s.share_per_travel, s.push_per_travel, s.moment_per_travel)
+        still = self._all_unknowns(slow, s.sensor_offset, s.sensor_turn)
+        moved = self._all_unknowns(moving, s.sensor_offset_per_travel, s.sensor_turn_per_travel)
+        gone = np.abs(travel) / self._scale
+        far = np.append(gone, np.full(self.size - len(gone), gone.sum()))
+        return np.asarray(dt * (s.drift * still) ** 2 + far * moved**2)
+
+    def joint_variance(self, settings: ObserverSettings) -> Array:
+        """Variance of the joints' read-back, shape (j,)."""
+        return np.asarray((settings.joint_noise * self._scale) ** 2)
+
+    def _all_unknowns(self, slow: Array, length: float, angle: float) -> Array:
+        """Deviations of all unknowns, from those that `_slow` tells and of a sensor's lengths and angles."""
+        none = np.zeros(self.acting - len(slow))
+        return np.concatenate([slow, none, np.where(self._angular, angle, length)])
+
+    def _slow(self, offset: float, share: float, force: float, moment: float) -> Array:
+        """Deviations of offsets, share and push."""
+        pushes = np.array([*[force] * 3, *[moment] * 3])[: self.push.stop - self.push.start]
+        return np.concatenate([offset * self._scale, [share], pushes])
+
+    def name(self, index: int) -> str:
+        """What a person calls an unknown."""
+        if index < self.offsets.stop:
+            return f"the zero of {self._joints[index]}"
+        if index < self.push.start:
+            return "the weight, or the softness,"
+        if index >= self.acting:
+            return "the place of " + next(n for n, where in self.misplaced.items() if index < where.stop)
+        return "the force on the effector" if (index - self.push.start) % WRENCH < 3 else "the moment on it"
+
+    def fields(self, simulation: Simulation) -> tuple[Array, Array]:
+        """Forces on nodes in [N] a unit of the share (n, 3), and of parts of a push on its nodes (w, a, 3).
+
+        A moment is spread over the nodes of the effector as forces that are as small as can be.
+        """
+        weight = simulation.model.weight
+        if not len(self._region):
+            return weight, np.zeros((0, 0, 3))
+        nodes = simulation.positions[self._region]
+        lever = nodes - self._origin(simulation)
+        total = np.concatenate(
+            [np.concatenate([np.eye(3), cross_matrix(arm)]) for arm in lever], axis=1
+        )  # force and moment of forces on the nodes, (6, 3 a)
+        spread = np.linalg.solve(total @ total.T, total).reshape(WRENCH, len(nodes), 3)
+        return weight, spread
+
+    def _origin(self, simulation: Simulation) -> Array:
+        pose = simulation.effector_pose
+        assert pose is not None
+        return pose.position
+
+    def rows(self, fields: tuple[Array, Array]) -> Rows:
+        """What the loads of `fields` do work on: the share's row, then those of a push."""
+        weight, spread = fields
+        return joined([field_rows(self._all, weight[None]), field_rows(self._region, spread)])
+
+    def forces(self, fields: tuple[Array, Array], mean: Array) -> Array:
+        """Forces on the nodes in [N] that unknowns (p,) stand for, shape (n, 3)."""
+        weight, spread = fields
+        forces = mean[self.share] * weight
+        if len(self._region):
+            wrench = mean[self.push] + mean[self.touch]
+            np.add.at(forces, self._region, np.einsum("w,wai->ai", wrench, spread))
+        return np.asarray(forces)
+
+    def columns(self, by_command: Array, by_load: Array) -> Array:
+        """Derivatives by what acts (r, acting), from those by commands (r, j) and loads (r, 1 + w)."""
+        return np.hstack([by_command, by_load, by_load[:, 1:]])

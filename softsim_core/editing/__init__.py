@@ -1,6 +1,0 @@
-"""Editing a scene's file: typed edits that keep its comments, undo and redo, and what regions choose."""
-
-from softsim_core.editing.document import SceneDocument
-from softsim_core.editing.edits import Edit, Put, Remove
-
-__all__ = ["Edit", "Put", "Remove", "SceneDocument"]

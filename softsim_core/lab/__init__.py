@@ -1,0 +1,1 @@
+"""Models beside robots: identification, studies, learning, meshes of parts."""

@@ -1,0 +1,288 @@
+r"""Where a session's sensors are: the rigid frame of the data, and the points of the robot that carry them.
+
+With :math:`x_i, Q_i` position and rotation of what a sensor sits on, :math:`m_i` what it measured, frame
+:math:`(R, t)` and point :math:`o`,
+
+.. math:: e_i = x_i + Q_i o - (R m_i + t), \qquad \min_{R, t, o} \sum_i |e_i|^2 .
+
+The frame alone has a closed form; the point alone is linear; both together are found by Gauss-Newton from the
+frame alone. Frame and point can be told apart by how the sensor tilts.
+
+Source: Kabsch 1976; Umeyama 1991 (the proper rotation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import DataError, SceneError, listing
+from softsim_core.base.names import known_names
+from softsim_core.lab.identification.description import EFFECTOR, SensorDescription
+from softsim_core.physics.mechanics.pose import cross_matrices, nearest_rotation, rotation_exp, rotation_of
+from softsim_core.physics.mesh.embedding import embed
+from softsim_core.simulation import Simulation
+
+OUTSIDE = 0.05
+"""A place farther outside its body than this part of an element lies beside it."""
+
+FEWEST = 4
+"""So many nodes say how a body turns at a place."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _BodyPlace:
+    """A place that follows four nodes, and turns with the nodes around it; all are numbers of all nodes."""
+
+    nodes: IndexArray
+    weights: Array
+    around: IndexArray
+    centred: Array
+
+    def seen(self, positions: Array) -> tuple[Array, Array]:
+        """Where it is, and how far it is turned from rest."""
+        moved = positions[self.around]
+        return self.weights @ positions[self.nodes], nearest_rotation(
+            self.centred, moved - moved.mean(axis=0)
+        )
+
+
+class Places:
+    """What the sensors of a session sit on, in a simulation.
+
+    Args:
+        simulation: Any of the scene, at rest or not.
+        sensors: The sensors, s of them.
+
+    Raises:
+        SceneError: the scene has no such frame, or no body at a place.
+    """
+
+    def __init__(self, simulation: Simulation, sensors: Sequence[SensorDescription]) -> None:
+        self._places: list[str | _BodyPlace] = [_place(simulation, sensor) for sensor in sensors]
+
+    def seen(self, simulation: Simulation) -> tuple[Array, Array]:
+        """Positions in [m], shape (s, 3), and rotations (s, 3, 3), as the simulation is now."""
+        positions, frames = simulation.positions, simulation.frames()
+        found = []
+        for place in self._places:
+            if isinstance(place, str):
+                pose = frames[place]
+                found.append((pose.position, rotation_of(pose.quaternion_xyzw)))
+            else:
+                found.append(place.seen(positions))
+        return np.array([each for each, _ in found]), np.array([turn for _, turn in found])
+
+
+def _place(simulation: Simulation, sensor: SensorDescription) -> str | _BodyPlace:
+    if sensor.place is not None:
+        return _on_body(simulation, sensor)
+    scene, known = simulation.scene, simulation.frames()
+    name = sensor.at
+    if name == EFFECTOR:
+        if scene.effector is None:
+            raise SceneError(
+                f"sensor {sensor.name}: scene {scene.name} has no effector; say what it sits on: "
+                f"at (one of {listing(known)}), or place (a point of a body)"
+            )
+        name = scene.effector
+    if name not in known:
+        raise SceneError(
+            f"sensor {sensor.name}: no frame {name!r} in {scene.name}; {known_names(name, known, 'it has')}"
+        )
+    return name
+
+
+def _on_body(simulation: Simulation, sensor: SensorDescription) -> _BodyPlace:
+    point, rest = np.array(sensor.place), simulation.model.rest
+    best: tuple[float, _BodyPlace] | None = None
+    for body in simulation.bodies:
+        found, own = embed(point[None], body.solid), rest[body.nodes]
+        if best is None or found.outside[0] < best[0]:
+            far = np.linalg.norm(own - point, axis=1)
+            near = np.flatnonzero(far <= sensor.patch)
+            if len(near) < FEWEST:
+                near = np.argsort(far)[:FEWEST]
+            centred = own[near] - own[near].mean(axis=0)
+            nodes = found.nodes[0] + body.nodes.start
+            best = (
+                float(found.outside[0]),
+                _BodyPlace(nodes, found.weights[0], near + body.nodes.start, centred),
+            )
+    if best is None or best[0] > OUTSIDE:
+        raise SceneError(
+            f"sensor {sensor.name}: no body of {simulation.scene.name} is at {point.tolist()} m; give the "
+            "place on the body, and the way from there to the sensor as its offset"
+        )
+    return best[1]
+
+
+ON_A_LINE = 1e-3
+"""Points whose second extent is a smaller part of their first leave the frame free to turn about a line."""
+
+UNDETERMINED = 1e-7
+"""A singular value of the scaled problem that is a smaller part of the first is none."""
+
+MIRRORED = 0.5
+"""Where a mirrored frame leaves a smaller part of the error, two columns or a sign are taken for wrong."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """Frame of the data and points of the sensors.
+
+    Attributes:
+        rotation: R, from the frame of the data, as described, to the robot's, shape (3, 3).
+        shift: t in [m], shape (3,).
+        points: Offset of each sensor in what it sits on, in [m], shape (s, 3).
+        point_errors: Standard error of `points` in [m], shape (s, 3); 0 where they are not fitted.
+        delay: By how much the sensors are late, in [s].
+    """
+
+    rotation: Array
+    shift: Array
+    points: Array
+    point_errors: Array
+    delay: float = 0.0
+
+    def place(self, measured: Array) -> Array:
+        """Measured positions (..., 3) in [m] in the robot's frame."""
+        return np.asarray(measured @ self.rotation.T + self.shift)
+
+    def errors(self, positions: Array, rotations: Array, measured: Array) -> Array:
+        """Model minus measurement in [m], shape (k, s, 3).
+
+        Args:
+            positions: What the sensors sit on, in [m], shape (k, s, 3).
+            rotations: Its rotation, shape (k, s, 3, 3).
+            measured: Shape (k, s, 3), in [m].
+        """
+        return np.asarray(sensed(positions, rotations, self.points) - self.place(measured))
+
+
+def sensed(positions: Array, rotations: Array, points: Array) -> Array:
+    """Where sensors at points (s, 3) of what they sit on are, shape (k, s, 3), in [m]."""
+    return np.asarray(positions + np.einsum("ksij,sj->ksi", rotations, points))
+
+
+def unaligned(points: Array) -> Alignment:
+    """The alignment of a session whose frame and points (s, 3) are known."""
+    return Alignment(np.eye(3), np.zeros(3), points, np.zeros_like(points))
+
+
+def rigid_frame(model: Array, measured: Array, what: str) -> tuple[Array, Array]:
+    """R (3, 3) and t (3,) in [m] with the least squares of model - (R measured + t).
+
+    Args:
+        model: Positions in [m], shape (k, 3).
+        measured: The same in the frame of the data.
+        what: Named in messages.
+
+    Raises:
+        DataError: fewer than three points, all on a line, or mirrored.
+    """
+    if len(model) < 3:
+        raise DataError(what, "", f"{len(model)} rows cannot tell a frame; measure 3 or more, off one line")
+    centre, other = model.mean(axis=0), measured.mean(axis=0)
+    for points, whose in ((measured - other, "measured"), (model - centre, "simulated")):
+        extents = np.linalg.svd(points, compute_uv=False)
+        if extents[1] <= ON_A_LINE * extents[0]:
+            raise DataError(
+                what,
+                "",
+                f"the {whose} points lie on a line, about which a frame is free to turn; measure off it, or "
+                "fit no frame",
+            )
+    u, sizes, vt = np.linalg.svd((measured - other).T @ (model - centre))
+    sign = float(np.sign(np.linalg.det(u @ vt)))
+    rotation = (u * (1.0, 1.0, sign)) @ vt
+    proper = model - centre - (measured - other) @ rotation
+    if sign < 0.0 and sizes[2] > ON_A_LINE * sizes[0]:
+        mirrored = model - centre - (measured - other) @ (u @ vt)
+        if (mirrored**2).sum() < MIRRORED**2 * (proper**2).sum():
+            raise DataError(
+                what,
+                "",
+                f"a mirrored frame fits better, {_mm(mirrored):.2f} mm against {_mm(proper):.2f} mm; two "
+                "columns of the sensor or of the commands are swapped, or a sign is wrong",
+            )
+    return rotation.T, centre - other @ rotation
+
+
+def align(
+    positions: Array, rotations: Array, measured: Array, points: Array, fit: tuple[bool, bool], what: str
+) -> Alignment:
+    """Frame and points with the least squares of errors.
+
+    Args:
+        positions: What the sensors sit on, in [m], shape (k, s, 3).
+        rotations: Its rotation, shape (k, s, 3, 3).
+        measured: Shape (k, s, 3), in [m].
+        points: Offsets of the sensors in [m] as they are described, shape (s, 3).
+        fit: Whether the frame is fitted, and the points.
+        what: Named in messages.
+
+    Raises:
+        DataError: the rows do not tell what is to be fitted.
+    """
+    frame, point = fit
+    start = unaligned(points)
+    if frame:
+        seen = sensed(positions, rotations, points)
+        rotation, shift = rigid_frame(seen.reshape(-1, 3), measured.reshape(-1, 3), what)
+        start = Alignment(rotation, shift, points, np.zeros_like(points))
+    return _refined(start, positions, rotations, measured, frame, what) if point else start
+
+
+def _refined(
+    start: Alignment, positions: Array, rotations: Array, measured: Array, frame: bool, what: str
+) -> Alignment:
+    """Gauss-Newton on points, and on the frame where it is asked for."""
+    count, sensors = positions.shape[:2]
+    numbers = 3 * sensors + (6 if frame else 0)
+    if 3 * count * sensors <= numbers:
+        raise DataError(
+            what,
+            "",
+            f"{count} rows cannot tell the {numbers} numbers of frame and sensor points; measure more",
+        )
+    now, size = start, float(np.sqrt(((measured - measured.mean(axis=(0, 1))) ** 2).sum(-1).mean()))
+    slopes = np.zeros((count, sensors, 3, numbers))
+    for s in range(sensors):
+        slopes[:, s, :, 3 * s : 3 * s + 3] = rotations[:, s]
+    centre = measured.mean(axis=(0, 1))  # the frame turns about it: then its shift hardly moves
+    for _ in range(50):
+        errors = now.errors(positions, rotations, measured)
+        if frame:
+            slopes[..., -6:-3] = cross_matrices((measured - centre) @ now.rotation.T) / size
+            slopes[..., -3:] = -np.eye(3)
+        matrix = slopes.reshape(-1, numbers)
+        u, sizes, vt = np.linalg.svd(matrix, full_matrices=False)
+        if sizes[-1] <= UNDETERMINED * sizes[0]:
+            told = "frame and sensor point" if frame else "the sensor point"
+            raise DataError(
+                what,
+                "",
+                f"the rows do not tell {told} apart: what the sensor sits on hardly tilts; measure "
+                "tilted poses, or fit the frame alone",
+            )
+        step = -vt.T @ ((u.T @ errors.ravel()) / sizes)
+        rotation, shift = now.rotation, now.shift
+        if frame:
+            rotation = rotation_exp(step[-6:-3] / size) @ now.rotation
+            shift = now.place(centre) + step[-3:] - rotation @ centre
+        new_points = now.points + step[: 3 * sensors].reshape(-1, 3)
+        now = Alignment(rotation, shift, new_points, now.point_errors)
+        if np.abs(step).max() < 1e-12:
+            break
+    errors = now.errors(positions, rotations, measured)
+    variance = (errors**2).sum() / (errors.size - numbers)
+    spread = np.sqrt(variance * ((vt.T / sizes) ** 2).sum(axis=1))[: 3 * sensors]
+    return Alignment(now.rotation, now.shift, now.points, spread.reshape(-1, 3))
+
+
+def _mm(errors: Array) -> float:
+    return 1e3 * float(np.sqrt((errors**2).sum(axis=-1).mean()))

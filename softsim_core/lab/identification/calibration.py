@@ -1,0 +1,293 @@
+"""A calibration: what is fitted to which measurements, as a file beside the data set."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias, get_args
+
+import numpy as np
+import yaml
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import ConfigError, DataError, SceneError
+from softsim_core.base.files import write_file
+from softsim_core.base.names import known_names
+from softsim_core.base.values import FieldError, need_finite, need_positive
+from softsim_core.lab.identification.description import DataSetDescription
+from softsim_core.lab.identification.expressions import names_in
+from softsim_core.lab.identification.files import DESCRIPTION, DataSet, known_data_sets, load_data_set
+from softsim_core.lab.identification.session import Session, load_session
+from softsim_core.scene.io.files import comment
+from softsim_core.scene.io.structure import structured
+from softsim_core.scene.io.yaml_source import read_extended
+from softsim_core.scene.robot import RobotDescription
+
+Loss: TypeAlias = Literal["linear", "soft_l1"]
+
+FILE = "calibration.yaml"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterDescription:
+    """A number that is sought.
+
+    Attributes:
+        name: By which expressions name it.
+        start: Where the search begins.
+        lower, upper: Its bounds.
+        unit: Of all these, for people.
+        prior: Standard deviation of what is known of it beforehand, around `start`; None: nothing is.
+        per_session: Whether each session has its own; else one acts in all.
+    """
+
+    name: str
+    start: float
+    lower: float
+    upper: float
+    unit: str = ""
+    prior: float | None = None
+    per_session: bool = False
+
+    def __post_init__(self) -> None:
+        owner = f"parameter {self.name}"
+        if not self.name.isidentifier():
+            raise FieldError(owner, "name", repr(self.name), "a word of letters, digits and _")
+        need_finite(owner, "bounds and start", (self.lower, self.start, self.upper))
+        if not self.lower < self.upper:
+            raise FieldError(owner, "lower", self.lower, f"less than upper, {self.upper:g}")
+        if not self.lower <= self.start <= self.upper:
+            raise FieldError(owner, "start", self.start, f"between {self.lower:g} and {self.upper:g}")
+        if self.prior is not None:
+            need_positive(owner, "prior", self.prior, self.unit)
+
+    @property
+    def span(self) -> float:
+        """Between its bounds."""
+        return self.upper - self.lower
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationDescription:
+    """What is fitted to which measurements.
+
+    Attributes:
+        name: What messages call it.
+        data_set: The measurements: a name, or a folder relative to the description.
+        parameters: What is sought.
+        overlay: Laid over the robot; where a parameter acts stands an expression, see expressions.
+        robot: The model: a name or a file; None: that of the data set.
+        sessions: Names of the sessions that are used; none: all that can be replayed.
+        every: Of the training rows of each session only each N-th is used.
+        loss: "linear" is least squares; "soft_l1" takes less notice of outliers.
+        scale_mm: From which error on one is an outlier, in [mm].
+        starts: From how many places the search begins: `start`, then some spread evenly between the bounds.
+        seed: Of these places.
+    """
+
+    name: str
+    data_set: str
+    parameters: tuple[ParameterDescription, ...]
+    overlay: dict[str, Any]
+    robot: str | None = None
+    sessions: tuple[str, ...] = ()
+    every: int = 1
+    loss: Loss = "linear"
+    scale_mm: float = 1.0
+    starts: int = 1
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        owner, names = f"calibration {self.name}", [each.name for each in self.parameters]
+        if not names or len(set(names)) != len(names):
+            raise SceneError(f"{owner}: give one parameter or more, each with its own name")
+        used = names_in(self.overlay)
+        for name in used - set(names):
+            raise SceneError(
+                f"{owner}: the overlay names {name!r}; {known_names(name, names, 'the parameters are')}"
+            )
+        for name in names:
+            if name not in used:
+                raise SceneError(f"{owner}: parameter {name} stands nowhere in the overlay; use or remove it")
+        if self.loss not in get_args(Loss):
+            raise FieldError(owner, "loss", repr(self.loss), f"one of {', '.join(get_args(Loss))}")
+        need_positive(owner, "scale_mm", self.scale_mm, "mm")
+        for field in ("every", "starts"):
+            if getattr(self, field) < 1:
+                raise FieldError(owner, field, getattr(self, field), ">= 1")
+
+
+def calibration_sessions(description: CalibrationDescription, data: DataSet) -> list[Session]:
+    """The training rows of the sessions that are asked for.
+
+    Raises:
+        DataError: there is no such session, or its rows cannot be used.
+    """
+    there = [each for each in data.description.sessions if each.replayed]
+    known = tuple(each.name for each in there)
+    for name in description.sessions:
+        if name not in known:
+            raise DataError(
+                f"calibration {description.name}",
+                "",
+                f"no session {name!r} to replay; {known_names(name, known, 'there are')}",
+            )
+    chosen = [each for each in there if not description.sessions or each.name in description.sessions]
+    return [_training_rows(load_session(data, each)) for each in chosen]
+
+
+def _training_rows(session: Session) -> Session:
+    """The session as it is fitted: without rows that are not used, as nobody needs their equilibria.
+
+    Where the release is not known, no delay is fitted: the phase of the swing is free.
+    """
+    time = session.description.time
+    if time is not None and time.release == "unknown":
+        return replace(session, description=replace(session.description, time=replace(time, most_delay=0.0)))
+    if session.times is not None:
+        return session
+    return session.part(np.flatnonzero(session.fitting))
+
+
+def load_calibration(name_or_path: str | Path) -> tuple[CalibrationDescription, Path]:
+    """A calibration by the name of its data set, or by the path of its file; and where it is.
+
+    Raises:
+        ConfigError: nothing found, or any problem in the description, in one sentence.
+    """
+    file = find_calibration(str(name_or_path))
+    return structured(read_extended(file), CalibrationDescription, file, find_files=False), file
+
+
+def find_calibration(text: str) -> Path:
+    """The file of a calibration: that path, or calibration.yaml beside a data set of that name."""
+    path = Path(text).expanduser()
+    if path.is_file():
+        return path.absolute()
+    if (path / FILE).is_file():
+        return (path / FILE).absolute()
+    known = known_calibrations()
+    if text not in known:
+        raise ConfigError(
+            text, "", f"no such file, and no calibration of that name; {known_names(text, known)}"
+        )
+    return known[text]
+
+
+def known_calibrations() -> dict[str, Path]:
+    """Files of the calibrations beside the data sets that are known by name."""
+    beside = {name: file.parent / FILE for name, file in known_data_sets().items()}
+    return {name: file.absolute() for name, file in beside.items() if file.is_file()}
+
+
+def data_of(description: CalibrationDescription, file: Path, data: Path | None) -> DataSet:
+    """The data set of a calibration in `file`; `data`: see load_data_set."""
+    beside = file.parent / description.data_set
+    return load_data_set(str(beside) if beside.is_dir() else description.data_set, data)
+
+
+ZERO: Final = 0.15
+"""A servo's zero is sought so far to both sides, in [rad]."""
+
+TIMES: Final = 3.0
+"""Young modulus and damping are sought between their values divided and multiplied by this."""
+
+
+def write_table(file: Path, columns: Mapping[str, Array], notes: Sequence[str] = ()) -> None:
+    """A CSV file with a header line below comments.
+
+    Args:
+        file: The file, which is replaced.
+        columns: Numbers by name, each of shape (k,).
+        notes: Comments.
+    """
+    head = comment(*notes) + ",".join(columns)
+    rows = np.column_stack(list(columns.values()))
+    text = io.StringIO()
+    np.savetxt(text, rows, "%.9g", ",", header=head, comments="")
+    write_file(file, text.getvalue())
+
+
+def write_description(folder: Path, description: DataSetDescription) -> Path:
+    """The description of a data set as its dataset.yaml, without what is as by default; returns the file."""
+    return write_file(folder / DESCRIPTION, _yaml(plain(description)))
+
+
+def write_calibration(folder: Path, calibration: CalibrationDescription) -> Path:
+    """A calibration beside its data set, as its calibration.yaml; returns the file."""
+    return write_file(folder / FILE, _yaml(plain(calibration)))
+
+
+def first_calibration(
+    name: str, robot: RobotDescription, sessions: Sequence[str], in_time: bool
+) -> CalibrationDescription | None:
+    """What one may begin with: zeros of the servos and the stiffness; in time, the damping, too.
+
+    At imposed angles the stiffness shows by the weight alone: readings that are means of poses tell it better
+    than noisy ones in time.
+
+    Args:
+        name: Of the calibration.
+        robot: The robot as it is described.
+        sessions: Names of the sessions that are fitted.
+        in_time: Whether they are measured in time.
+
+    Returns:
+        None: nothing of this robot is sought so.
+    """
+    wanted: list[ParameterDescription] = []
+    overlay: dict[str, Any] = {}
+    for k, joint in enumerate(robot.joints):
+        if joint.kind == "revolute" and joint.parent is None:
+            zero = ParameterDescription(name=f"zero_{k}", start=0.0, lower=-ZERO, upper=ZERO, unit="rad")
+            wanted.append(zero)
+            drawn_at = f"{joint.rest!r} " if joint.rest else ""
+            rest = {"name": joint.name, "rest": f"= {drawn_at}- {zero.name}"}
+            overlay.setdefault("joints", []).append(rest)
+    alike = [each for each in robot.scene.bodies if each.material == robot.scene.bodies[0].material]
+    values = alike[0].material.values if alike else {}
+    stiffer = {}
+    if "young_modulus" in values:
+        wanted.append(_scaled("young", 1e-3 * values["young_modulus"], "kPa"))
+        stiffer = {"young_modulus": "= 1e3 * young"}
+    elif "stiffness_factor" in values:
+        wanted.append(_scaled("stiffness", values["stiffness_factor"], ""))
+        stiffer = {"stiffness_factor": "= stiffness"}
+    if stiffer:
+        overlay["bodies"] = [{"name": each.name, "material": dict(stiffer)} for each in alike]
+    if in_time and robot.scene.solver.rayleigh_stiffness > 0.0:
+        wanted.append(_scaled("damping", 1e3 * robot.scene.solver.rayleigh_stiffness, "ms"))
+        overlay["solver"] = {"rayleigh_stiffness": "= 1e-3 * damping"}
+    if not wanted:
+        return None
+    return CalibrationDescription(
+        name=name, data_set=".", parameters=tuple(wanted), overlay=overlay, sessions=tuple(sessions)
+    )
+
+
+def _scaled(name: str, start: float, unit: str) -> ParameterDescription:
+    lower, start, upper = (float(f"{start * part:.5g}") for part in (1.0 / TIMES, 1.0, TIMES))
+    return ParameterDescription(name=name, start=start, lower=lower, upper=upper, unit=unit)
+
+
+def plain(value: Any) -> Any:
+    """A description as plain data, in the form of its file: what is as by default is left out."""
+    if is_dataclass(value) and not isinstance(value, type):
+        data = {}
+        for each in fields(value):
+            held = getattr(value, each.name)
+            usual = each.default_factory() if each.default_factory is not MISSING else each.default
+            if usual is MISSING or held != usual:
+                data[each.name] = plain(held)
+        return data
+    if isinstance(value, Mapping):
+        return {key: plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def _yaml(data: dict[str, Any]) -> str:
+    return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True))

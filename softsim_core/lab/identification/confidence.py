@@ -1,0 +1,313 @@
+"""How far a calibration can be trusted: rows left out, profile likelihood, distributions of parameters.
+
+Rows are dealt into folds; the parameters are fitted to all but one fold, by one Gauss-Newton step from those
+of all rows with the slopes there, and that fold is compared. A profile of a parameter is the least sum of
+squares with it held at a value, with the noise of the whole fit; its 95 % interval reaches to where this has
+grown by the square of its half width in standard errors.
+
+Sources: Stone 1974, Cross-validatory choice; Venzon, Moolgavkar 1988, Profile-likelihood-based intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray
+from softsim_core.base.errors import ConfigError, DataError
+from softsim_core.base.values import FieldError
+from softsim_core.lab.identification.expressions import filled
+from softsim_core.lab.identification.fit import Calibration
+from softsim_core.lab.identification.problem import Problem, mean_distance
+from softsim_core.lab.identification.session import Session
+from softsim_core.lab.identification.validation import compared
+from softsim_core.scene.io.structure import structured
+from softsim_core.scene.io.yaml_source import read_extended
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DistributionDescription:
+    """A normal distribution of parameters, cut at their bounds.
+
+    Attributes:
+        name: What messages call it.
+        robot: The model that it belongs to: a name, or a file relative to this one.
+        names: Of the parameters.
+        units: Of them, for people.
+        mean: Of them.
+        covariance: Of them, row by row.
+        lower, upper: Their bounds.
+        overlay: Laid over the robot, with expressions of the parameters.
+    """
+
+    name: str
+    robot: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    mean: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    overlay: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        count, owner = len(self.names), f"distribution {self.name}"
+        for field in ("mean", "lower", "upper", "covariance", "units"):
+            if len(getattr(self, field)) != count:
+                raise FieldError(owner, field, f"{len(getattr(self, field))} values", f"{count}, as names")
+        matrix = np.array(self.covariance)
+        if matrix.shape != (count, count) or not np.isfinite(matrix).all():
+            raise FieldError(owner, "covariance", f"shape {matrix.shape}", f"{count} rows of {count} numbers")
+        scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+        if np.linalg.eigvalsh(matrix / np.multiply.outer(scale, scale)).min() < -1e-8:
+            raise FieldError(owner, "covariance", "of some direction is negative", "that of real numbers")
+        if not all(low < high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise FieldError(owner, "lower", str(self.lower), "less than upper")
+
+    def draw(self, count: int, seed: int = 0) -> Array:
+        """Parameters drawn, shape (count, p), none outside the bounds."""
+        generator, size = np.random.default_rng(seed), len(self.names)
+        low, high = np.array(self.lower), np.array(self.upper)
+        values, root = np.zeros((0, size)), _root(np.array(self.covariance))
+        for _ in range(1000):
+            drawn = np.array(self.mean) + generator.standard_normal((count, size)) @ root.T
+            inside = ((drawn >= low) & (drawn <= high)).all(axis=1)
+            values = np.concatenate([values, drawn[inside]])
+            if len(values) >= count:
+                return values[:count]
+        raise FieldError(
+            f"distribution {self.name}", "mean", str(self.mean), "one from which the bounds are reached"
+        )
+
+    def overlaid(self, values: Sequence[float]) -> dict[str, Any]:
+        """What lays drawn values (p,) over the robot."""
+        given = dict(zip(self.names, (float(each) for each in values), strict=True))
+        overlay = filled(self.overlay, given)
+        assert isinstance(overlay, dict)
+        return overlay
+
+
+def _root(covariance: Array) -> Array:
+    """A matrix L with L L^T = covariance, of one that may be singular."""
+    sizes, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)))
+
+
+def distribution_of(result: Calibration, robot: str) -> DistributionDescription:
+    """That of a calibration: normal, of what the rows do not tell as wide as the bounds.
+
+    A parameter that each session has its own of is that of a new session: about the mean of the n sessions
+    with their variance :math:`s^2`, which has n - 1 degrees of freedom, times :math:`1 + 1/n`. The errors of
+    the sessions' own values are in :math:`s^2`; where these are by chance alike, they stand in its place.
+
+    Args:
+        result: The calibration, not interrupted.
+        robot: What the overlay is laid over.
+    """
+    problem, wanted = result.problem, result.description.parameters
+    errors = np.minimum(result.widening * result.errors, problem.span / np.sqrt(12.0))
+    correlation = np.where(np.isfinite(result.correlation), result.correlation, 0.0)
+    np.fill_diagonal(correlation, 1.0)
+    covariance = correlation * np.multiply.outer(errors, errors)
+    of = [name.partition(" ")[0] for name in result.names]
+    chosen = np.array([[name == each.name for name in of] for each in wanted], dtype=float)
+    counts = chosen.sum(axis=1)
+    chosen /= counts[:, None]
+    mean = chosen @ result.values
+    between = (chosen @ result.values**2 - mean**2) * counts / np.maximum(counts - 1.0, 1.0)
+    shared = chosen @ covariance @ chosen.T
+    within = chosen @ np.diagonal(covariance)
+    new = np.maximum(between, within) * (1.0 + 1.0 / counts)
+    np.fill_diagonal(shared, np.where(counts > 1.0, new, np.diagonal(shared)))
+    sizes, axes = np.linalg.eigh(shared)
+    shared = (axes * np.maximum(sizes, 0.0)) @ axes.T
+    return DistributionDescription(
+        name=result.description.name,
+        robot=robot,
+        names=tuple(each.name for each in wanted),
+        units=tuple(each.unit for each in wanted),
+        mean=tuple(mean.tolist()),
+        covariance=tuple(tuple(row) for row in shared.tolist()),
+        lower=tuple(each.lower for each in wanted),
+        upper=tuple(each.upper for each in wanted),
+        overlay=result.description.overlay,
+    )
+
+
+def load_distribution(file: str | Path) -> DistributionDescription:
+    """A distribution from its file.
+
+    Raises:
+        ConfigError: it is not there, or any problem in it, in one sentence.
+    """
+    path = Path(file).expanduser().absolute()
+    if not path.is_file():
+        raise ConfigError(str(file), "", "no such file")
+    return structured(read_extended(path), DistributionDescription, path, find_files=False)
+
+
+def plain_distribution(distribution: DistributionDescription) -> dict[str, Any]:
+    """A distribution as plain data, for a file that `load_distribution` reads."""
+    return {
+        "name": distribution.name,
+        "robot": distribution.robot,
+        "names": list(distribution.names),
+        "units": list(distribution.units),
+        "mean": list(distribution.mean),
+        "covariance": [list(row) for row in distribution.covariance],
+        "lower": list(distribution.lower),
+        "upper": list(distribution.upper),
+        "overlay": _plain(distribution.overlay),
+    }
+
+
+def _plain(data: Any) -> Any:
+    """Mappings and lists as those that YAML writes."""
+    if isinstance(data, Mapping):
+        return {key: _plain(each) for key, each in data.items()}
+    return [_plain(each) for each in data] if isinstance(data, list | tuple) else data
+
+
+ROUNDS: Final = 4
+"""Places that are tried for an end of an interval."""
+
+CLOSE: Final = 0.05
+"""Part of the growth sought by which an end of an interval is missed at most."""
+
+Done = Callable[[int, int], None]
+"""Told what is done, and what there is in all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Folds:
+    """Mean errors in [m], by session: of rows that were fitted, and of rows that were left out."""
+
+    count: int
+    fitted: dict[str, float]
+    left_out: dict[str, float]
+
+    @property
+    def ratio(self) -> float:
+        """Error of rows that were left out over that of fitted ones, over all sessions."""
+        return float(np.mean(list(self.left_out.values())) / np.mean(list(self.fitted.values())))
+
+
+def cross_validated(result: Calibration, count: int = 5, seed: int = 0, done: Done | None = None) -> Folds:
+    """Errors of rows that were not fitted.
+
+    Args:
+        result: The calibration, not interrupted.
+        count: Folds.
+        seed: Deals the rows; those of sessions in time are cut into as many spans.
+        done: Told how many folds are done.
+
+    Raises:
+        DataError: a session has too few rows.
+    """
+    problem = result.problem
+    best = (result.values - problem.low) / problem.span
+    around = problem.look_around(best)
+    generator, sessions = np.random.default_rng(seed), problem.misfit.sessions
+    fold_of = [_dealt(each, count, generator) for each in sessions]
+    fitted: dict[str, list[float]] = {each.name: [] for each in sessions}
+    left_out: dict[str, list[float]] = {each.name: [] for each in sessions}
+    for fold in range(count):
+        training = [
+            replace(each, training=each.training & (of != fold))
+            for each, of in zip(sessions, fold_of, strict=True)
+        ]
+        here, slopes = problem.again(around, training)
+        part = np.clip(best - np.linalg.lstsq(slopes, here, rcond=None)[0], 0.0, 1.0)
+        predictions = problem.misfit.replayed(problem.values(part))
+        for session, whole, of, prediction in zip(training, sessions, fold_of, predictions, strict=True):
+            compare = compared(session, prediction)
+            errors, known = compare.fitted_errors(), compare.known
+            fitted[session.name].append(mean_distance(errors[session.fitting & known]))
+            left_out[session.name].append(mean_distance(errors[whole.fitting & (of == fold) & known]))
+        if done is not None:
+            done(fold + 1, count)
+    return Folds(count, _means(fitted), _means(left_out))
+
+
+def _means(parts: dict[str, list[float]]) -> dict[str, float]:
+    return {name: float(np.mean(each)) for name, each in parts.items()}
+
+
+def _dealt(session: Session, count: int, generator: np.random.Generator) -> Array:
+    """The fold of each row that fits, shape (k,); -1 elsewhere."""
+    rows = np.flatnonzero(session.fitting)
+    if len(rows) < 2 * count:
+        raise DataError(f"session {session.name}", "", f"{len(rows)} rows are too few for {count} folds")
+    folds = np.full(len(session.table), -1)
+    even = np.arange(len(rows)) * count // len(rows)
+    folds[rows] = even if session.times is not None else generator.permutation(even)
+    return folds
+
+
+def profiled(result: Calibration, parameter: int, done: Done | None = None) -> tuple[float, float]:
+    """95 % interval of a parameter by profile likelihood; an end at a bound or beyond is infinite.
+
+    Args:
+        result: The calibration, not interrupted.
+        parameter: Its number.
+        done: Told how many of the two ends are found.
+    """
+    problem, ends = result.problem, []
+    best = (result.values - problem.low) / problem.span
+    slopes, left = problem.slopes(best), problem.residuals(best)
+    least = float(left @ left)
+    wanted = float(result.quantiles[parameter] * result.widening[parameter]) ** 2
+    others = np.arange(len(best)) != parameter
+    along = np.zeros_like(best)  # how the others follow, to first order
+    along[parameter] = 1.0
+    inverse = np.linalg.pinv(slopes[:, others])
+    along[others] = -inverse @ slopes[:, parameter]
+    first = float(np.sqrt(wanted)) / max(float(np.linalg.norm(slopes @ along)), 1e-12)
+    for number, sign in enumerate((-1.0, 1.0)):
+        ends.append(_end(problem, best, sign * along, inverse, others, (least, wanted, first)))
+        if done is not None:
+            done(number + 1, 2)
+    low, high = ends
+    return (
+        float(result.values[parameter] - problem.span[parameter] * low),
+        float(result.values[parameter] + problem.span[parameter] * high),
+    )
+
+
+def _end(
+    problem: Problem,
+    best: Array,
+    along: Array,
+    inverse: Array,
+    others: BoolArray,
+    sought: tuple[float, float, float],
+) -> float:
+    """How far a parameter goes until the least sum of squares has grown as wanted; infinite beyond a bound.
+
+    Args:
+        problem: What is minimised.
+        best: The parameters found, in parts of their bounds, shape (p,).
+        along: How all change with a unit of the parameter that is held, shape (p,).
+        inverse: Pseudo-inverse of the slopes of the others, shape (p - 1, n).
+        others: Which these are, shape (p,).
+        sought: The least sum of squares, its growth that is sought, and where to try first.
+    """
+    least, wanted, away = sought
+    held = int(np.flatnonzero(~others)[0])
+    room = (1.0 - best[held]) if along[held] > 0.0 else best[held]
+    for _ in range(ROUNDS):
+        if away >= room:
+            return np.inf
+        part = np.clip(best + away * along, 0.0, 1.0)
+        residuals = problem.residuals(part)
+        part[others] = np.clip(part[others] - inverse @ residuals, 0.0, 1.0)
+        better = problem.residuals(part)
+        growth = max(min(float(better @ better), float(residuals @ residuals)) - least, 1e-12 * wanted)
+        if abs(growth - wanted) < CLOSE * wanted:
+            break
+        away *= float(np.clip(np.sqrt(wanted / growth), 0.3, 3.0))
+    return away

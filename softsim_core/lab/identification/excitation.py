@@ -1,0 +1,445 @@
+r"""Motions and poses that determine a robot's parameters: grids, steps, chirps, next poses.
+
+Between two points all joints follow one minimum-jerk course,
+
+.. math:: q(t) = q_0 + (q_1 - q_0) (10 \tau^3 - 15 \tau^4 + 6 \tau^5), \quad \tau = t / T,
+
+whose largest speed is :math:`1.875\, |q_1 - q_0| / T` and largest acceleration
+:math:`5.774\, |q_1 - q_0| / T^2`; T is the shortest that keeps both limits of every joint.
+
+Source: Flash, Hogan 1985 (minimum jerk).
+
+Rows that are there, and one more, tell of the parameters p, beside frame and sensor points a of its session,
+:math:`I = \sum_i J_i^T J_i / \sigma^2` with the slopes of errors by both; of p alone :math:`I_{pp} - I_{pa}
+I_{aa}^{-1} I_{ap}`. Of candidates, spread evenly about the commands that were measured, one after another
+is taken with which the determinant of this grows most.
+
+Source: Fedorov 1972, Theory of optimal experiments (D-optimality, one point after another).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias, get_args
+
+import numpy as np
+from scipy.stats import qmc
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import DataError, SceneError, listing
+from softsim_core.base.values import FieldError, need_positive
+from softsim_core.lab.identification.alignment import Alignment, sensed
+from softsim_core.lab.identification.fit import Calibration
+from softsim_core.lab.identification.problem import Problem
+from softsim_core.lab.identification.replay import Near, Prediction, equilibria, in_short_steps
+from softsim_core.lab.identification.validation import compared
+from softsim_core.physics.mechanics.pose import cross_matrix
+from softsim_core.scene.robot import RobotDescription
+
+Kind: TypeAlias = Literal["grid", "steps", "chirp", "ring_down"]
+
+KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+
+TOP_SPEED: Final = 1.875
+TOP_ACCELERATION: Final = 10.0 / np.sqrt(3.0)
+"""Of a minimum-jerk course of length and time 1."""
+
+CLOSE: Final = 0.98
+"""Part of the limits that the quick motions take: rounding must not put them beyond."""
+
+UNLIMITED_S: Final = 0.5
+"""A joint without a limit of its speed crosses its range in this time, in [s]."""
+
+SPEEDING_S: Final = 0.1
+"""A joint without a limit of its acceleration takes this time to its top speed, in [s]."""
+
+LEAD_S: Final = 0.3
+"""So long all stands still before a motion in time, in [s]."""
+
+MOST_LISTED: Final = 20_000
+"""Of a larger grid points are drawn one by one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExcitationSettings:
+    """What is played, and how far it goes.
+
+    Attributes:
+        kinds: Which motions.
+        reach: Part of the way from the start pose to each limit that is used, in (0, 1].
+        speed: Part of the limits of speed and acceleration for the way from pose to pose, in (0, 1].
+        poses: Most poses of the grid; of a larger one so many are drawn.
+        levels: Positions of each joint in the grid, >= 2.
+        hold_s: How long a step is held, in [s].
+        ringing_s: How long a ringing down is watched, in [s].
+        chirp_s: Length of the chirp in [s].
+        lowest_hz, highest_hz: Between which the chirp goes, in [Hz].
+        seed: Of what is drawn.
+        period_s: From command to command in [s].
+    """
+
+    kinds: tuple[Kind, ...] = KINDS
+    reach: float = 0.5
+    speed: float = 0.5
+    poses: int = 30
+    levels: int = 3
+    hold_s: float = 1.0
+    ringing_s: float = 2.0
+    chirp_s: float = 10.0
+    lowest_hz: float = 0.3
+    highest_hz: float = 5.0
+    seed: int = 0
+    period_s: float = 0.02
+
+    def __post_init__(self) -> None:
+        owner = "excitation"
+        for kind in self.kinds:
+            if kind not in KINDS:
+                raise FieldError(owner, "kinds", repr(kind), f"some of {listing(KINDS)}")
+        for name in ("reach", "speed"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise FieldError(owner, name, getattr(self, name), "in (0, 1]")
+        if self.poses < 1:
+            raise FieldError(owner, "poses", self.poses, ">= 1")
+        if self.levels < 2:
+            raise FieldError(owner, "levels", self.levels, ">= 2")
+        for name in ("hold_s", "ringing_s", "chirp_s", "period_s"):
+            need_positive(owner, name, getattr(self, name), "s")
+        need_positive(owner, "lowest_hz", self.lowest_hz, "Hz")
+        if not self.lowest_hz < self.highest_hz <= 0.25 / self.period_s:
+            allowed = f"between lowest_hz = {self.lowest_hz:g} and {0.25 / self.period_s:g} Hz"
+            raise FieldError(owner, "highest_hz", self.highest_hz, allowed)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """Where a robot's j joints may go, and how quickly, in [rad], [m] or the unit of their commands.
+
+    Attributes:
+        home: Where every motion begins and ends, shape (j,).
+        low, high: What is reached, home between them, shape (j,).
+        speed, acceleration: The limits, finite, shape (j,).
+    """
+
+    home: Array
+    low: Array
+    high: Array
+    speed: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Commands in time.
+
+    Attributes:
+        name: Of the session that is measured.
+        commands: One every `period_s`, shape (k, j).
+        period_s: In [s].
+        free: What counts is the free motion after the last command that moves.
+    """
+
+    name: str
+    commands: Array
+    period_s: float
+    free: bool = False
+
+    @property
+    def duration_s(self) -> float:
+        """In [s]."""
+        return len(self.commands) * self.period_s
+
+
+def room_of(robot: RobotDescription, reach: float) -> Room:
+    """What of a robot's joints is used.
+
+    Args:
+        robot: The robot.
+        reach: Part of the way from the start pose to each limit.
+
+    Raises:
+        SceneError: it has no joints, or one without limits of its position.
+    """
+    if not robot.joints:
+        raise SceneError(f"{robot.name} has no joints; nothing can be excited")
+    limits = [joint.limits for joint in robot.joints]
+    lower, upper = (np.array([getattr(each, name) for each in limits]) for name in ("lower", "upper"))
+    for joint, low, high in zip(robot.joints, lower.tolist(), upper.tolist(), strict=True):
+        if not np.isfinite((low, high)).all() or not low < high:
+            raise SceneError(
+                f"joint {joint.name} of {robot.name} has the limits [{low:g}, {high:g}]; give it a finite "
+                "range in the robot's file (limits: lower, upper): motions keep within it"
+            )
+    home = np.clip(robot.start_joints, lower, upper)
+    speed = np.minimum([each.speed for each in limits], (upper - lower) / UNLIMITED_S)
+    acceleration = np.minimum([each.acceleration for each in limits], speed / SPEEDING_S)
+    low, high = home + reach * (lower - home), home + reach * (upper - home)
+    return Room(home, low, high, speed, acceleration)
+
+
+def way(start: Array, goal: Array, room: Room, share: float, period_s: float) -> Array:
+    """Commands (k, j) from after `start` to `goal`, in the shortest time that keeps a share of the limits."""
+    far = np.abs(goal - start)
+    slow = TOP_SPEED * far / (share * room.speed)
+    heavy = np.sqrt(TOP_ACCELERATION * far / (share * room.acceleration))
+    count = max(1, int(np.ceil(max(slow.max(), heavy.max()) / period_s)))
+    tau = np.arange(1, count + 1)[:, None] / count
+    return np.asarray(start + (goal - start) * (10.0 * tau**3 - 15.0 * tau**4 + 6.0 * tau**5))
+
+
+def grid(room: Room, settings: ExcitationSettings) -> Array:
+    """Poses (n, j) of a grid, ordered so that the next one is near; of many, some are drawn by the seed."""
+    joints, levels = len(room.home), settings.levels
+    random = np.random.default_rng(settings.seed)
+    if levels**joints <= MOST_LISTED:
+        places = np.stack(np.meshgrid(*[np.arange(levels)] * joints, indexing="ij"), axis=-1)
+        places = places.reshape(-1, joints)
+        places = places[random.permutation(len(places))[: settings.poses]]
+    else:
+        places = np.unique(random.integers(levels, size=(settings.poses, joints)), axis=0)
+    parts = places / (levels - 1)
+    span = room.high - room.low
+    order = in_short_steps(parts, (room.home - room.low) / span)
+    return np.asarray(room.low + span * parts[order])
+
+
+def steps(room: Room, settings: ExcitationSettings) -> Motion:
+    """Each joint in turn, as quickly as it may: up, down, and home; each is held."""
+    parts = [_still(room.home, LEAD_S, settings)]
+    for joint in range(len(room.home)):
+        for target in (room.high[joint], room.low[joint], room.home[joint]):
+            goal = room.home.copy()
+            goal[joint] = target
+            parts += [
+                way(parts[-1][-1], goal, room, CLOSE, settings.period_s),
+                _still(goal, settings.hold_s, settings),
+            ]
+    return Motion("steps", np.concatenate(parts), settings.period_s)
+
+
+def chirp(room: Room, settings: ExcitationSettings) -> Motion:
+    """All joints swing about the middle, quicker and quicker, one after another by equal parts of a turn.
+
+    Swings are as wide as reach, speed and acceleration allow at each frequency.
+    """
+    count, period = round(settings.chirp_s / settings.period_s), settings.period_s
+    t = np.arange(count) * period
+    rate = (settings.highest_hz - settings.lowest_hz) / settings.chirp_s
+    turn = 2.0 * np.pi * (settings.lowest_hz + rate * t)[:, None]
+    phase = 2.0 * np.pi * (settings.lowest_hz * t + 0.5 * rate * t**2)[:, None]
+    swing, middle = 0.5 * (room.high - room.low), 0.5 * (room.high + room.low)
+    joints = len(room.home)
+    late = 2.0 * np.pi * np.arange(joints) / joints
+    width = np.minimum(np.minimum(swing, room.speed / turn), room.acceleration / turn**2)
+    ends = np.minimum(1.0, np.minimum(t, t[-1] - t) / (0.1 * settings.chirp_s))[:, None]
+    swings = width * np.sin(phase + late) * (3.0 * ends**2 - 2.0 * ends**3)
+    speeds = np.diff(swings, axis=0, prepend=0.0 * swings[:1]) / period
+    most = np.maximum(
+        np.abs(speeds).max(axis=0) / room.speed,
+        np.abs(np.diff(speeds, axis=0)).max(axis=0) / period / room.acceleration,
+    )
+    swings *= np.minimum(1.0, CLOSE / np.maximum(most, 1e-12))
+    begin = way(room.home, middle, room, CLOSE, period)
+    parts = [_still(room.home, LEAD_S, settings), begin, middle + swings]
+    parts += [way(middle, room.home, room, CLOSE, period), _still(room.home, LEAD_S, settings)]
+    return Motion("chirp", np.concatenate(parts), period)
+
+
+def ring_down(room: Room, settings: ExcitationSettings) -> Motion:
+    """The first joint away and back, as quickly as it may; what counts is the free motion after that."""
+    goal = room.home.copy()
+    farther = room.high[0] - room.home[0] >= room.home[0] - room.low[0]
+    goal[0] = room.high[0] if farther else room.low[0]
+    period = settings.period_s
+    away = way(room.home, goal, room, CLOSE, period)
+    back = way(goal, room.home, room, CLOSE, period)
+    parts = [_still(room.home, LEAD_S, settings), away, back, _still(room.home, settings.ringing_s, settings)]
+    return Motion("ring_down", np.concatenate(parts), period, free=True)
+
+
+def motions(room: Room, settings: ExcitationSettings) -> list[Motion]:
+    """The motions in time that are asked for."""
+    made = {"steps": steps, "chirp": chirp, "ring_down": ring_down}
+    return [made[kind](room, settings) for kind in settings.kinds if kind in made]
+
+
+def _still(pose: Array, seconds: float, settings: ExcitationSettings) -> Array:
+    return np.tile(pose, (max(1, round(seconds / settings.period_s)), 1))
+
+
+BEYOND = 0.1
+"""Part of the measured range of commands by which candidates reach beyond it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NextPoses:
+    """Poses that are worth measuring.
+
+    Attributes:
+        session: That which they would be added to.
+        joints: Names of the joints.
+        commands: The poses, the best first, shape (n, j).
+        errors: Standard errors of the parameters as they are, and as they would be with the first, the first
+            two, and so on, shape (n + 1, p).
+    """
+
+    session: str
+    joints: tuple[str, ...]
+    commands: Array
+    errors: Array
+
+
+def next_poses(
+    result: Calibration,
+    count: int = 5,
+    candidates: int = 64,
+    seed: int = 0,
+    done: Callable[[int, int], None] | None = None,
+) -> NextPoses:
+    """Poses that would tell most of the parameters.
+
+    Args:
+        result: The calibration, not interrupted.
+        count: How many poses.
+        candidates: Among how many.
+        seed: Spreads the candidates.
+        done: Told how many replays of the candidates are done.
+
+    Raises:
+        DataError: no session is of poses at rest.
+    """
+    problem, chosen = result.problem, _at_rest(result)
+    session = problem.misfit.sessions[chosen]
+    best = (result.values - problem.low) / problem.span
+    around = problem.look_around(best)
+    slopes, _ = problem.information(best)
+    replayed = [around.here[chosen], *(each[chosen] for each in around.moved)]
+    there_are = session.fitting & np.logical_and.reduce([each.reached for each in replayed])
+    alignment = compared(session, replayed[0]).alignment
+    assert alignment is not None
+    fit = session.description.alignment
+    aligned = alignment, (fit.frame, fit.point)
+    measured = _slopes(replayed, around.steps, *aligned)[there_are]
+    commands = _candidates(result, chosen, candidates, seed)
+    offered = _slopes(_replayed(result, chosen, commands, around.steps, done), around.steps, *aligned)
+    offered = offered / problem.noise
+    reached = np.isfinite(offered).all(axis=(1, 2))
+    if not reached.any():
+        raise DataError(f"session {session.name}", "commands", "no candidate has an equilibrium")
+    size = len(best)
+    flat = measured.reshape(-1, measured.shape[-1]) / problem.noise
+    information = flat.T @ flat
+    information[:size, :size] += _from_others(problem, slopes, chosen)
+    taken: list[int] = []
+    errors = [_errors(information, size)]
+    each = np.einsum("nra,nrb->nab", offered, offered)
+    for _ in range(min(count, int(reached.sum()))):
+        left_over = [k for k in np.flatnonzero(reached).tolist() if k not in taken]
+        taken.append(max(left_over, key=lambda k: _worth(information + each[k], size)))
+        information = information + each[taken[-1]]
+        errors.append(_errors(information, size))
+    names = problem.misfit.robot(chosen, result.values).joint_names
+    return NextPoses(session.name, names, commands[taken], np.array(errors) * problem.span)
+
+
+def _at_rest(result: Calibration) -> int:
+    """Number of the first session whose rows stand for themselves."""
+    for k, session in enumerate(result.problem.misfit.sessions):
+        if session.times is None:
+            return k
+    raise DataError(f"calibration {result.description.name}", "", "has no session of poses at rest")
+
+
+def _candidates(result: Calibration, chosen: int, count: int, seed: int) -> Array:
+    """Commands about those that a session measured, within the limits of joints, shape (n, j); Sobol 1967."""
+    misfit = result.problem.misfit
+    robot, session = misfit.robot(chosen, result.values), misfit.sessions[chosen]
+    measured = session.commands(robot)[session.fitting]
+    low, high = measured.min(axis=0), measured.max(axis=0)
+    margin = BEYOND * (high - low)
+    low = np.maximum(low - margin, [joint.limits.lower for joint in robot.joints])
+    high = np.minimum(high + margin, [joint.limits.upper for joint in robot.joints])
+    even = qmc.Sobol(len(low), seed=seed).random(2 ** int(np.ceil(np.log2(count))))[:count]
+    return np.asarray(low + even * (high - low))
+
+
+def _replayed(
+    result: Calibration, chosen: int, commands: Array, steps: Array, done: Callable[[int, int], None] | None
+) -> list[Prediction]:
+    """Candidates with the parameters found, then with each moved by its step in parts of the bounds."""
+    problem, found = result.problem, (result.values - result.problem.low) / result.problem.span
+    sensors = problem.misfit.sessions[chosen].description.sensors
+    near: Near = {}
+    replayed: list[Prediction] = []
+    for each in (np.zeros(len(steps)), *np.diag(steps)):
+        model = problem.misfit.robot(chosen, problem.values(found + each))
+        replayed.append(equilibria(model, sensors, commands, near=near))
+        if replayed[-1].stopped:
+            raise KeyboardInterrupt
+        if done is not None:
+            done(len(replayed), len(steps) + 1)
+    return replayed
+
+
+def _from_others(problem: Problem, slopes: Array, chosen: int) -> Array:
+    """What all other sessions, each aligned for itself, and priors tell of the parameters, shape (p, p)."""
+    counts = [3 * len(each.description.sensors) * int(each.fitting.sum()) for each in problem.misfit.sessions]
+    first = sum(counts[:chosen])
+    other = np.delete(slopes, np.arange(first, first + counts[chosen]), axis=0)
+    priors = problem.prior_slopes
+    return np.asarray(other.T @ other + priors.T @ priors)
+
+
+def _slopes(
+    replayed: Sequence[Prediction], steps: Array, alignment: Alignment, fit: tuple[bool, bool]
+) -> Array:
+    """Slopes of errors by parameters, then by frame and points where these are fitted, shape (k, 3 s, p + a).
+
+    Args:
+        replayed: The rows, then with each parameter moved by its step.
+        steps: In parts of the bounds, shape (p,).
+        alignment: Of the session.
+        fit: Whether the frame is fitted, and the points.
+    """
+    here, *moved = replayed
+    points, (count, sensors) = alignment.points, here.positions.shape[:2]
+    seen = sensed(here.positions, here.rotations, points)
+    columns = [
+        (sensed(each.positions, each.rotations, points) - seen) / step
+        for each, step in zip(moved, steps, strict=True)
+    ]
+    frame, point = fit
+    if frame:
+        centre = np.nanmean(seen, axis=(0, 1))
+        turned = np.stack([np.stack([cross_matrix(each) for each in row]) for row in seen - centre])
+        columns += [*np.moveaxis(turned, -1, 0)]
+        columns += [np.broadcast_to(-axis, seen.shape) for axis in np.eye(3)]
+    if point:
+        for s in range(sensors):
+            of = np.zeros((count, sensors, 3, 3))
+            of[:, s] = here.rotations[:, s]
+            columns += [*np.moveaxis(of, -1, 0)]
+    return np.asarray(np.stack(columns, axis=-1).reshape(count, 3 * sensors, -1))
+
+
+def _alone(information: Array, size: int) -> Array:
+    """Information of the first `size` numbers when the others are fitted beside, (size, size)."""
+    if len(information) == size:
+        return information
+    across = information[:size, size:]
+    return np.asarray(
+        information[:size, :size]
+        - across @ np.linalg.pinv(information[size:, size:], hermitian=True) @ across.T
+    )
+
+
+def _worth(information: Array, size: int) -> float:
+    sizes = np.linalg.eigvalsh(_alone(information, size))
+    return float(np.log(np.maximum(sizes, 1e-12)).sum())
+
+
+def _errors(information: Array, size: int) -> Array:
+    alone = _alone(information, size)
+    sizes, axes = np.linalg.eigh(alone)
+    return np.asarray(np.sqrt((axes**2 / np.maximum(sizes, 1e-12)).sum(axis=1)))

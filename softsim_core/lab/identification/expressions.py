@@ -1,0 +1,101 @@
+"""Values in plain data that depend on parameters: strings such as `= 1 / compliance` in their place."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from softsim_core.base.errors import SceneError
+from softsim_core.base.names import known_names
+
+MARK: Final = "="
+"""A string that begins so is an expression."""
+
+_BINARY: Final[Mapping[type, Callable[[float, float], float]]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+}
+
+
+def filled(data: Any, values: Mapping[str, float]) -> Any:
+    """Plain data with its expressions replaced by their values.
+
+    Args:
+        data: Mappings, lists, numbers, strings.
+        values: What the names in expressions stand for.
+
+    Raises:
+        SceneError: an expression has another form, an unknown name, or no finite value.
+    """
+    if isinstance(data, Mapping):
+        return {key: filled(each, values) for key, each in data.items()}
+    if isinstance(data, list | tuple):
+        return [filled(each, values) for each in data]
+    if isinstance(data, str) and data.startswith(MARK):
+        return evaluated(data, values)
+    return data
+
+
+def names_in(data: Any) -> set[str]:
+    """Names that the expressions in plain data use.
+
+    Raises:
+        SceneError: an expression has another form.
+    """
+    if isinstance(data, Mapping):
+        return set().union(*(names_in(each) for each in data.values()))
+    if isinstance(data, list | tuple):
+        return set().union(*(names_in(each) for each in data))
+    if isinstance(data, str) and data.startswith(MARK):
+        return {node.id for node in ast.walk(_parsed(data)) if isinstance(node, ast.Name)}
+    return set()
+
+
+def evaluated(expression: str, values: Mapping[str, float]) -> float:
+    """The value of an expression: numbers, names, + - * / ** and brackets; errors as `filled`."""
+    try:
+        value = _value(_parsed(expression), values, expression)
+    except SceneError:  # a ValueError, too
+        raise
+    except (ArithmeticError, ValueError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise SceneError(f"the expression {expression!r} has no finite value; bound its parameters otherwise")
+    return value
+
+
+def _parsed(expression: str) -> ast.expr:
+    try:
+        return ast.parse(expression.removeprefix(MARK).strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise _refused(expression) from None
+
+
+def _refused(expression: str) -> SceneError:
+    return SceneError(
+        f"the expression {expression[:80]!r} must be of numbers, names of parameters, + - * / ** and brackets"
+    )
+
+
+def _value(node: ast.expr, values: Mapping[str, float], expression: str) -> float:
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        return float(node.value)
+    if isinstance(node, ast.Name):
+        if node.id not in values:
+            known = known_names(node.id, values, "the parameters are")
+            raise SceneError(f"the expression {expression!r} names {node.id!r}; {known}")
+        return values[node.id]
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+        inner = _value(node.operand, values, expression)
+        return -inner if isinstance(node.op, ast.USub) else inner
+    if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
+        left, right = (_value(each, values, expression) for each in (node.left, node.right))
+        value = _BINARY[type(node.op)](left, right)
+        return float(value) if isinstance(value, int | float) else math.nan
+    raise _refused(expression)

@@ -1,0 +1,336 @@
+r"""What a calibration minimises: the errors of all rows, their loss weighted by noise, and priors.
+
+With the errors e of all points, the loss :math:`\rho` and its score :math:`\psi`, see measures,
+
+.. math:: \min_p \; \kappa \sum_i \rho(e_i) + \sum_k (p_k - p_k^0)^2 / \sigma_k^2,
+    \qquad \kappa = a / b, \quad a = \overline{\partial\psi/\partial e}, \quad b = \overline{\psi^2} .
+
+The slopes J of the errors tell :math:`J^T J / \sigma^2` of the parameters, with :math:`\sigma^2 = b / a^2`:
+the inverse is the sandwich covariance of a robust fit, and of least squares the usual one, where a = 1 and
+:math:`\sigma^2` is the variance of the errors. One noise serves the search, the standard errors, profiles
+and folds. It is estimated from the part of the errors that no change of the parameters takes away, so that a
+prior that pulls them aside does not count as noise.
+
+Sources: Huber, Ronchetti 2009, Robust statistics, 7.6 (covariance); Seber, Wild 1989, Nonlinear regression.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import DataError
+from softsim_core.lab.identification.calibration import CalibrationDescription, ParameterDescription
+from softsim_core.lab.identification.expressions import filled
+from softsim_core.lab.identification.measures import PointLoss
+from softsim_core.lab.identification.replay import Near, Prediction, replay
+from softsim_core.lab.identification.session import Session
+from softsim_core.lab.identification.validation import compared, session_robot
+from softsim_core.scene.robot import RobotDescription
+
+FAR = 10.0
+"""Errors of values with which too many rows are lost, over the largest of those before."""
+
+LOST = 0.1
+"""Part of the rows that may have no equilibrium."""
+
+Progress: TypeAlias = Callable[[int, float, Array], None]
+"""Told how often all rows were replayed, the mean error in [m], and the values (p,)."""
+
+
+class Misfit:
+    """Errors of all rows that fit in [m]; remembers equilibria, and the best.
+
+    Attributes:
+        parameters: What is sought, in order; one that each session has its own of stands once for each.
+        names: Of these; of one that each session has its own of: `NAME of SESSION`.
+        sessions: The rows, each session's.
+        count: How often all rows were replayed.
+        means: Mean error of each session in [m] at the last replay.
+        best: The smallest mean of these that there was; `best_values` and `best_means` belong to it.
+        latest: The last replay, of each session.
+    """
+
+    def __init__(
+        self,
+        description: CalibrationDescription,
+        model: str,
+        sessions: Sequence[Session],
+        every: int = 1,
+        progress: Progress | None = None,
+    ) -> None:
+        self._description, self._model, self._progress = description, model, progress
+        self._whole = list(sessions)
+        self.sessions = [_each(session, every) for session in sessions]
+        self._acting: list[tuple[ParameterDescription, int | None]] = []
+        for each in description.parameters:
+            own = range(len(sessions)) if each.per_session else (None,)
+            self._acting += [(each, session) for session in own]
+        self.parameters = [each for each, _ in self._acting]
+        self.names = tuple(
+            each.name if session is None else f"{each.name} of {sessions[session].name}"
+            for each, session in self._acting
+        )
+        self.count, self.best, self.best_values = 0, np.inf, np.zeros(len(self.names))
+        self.means: dict[str, float] = {}
+        self.best_means: dict[str, float] = {}
+        self.latest: list[Prediction] = []
+        self._near: list[Near] = [{} for _ in sessions]
+        self._last: tuple[Array, Array, dict[str, float]] | None = None
+        self._largest: float | None = None
+        self._kept = np.zeros(0)
+
+    @property
+    def rows(self) -> dict[str, int]:
+        """How many rows fit, by session."""
+        return {each.name: int(each.fitting.sum()) for each in self.sessions}
+
+    def __call__(self, values: Array) -> Array:
+        """All errors of a replay with values (p,), shape (n,); of rows that it loses those of the best."""
+        if self._last is not None and np.array_equal(self._last[0], values):
+            self.means = self._last[2]
+            return self._last[1]
+        near = [dict(each) for each in self._near]
+        self.latest = self.replayed(values, near)
+        total = self.errors(self.latest, values)
+        self._last = values.copy(), total, self.means
+        self.count += 1
+        mean = float(np.mean(list(self.means.values())))
+        if mean < self.best:
+            self.best, self.best_values, self.best_means = mean, values.copy(), dict(self.means)
+            self._near, self._kept = near, total
+        if self._progress is not None:
+            self._progress(self.count, mean, values)
+        return total
+
+    def replayed(self, values: Array, near: Sequence[Near] | None = None) -> list[Prediction]:
+        """What the model does in each session with values (p,).
+
+        Rows begin where those of the best values are, so that what is found does not depend on what was
+        tried before.
+
+        Args:
+            values: Of the parameters.
+            near: Of each session, takes over the equilibria; None: they are forgotten.
+
+        Raises:
+            KeyboardInterrupt: it was interrupted.
+        """
+        done = []
+        known = [dict(each) for each in self._near] if near is None else near
+        for k, (session, equilibria) in enumerate(zip(self.sessions, known, strict=True)):
+            done.append(replay(self.robot(k, values), session, near=equilibria))
+            if done[-1].stopped:
+                raise KeyboardInterrupt
+        return done
+
+    def errors(
+        self, predictions: Sequence[Prediction], values: Array, sessions: Sequence[Session] | None = None
+    ) -> Array:
+        """Errors of a replay with values (p,) in the rows that fit, aligned to these, shape (n,).
+
+        Args:
+            predictions: The replay, of each session.
+            values: With which it was made, for messages.
+            sessions: In the place of `sessions`: the same with other rows that fit.
+        """
+        chosen = self.sessions if sessions is None else sessions
+        errors, means = [], {}
+        for session, prediction in zip(chosen, predictions, strict=True):
+            result = compared(session, prediction)
+            rows = session.fitting
+            known = rows & result.known
+            if known.sum() < (1.0 - LOST) * rows.sum():
+                return self._lost(session, int(known.sum()), values, chosen)
+            fitted = result.fitted_errors()
+            means[session.name] = mean_distance(fitted[known])
+            errors.append(np.where(known[:, None, None], fitted, np.nan)[rows].ravel())
+        self.means, total = means, np.concatenate(errors)
+        lost = np.isnan(total)
+        total[lost] = self._kept[lost] if len(self._kept) == len(total) else 0.0
+        self._largest = float(np.abs(total).max())
+        return total
+
+    def _lost(self, session: Session, known: int, values: Array, chosen: Sequence[Session]) -> Array:
+        """Errors so large that a search comes back; at the first values of all there is no way back."""
+        if self._largest is None:
+            told = ", ".join(f"{name} {value:.4g}" for name, value in zip(self.names, values, strict=True))
+            raise DataError(
+                f"session {session.name}",
+                "",
+                f"only {known} of {session.fitting.sum()} rows have an equilibrium with {told}; "
+                "narrow the bounds",
+            )
+        self.means = {each.name: np.inf for each in chosen}
+        count = sum(3 * len(each.description.sensors) * int(each.fitting.sum()) for each in chosen)
+        return np.full(count, FAR * self._largest)
+
+    def follow(self, values: Array, told: Callable[[int, int], None] | None) -> None:
+        """Find the equilibria of all rows of sessions once, from neighbour to neighbour.
+
+        A bent robot may have several for one command, and rows far apart lead to others than it went through.
+        """
+        for k, (session, near) in enumerate(zip(self._whole, self._near, strict=True)):
+            if session.times is None:
+                replay(self.robot(k, values), session, progress=told, near=near)
+
+    def robot(self, session: int, values: Array) -> RobotDescription:
+        """The model of a session by its number, with values (p,)."""
+        acting = {
+            each.name: float(value)
+            for (each, of), value in zip(self._acting, values, strict=True)
+            if of is None or of == session
+        }
+        overlay = filled(self._description.overlay, acting)
+        return session_robot(self._model, self._whole[session].description, overlay)
+
+
+def mean_distance(errors: Array) -> float:
+    """Mean distance between model and measurement in [m], of errors (k, s, 3) in [m]."""
+    return float(np.linalg.norm(errors, axis=-1).mean())
+
+
+def _each(session: Session, count: int) -> Session:
+    """Each so many-th row, of sessions in time all."""
+    return session if session.times is not None else session.part(np.arange(0, len(session.table), count))
+
+
+STEP = 0.004
+"""Part of its bounds by which a parameter is moved to see what changes."""
+
+LEAST_NOISE = 1e-9
+"""Smaller noise is taken for round-off, in [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Around:
+    """Predictions of all sessions at a place, and with each parameter moved by a step.
+
+    Attributes:
+        part: The place, in parts of the bounds, shape (p,).
+        steps: Of each parameter, in parts of its bounds, shape (p,).
+        here: Of the sessions.
+        moved: Of the sessions, for each parameter.
+        errors: Of the rows at the place in [m], shape (n,).
+        slopes: Derivatives of these, shape (n, p).
+    """
+
+    part: Array
+    steps: Array
+    here: list[Prediction]
+    moved: list[list[Prediction]]
+    errors: Array
+    slopes: Array
+
+
+class Problem:
+    """What is minimised, in parts of the bounds: losses of the rows over their noise, then priors.
+
+    Attributes:
+        misfit: Errors of the rows.
+        loss: Of these.
+        low: Lower bounds, shape (p,).
+        span: Between the bounds, shape (p,).
+        start: Where the search begins, in parts of the bounds, shape (p,).
+        noise: Standard deviation of an error of least squares that tells as much as one of the rows, in [m].
+        known: Parameters with a prior that counts.
+        around: Where slopes were taken last.
+    """
+
+    def __init__(self, misfit: Misfit, loss: PointLoss) -> None:
+        wanted = misfit.parameters
+        self.misfit, self.loss = misfit, loss
+        self.low = np.array([each.lower for each in wanted])
+        self.span = np.array([each.span for each in wanted])
+        self.start = (np.array([each.start for each in wanted]) - self.low) / self.span
+        self._priors = np.array([np.inf if each.prior is None else each.prior for each in wanted]) / self.span
+        self.known: IndexArray = np.flatnonzero(np.isfinite(self._priors))
+        self.noise, self._root = loss.scale, 1.0 / loss.scale
+        self.around: Around | None = None
+
+    def values(self, part: Array) -> Array:
+        """Parameters (p,) at a place in parts of their bounds."""
+        return np.asarray(self.low + self.span * part)
+
+    def prior_residuals(self, part: Array) -> Array:
+        """Distances from what is known beforehand, over its standard deviation."""
+        return np.asarray(((part - self.start) / self._priors)[self.known])
+
+    @property
+    def prior_slopes(self) -> Array:
+        """Derivatives of `prior_residuals`, a row for each."""
+        return np.asarray((np.eye(len(self.span)) / self._priors[:, None])[self.known])
+
+    def leave_out_prior(self, parameter: int) -> None:
+        """Take no notice of what is known beforehand of a parameter by its number."""
+        self.known = self.known[self.known != parameter]
+
+    def residuals(self, part: Array) -> Array:
+        """Of a replay, shape (n,); the sum of their squares is what is minimised."""
+        return self._joined(self.misfit(self.values(part)), part)
+
+    def _joined(self, errors: Array, part: Array) -> Array:
+        return np.concatenate([self._root * self.loss.residuals(errors), self.prior_residuals(part)])
+
+    def slopes(self, part: Array) -> Array:
+        """Derivatives of the residuals by differences, shape (n, p)."""
+        around = self.look_around(part)
+        return self._joined_slopes(around.errors, around.slopes)
+
+    def _joined_slopes(self, errors: Array, slopes: Array) -> Array:
+        return np.concatenate([self._root * self.loss.slopes(errors, slopes), self.prior_slopes])
+
+    def look_around(self, part: Array) -> Around:
+        """Replays at a place, and with each parameter moved; remembers the last."""
+        if self.around is None or not np.array_equal(self.around.part, part):
+            steps = np.where(part + STEP <= 1.0, STEP, -STEP)
+            errors = self.misfit(self.values(part))
+            here, moved, changes = self.misfit.latest, [], []
+            for each in np.diag(steps):
+                changes.append(self.misfit(self.values(part + each)) - errors)
+                moved.append(self.misfit.latest)
+            slopes = np.asarray(np.array(changes).T / steps)
+            self.around = Around(part.copy(), steps, here, moved, errors, slopes)
+        return self.around
+
+    def again(self, around: Around, sessions: Sequence[Session]) -> tuple[Array, Array]:
+        """Residuals (n,) and slopes (n, p) of replays that have been made, with other rows that fit."""
+        errors = self.misfit.errors(around.here, self.values(around.part), sessions)
+        places = around.part + np.diag(around.steps)
+        moved = [
+            self.misfit.errors(each, self.values(place), sessions)
+            for each, place in zip(around.moved, places, strict=True)
+        ]
+        slopes = np.asarray((np.array(moved) - errors).T / around.steps)
+        return self._joined(errors, around.part), self._joined_slopes(errors, slopes)
+
+    def estimate_noise(self, part: Array) -> None:
+        """Set the noise from the errors at a place."""
+        left = self._unexplained(self.look_around(part))
+        flat = self.loss.curvature(left)
+        variance = float((self.loss.scores(left) ** 2).sum()) / self.freedom(len(left))
+        self.noise = max(float(np.sqrt(variance)) / flat, LEAST_NOISE)
+        self._root = 1.0 / (self.noise * np.sqrt(flat))
+
+    def _unexplained(self, around: Around) -> Array:
+        """The errors at a place (n,) in [m], without what other parameters would take away."""
+        residuals, slopes = self.loss.residuals(around.errors), self.loss.slopes(around.errors, around.slopes)
+        return np.asarray(around.errors - around.slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0])
+
+    def information(self, part: Array) -> tuple[Array, Array]:
+        """What the rows at a place tell: slopes (n, p), and the scores of their noise (n,), both over it."""
+        around = self.look_around(part)
+        scores = self.loss.scores(self._unexplained(around)) * (self._root**2 * self.noise)
+        return around.slopes / self.noise, np.asarray(scores)
+
+    def freedom(self, count: int) -> int:
+        """Errors of rows, of which there are so many, beyond what is fitted to them, at least 1.
+
+        These are the parameters, frames, sensor points and delays.
+        """
+        aligned = sum(each.description.fitted_numbers for each in self.misfit.sessions)
+        return max(count - len(self.span) - aligned, 1)

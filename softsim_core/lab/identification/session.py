@@ -1,0 +1,242 @@
+"""A session's rows as arrays in SI, in the robot's frame, checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.base.errors import DataError, listing
+from softsim_core.base.names import known_names
+from softsim_core.base.units import degrees
+from softsim_core.lab.identification.description import (
+    FrameDescription,
+    SensorDescription,
+    SessionDescription,
+    SplitDescription,
+)
+from softsim_core.lab.identification.files import DataSet
+from softsim_core.lab.identification.tables import Table, read_table
+from softsim_core.scene.joint import JointDescription
+from softsim_core.scene.robot import RobotDescription
+
+FAR = 1.5
+"""Commands so many times as far as a joint's limits reach are taken for ones in another unit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """Measured rows, k of them, of s sensors.
+
+    Attributes:
+        description: What they are.
+        table: Where they were read.
+        measured: Positions of the sensors in [m], in the robot's frame as far as it is known, (k, s, 3).
+        others: What other models say, by name: number of the sensor and positions (k, 3) in [m].
+        used: Rows that are not suspect, and in time, shape (k,).
+        training: Rows that fit, shape (k,).
+        times: Of the rows in [s], shape (k,); None: each row stands for itself.
+    """
+
+    description: SessionDescription
+    table: Table
+    measured: Array
+    others: dict[str, tuple[int, Array]]
+    used: BoolArray
+    training: BoolArray
+    times: Array | None
+
+    @property
+    def name(self) -> str:
+        """Of the session."""
+        return self.description.name
+
+    @property
+    def fitting(self) -> BoolArray:
+        """Rows that fit and are used, shape (k,)."""
+        return self.used & self.training
+
+    @property
+    def judged(self) -> BoolArray:
+        """Rows whose errors count: those held out, where there are some, shape (k,)."""
+        held_out = self.used & ~self.training
+        return held_out if held_out.any() else self.used
+
+    @property
+    def load_cases(self) -> IndexArray:
+        """A number of each row; rows at rest under the same commands share it, shape (k,)."""
+        return _load_cases(self.table, self.description)
+
+    def part(self, rows: IndexArray) -> Session:
+        """The rows of those indices alone; of a session whose rows stand for themselves."""
+        assert self.times is None
+        return replace(
+            self,
+            table=self.table.part(rows),
+            measured=self.measured[rows],
+            others={name: (sensor, places[rows]) for name, (sensor, places) in self.others.items()},
+            used=self.used[rows],
+            training=self.training[rows],
+        )
+
+    def commands(self, robot: RobotDescription) -> Array:
+        """What each row commands each joint of a robot, in [rad], [m] or the joint's own unit, (k, j).
+
+        Raises:
+            DataError: other joints than the robot's, another unit, or far out of its limits.
+        """
+        told = np.tile(np.array([joint.rest for joint in robot.joints]), (len(self.table), 1))
+        columns = self.description.commands
+        if columns is None:
+            return told
+        names = columns.joints or robot.joint_names
+        if len(names) != len(columns.columns):
+            raise DataError(
+                f"session {self.name}",
+                "commands",
+                f"{len(columns.columns)} columns for the {len(names)} joints of {robot.name} "
+                f"({listing(names)}); name the joints",
+            )
+        for column, name in zip(columns.columns, names, strict=True):
+            if name not in robot.joint_names:
+                raise DataError(
+                    f"session {self.name}",
+                    f"column {column}",
+                    f"{robot.name} has no joint {name!r}; {known_names(name, robot.joint_names, 'it has')}",
+                )
+            index = robot.joint_names.index(name)
+            told[:, index] = self.table.numbers(column, columns.unit)
+            self._need_reachable(column, told[:, index], robot.joints[index])
+        return told
+
+    def _need_reachable(self, column: str, values: Array, joint: JointDescription) -> None:
+        """Refuse commands far beyond a joint's limits: they are in another unit."""
+        reach = max(abs(joint.limits.lower), abs(joint.limits.upper))
+        worst = int(np.argmax(np.abs(values)))
+        if np.isfinite(reach) and abs(values[worst]) > FAR * reach:
+            shown = degrees(reach) if joint.kind == "revolute" else reach
+            unit = "deg" if joint.kind == "revolute" else joint.units.command.si
+            raise DataError(
+                self.table.file,
+                f"column {column}, line {self.table.lines[worst]}",
+                f"commands {joint.name} {values[worst]:.4g} {joint.units.command.si}, far beyond its limit "
+                f"of {shown:.4g} {unit}; is its unit right?",
+            )
+
+
+def load_session(data: DataSet, description: SessionDescription, every: int = 1) -> Session:
+    """Read a session and check it.
+
+    Args:
+        data: Its data set.
+        description: The session.
+        every: Keep each so many-th row, of sessions in time all.
+
+    Raises:
+        DataError: what is wrong with which file, column and line.
+    """
+    table = read_table(data.table_of(description), _columns(description))
+    if every > 1 and description.time is None:
+        table = table.each(every)
+    frame = description.frame
+    measured = np.stack(
+        [in_robot(_positions(table, each.columns, each.unit), frame) for each in description.sensors], axis=1
+    )
+    if description.commands is not None:
+        for column in description.commands.columns:
+            table.numbers(column, description.commands.unit)  # it is wrong before anything is replayed
+    if len(table) > 2 and len(np.unique(_load_cases(table, description))) > 1:
+        for k, sensor in enumerate(description.sensors):
+            _need_motion(table, sensor, measured[:, k])
+    others = {
+        each.name: (
+            description.sensor_names.index(each.sensor) if each.sensor else 0,
+            in_robot(_positions(table, each.columns, each.unit), frame),
+        )
+        for each in description.others
+    }
+    used = np.ones(len(table), bool)
+    if description.suspect is not None:
+        used &= table.numbers(description.suspect) == 0.0
+    times = None
+    if description.time is not None:
+        times = _times(table, description)
+        last = description.time.last
+        used &= (times >= description.time.first) & (times <= (np.inf if last is None else last))
+    if not used.any():
+        raise DataError(table.file, "", "no row is left that is not suspect and lies in the time that counts")
+    training = _training(table, description.split)
+    session = Session(description, table, measured, others, used, training, times)
+    if not session.fitting.any():
+        raise DataError(table.file, "", "no row is left for training; change the split")
+    return session
+
+
+def in_robot(positions: Array, frame: FrameDescription) -> Array:
+    """Positions (..., 3) in [m] in the robot's frame, from those of the data."""
+    columns = ["xyz".index(axis[-1]) for axis in frame.axes]
+    signs = np.array([-1.0 if axis[0] == "-" else 1.0 for axis in frame.axes])
+    return np.asarray((positions - np.array(frame.origin))[..., columns] * signs)
+
+
+def _columns(description: SessionDescription) -> list[str]:
+    """Names of all columns of a session, those of the sensors first."""
+    columns = [column for each in description.sensors for column in each.columns]
+    columns += [column for each in description.others for column in each.columns]
+    columns += description.commands.columns if description.commands else ()
+    columns += [description.time.column] if description.time else []
+    columns += [description.suspect] if description.suspect else []
+    columns += [description.split.column] if description.split and description.split.column else []
+    return list(dict.fromkeys(columns))
+
+
+def _positions(table: Table, columns: tuple[str, ...], unit: str) -> Array:
+    return np.stack([table.numbers(column, unit) for column in columns], axis=1)
+
+
+def _load_cases(table: Table, description: SessionDescription) -> IndexArray:
+    if description.time is not None:
+        return np.arange(len(table))
+    if description.commands is None:
+        return np.zeros(len(table), dtype=np.int64)
+    commands = np.column_stack([table.numbers(name) for name in description.commands.columns])
+    return np.unique(commands, axis=0, return_inverse=True)[1].ravel()
+
+
+def _need_motion(table: Table, sensor: SensorDescription, positions: Array) -> None:
+    if not np.ptp(positions, axis=0).any():
+        raise DataError(table.file, f"sensor {sensor.name}", "reads the same in every row; was it connected?")
+
+
+def _times(table: Table, description: SessionDescription) -> Array:
+    assert description.time is not None
+    times = table.numbers(description.time.column, description.time.unit)
+    back: IndexArray = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(back):
+        k = int(back[0])
+        raise DataError(
+            table.file,
+            f"column {description.time.column}, line {table.lines[k + 1]}",
+            f"goes from {times[k]:g} s to {times[k + 1]:g} s; time must increase from row to row",
+        )
+    for sensor in description.sensors:
+        if sensor.displacement and not (times <= 0.0).any():
+            raise DataError(
+                table.file,
+                f"column {description.time.column}",
+                f"begins at {times[0]:g} s; sensor {sensor.name} needs rows up to time 0 as its zero",
+            )
+    return times
+
+
+def _training(table: Table, split: SplitDescription | None) -> BoolArray:
+    if split is None:
+        return np.ones(len(table), bool)
+    if split.column is not None:
+        return np.asarray(table.numbers(split.column) == 0.0)
+    assert split.held_out_share is not None
+    chosen = np.random.default_rng(split.seed).permutation(len(table))
+    training = np.ones(len(table), bool)
+    training[chosen[: round(split.held_out_share * len(table))]] = False
+    return training

@@ -1,0 +1,193 @@
+r"""How well fitted parameters are known: standard errors, correlated rows, contradicted priors.
+
+With the slopes J and the residuals r of row i, its score is :math:`s_i = J_i^T r_i`, and the parameters found
+have the covariance :math:`A \, \sum_k w_k \sum_i s_i s_{i+k}^T \, A` with :math:`A = (J^T J)^{-1}`. The sum
+goes over twice as many neighbours k as have errors that are alike beyond chance, with weights that fall to
+zero. Beside the same with no neighbours this tells by how much intervals are wider.
+
+Source: Newey, West 1987, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent
+covariance matrix.
+
+With slopes J of the rows over their noise and the precision P of priors, the covariance is
+:math:`(J^T J + P)^{-1}`. The part of a variance that comes from the rows has the uncertainty of the noise,
+with :math:`\nu` degrees of freedom; the part of priors is known.
+
+Source: Satterthwaite 1946 (degrees of freedom of a sum of variances).
+
+Rows that tell of a parameter :math:`\hat p \pm s` and a prior :math:`p^0 \pm \sigma` agree where
+:math:`z = (\hat p - p^0) / \sqrt{s^2 + \sigma^2}` is one of Student's distribution. Both are got from the fit
+with the prior: with h, the part of the prior's variance that is left in the fit, and r, its residual,
+:math:`\hat p - p^0 = \sigma r / (1 - h)` and :math:`s^2 = \sigma^2 h / (1 - h)`, to first order.
+
+Source: Evans, Moshonov 2006, Checking for prior-data conflict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.lab.identification.problem import Problem
+from softsim_core.lab.identification.replay import in_short_steps
+from softsim_core.lab.identification.session import Session
+
+CHANCE = 2.0
+"""Standard deviations of a correlation of independent rows beyond which one is not by chance."""
+
+
+def widening(
+    slopes: Array,
+    residuals: Array,
+    sessions: Sequence[tuple[IndexArray, int]],
+    priors: Array | None = None,
+) -> Array:
+    """How many times as wide the interval of each parameter is, shape (p,), >= 1.
+
+    Args:
+        slopes: Of all residuals, those of the sessions one after the other, shape (n, p).
+        residuals: Shape (n,); beside priors of unit variance.
+        sessions: Of each, the order in which neighbours follow each other, (k,), and the residuals of a row.
+        priors: Slopes of residuals of unit variance that are independent of all, shape (m, p).
+    """
+    known = np.zeros((slopes.shape[1],) * 2) if priors is None else priors.T @ priors
+    inverse = np.linalg.pinv(slopes.T @ slopes + known)
+    apart, together = known.copy(), known.copy()
+    first = 0
+    for order, size in sessions:
+        own = slice(first, first + len(order) * size)
+        first = own.stop
+        errors = residuals[own].reshape(len(order), size)[order]
+        scores = (slopes[own] * residuals[own, None]).reshape(len(order), size, -1).sum(axis=1)[order]
+        window = 2 * neighbours(errors)
+        product = scores.T @ scores
+        apart += product
+        together += product
+        for k in range(1, window + 1):
+            product = (1.0 - k / (window + 1.0)) * scores[k:].T @ scores[:-k]
+            together += product + product.T
+    before, after = (np.diagonal(inverse @ each @ inverse) for each in (apart, together))
+    return np.sqrt(np.maximum(after / np.maximum(before, 1e-300), 1.0))
+
+
+def neighbours(errors: Array) -> int:
+    """How many rows after a row err as it does, beyond chance; errors are (k, e)."""
+    count, total = len(errors), float((errors**2).sum())
+    if total == 0.0:
+        return 0
+    for k in range(1, count // 4 + 1):
+        if (errors[k:] * errors[:-k]).sum() / total < CHANCE / np.sqrt(count):
+            return k - 1
+    return count // 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """How well p parameters are known, in parts of their bounds.
+
+    Attributes:
+        errors: Standard errors, as if the errors of rows were independent, shape (p,).
+        correlation: Shape (p, p).
+        widening: See `alike`, shape (p,).
+        freedom: Degrees of freedom, shape (p,).
+    """
+
+    errors: Array
+    correlation: Array
+    widening: Array
+    freedom: Array
+
+    @classmethod
+    def unknown(cls, count: int) -> Spread:
+        """That of a search which was interrupted."""
+        unlimited = np.full(count, np.inf)
+        return cls(unlimited, np.full((count, count), np.nan), np.ones(count), unlimited)
+
+
+def spread_of(problem: Problem, part: Array) -> Spread:
+    """How well the parameters found at a place are known."""
+    slopes, scores = problem.information(part)
+    priors = problem.prior_slopes
+    _, sizes, vt = np.linalg.svd(np.concatenate([slopes, priors]), full_matrices=False)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = vt.T / sizes
+        errors = np.sqrt((parts**2).sum(axis=1))
+        covariance = parts @ parts.T
+        correlation = covariance / np.multiply.outer(errors, errors)
+        known = np.nan_to_num(((covariance @ priors.T) ** 2).sum(axis=1) / errors**2)
+        freedom = problem.freedom(len(slopes)) / (1.0 - known) ** 2
+    return Spread(errors, correlation, widening(slopes, scores, neighbours_of(problem), priors), freedom)
+
+
+def neighbours_of(problem: Problem) -> list[tuple[IndexArray, int]]:
+    """Of each session, the order in which neighbouring rows follow each other, and the errors of a row."""
+    return [_in_order(each) for each in problem.misfit.sessions]
+
+
+def _in_order(session: Session) -> tuple[IndexArray, int]:
+    size, count = 3 * len(session.description.sensors), int(session.fitting.sum())
+    if session.times is not None:
+        return np.arange(count), size
+    places = session.measured[session.fitting].reshape(count, size)
+    return in_short_steps(places, places[0]), size
+
+
+SURPRISE = 0.01
+"""How often one of the priors is taken for wrong though all are right."""
+
+UNTOLD = 1e-6
+"""Rows that take away a smaller part of a prior's variance tell nothing beside it."""
+
+
+@dataclass(frozen=True, slots=True)
+class PriorConflict:
+    """A prior that the rows contradict, in the unit of its parameter.
+
+    Attributes:
+        parameter: Number of the parameter.
+        name: Of this.
+        mean, deviation: What the prior says.
+        told, error: What the rows tell without it, and its standard error.
+        chance: How often rows would be so far from a prior that is right.
+    """
+
+    parameter: int
+    name: str
+    mean: float
+    deviation: float
+    told: float
+    error: float
+    chance: float
+
+
+def conflicting_prior(problem: Problem, part: Array) -> PriorConflict | None:
+    """The prior that the rows at the place found contradict most; None: they contradict none."""
+    if not len(problem.known):
+        return None
+    (slopes, scores), priors = problem.information(part), problem.prior_slopes
+    left = np.diagonal(
+        priors @ np.linalg.pinv(slopes.T @ slopes + priors.T @ priors, hermitian=True) @ priors.T
+    )
+    told = np.maximum(1.0 - left, UNTOLD)
+    away = problem.prior_residuals(part) / told
+    wider = widening(slopes, scores, neighbours_of(problem))[problem.known]
+    errors = wider * np.sqrt(np.maximum(left, 0.0) / told)
+    chances = 2.0 * t.sf(np.abs(away) / np.sqrt(1.0 + errors**2), problem.freedom(len(slopes)))
+    worst = int(np.argmin(chances))
+    if chances[worst] > SURPRISE / len(chances):
+        return None
+    parameter = int(problem.known[worst])
+    mean = float(problem.values(problem.start)[parameter])
+    deviation = float(problem.span[parameter] / np.abs(priors[worst]).max())
+    return PriorConflict(
+        parameter,
+        problem.misfit.names[parameter],
+        mean,
+        deviation,
+        mean + deviation * float(away[worst]),
+        deviation * float(errors[worst]),
+        float(chances[worst]),
+    )

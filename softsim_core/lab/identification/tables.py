@@ -1,0 +1,204 @@
+"""Tables of measured numbers: CSV with a header line, and C3D files of motion capture.
+
+Source: https://www.c3d.org, The C3D file format.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import DataError, listing
+from softsim_core.base.names import known_names
+from softsim_core.base.units import SCALES
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Columns of equal length, as text or as numbers.
+
+    Attributes:
+        file: Where it was read.
+        columns: Their cells by name.
+        lines: What messages call the rows: their lines in the file, counted from 1.
+    """
+
+    file: Path
+    columns: Mapping[str, Sequence[str] | Array]
+    lines: Sequence[int]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def each(self, count: int) -> Table:
+        """Each so many-th row, the first included."""
+        return self.part(np.arange(0, len(self), count))
+
+    def part(self, rows: IndexArray) -> Table:
+        """The rows of those indices alone."""
+        chosen = rows.tolist()
+        columns = {name: [cells[k] for k in chosen] for name, cells in self.columns.items()}
+        return Table(self.file, columns, [self.lines[k] for k in chosen])
+
+    def numbers(self, name: str, unit: str | None = None) -> Array:
+        """A column in SI, all numbers finite, shape (rows,).
+
+        Args:
+            name: The column.
+            unit: In which its cells are; None: they have none.
+
+        Raises:
+            DataError: no such column, a cell that is no finite number, or a name that tells another unit.
+        """
+        if name not in self.columns:
+            raise DataError(
+                self.file, f"column {name}", f"is not there; {known_names(name, self.columns, 'there are')}"
+            )
+        if unit is not None:
+            _, _, ending = name.rpartition("_")
+            if ending != name and ending in SCALES and ending != unit:
+                raise DataError(
+                    self.file,
+                    f"column {name}",
+                    f"is declared in {unit}, but its name says {ending}; correct one",
+                )
+        values = np.array([_number(cell) for cell in self.columns[name]], dtype=float)
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if len(wrong):
+            where = int(wrong[0])
+            cell = self.columns[name][where]
+            more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+            raise DataError(
+                self.file,
+                f"column {name}, line {self.lines[where]}",
+                f"holds {str(cell)!r}, no finite number{more}; leave such rows out, or mark them as suspect",
+            )
+        return values * (1.0 if unit is None else SCALES[unit].si)
+
+
+def read_csv(file: Path, columns: Sequence[str] = ()) -> Table:
+    """A CSV file: lines that begin with # are comments, the first other one names the columns.
+
+    Args:
+        file: The file.
+        columns: Not used: all are read.
+
+    Raises:
+        DataError: it cannot be read, has no rows, names a column twice, or a row has other columns.
+    """
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as stream:
+            rows = [
+                (number, row)
+                for number, row in enumerate(csv.reader(stream), start=1)
+                if row and not row[0].lstrip().startswith("#")
+            ]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DataError(file, "", f"cannot be read as CSV ({error})") from error
+    if len(rows) < 2:
+        raise DataError(file, "", "holds no rows below a header line")
+    names = [name.strip() for name in rows[0][1]]
+    for between, word in ((";", "semicolons"), ("\t", "tabs")):
+        if len(names) == 1 and between in names[0]:
+            line = f"line {rows[0][0]}"
+            raise DataError(
+                file, line, f"has {word} between its cells; save it with commas, and points in numbers"
+            )
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise DataError(file, f"line {rows[0][0]}", f"names the column {twice[0]!r} twice")
+    if all(math.isfinite(_number(name)) for name in names):
+        raise DataError(file, f"line {rows[0][0]}", "holds numbers where the names of the columns must stand")
+    for number, row in rows[1:]:
+        if len(row) != len(names):
+            raise DataError(file, f"line {number}", f"has {len(row)} cells for {len(names)} columns")
+    cells = list(zip(*(row for _, row in rows[1:]), strict=True))
+    return Table(file, dict(zip(names, cells, strict=True)), [number for number, _ in rows[1:]])
+
+
+def _number(cell: object) -> float:
+    try:
+        return float(cell)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return math.nan
+
+
+TIME: Final = "time_s"
+"""The column with the time since the file's first frame."""
+
+
+def read_c3d(file: Path, columns: Sequence[str]) -> Table:
+    """Points and analog channels of a C3D file, a row for each frame in which all that is asked for was seen.
+
+    A point's columns are LABEL:x_UNIT, LABEL:y_UNIT and LABEL:z_UNIT with the unit of the file, such as
+    `tip:x_mm`; of an analog channel, LABEL, its first sample in the frame; and `time_s`.
+
+    Args:
+        file: The file.
+        columns: What is asked for.
+
+    Raises:
+        DataError: it cannot be read, or what is asked for is in no frame.
+    """
+    try:
+        import c3d
+    except ImportError as error:
+        raise DataError(
+            file, "", "C3D files need the package c3d (pip install c3d), or export CSV"
+        ) from error
+    try:
+        with file.open("rb") as stream:
+            reader = c3d.Reader(stream)
+            frames = [(points[:, :4], analog[:, :1]) for _, points, analog in reader.read_frames(copy=True)]
+            told = _columns(reader, frames)
+            rate = float(reader.point_rate)
+    except Exception as error:  # a damaged file fails anywhere inside
+        raise DataError(file, "", f"cannot be read as C3D ({error})") from error
+    if not frames or not rate > 0.0:
+        raise DataError(file, "", "holds no frames, or no rate of them")
+    told[TIME] = np.arange(len(frames)) / rate
+    asked = [told[name] for name in columns if name in told]
+    seen = np.all([np.isfinite(each) for each in asked], axis=0) if asked else np.ones(len(frames), bool)
+    if not seen.any():
+        raise DataError(file, "", f"no frame shows all of {', '.join(columns)}")
+    kept = {name: values[seen] for name, values in told.items()}
+    return Table(file, kept, (np.flatnonzero(seen) + 1).tolist())
+
+
+def _columns(reader: Any, frames: Sequence[tuple[Array, Array]]) -> dict[str, Array]:
+    """All columns of the frames; nan where a point was not seen."""
+    unit = reader.get("POINT:UNITS")
+    name = "mm" if unit is None else unit.string_value.strip() or "mm"
+    told: dict[str, Array] = {}
+    for k, label in enumerate(map(str.strip, reader.point_labels)):
+        points = np.array([frame[k] for frame, _ in frames], dtype=float).reshape(-1, 4)
+        points[points[:, 3] < 0.0] = np.nan
+        told |= {f"{label}:{axis}_{name}": points[:, i] for i, axis in enumerate("xyz")}
+    for k, label in enumerate(map(str.strip, reader.analog_labels if reader.analog_used else ())):
+        told[label] = np.array([analog[k, 0] for _, analog in frames], dtype=float)
+    return told
+
+
+TableReader = Callable[[Path, Sequence[str]], Table]
+"""Reads some columns of a file."""
+
+READERS: dict[str, TableReader] = {".csv": read_csv, ".c3d": read_c3d}
+"""By ending; an interface adds those of its recordings."""
+
+
+def read_table(file: Path, columns: Sequence[str]) -> Table:
+    """Columns of a table, by the ending of its file.
+
+    Raises:
+        DataError: it cannot be read, or has an unknown ending.
+    """
+    reader = READERS.get(file.suffix.lower())
+    if reader is None:
+        raise DataError(file, "", f"is no table that is known here; known are {listing(READERS)}")
+    return reader(file, columns)

@@ -1,0 +1,489 @@
+"""A model beside measurements: replay, alignment, errors, and their report as plain data."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from softsim_core.base.arrays import Array, BoolArray
+from softsim_core.base.errors import DataError, listing
+from softsim_core.lab.identification.alignment import Alignment, align, rigid_frame, sensed, unaligned
+from softsim_core.lab.identification.description import SessionDescription
+from softsim_core.lab.identification.measures import Measures, by_region, measures
+from softsim_core.lab.identification.replay import Order, Prediction, Ringing, release_errors, replay, ringing
+from softsim_core.lab.identification.session import Session
+from softsim_core.scene import load_scene
+from softsim_core.scene.io.portable import sourced
+from softsim_core.scene.io.yaml_source import merge
+from softsim_core.scene.robot import RobotDescription
+
+SCALE_APART = 8.0
+"""Measured and simulated motion of sizes so many times apart are taken for ones in different units."""
+
+TURNED = np.pi / 4.0
+"""A frame that is turned by more than this is warned of, in [rad]."""
+
+SPANS = 5
+"""A delay that is fitted to all rows is fitted anew for each of so many spans of time, without its rows."""
+
+AT_REST = 0.5
+"""A replay in time has come to rest in its last so many seconds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OtherErrors:
+    """What another model leaves, in [m], shape (k, 3): as it is, and with a frame of its own."""
+
+    raw: Array
+    aligned: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionResult:
+    """A session beside a model.
+
+    Attributes:
+        session: What was measured.
+        known: Rows that the model has, shape (k,).
+        alignment: Frame and points, fitted to the training rows as described; None: no model was asked.
+        raw: Model minus measurement in [m] with frame and points as described, shape (k, s, 3).
+        aligned: The same with the alignment; where no rows are held out, a span of time has a delay that is
+            fitted to the other spans.
+        positions: Where the model has the sensors, in [m], shape (k, s, 3).
+        others: What other models leave, by name.
+        warnings: What a reader must know, in sentences.
+        stopped: Whether it was interrupted.
+    """
+
+    session: Session
+    known: BoolArray
+    alignment: Alignment | None
+    raw: Array
+    aligned: Array
+    positions: Array
+    others: dict[str, OtherErrors]
+    warnings: tuple[str, ...]
+    stopped: bool
+
+    @property
+    def judged(self) -> BoolArray:
+        """Rows whose errors count, shape (k,)."""
+        return self.session.judged & self.known
+
+    def fitted_errors(self) -> Array:
+        """What a calibration minimises in [m], shape (k, s, 3): `aligned`, without what its release explains.
+
+        Raises:
+            DataError: the release is not known, and the model does not ring.
+        """
+        time, times = self.session.description.time, self.session.times
+        if time is None or times is None or time.release == "known":
+            return self.aligned
+        released = release_errors(times, self.positions, self.aligned, self.session.fitting & self.known)
+        if released is None:
+            raise DataError(
+                f"session {self.session.name}",
+                "",
+                "its release is unknown, but the model does not ring, so nothing is left to compare; narrow "
+                "the bounds, or set release: known",
+            )
+        return self.aligned - released
+
+    def of(self, rows: BoolArray, raw: bool = False) -> Measures:
+        """Measures over some rows (k,) and all sensors."""
+        return measures((self.raw if raw else self.aligned)[rows & self.known])
+
+    @property
+    def regions(self) -> dict[str, tuple[float, float, Measures]]:
+        """Measures in thirds of the workspace, see by_region."""
+        errors, where = self.aligned[self.judged], self.positions[self.judged] - self.aligned[self.judged]
+        return by_region(errors.reshape(-1, 3), where.reshape(-1, 3))
+
+    @property
+    def beyond(self) -> list[str]:
+        """Limits of the session that are not kept, in words; none where no model was asked."""
+        limits = self.session.description.limits
+        return [] if self.alignment is None else self.of(self.judged).beyond(limits)
+
+    def rest_values(self) -> dict[str, tuple[Array, Array]]:
+        """Of a replay in time: each sensor's place at its end, measured and the model's, (3,) in [m]."""
+        times = self.session.times
+        if times is None or self.alignment is None or not self.judged.any():
+            return {}
+        rows = self.judged & (times > times[self.judged].max() - AT_REST)
+        model = self.positions[rows].mean(axis=0)
+        measured = model - self.aligned[rows].mean(axis=0)
+        names = self.session.description.sensor_names
+        return {name: (measured[s], model[s]) for s, name in enumerate(names)}
+
+    def ringings(self) -> dict[str, tuple[Ringing, Ringing]]:
+        """Of a replay in time: how each sensor that rings does so, measured and the model's."""
+        times = self.session.times
+        if times is None or self.alignment is None:
+            return {}
+        rows, told = self.judged, {}
+        for s, name in enumerate(self.session.description.sensor_names):
+            model = self.positions[rows, s]
+            measured, simulated = (
+                ringing(times[rows], model - self.aligned[rows, s]),
+                ringing(times[rows], model),
+            )
+            if measured is not None and simulated is not None:
+                told[name] = (measured, simulated)
+        return told
+
+
+def session_robot(
+    name_or_path: str, session: SessionDescription, overrides: Mapping[str, Any] | None = None
+) -> RobotDescription:
+    """The model of a session: its overrides, or those that are given, laid over a robot's or scene's file."""
+    whole = merge(sourced(session.overrides, None), sourced(overrides or {}, None))
+    return load_scene(name_or_path, whole)
+
+
+def validate_session(
+    session: Session,
+    robot: RobotDescription | None,
+    order: Order = "nearest",
+    progress: Callable[[int, int], None] | None = None,
+    given: Alignment | None = None,
+) -> SessionResult:
+    """Replay a session's commands and compare.
+
+    Args:
+        session: What was measured.
+        robot: The model; None compares other models only.
+        order: Of rows that are solved in equilibrium.
+        progress: Told what is done.
+        given: An alignment found before, such as on other rows; None: it is fitted as described.
+
+    Raises:
+        DataError: the data do not fit the robot, or do not tell what is to be fitted.
+        SceneError: the scene cannot be built, or has nothing where a sensor sits.
+        KeyboardInterrupt: it was interrupted before anything was done; later, the result says so.
+    """
+    if robot is None or not session.description.replayed:
+        nothing = np.full_like(session.measured, np.nan)
+        known = np.zeros(len(nothing), bool)
+        others = _others(session)
+        return SessionResult(session, known, None, nothing, nothing, nothing, others, (), False)
+    prediction = replay(robot, session, order, progress)
+    result = compared(session, prediction, given)
+    return result if given is not None else _judged_by_others(result, prediction)
+
+
+def _judged_by_others(result: SessionResult, prediction: Prediction) -> SessionResult:
+    """The result with each span of time aligned by the others, where a delay would be fitted to all rows.
+
+    A delay makes up for much of what a model does wrong; where rows are held out, it does not know them.
+    """
+    session, time = result.session, result.session.description.time
+    held_out = session.used & ~session.training
+    rows = np.flatnonzero(session.fitting & result.known)
+    if time is None or not time.most_delay or held_out.any() or result.stopped or len(rows) < 2 * SPANS:
+        return result
+    aligned, positions = result.aligned.copy(), result.positions.copy()
+    for span in np.array_split(rows, SPANS):
+        training = session.training.copy()
+        training[span] = False
+        others = compared(replace(session, training=training), prediction)
+        aligned[span], positions[span] = others.aligned[span], others.positions[span]
+    return replace(result, aligned=aligned, positions=positions)
+
+
+def compared(session: Session, prediction: Prediction, given: Alignment | None = None) -> SessionResult:
+    """A session beside what a model did under its commands; see validate_session."""
+    description = session.description
+    described = unaligned(np.array([sensor.offset for sensor in description.sensors]))
+    session = _from_rest(session, prediction, described.points)
+    try:
+        alignment = given or _aligned(session, prediction, described)
+    except DataError as error:
+        if prediction.stopped:  # what is done is too little to be kept
+            raise KeyboardInterrupt from error
+        raise
+    positions, rotations, known = prediction.at(session, alignment.delay)
+    raw_positions, raw_rotations, _ = prediction.at(session)
+    raw = described.errors(raw_positions, raw_rotations, session.measured)
+    return SessionResult(
+        session,
+        known,
+        alignment,
+        raw,
+        alignment.errors(positions, rotations, session.measured),
+        sensed(positions, rotations, alignment.points),
+        _others(session),
+        tuple(_warnings(session, known, alignment, prediction.stopped)),
+        prediction.stopped,
+    )
+
+
+def _from_rest(session: Session, prediction: Prediction, points: Array) -> Session:
+    """The session with sensors that tell displacements put where the model has them at the beginning."""
+    moving = [k for k, sensor in enumerate(session.description.sensors) if sensor.displacement]
+    if not moving:
+        return session
+    assert session.times is not None
+    begin = sensed(prediction.positions[:1], prediction.rotations[:1], points)[0]
+    measured = session.measured.copy()
+    for k in moving:
+        measured[:, k] += begin[k] - measured[session.times <= 0.0, k].mean(axis=0)
+    return replace(session, measured=measured)
+
+
+def _aligned(session: Session, prediction: Prediction, described: Alignment) -> Alignment:
+    """Frame, points and delay as described, fitted to the training rows."""
+    fit, what = session.description.alignment, f"session {session.name}"
+    _need_same_scale(session, prediction)
+
+    def at(delay: float) -> Alignment:
+        positions, rotations, known = prediction.at(session, delay)
+        rows = session.fitting & known
+        if not rows.any():
+            raise DataError(what, "", "the model reaches no row for training")
+        found = align(
+            positions[rows],
+            rotations[rows],
+            session.measured[rows],
+            described.points,
+            (fit.frame, fit.point),
+            what,
+        )
+        return replace(found, delay=delay)
+
+    def misfit(delay: float) -> float:
+        positions, rotations, known = prediction.at(session, delay)
+        rows = session.fitting & known
+        return measures(at(delay).errors(positions, rotations, session.measured)[rows]).rms
+
+    time = session.description.time
+    if time is None or not time.most_delay:
+        return at(0.0)
+    most = time.most_delay
+    tried = np.linspace(-most, most, 41)
+    best = float(tried[int(np.argmin([misfit(float(delay)) for delay in tried]))])
+    near = (max(-most, best - tried[1] + tried[0]), min(most, best + tried[1] - tried[0]))
+    found = float(minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-5}).x)
+    if abs(found) > 0.99 * most:
+        raise DataError(
+            what,
+            f"column {time.column}",
+            f"the measurement comes {1e3 * found:.0f} ms or more after the model, and {1e3 * most:g} ms are "
+            "allowed; is its time shifted? set most_delay",
+        )
+    return at(found)
+
+
+def _need_same_scale(session: Session, prediction: Prediction) -> None:
+    """Refuse measurements whose motion between load cases is of quite another size than the model's."""
+    positions, _, known = prediction.at(session)
+    rows = np.flatnonzero(session.fitting & known)
+    cases = session.load_cases[rows]
+    if len(rows) < 3 or len(np.unique(cases)) < 2:
+        return
+    means = [rows[cases == case] for case in np.unique(cases)]
+    for s, sensor in enumerate(session.description.sensors):
+        model, measured = (
+            float(np.std([each[case, s].mean(axis=0) for case in means], axis=0).max())
+            for each in (positions, session.measured)
+        )
+        if min(model, measured) * SCALE_APART < max(model, measured):
+            raise DataError(
+                session.table.file,
+                f"sensor {sensor.name}",
+                f"moves {1e3 * measured:.3g} mm where the model moves {1e3 * model:.3g} mm (standard "
+                f"deviations); are the units right, {sensor.unit} of {', '.join(sensor.columns)}, and the "
+                "commands'?",
+            )
+
+
+def _warnings(session: Session, known: BoolArray, alignment: Alignment, stopped: bool) -> list[str]:
+    told = []
+    missing = int((session.used & ~known).sum())
+    if missing:
+        why = "have no equilibrium of the model" if session.times is None else "come after it diverged"
+        if stopped:
+            why = "were not replayed"
+        told.append(f"{missing} of {int(session.used.sum())} rows {why}, and have no error")
+    turn = float(np.arccos(np.clip((np.trace(alignment.rotation) - 1.0) / 2.0, -1.0, 1.0)))
+    if turn > TURNED:
+        told.append(
+            f"the fitted frame is turned by {np.degrees(turn):.0f} deg; are the axes of the data right?"
+        )
+    unsure = float(alignment.point_errors.max(initial=0.0))
+    if unsure > 0.005:
+        told.append(f"the sensor point is known to {1e3 * unsure:.1f} mm only; measure poses that tilt more")
+    return told
+
+
+def _others(session: Session) -> dict[str, OtherErrors]:
+    """What other models leave: raw, and with a rigid frame fitted on the training rows."""
+    told = {}
+    for name, (sensor, positions) in session.others.items():
+        measured = session.measured[:, sensor]
+        rows = session.fitting
+        rotation, shift = rigid_frame(
+            positions[rows], measured[rows], f"session {session.name}, model {name}"
+        )
+        told[name] = OtherErrors(positions - measured, positions - (measured @ rotation.T + shift))
+    return told
+
+
+def summary(results: Sequence[SessionResult]) -> Measures:
+    """Over the judged rows of all sessions."""
+    return measures(np.concatenate([each.aligned[each.judged].reshape(-1, 3) for each in results]))
+
+
+def plain(name: str, model: str | None, results: Sequence[SessionResult]) -> dict[str, Any]:
+    """Everything that is told of a data set beside a model.
+
+    Args:
+        name: Of the data set.
+        model: Of the robot; None: only other models were compared.
+        results: Of the sessions.
+    """
+    asked = [each for each in results if each.alignment is not None]
+    return {
+        "data_set": name,
+        "robot": model,
+        "all": summary(asked).plain() if asked else None,
+        "passed": all(not each.beyond for each in asked),
+        "stopped": any(each.stopped for each in results),
+        "sessions": {each.session.name: _session(each) for each in results},
+    }
+
+
+def _session(result: SessionResult) -> dict[str, Any]:
+    session, told = result.session, {}
+    if result.alignment is not None:
+        held_out = session.used & ~session.training
+        told = {
+            "raw": result.of(result.judged, raw=True).plain(),
+            "aligned": result.of(result.judged).plain(),
+            "training": result.of(session.fitting).plain(),
+            "held_out": result.of(held_out).plain() if held_out.any() else None,
+            "suspect": result.of(~session.used).plain() if session.times is None else None,
+            "sensors": {
+                sensor: measures(result.aligned[result.judged, s]).plain()
+                for s, sensor in enumerate(session.description.sensor_names)
+            },
+            "regions": {
+                region: {"from_mm": 1e3 * begin, "to_mm": 1e3 * end, **found.plain()}
+                for region, (begin, end, found) in result.regions.items()
+            },
+            "rest_values": {
+                sensor: {"measured_m": measured.tolist(), "model_m": model.tolist()}
+                for sensor, (measured, model) in result.rest_values().items()
+            },
+            "ringing": {
+                sensor: {"measured": measured._asdict(), "model": model._asdict()}
+                for sensor, (measured, model) in result.ringings().items()
+            },
+            "alignment": _alignment(result.alignment),
+            "beyond_limits": result.beyond,
+            "warnings": list(result.warnings),
+            "each_row": _each_row(result),
+        }
+    return {
+        "rows": len(session.table),
+        "used": int(session.used.sum()),
+        "judged": "held out" if (session.used & ~session.training).any() else "training",
+        **told,
+        "others": {
+            other: {
+                "raw": measures(errors.raw[session.judged]).plain(),
+                "framed": measures(errors.aligned[session.judged]).plain(),
+            }
+            for other, errors in result.others.items()
+        },
+    }
+
+
+def _each_row(result: SessionResult) -> list[dict[str, Any]]:
+    """Rows: line in the table, commands as it has them, errors; null where the model has none."""
+    session, names = result.session, result.session.description.sensor_names
+    columns = session.description.commands
+    commands = {name: session.table.numbers(name).tolist() for name in (columns.columns if columns else ())}
+    rows = []
+    for k, line in enumerate(session.table.lines):
+        known = bool(result.known[k])
+        rows.append(
+            {
+                "line": int(line),
+                "time_s": None if session.times is None else float(session.times[k]),
+                "used_for": "training" if session.fitting[k] else "held out" if session.used[k] else None,
+                "commands": {name: values[k] for name, values in commands.items()},
+                "model_m": dict(zip(names, result.positions[k].tolist(), strict=True)) if known else None,
+                "error_m": dict(zip(names, result.aligned[k].tolist(), strict=True)) if known else None,
+                "raw_error_m": dict(zip(names, result.raw[k].tolist(), strict=True)) if known else None,
+            }
+        )
+    return rows
+
+
+def _alignment(alignment: Alignment) -> dict[str, Any]:
+    return {
+        "rotation": alignment.rotation.tolist(),
+        "shift_m": alignment.shift.tolist(),
+        "points_m": alignment.points.tolist(),
+        "point_errors_m": alignment.point_errors.tolist(),
+        "delay_s": alignment.delay,
+    }
+
+
+def read_alignments(file: Path) -> dict[str, Alignment]:
+    """The alignments in a report that was written as JSON, by session.
+
+    Raises:
+        DataError: the file is no such report.
+    """
+    try:
+        sessions = json.loads(file.read_text(encoding="utf-8"))["sessions"]
+        told = {name: each["alignment"] for name, each in sessions.items() if "alignment" in each}
+        return {name: _read(each) for name, each in told.items()}
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(file, "", f"cannot be read ({error})") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        problem = "is no report of `softsim validate --json` with alignments"
+        raise DataError(file, "", f"{problem} ({type(error).__name__})") from error
+
+
+def _read(told: dict[str, Any]) -> Alignment:
+    rotation, points = np.array(told["rotation"], float), np.array(told["points_m"], float)
+    shift, delay = np.array(told["shift_m"], float), float(told["delay_s"])
+    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
+        raise ValueError("no rotation")
+    if shift.shape != (3,) or points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError("no shift or points")
+    if not all(np.isfinite(each).all() for each in (shift, points)) or not math.isfinite(delay):
+        raise ValueError("not finite")
+    return Alignment(rotation, shift, points, np.zeros_like(points), delay)
+
+
+def given_alignment(alignments: dict[str, Alignment], session: Session) -> Alignment:
+    """That of a session.
+
+    Raises:
+        DataError: there is none, or for other sensors.
+    """
+    name, sensors = session.name, len(session.description.sensors)
+    if name not in alignments:
+        raise DataError(f"session {name}", "", f"no alignment was given; there are {listing(alignments)}")
+    if len(alignments[name].points) != sensors:
+        raise DataError(f"session {name}", "", f"the alignment given is not one of {sensors} sensors")
+    return alignments[name]
+
+
+def worst(result: SessionResult, count: int) -> list[tuple[int, int, Array]]:
+    """The largest errors among the judged: row, sensor and error (3,) in [m], largest first."""
+    lengths = np.where(result.judged[:, None], np.linalg.norm(result.aligned, axis=2), -1.0)
+    order = np.argsort(lengths, axis=None)[::-1][: min(count, int(result.judged.sum()) * lengths.shape[1])]
+    rows, sensors = np.unravel_index(order, lengths.shape)
+    return [(int(k), int(s), result.aligned[k, s]) for k, s in zip(rows, sensors, strict=True)]

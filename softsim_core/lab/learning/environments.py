@@ -1,0 +1,342 @@
+"""Gymnasium's interface of the tasks: episodes in all copies of a batch, one robot or many."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from softsim_core.base.arrays import BoolArray, IndexArray
+from softsim_core.base.errors import SceneError, listing
+from softsim_core.lab.learning.episodes import Episodes
+from softsim_core.lab.learning.picture import Painter
+from softsim_core.lab.learning.randomisation import Devices, load_randomisation
+from softsim_core.lab.learning.tasks import TASKS, Numbers
+
+_MODES = ("rgb_array", "human")
+_ZERO = np.zeros(1, dtype=np.int64)
+
+
+def _episodes(
+    name: str,
+    copies: int,
+    workers: int,
+    *,
+    randomise: str | PathLike[str] | None = None,
+    devices: Mapping[str, float] | None = None,
+    full_state: bool = False,
+    max_episode_steps: int | None = None,
+) -> Episodes:
+    if name not in TASKS:
+        raise SceneError(f"unknown task {name!r}; known: {listing(TASKS)}")
+    task = TASKS[name]
+    chosen: Devices | None = None if devices is None else task.devices.changed(devices)
+    drawn = None if randomise is None else load_randomisation(str(randomise))
+    if max_episode_steps is not None and max_episode_steps < 1:
+        raise SceneError(f"max_episode_steps {max_episode_steps}: give 1 or more")
+    episodes = Episodes(task, copies, workers, chosen, drawn, full_state)
+    episodes.horizon = max_episode_steps or task.horizon
+    return episodes
+
+
+def _spaces(episodes: Episodes) -> tuple[Any, Any]:
+    low, high = episodes.bounds()
+    size = len(episodes.task.low)
+    return (
+        gymnasium.spaces.Box(low, high, dtype=np.float32),
+        gymnasium.spaces.Box(-1.0, 1.0, (size,), dtype=np.float32),
+    )
+
+
+def _again(kind: type[Any], arguments: Mapping[str, Any]) -> Any:
+    """An environment made with the arguments of another."""
+    return kind(**arguments)
+
+
+def _state(environment: RobotEnv | RobotVectorEnv) -> dict[str, Any]:
+    """What an environment holds beside what its arguments make."""
+    state = {name: value for name, value in vars(environment).items() if name not in ("episodes", "_painter")}
+    return {**state, "episodes": environment.episodes.saved()}
+
+
+def _take_over(environment: RobotEnv | RobotVectorEnv, state: Mapping[str, Any]) -> None:
+    """Go on from the state of another environment that was made with the same arguments."""
+    environment.episodes.restore(state["episodes"])
+    vars(environment).update({name: value for name, value in state.items() if name != "episodes"})
+
+
+def _mode(mode: str | None) -> str | None:
+    if mode is not None and mode not in _MODES:
+        raise SceneError(f"render_mode {mode!r} is not known; known: {listing(_MODES)}, or none")
+    return mode
+
+
+def _metadata(episodes: Episodes) -> dict[str, Any]:
+    """A picture for each action, so that a video plays at the robot's pace."""
+    return {"render_modes": list(_MODES), "render_fps": round(1.0 / episodes.span)}
+
+
+class RobotEnv(gymnasium.Env[Any, Any]):
+    """A robot and its task; actions and observations are told in docs/learning.md, `info` has SI units.
+
+    Args:
+        name: The task, such as "TripodReach-v0".
+        render_mode: "rgb_array", "human" or None.
+        randomise: File of what differs from episode to episode, see RandomisationDescription.
+        devices: Fields of Devices that differ from the task's.
+        full_state: Whether an observation is the whole state (State.buffer), without noise.
+        max_episode_steps: Actions of an episode; None: the task's. `gymnasium.make` counts them itself.
+
+    A copy, by `deepcopy` or `pickle`, goes on by itself from the same state.
+
+    Raises:
+        SceneError, ConfigError: one of them cannot be.
+    """
+
+    metadata = {"render_modes": list(_MODES)}  # noqa: RUF012 (Gymnasium's own form)
+
+    def __init__(
+        self,
+        name: str,
+        render_mode: str | None = None,
+        randomise: str | PathLike[str] | None = None,
+        devices: Mapping[str, float] | None = None,
+        full_state: bool = False,
+        max_episode_steps: int | None = None,
+    ) -> None:
+        episodes: dict[str, Any] = {
+            "randomise": randomise,
+            "devices": devices,
+            "full_state": full_state,
+            "max_episode_steps": max_episode_steps,
+        }
+        self._arguments: dict[str, Any] = {"name": name, "render_mode": render_mode, **episodes}
+        self.render_mode = _mode(render_mode)
+        self.episodes = _episodes(name, 1, 1, **episodes)
+        self.metadata = _metadata(self.episodes)
+        self.observation_space, self.action_space = _spaces(self.episodes)
+        self._painter: Painter | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Numbers, dict[str, Any]]:
+        """Begin an episode; see gymnasium.Env."""
+        super().reset(seed=seed)
+        self.episodes.generators[0] = self.np_random
+        observation = self.episodes.begin(_ZERO)
+        if self.render_mode == "human":
+            self.render()
+        return observation[0], self._info(self.episodes.told(_ZERO))
+
+    def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
+        """Carry out an action; see gymnasium.Env.
+
+        Raises:
+            ArrayError, CommandError: not one finite number for each joint; nothing was moved.
+        """
+        observations, done = self.episodes.act(_ZERO, np.asarray(action)[None])
+        if self.render_mode == "human":
+            self.render()
+        return (
+            observations[0],
+            float(done.reward[0]),
+            bool(done.terminated[0]),
+            bool(done.truncated[0]) and self.spec is None,  # else a wrapper of gymnasium.make counts actions
+            self._info(done.info),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """A picture as it is now, or None where a window shows it; see gymnasium.Env."""
+        if self.render_mode is None:
+            return None
+        if self._painter is None:
+            self._painter = Painter(self.episodes.task, self.episodes.batch)
+        if self.render_mode == "human":
+            self._painter.show(0)
+            return None
+        return self._painter.paint(0)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (type(self), self._arguments), _state(self)
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        _take_over(self, state)
+
+    def close(self) -> None:
+        """See gymnasium.Env."""
+        if self._painter is not None:
+            self._painter.close()
+        self.episodes.close()
+
+    def _info(self, told: Mapping[str, Numbers]) -> dict[str, Any]:
+        info = {name: row[0].item() if row.ndim == 1 else row[0].copy() for name, row in told.items()}
+        return {**info, **self.episodes.parameters(0)}
+
+
+class RobotVectorEnv(VectorEnv[Any, Any, Any]):
+    """Many robots with the same task, in one Batch; copy i with seed s does what one robot does with s + i.
+
+    Args:
+        name: The task.
+        num_envs: How many robots.
+        workers: On how many cores, see Batch.
+        autoreset_mode: Gymnasium's: next step (as a rule), same step, or disabled.
+        render_mode: "rgb_array" (`render` gives a picture of each), "human" (the first one) or None.
+        episodes: randomise, devices, full_state and max_episode_steps, see RobotEnv.
+
+    Raises:
+        SceneError, ConfigError, BatchError: one of them cannot be.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        num_envs: int = 1,
+        workers: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        **episodes: Any,
+    ) -> None:
+        self._arguments: dict[str, Any] = {
+            "name": name,
+            "num_envs": num_envs,
+            "workers": workers,
+            "autoreset_mode": autoreset_mode,
+            "render_mode": render_mode,
+            **episodes,
+        }
+        self.num_envs, self.render_mode = num_envs, _mode(render_mode)
+        self._autoreset = AutoresetMode(autoreset_mode)
+        self.episodes = _episodes(name, num_envs, workers, **episodes)
+        self.metadata = {**_metadata(self.episodes), "autoreset_mode": self._autoreset}
+        self.single_observation_space, self.single_action_space = _spaces(self.episodes)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._all = np.arange(num_envs)
+        self._ended: BoolArray = np.zeros(num_envs, dtype=np.bool_)
+        shape = (num_envs, len(self.episodes.bounds()[0]))
+        self._observations: Numbers = np.zeros(shape, dtype=np.float32)
+        self._seeded = False
+        self._painter: Painter | None = None
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Numbers, dict[str, Any]]:
+        """Begin an episode in all robots, or in those of options["reset_mask"]; see VectorEnv."""
+        if seed is None and not self._seeded:
+            seed = int(np.random.SeedSequence().generate_state(1)[0])
+        seeds: list[int | None] = [None] * self.num_envs
+        if seed is not None:
+            seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else seed
+        self._seeded = True
+        mask = np.ones(self.num_envs, dtype=np.bool_)
+        if options is not None and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"], dtype=np.bool_)
+        numbers = np.flatnonzero(mask)
+        for number in numbers.tolist():
+            if seeds[number] is not None:
+                self.episodes.generators[number] = seeding.np_random(seeds[number])[0]
+        self._observations[numbers] = self.episodes.begin(numbers)
+        self._ended[numbers] = False
+        self._show()
+        return self._observations.copy(), self._info(self.episodes.told(numbers), numbers)
+
+    def step(self, actions: Numbers) -> tuple[Numbers, Numbers, BoolArray, BoolArray, dict[str, Any]]:
+        """Carry out an action in every robot; see VectorEnv.
+
+        Raises:
+            ResetNeeded: autoreset is disabled, and a robot's episode has ended.
+            ArrayError, CommandError: not one finite number for each joint of a robot whose episode goes on;
+                nothing was moved, and no episode has begun.
+        """
+        reward, terminated, truncated = np.zeros(self.num_envs), self._none(), self._none()
+        anew = np.flatnonzero(self._ended)
+        if len(anew) and self._autoreset == AutoresetMode.DISABLED:
+            raise gymnasium.error.ResetNeeded(
+                f"the episodes of robots {anew.tolist()} have ended: reset(options={{'reset_mask': ...}})"
+            )
+        going = self._all if not len(anew) else np.flatnonzero(~self._ended)
+        self.episodes.check_actions(going, np.asarray(actions)[going])
+        info: dict[str, Any] = {}
+        if len(anew):
+            self._observations[anew] = self.episodes.begin(anew)
+            info = self._info(self.episodes.told(anew), anew)
+        if len(going):
+            found, done = self.episodes.act(going, np.asarray(actions)[going])
+            self._observations[going] = found
+            reward[going], terminated[going], truncated[going] = (
+                done.reward,
+                done.terminated,
+                done.truncated,
+            )
+            info = self._info(done.info, going, info)
+        self._ended = terminated | truncated
+        if self._autoreset == AutoresetMode.SAME_STEP and self._ended.any():
+            info = self._begin_again(info)
+        self._show()
+        return self._observations.copy(), reward, terminated, truncated, info
+
+    def _begin_again(self, info: dict[str, Any]) -> dict[str, Any]:
+        """Begin the ended episodes anew, within the step; how they ended goes to final_obs and final_info."""
+        ended, mask = np.flatnonzero(self._ended), self._ended.copy()
+        final = {name: value.copy() for name, value in info.items()}
+        for name in [name for name in final if name.startswith("_")]:
+            final[name] &= mask
+        last = self._observations.copy()
+        self._observations[ended] = self.episodes.begin(ended)
+        info = self._info(self.episodes.told(ended), ended, info)
+        self._ended = self._none()
+        return {**info, "final_obs": last, "_final_obs": mask, "final_info": final, "_final_info": mask}
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Pictures as it is now, one per robot, or None where a window shows the first; see VectorEnv."""
+        if self.render_mode != "rgb_array":
+            return None
+        painter = self._drawing()
+        return tuple(painter.paint(number) for number in range(self.num_envs))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (type(self), self._arguments), _state(self)
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        _take_over(self, state)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """See VectorEnv."""
+        if self._painter is not None:
+            self._painter.close()
+        self.episodes.close()
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self._drawing().show(0)
+
+    def _drawing(self) -> Painter:
+        if self._painter is None:
+            self._painter = Painter(self.episodes.task, self.episodes.batch)
+        return self._painter
+
+    def _none(self) -> BoolArray:
+        return np.zeros(self.num_envs, dtype=np.bool_)
+
+    def _info(
+        self, told: Mapping[str, Numbers], numbers: IndexArray, info: dict[str, Any] | None = None
+    ) -> dict[str, Any]:
+        """Gymnasium's form: an array for all robots by name, and under `_name` for which it is told."""
+        info = {} if info is None else info
+        drawn = [self.episodes.parameters(number) for number in numbers.tolist()]
+        for name in drawn[0] if drawn else ():
+            told = {**told, name: np.array([each[name] for each in drawn])}
+        for name, rows in told.items():
+            if name not in info:
+                info[name] = np.zeros((self.num_envs, *rows.shape[1:]), dtype=rows.dtype)
+                info[f"_{name}"] = self._none()
+            info[name][numbers], info[f"_{name}"][numbers] = rows, True
+        return info

@@ -1,0 +1,380 @@
+"""Trained policies as ONNX files: what a file declares, checked before it is loaded, and what it must fit.
+
+A file of a few hundred bytes can name other files to read (external data), a constant of any size, and
+functions that unfold to any number of nodes. Only the fields that say so are read; onnx.proto numbers them.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import json
+import math
+import threading
+import warnings
+from collections.abc import Iterator, Mapping
+from os import PathLike
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import PolicyError, listing
+from softsim_core.base.extras import install_command
+from softsim_core.lab.learning.tasks import TASKS, Numbers, Senses
+from softsim_core.scene.robot import RobotDescription
+
+Kind: TypeAlias = Literal["model", "training", "graph", "node", "attribute", "tensor", "sparse tensor"]
+
+_PARTS: Final = MappingProxyType[Kind, dict[int, Kind]](
+    {
+        "model": {7: "graph", 20: "training"},
+        "training": {1: "graph", 2: "graph"},
+        "graph": {1: "node", 5: "tensor", 15: "sparse tensor"},
+        "node": {5: "attribute"},
+        "attribute": {
+            5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse tensor", 23: "sparse tensor",
+        },
+        "sparse tensor": {1: "tensor", 2: "tensor"},
+        "tensor": {},
+    }
+)  # fmt: skip
+"""Messages inside of messages, by field."""
+
+_ONCE: Final = frozenset({("model", 7), ("attribute", 5), ("attribute", 6), ("attribute", 22),
+                          ("sparse tensor", 1), ("sparse tensor", 2)})  # fmt: skip
+"""Fields that may stand once: of two, a reader would make one constant of the sizes of both."""
+
+_DIMENSIONS: Final = MappingProxyType({"tensor": 1, "sparse tensor": 3})
+_DATA_TYPE, _EXTERNAL_DATA, _DATA_LOCATION, _FUNCTIONS = 2, 13, 14, 25
+_BYTES: Final = MappingProxyType({1: 4, 2: 1, 3: 1, 4: 2, 5: 2, 6: 4, 9: 1, 10: 2, 12: 4, 8: 32, 15: 16})
+"""Bytes of a number by data type, where it is not 8; of a text at least."""
+
+
+def objection(data: bytes, most_bytes: int) -> str:
+    """Why a model is not to be loaded, as "it reads other files ..."; empty: it may be.
+
+    Args:
+        data: The file.
+        most_bytes: Memory that all its constants together may take.
+    """
+    total = 0
+    waiting: list[tuple[Kind, memoryview]] = [("model", memoryview(data))]
+    try:
+        while waiting:
+            kind, message = waiting.pop()
+            dimensions, width, found = [], 8, set()
+            for field, value in _fields(message):
+                part = _PARTS[kind].get(field)
+                if part is not None and isinstance(value, memoryview):
+                    if field in found and (kind, field) in _ONCE:
+                        return f"a field of its {kind} stands there twice"
+                    found.add(field)
+                    waiting.append((part, value))
+                elif kind == "model" and field == _FUNCTIONS:
+                    return (
+                        "it defines functions of its own; inline them (onnx.inliner.inline_local_functions)"
+                    )
+                elif kind == "tensor" and (
+                    field == _EXTERNAL_DATA or (field == _DATA_LOCATION and value != 0)
+                ):
+                    return "it keeps constants in other files (external data); save it as one file"
+                elif field == _DIMENSIONS.get(kind):
+                    dimensions += _integers(value)
+                elif kind == "tensor" and field == _DATA_TYPE and isinstance(value, int):
+                    width = _BYTES.get(value, 8)
+            if kind in _DIMENSIONS:
+                total += width * math.prod(dimensions)
+                if total > most_bytes:
+                    return f"its constants take {total} bytes or more; at most {most_bytes} are allowed"
+    except (IndexError, ValueError):
+        return "it is no ONNX file that ONNX Runtime can run (damaged)"
+    return ""
+
+
+def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
+    """Number and value of each field: an integer, or bytes.
+
+    Raises:
+        ValueError, IndexError: the bytes are no such message.
+    """
+    at = 0
+    while at < len(message):
+        key, at = _varint(message, at)
+        wire = key & 7
+        if wire == 0:
+            value, at = _varint(message, at)
+            yield key >> 3, value
+            continue
+        if wire == 2:
+            size, at = _varint(message, at)
+        else:
+            size = {1: 8, 5: 4}.get(wire, len(message) + 1)
+        if at + size > len(message):
+            raise ValueError(wire)
+        yield key >> 3, message[at : at + size]
+        at += size
+
+
+def _varint(message: memoryview, at: int) -> tuple[int, int]:
+    value = 0
+    for place in range(10):
+        byte = message[at + place]
+        value |= (byte & 0x7F) << 7 * place
+        if byte < 0x80:
+            return value, at + place + 1
+    raise ValueError(value)
+
+
+def _integers(value: int | memoryview) -> list[int]:
+    """One integer, or those packed into bytes."""
+    if isinstance(value, int):
+        return [value]
+    found, at = [], 0
+    while at < len(value):
+        number, at = _varint(value, at)
+        found.append(number)
+    return found
+
+
+_ABOUT: Final = "softsim_"
+_LARGEST_BYTES: Final = 100_000_000
+LONGEST_ACTION_S: Final = 1.0
+"""A policy that has not answered within this time in [s] is stopped."""
+
+MOST_MEMORY: Final = 256 << 20
+"""Bytes that constants may take, and all that the policies of a process compute."""
+
+_ROUNDED: Final = 1e-9
+"""Limits of a joint may be narrower than commands of the task by this, in [rad] or [m]."""
+
+
+def policy_metadata(name: str) -> dict[str, str]:
+    """What a policy's file tells of itself, as ONNX keeps it (`metadata_props`).
+
+    Args:
+        name: The task, such as "TripodReach-v0".
+
+    Returns:
+        Task, robot and rate in [Hz]; observation and action in JSON: of each part its name, unit and how many
+        numbers it has, of each joint its name, unit and the commands that -1 and 1 stand for.
+
+    Raises:
+        PolicyError: no such task.
+    """
+    if name not in TASKS:
+        raise PolicyError(name, f"no such task; known: {listing(TASKS)}")
+    task = TASKS[name]
+    robot = task.description()
+    observation = [{"name": each.name, "unit": each.unit, "size": each.size} for each in task.sensed]
+    action = [
+        {"joint": joint.name, "unit": joint.units.command.si, "low": low, "high": high}
+        for joint, low, high in zip(robot.joints, task.low, task.high, strict=True)
+    ]
+    return {
+        f"{_ABOUT}task": name,
+        f"{_ABOUT}robot": robot.name,
+        f"{_ABOUT}rate_hz": f"{1.0 / (task.steps * robot.scene.dt):g}",
+        f"{_ABOUT}observation": json.dumps(observation),
+        f"{_ABOUT}action": json.dumps(action),
+    }
+
+
+class Policy:
+    """A policy that was read; `load_policy` makes it.
+
+    Attributes:
+        name: Its task's name.
+        task: Its task.
+        rate: Actions per second.
+    """
+
+    def __init__(self, file: Path, name: str, rate: float, session: Any) -> None:
+        self.name, self.task, self.rate = name, TASKS[name], rate
+        self._file, self._session = file, session
+        self._input, self._output = session.get_inputs()[0].name, session.get_outputs()[0].name
+
+    def actions(self, observations: Numbers) -> Numbers:
+        """What to do, shape (k, j) float32, for observations (k, m) float32.
+
+        Raises:
+            PolicyError: no answer within a second or `MOST_MEMORY`, one that is not finite, or of another
+                shape.
+        """
+        found = np.asarray(self._run(observations))
+        wanted = (len(observations), len(self.task.low))
+        if found.shape != wanted:
+            raise PolicyError(self._file, f"it answered with the shape {found.shape}, not {wanted}")
+        if not np.isfinite(found).all():
+            raise PolicyError(self._file, "it answered with a number that is not finite; nothing was moved")
+        return found
+
+    def _run(self, observations: Numbers) -> Any:
+        """The answer, computed under a deadline.
+
+        Raises:
+            PolicyError: there is none.
+        """
+        options = _runtime(self._file).RunOptions()
+        options.log_severity_level = 4
+        late = threading.Event()
+
+        def stop() -> None:
+            late.set()
+            options.terminate = True
+
+        timer = threading.Timer(LONGEST_ACTION_S, stop)
+        timer.daemon = True
+        timer.start()
+        try:
+            return self._session.run([self._output], {self._input: observations}, options)[0]
+        except Exception as error:  # the runtime's own classes share no base of theirs
+            if late.is_set():
+                what = f"it has not answered within {LONGEST_ACTION_S:g} s"
+            else:
+                what = f"it cannot answer ({_reason(error)})"
+            raise PolicyError(self._file, f"{what}; nothing was moved") from error
+        finally:
+            timer.cancel()
+
+    def command(self, senses: Senses) -> Array:
+        """Where the servos of k robots go next in [rad] or [m], shape (k, j).
+
+        The observation is the environment's, without the noise that stands there for sensors.
+
+        Raises:
+            PolicyError: see `actions`.
+        """
+        observations = self.task.observation(self.task.sense(senses))
+        return self.task.command(self.actions(observations), self.task.devices.command_step)
+
+    def check_robot(self, robot: RobotDescription) -> int:
+        """Refuse a robot that it cannot drive.
+
+        Returns:
+            Place of the task's rigid body among all of the scene; -1: the task is about none.
+
+        Raises:
+            PolicyError: other joints, commands beyond their limits, no effector, or no such rigid body.
+        """
+        own = self.task.description()
+        wanted, told = _joints(own), _joints(robot)
+        if told != wanted:
+            raise PolicyError(
+                self._file,
+                f"it drives {own.name} with the joints {listing(wanted)}; {robot.name} has {listing(told)}",
+            )
+        for joint, low, high in zip(robot.joints, self.task.low, self.task.high, strict=True):
+            limits = joint.limits
+            if not (limits.lower - _ROUNDED <= low and high <= limits.upper + _ROUNDED):
+                raise PolicyError(
+                    self._file,
+                    f"it commands {joint.name} from {low:g} to {high:g}; {robot.name} allows "
+                    f"{limits.lower:g} to {limits.upper:g}",
+                )
+        if "effector_position" in self.task.asks and robot.scene.effector is None:
+            raise PolicyError(self._file, f"it looks at the effector, and {robot.name} has none")
+        names = [body.name for body in robot.scene.rigid_bodies]
+        if not self.task.thing:
+            return -1
+        if self.task.thing not in names:
+            raise PolicyError(
+                self._file,
+                f"it looks at the rigid body {self.task.thing}; {robot.name} has {listing(names)}",
+            )
+        return names.index(self.task.thing)
+
+
+def load_policy(file: str | PathLike[str]) -> Policy:
+    """A policy from its ONNX file, checked against the task that it names.
+
+    Raises:
+        PolicyError: ONNX Runtime is not installed, or the file cannot be read or does not fit.
+    """
+    path = Path(file).expanduser()
+    session = _session(path)
+    told: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
+    name = told.get(f"{_ABOUT}task", "")
+    if name not in TASKS:
+        known = listing(TASKS)
+        what = f"its task is {name[:80]!r}" if name else f"it does not tell its task ({_ABOUT}task)"
+        raise PolicyError(path, f"{what}; known: {known}; see policy_metadata in docs/learning.md")
+    expected = policy_metadata(name)
+    for key, value in expected.items():
+        if told.get(key) != value:
+            raise PolicyError(
+                path, f"{key} is {told.get(key, 'missing')[:200]}, and {name} of this version wants {value}"
+            )
+    task = TASKS[name]
+    for kind, found, size in (
+        ("input", session.get_inputs(), sum(each.size for each in task.sensed)),
+        ("output", session.get_outputs(), len(task.low)),
+    ):
+        shapes = [(each.type, each.shape) for each in found]
+        fits = len(found) == 1 and shapes[0][0] == "tensor(float)" and len(shapes[0][1]) == 2
+        if not fits or isinstance(shapes[0][1][0], int) or shapes[0][1][1] != size:
+            raise PolicyError(
+                path, f"its {kind} is {shapes}; {name} wants one, tensor(float) of any number by {size}"
+            )
+    return Policy(path, name, float(expected[f"{_ABOUT}rate_hz"]), session)
+
+
+def _joints(robot: RobotDescription) -> list[str]:
+    return [f"{joint.name} [{joint.units.command.si}]" for joint in robot.joints]
+
+
+def _runtime(path: Path) -> Any:
+    """ONNX Runtime.
+
+    Raises:
+        PolicyError: it is not installed.
+    """
+    try:
+        return importlib.import_module("onnxruntime")
+    except ImportError as error:
+        raise PolicyError(path, f"{error}; {install_command('policy')}") from error
+
+
+@functools.cache
+def _limit_memory(runtime: Any) -> None:
+    """Give all sessions of this process one allocator, which refuses more than `MOST_MEMORY`."""
+    memory = runtime.OrtMemoryInfo(
+        "Cpu", runtime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, runtime.OrtMemType.DEFAULT
+    )
+    limits = {
+        "max_mem": MOST_MEMORY,
+        "arena_extend_strategy": 1,
+    }  # as much as is asked for, not twice as much
+    runtime.create_and_register_allocator(memory, runtime.OrtArenaCfg(limits))
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())[:120]
+
+
+def _session(path: Path) -> Any:
+    runtime = _runtime(path)
+    try:
+        if (size := path.stat().st_size) > _LARGEST_BYTES:
+            raise PolicyError(path, f"{size} bytes are more than the {_LARGEST_BYTES} allowed")
+        data = path.read_bytes()
+    except OSError as error:
+        raise PolicyError(path, f"it cannot be read: {error.strerror}") from error
+    if problem := objection(data, MOST_MEMORY):
+        raise PolicyError(path, problem)
+    _limit_memory(runtime)
+    options = runtime.SessionOptions()
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    # what does not depend on the observation would be computed here, without a deadline
+    options.graph_optimization_level = runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return runtime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # the runtime's own classes share no base of theirs
+            what = f"it is no ONNX file that ONNX Runtime can run ({_reason(error)})"
+            raise PolicyError(path, what) from error

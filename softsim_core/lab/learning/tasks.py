@@ -1,0 +1,515 @@
+"""Tasks of environments: scene, actions, observations, rewards; and those that are shipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.lab.learning.randomisation import Devices, rounded
+from softsim_core.physics.mechanics.pose import rotation_of
+from softsim_core.physics.sensing.imu import inertial
+from softsim_core.scene import find_config, load_scene
+from softsim_core.scene.io.yaml_loader import laid_over
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.simulation.batch import Batch
+
+Numbers: TypeAlias = NDArray[Any]
+"""Numbers of other types than float64, such as float32 and bool."""
+
+
+class Sensed(NamedTuple):
+    """A part of an observation.
+
+    Attributes:
+        name: What it is.
+        unit: Its unit.
+        low, high: Its interval, of each number.
+        size: How many numbers.
+        noise, step: Fields of Devices, or "".
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    size: int = 1
+    noise: str = ""
+    step: str = ""
+
+
+class Judged(NamedTuple):
+    """Of k copies: rewards (k,), whether each has failed (k,), and what `info` tells, (k, ...) by name."""
+
+    reward: Array
+    failed: BoolArray
+    info: dict[str, Numbers]
+
+
+class Senses(Protocol):
+    """What sensors tell of k robots: of simulated ones a Moment, of a real one what its topics said."""
+
+    @property
+    def joint_positions(self) -> Array:
+        """In [rad] or [m], shape (k, j)."""
+
+    @property
+    def joint_efforts(self) -> Array:
+        """In [N m] or [N], shape (k, j)."""
+
+    @property
+    def effector_position(self) -> Array:
+        """In [m], shape (k, 3)."""
+
+    @property
+    def effector_rotation(self) -> Array:
+        """Rotation matrices, shape (k, 3, 3)."""
+
+    @property
+    def effector_rate(self) -> Array:
+        """Angular rate in the effector's axes in [rad/s], as of an IMU in its frame, shape (k, 3)."""
+
+    @property
+    def effector_force(self) -> Array:
+        """Specific force in the effector's axes in [m/s^2], as of an IMU in its frame, shape (k, 3)."""
+
+    @property
+    def thing_position(self) -> Array:
+        """Of the task's rigid body in [m], shape (k, 3)."""
+
+    @property
+    def commands(self) -> Array:
+        """What the servos were told last in [rad] or [m], shape (k, j)."""
+
+    @property
+    def goals(self) -> Array:
+        """What is wanted, shape (k, g)."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Simulated robots as a task looks at them.
+
+    Attributes:
+        batch: All copies.
+        numbers: Which ones, shape (k,).
+        goals: Their goals, shape (k, g).
+        commands: What their servos were told last, shape (k, j).
+        earlier: Velocity of the effector before the last step in [m/s], shape (k, 3).
+        gravity: Gravity of each copy in [m/s^2], shape (k, 3).
+        frame: Place of the effector among the free frames.
+        thing: Place of the task's rigid body among those with mass; -1: the task is about none.
+    """
+
+    batch: Batch
+    numbers: IndexArray
+    goals: Array
+    commands: Array
+    earlier: Array
+    gravity: Array
+    frame: int
+    thing: int
+
+    def array(self, name: str) -> Array:
+        """Part of the states; see Batch.array."""
+        return self.batch.array(name)[self.numbers]
+
+    @property
+    def joint_positions(self) -> Array:
+        """See Senses."""
+        return self.array("joint_positions")
+
+    @property
+    def joint_efforts(self) -> Array:
+        """See Senses."""
+        return self.array("joint_efforts")
+
+    @cached_property
+    def effector_position(self) -> Array:
+        """See Senses."""
+        return self.array("frame_positions")[:, self.frame]
+
+    @cached_property
+    def effector_rotation(self) -> Array:
+        """See Senses."""
+        return self.array("frame_rotations")[:, self.frame]
+
+    @property
+    def effector_rate(self) -> Array:
+        """See Senses."""
+        return self._inertial[1]
+
+    @property
+    def effector_force(self) -> Array:
+        """See Senses; as an IMU measures it, the mean over the last step."""
+        return self._inertial[0]
+
+    @cached_property
+    def _inertial(self) -> tuple[Array, Array]:
+        velocity, spin = np.split(self.array("reduced_velocities")[:, 6 * self.frame :][:, :6], 2, axis=1)
+        rotation, dt = self.effector_rotation, self.batch.dt
+        return inertial(self.earlier, velocity, spin, rotation, self.gravity, dt)
+
+    @cached_property
+    def thing_position(self) -> Array:
+        """See Senses."""
+        return self.array("rigid_positions")[:, self.thing]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """See the module; kinds of tasks derive from it.
+
+    Attributes:
+        robot: The robot's name.
+        overlay: Laid over it.
+        steps: Physics steps of an action.
+        horizon: Actions of an episode at most.
+        low, high: Commands that actions -1 and 1 stand for, in [rad] or [m], in joint order.
+        devices: Servos and sensors.
+        sensed: The parts of an observation, in order.
+        goal_size: Numbers of a goal.
+        thing: Name of the rigid body that the task is about; empty: none.
+        asks: What of Senses its observations are made of, besides commands and goals.
+        camera: From where it is drawn: azimuth and elevation in [deg], middle in [m], width in [m].
+    """
+
+    robot: str
+    overlay: Mapping[str, Any]
+    steps: int
+    horizon: int
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    devices: Devices
+    sensed: tuple[Sensed, ...]
+    goal_size: int
+    thing: str = ""
+    asks: tuple[str, ...]
+    camera: tuple[float, float, tuple[float, float, float], float]
+
+    def description(self, overlay: Mapping[str, Any] | None = None) -> RobotDescription:
+        """The robot, with an overlay on top of the task's own."""
+        return load_scene(self._file, laid_over(self.overlay, overlay or {}))
+
+    @cached_property
+    def _file(self) -> Path:
+        return find_config(self.robot)
+
+    def lead_in(self) -> list[tuple[tuple[float, ...], int]]:
+        """Commands before an episode, each with its steps; they begin where the robot's start move ends."""
+        return []
+
+    def goal(self, random: np.random.Generator) -> Array:
+        """What is wanted in an episode, shape (g,)."""
+        raise NotImplementedError
+
+    def begin(self, batch: Batch, number: int, random: np.random.Generator) -> None:
+        """Place what an episode begins with, after the lead-in."""
+
+    def sense(self, senses: Senses) -> Array:
+        """What perfect sensors tell, in the order of `sensed`, shape (k, m)."""
+        raise NotImplementedError
+
+    def observation(self, sensed: Array) -> Numbers:
+        """What was sensed, (k, m), as a policy gets it: within the bounds, float32."""
+        return np.clip(sensed, *self.bounds()).astype(np.float32)
+
+    def command(self, actions: Numbers, steps: Array | float) -> Array:
+        """Where the servos go in [rad] or [m] for actions (k, j) in [-1, 1], in whole `steps` where > 0."""
+        low, high = np.array(self.low), np.array(self.high)
+        clipped = np.clip(np.asarray(actions, dtype=float), -1.0, 1.0)
+        return rounded(0.5 * (high + low) + 0.5 * (high - low) * clipped, np.asarray(steps))
+
+    def judge(self, moment: Moment) -> Judged:
+        """How good the state is."""
+        raise NotImplementedError
+
+    def bounds(self) -> tuple[Numbers, Numbers]:
+        """Interval of each number of an observation, shapes (m,), float32."""
+        sizes = [each.size for each in self.sensed]
+        low = np.repeat([each.low for each in self.sensed], sizes)
+        return low.astype(np.float32), np.repeat([each.high for each in self.sensed], sizes).astype(
+            np.float32
+        )
+
+    def of_devices(self, devices: Devices, kind: str) -> Array:
+        """Noise or step of each number of an observation, shape (m,)."""
+        values = [getattr(devices, name) if (name := getattr(each, kind)) else 0.0 for each in self.sensed]
+        return np.repeat(np.array(values, dtype=float), [each.size for each in self.sensed])
+
+
+def tilts(rotations: Array) -> Array:
+    """Rotations (k, 3, 3) as tilts about x and y in [rad], shape (k, 2)."""
+    axis = rotations[:, :, 2]
+    return np.stack([np.arctan2(-axis[:, 1], axis[:, 2]), np.arctan2(axis[:, 0], axis[:, 2])], axis=1)
+
+
+_DEGREE = math.radians(1.0)
+_JOINTS = Sensed("joint positions", "rad", -math.pi, math.pi, 3, "joint_noise", "joint_step")
+_COMMANDS = Sensed("commands of the action before", "rad", -math.pi, math.pi, 3)
+_EFFECTOR = Sensed("effector position", "m", -0.2, 0.2, 3, "position_noise")
+_TILTS = Sensed("effector tilts about x and y", "rad", -math.pi, math.pi, 2, "tilt_noise")
+
+REACHED_M: Final = 0.002
+"""Distance in [m] within which a goal counts as reached."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reach(Task):
+    """Bring the Tripod's effector to a point and keep it there.
+
+    The reward of an action is minus the distance in [cm], and 1 more within REACHED_M.
+    """
+
+    def lead_in(self) -> list[tuple[tuple[float, ...], int]]:
+        """To the pose `mid`, at rest there."""
+        return [((-1.0467,) * 3, 60)]
+
+    def goal(self, random: np.random.Generator) -> Array:
+        """A point in [m] in a cylinder of 10 mm radius, 34 to 52 mm high."""
+        radius, angle = 0.010 * math.sqrt(random.random()), random.uniform(0.0, 2.0 * math.pi)
+        return np.array([radius * math.cos(angle), radius * math.sin(angle), random.uniform(0.034, 0.052)])
+
+    def sense(self, senses: Senses) -> Array:
+        """See Task."""
+        return np.concatenate(
+            [
+                senses.joint_positions,
+                senses.effector_position,
+                tilts(senses.effector_rotation),
+                senses.commands,
+                senses.goals,
+            ],
+            axis=1,
+        )
+
+    def judge(self, moment: Moment) -> Judged:
+        """See Task."""
+        position = moment.effector_position
+        distance = np.linalg.norm(position - moment.goals, axis=1)
+        reached = distance < REACHED_M
+        info = {
+            "effector_position_m": position,
+            "goal_m": moment.goals,
+            "distance_m": distance,
+            "is_success": reached,
+        }
+        return Judged(reached - 100.0 * distance, np.zeros(len(distance), dtype=np.bool_), info)
+
+
+PLATE_M, BALL_M = 0.045, 0.008
+"""Half the width of the plate, and the radius of the ball in [m]."""
+_PLATE_TOP = 0.008
+"""Height of the plate's upper side above the effector's frame in [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Balance(Task):
+    """Keep a ball in the middle of a plate on the Tripod's effector.
+
+    The reward of an action is 1 less the ball's distance from the middle by half the plate's width; an
+    episode ends when the ball has left the plate.
+    """
+
+    def lead_in(self) -> list[tuple[tuple[float, ...], int]]:
+        """To the pose `mid`; the ball comes to rest on the plate."""
+        return [((-1.0467,) * 3, 80)]
+
+    def goal(self, random: np.random.Generator) -> Array:
+        """None: it is the middle."""
+        return np.zeros(0)
+
+    def begin(self, batch: Batch, number: int, random: np.random.Generator) -> None:
+        """Put the ball somewhere on the plate, at rest on it."""
+        radius, angle = 0.5 * PLATE_M * math.sqrt(random.random()), random.uniform(0.0, 2.0 * math.pi)
+        moved = np.array([radius * math.cos(angle), radius * math.sin(angle), 0.0])
+        turn = rotation_of(batch.call(number, "effector_pose").quaternion_xyzw)
+        position = batch.array("rigid_positions")[number, 0] + turn @ moved
+        batch.call(number, "place_rigid_body", "ball", position, (0.0, 0.0, 0.0, 1.0))
+
+    def _ball(self, senses: Senses) -> Array:
+        """Where the ball is in the plate's axes in [m], shape (k, 3)."""
+        apart = senses.thing_position - senses.effector_position
+        return np.asarray(np.einsum("kji,kj->ki", senses.effector_rotation, apart))
+
+    def sense(self, senses: Senses) -> Array:
+        """See Task."""
+        return np.concatenate(
+            [
+                senses.joint_positions,
+                tilts(senses.effector_rotation),
+                senses.effector_rate,
+                senses.effector_force,
+                self._ball(senses)[:, :2],
+                senses.commands,
+            ],
+            axis=1,
+        )
+
+    def judge(self, moment: Moment) -> Judged:
+        """See Task."""
+        ball = self._ball(moment)
+        off = np.linalg.norm(ball[:, :2], axis=1)
+        lost = (np.abs(ball[:, :2]) > PLATE_M).any(axis=1) | (ball[:, 2] < 0.0)
+        info = {"ball_position_m": ball, "ball_distance_m": off, "is_success": off < 0.005}
+        return Judged(np.where(lost, 0.0, 1.0 - off / PLATE_M), lost, info)
+
+
+LIFTED_M = 0.020
+"""Height in [m] above the floor at which the cube counts as lifted."""
+_FLOOR = -0.16133
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lift(Task):
+    """Grasp the cube with the cable gripper and lift it.
+
+    The reward of an action is the cube's height above the floor by LIFTED_M, at most 1, and a tenth of how
+    near the middle of the fingertips is to it.
+    """
+
+    def goal(self, random: np.random.Generator) -> Array:
+        """None: it is up."""
+        return np.zeros(0)
+
+    def begin(self, batch: Batch, number: int, random: np.random.Generator) -> None:
+        """Put the cube down within 4 mm of where the scene has it."""
+        x, y, z = batch.array("rigid_positions")[number, 0]
+        dx, dy = random.uniform(-0.004, 0.004, 2)
+        batch.call(number, "place_rigid_body", "cube", (x + dx, y + dy, z), (0.0, 0.0, 0.0, 1.0))
+
+    def sense(self, senses: Senses) -> Array:
+        """See Task."""
+        return np.concatenate(
+            [
+                senses.joint_positions,
+                senses.joint_efforts[:, :3],
+                senses.thing_position,
+                senses.commands,
+            ],
+            axis=1,
+        )
+
+    def judge(self, moment: Moment) -> Judged:
+        """See Task."""
+        cube, joints = moment.thing_position, moment.joint_positions
+        height = cube[:, 2] - 0.020 - _FLOOR
+        lowered = np.clip(joints[:, 3] / -0.050, 0.0, 1.0)
+        info = {
+            "cube_position_m": cube,
+            "cube_height_m": height,
+            "tensions_n": moment.joint_efforts[:, :3],
+            "is_success": height > LIFTED_M,
+        }
+        near = np.where(height > 0.002, 1.0, lowered)
+        lost = height < -0.010
+        return Judged(np.clip(height / LIFTED_M, 0.0, 1.0) + 0.1 * near, lost, info)
+
+
+_SERVOS = Devices(
+    command_step=_DEGREE,
+    command_noise=0.2 * _DEGREE,
+    command_latency=0.04,
+    joint_step=0.3 * _DEGREE,
+    position_noise=0.0003,
+    tilt_noise=0.3 * _DEGREE,
+    rate_noise=0.01,
+    force_noise=0.05,
+)
+"""Hobby servos on a byte protocol, a marker camera, an IMU."""
+
+TASKS: Mapping[str, Task] = {
+    "TripodReach-v0": Reach(
+        robot="tripod",
+        overlay={},
+        steps=4,
+        horizon=50,
+        low=(-1.6,) * 3,
+        high=(-0.4,) * 3,
+        devices=_SERVOS,
+        sensed=(_JOINTS, _EFFECTOR, _TILTS, _COMMANDS, Sensed("goal of the effector", "m", -0.2, 0.2, 3)),
+        goal_size=3,
+        asks=("joint_positions", "effector_position", "effector_rotation"),
+        camera=(-60.0, 25.0, (0.0, 0.0, 0.025), 0.15),
+    ),
+    "TripodBalance-v0": Balance(
+        robot="tripod",
+        overlay={
+            "rigid_bodies": [
+                {
+                    "name": "plate",
+                    "shape": {"box": [2.0 * PLATE_M, 2.0 * PLATE_M, 0.003]},
+                    "on": "centre",
+                    "pose": {"translation": [0.0, 0.0, _PLATE_TOP - 0.0015]},
+                    "colour": [0.3, 0.5, 0.9, 1.0],
+                },
+                {
+                    "name": "ball",
+                    "shape": {"sphere": BALL_M},
+                    "mass": 0.005,
+                    "pose": {"translation": [0.0, 0.0, 0.030 + _PLATE_TOP + BALL_M + 0.0006]},
+                    "colour": [0.9, 0.2, 0.1, 1.0],
+                },
+            ],
+            "collisions": [{"name": "plate", "body": "plate"}, {"name": "ball", "body": "ball"}],
+            "contact": {"alarm_distance": 0.004, "contact_distance": 0.0005, "friction": 0.3},
+        },
+        steps=2,
+        horizon=200,
+        low=(-1.4,) * 3,
+        high=(-0.7,) * 3,
+        devices=_SERVOS,
+        sensed=(
+            _JOINTS,
+            _TILTS,
+            Sensed("angular rate of the effector", "rad/s", -100.0, 100.0, 3, "rate_noise"),
+            Sensed("specific force of the effector", "m/s^2", -1000.0, 1000.0, 3, "force_noise"),
+            Sensed("ball on the plate, x and y", "m", -1.0, 1.0, 2, "position_noise"),
+            _COMMANDS,
+        ),
+        goal_size=0,
+        thing="ball",
+        asks=(
+            "joint_positions",
+            "effector_position",
+            "effector_rotation",
+            "effector_rate",
+            "effector_force",
+            "thing_position",
+        ),
+        camera=(-60.0, 25.0, (0.0, 0.0, 0.035), 0.15),
+    ),
+    "CableGripperLift-v0": Lift(
+        robot="cable_gripper",
+        overlay={},
+        steps=5,
+        horizon=100,
+        low=(0.0, 0.0, 0.0, -0.052, -0.010),
+        high=(0.020, 0.020, 0.020, 0.0, 0.010),
+        devices=Devices(
+            command_step=1e-4,
+            command_latency=0.05,
+            joint_noise=1e-4,
+            position_noise=0.0005,
+            effort_noise=0.1,
+        ),
+        sensed=(
+            Sensed("joint positions", "m", -0.2, 0.2, 5, "joint_noise"),
+            Sensed("cable tensions", "N", -100.0, 100.0, 3, "effort_noise"),
+            Sensed("cube position", "m", -5.0, 5.0, 3, "position_noise"),
+            Sensed("commands of the action before", "m", -0.2, 0.2, 5),
+        ),
+        goal_size=0,
+        thing="cube",
+        asks=("joint_positions", "joint_efforts", "thing_position"),
+        camera=(-70.0, 10.0, (0.01, 0.0, -0.09), 0.22),
+    ),
+}
+"""By name; docs/learning.md tells their spaces."""

@@ -1,0 +1,144 @@
+"""First guesses for a part of which nothing is known: where it is held, its tip, how a cable may run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Box, Vector
+from softsim_core.lab.meshing.part import own_axes
+from softsim_core.physics.mechanics.pose import euler_of, rotation_log
+from softsim_core.physics.mesh.surface import boundary_surface
+from softsim_core.physics.mesh.types import TetMesh
+
+_UPRIGHT = 0.8  # of the longest side: a part that is so high is held at its lowest face
+_UNEVEN = 2.5e-3  # of the diagonal: how uneven a flat face may be after meshing
+_SLAB, _THICKEST = 0.01, 0.2  # of the length: thickness of what is held
+_LEVELS = 7
+_DEPTH = 0.1  # of the section: how far below its surface a cable runs
+
+
+class Guess(NamedTuple):
+    """What a first scene of a part takes.
+
+    Attributes:
+        axes: Its own axes as columns, shape (3, 3): those of the file, unless it lies askew in it.
+        axis: Which of them it is long along: 2 where it stands.
+        length: Along it in [m].
+        held: Around the nodes at its low end.
+        tip: Around the nodes at its high end.
+        tip_place: The middle of that end in [m].
+        cable: Points in [m] inside the part, from the low end to the high one, nearer to one side.
+        pull_point: Where the cable leaves, before the low end, in [m].
+    """
+
+    axes: Array
+    axis: int
+    length: float
+    held: Box
+    tip: Box
+    tip_place: Vector
+    cable: tuple[Vector, ...]
+    pull_point: Vector
+
+    @property
+    def tilt_deg(self) -> float:
+        """By how much its axes are turned against those of the file in [deg]."""
+        return float(np.degrees(np.linalg.norm(rotation_log(self.axes))))
+
+
+def guess(mesh: TetMesh) -> Guess:
+    """Guesses for a mesh: held at its lowest face, or, where it lies, at the low end of its longest side.
+
+    Of a part that lies askew in its file, all that is meant along its own axes.
+    """
+    axes = own_axes(boundary_surface(mesh))
+    straight = np.array_equal(axes, np.eye(3))
+    found = _along_axes(mesh if straight else replace(mesh, points=mesh.points @ axes))
+    return found if straight else _turned(found, axes)
+
+
+def _turned(found: Guess, axes: Array) -> Guess:
+    """Guesses along the axes of a file, for a part with axes of its own."""
+    angles = _vector(np.degrees(euler_of(axes)))
+
+    def box(own: Box) -> Box:
+        return Box(center=place(own.center), size=own.size, rotation_deg=angles)
+
+    def place(own: Vector) -> Vector:
+        return _vector(axes @ np.array(own))
+
+    return found._replace(
+        axes=axes,
+        held=box(found.held),
+        tip=box(found.tip),
+        tip_place=place(found.tip_place),
+        cable=tuple(place(each) for each in found.cable),
+        pull_point=place(found.pull_point),
+    )
+
+
+def _along_axes(mesh: TetMesh) -> Guess:
+    """Guesses along the axes of the file."""
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    size = high - low
+    axis = 2 if size[2] >= _UPRIGHT * size.max() else int(size.argmax())
+    tip = end_face(mesh.points, axis, at_top=True)
+    cable = _cable(mesh, axis)
+    pull = np.array(cable[0])
+    pull[axis] = low[axis] - 0.1 * size[axis]
+    top = mesh.points[mesh.points[:, axis] >= high[axis] - 0.5 * tip.size[axis]]
+    middle = 0.5 * (top.min(axis=0) + top.max(axis=0))
+    middle[axis] = high[axis]
+    held = end_face(mesh.points, axis)
+    return Guess(np.eye(3), axis, float(size[axis]), held, tip, _vector(middle), cable, _vector(pull))
+
+
+def end_face(points: Array, axis: int = 2, at_top: bool = False) -> Box:
+    """A slab around the nodes of an end: thick enough that it holds an area and not a tip.
+
+    Args:
+        points: Nodes in [m], shape (n, 3).
+        axis: Along which the ends are.
+        at_top: The high end, else the low one.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = high - low
+    others = [k for k in range(3) if k != axis]
+    depth = (high[axis] - points[:, axis]) if at_top else (points[:, axis] - low[axis])
+    share = min(max(_SLAB, _UNEVEN * float(np.linalg.norm(size)) / float(size[axis])), _THICKEST)
+    while share < _THICKEST:
+        chosen = points[depth <= share * size[axis]][:, others]
+        if len(chosen) > 3 and np.ptp(chosen, axis=0).min() > 0.05 * size[others].min():
+            break
+        share *= 1.5
+    centre, lengths = 0.5 * (low + high), 1.1 * size
+    centre[axis] = high[axis] if at_top else low[axis]
+    lengths[axis] = 2.0 * share * size[axis]
+    return Box(center=_vector(centre), size=_vector(lengths))
+
+
+def _cable(mesh: TetMesh, axis: int) -> tuple[Vector, ...]:
+    """Middles of elements along the axis, nearest to a line below the surface of the wider side."""
+    middles = mesh.points[mesh.tets[:, :4]].mean(axis=1)
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    size = high - low
+    side = max((k for k in range(3) if k != axis), key=lambda k: size[k])
+    found = []
+    for level in low[axis] + size[axis] * (np.arange(_LEVELS) + 0.5) / _LEVELS:
+        near = middles[np.abs(middles[:, axis] - level) <= 0.5 * size[axis] / _LEVELS]
+        if not len(near):
+            continue
+        wanted = 0.5 * (near.min(axis=0) + near.max(axis=0))
+        wanted[axis] = level
+        wanted[side] = near[:, side].min() + _DEPTH * np.ptp(near[:, side])
+        found.append(_vector(near[np.linalg.norm(near - wanted, axis=1).argmin()]))
+    return tuple(found)
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = (float(each) for each in values)
+    return (x, y, z)

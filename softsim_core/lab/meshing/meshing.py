@@ -1,0 +1,250 @@
+"""From the file of a part to tetrahedra: read, repair, simplify, fill, judge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from softsim_core.base.errors import MeshError
+from softsim_core.lab.meshing.filling import Filling, filled, keep, kept, key_of, pieces
+from softsim_core.lab.meshing.openings import open_hollows, without_channel
+from softsim_core.lab.meshing.part import Part, read_part
+from softsim_core.lab.meshing.repair import Repaired, repaired
+from softsim_core.lab.meshing.sizing import TOLERANCE, Sized, simplified, with_nodes
+from softsim_core.lab.meshing.topology import largest_distance
+from softsim_core.physics.mesh.checks import MeshReport, check_tets
+from softsim_core.physics.mesh.surface import boundary_surface
+from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh, quadratic
+
+NODES = 1000
+"""Wished number of nodes where neither size nor number is said."""
+NEAR_ENOUGH = 0.3
+"""Share of it by which a mesh may miss it then; a number that is given is met within sizing.TOLERANCE."""
+DEVIATION = 1.0e-3
+"""How far the mesh may deviate from the surface, of the part's diagonal, where nothing else is said."""
+_FAR = 3.0
+"""A mesh that deviates by more than this many times what was allowed is refused."""
+_VOLUME = 0.05
+"""And one whose volume is off by more than this share."""
+_POOR_DEG = 5.0
+_LONGEST = 0.2
+"""Longest edges that are tried where a number of nodes is wished, of the diagonal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshingOptions:
+    """What is wished of a mesh.
+
+    Attributes:
+        unit: Unit of the part's file, one of part.UNITS.
+        size: Wished length of edges in [m]; None: `nodes` counts.
+        nodes: Wished number of nodes; None with `size`, else NODES.
+        order: 1, or 2 with a node in the middle of each edge.
+        hole: Largest hole in [m] that is closed; None: repair.HOLE of the longest side.
+        largest: Keep the largest body where there are several.
+        plug: Close the openings of hollows, such as air inlets, with plugs.
+        deviation: How far the mesh may deviate from the surface in [m]; None: DEVIATION of the diagonal.
+        time_limit: In [s] of one run of the mesher.
+    """
+
+    unit: str = "mm"
+    size: float | None = None
+    nodes: int | None = None
+    order: int = 1
+    hole: float | None = None
+    largest: bool = False
+    plug: bool = False
+    deviation: float | None = None
+    time_limit: float = 300.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshedPart:
+    """A part's mesh and what it is worth.
+
+    Attributes:
+        mesh: Tetrahedra in [m].
+        source: The repaired surface.
+        report: Figures of the mesh.
+        edge: Wished length of edges in [m].
+        distance: How far the mesh's boundary and the surface are from each other at most in [m].
+        told: Sentences about what was mended and what is unusual.
+        known: Whether it was made before and taken from the cache.
+    """
+
+    mesh: TetMesh
+    source: Repaired
+    report: MeshReport
+    edge: float
+    distance: float
+    told: tuple[str, ...]
+    known: bool
+
+    @property
+    def volume_error(self) -> float | None:
+        """By what share the mesh's volume is off that of the surface; None where that overlaps itself."""
+        return None if self.source.crosses else self.report.volume / self.source.volume - 1.0
+
+
+def mesh_part(
+    path: str | PathLike[str],
+    options: MeshingOptions,
+    progress: Callable[[str], None] = lambda sentence: None,
+    fill: Callable[[SurfaceMesh, float, Filling], TetMesh] = filled,
+) -> MeshedPart:
+    """Tetrahedra of a part.
+
+    The same file with the same options gives the same mesh, as long as the cache is there.
+
+    Args:
+        path: A surface in a file that `part.read_part` reads.
+        options: What is wished.
+        progress: Told what is being done.
+        fill: Fills a closed surface with edges of a length.
+
+    Raises:
+        MeshError: the part cannot be read, repaired or filled, or the mesh does not follow its surface.
+    """
+    _check(options)
+    progress(f"reading {path}")
+    part = read_part(path, options.unit)
+    count = len(part.surface.triangles)
+    progress(f"looking at {count} triangles, {part.unit.size(np.ptp(part.surface.points, axis=0))}")
+    for doubt in part.told:
+        progress(doubt)
+    source = repaired(part, options.hole, options.largest, simplified)
+    wished = asdict(replace(options, time_limit=0.0))
+    if options.plug:
+        source = _plugged(part, source, options)
+    else:
+        del wished["plug"]  # meshes of before there were plugs stay known
+    key = key_of(Path(path).read_bytes(), wished)
+    made = kept(key)
+    if made is None:
+        sized = _sized(source, options, progress, fill)
+        mesh, edge = sized.mesh, sized.edge
+        result = _judged(part, source, mesh, edge, options)
+        if not keep(key, mesh, edge):
+            told = "the cache cannot be written: the next run makes another mesh"
+            result = replace(result, told=(*result.told, told))
+        return result
+    progress("taking the mesh that was made before of the same file and options")
+    mesh, edge = made
+    return replace(_judged(part, source, replace(mesh, name=str(path)), edge, options), known=True)
+
+
+def _plugged(part: Part, source: Repaired, options: MeshingOptions) -> Repaired:
+    """Return a part with the openings of its hollows closed by plugs."""
+    unit, told = source.unit, list(source.told)
+    openings = open_hollows(source.surface)
+    if not openings:
+        raise MeshError(
+            part.surface.name, "no hollow with a narrow opening was found that a plug could close"
+        )
+    for each in openings:
+        cut = replace(part, surface=without_channel(source.surface, each), told=())
+        source = repaired(cut, float("inf"), options.largest)
+        told.append(f"plugged the opening of {unit.length(each.width)} at {unit.place(each.place)}")
+    told.append(f"{source.cavities} closed hollow{'s' * (source.cavities != 1)} now")
+    return replace(source, told=tuple(told))
+
+
+def _check(options: MeshingOptions) -> None:
+    if options.size is not None and options.nodes is not None:
+        raise MeshError("", "size and number of nodes are two ways to say one thing; say one of them")
+    if options.order not in (1, 2):
+        raise MeshError("", f"order {options.order} is not known; 1 is linear, 2 quadratic")
+
+
+def _sized(
+    source: Repaired,
+    options: MeshingOptions,
+    progress: Callable[[str], None],
+    fill: Callable[[SurfaceMesh, float, Filling], TetMesh],
+) -> Sized:
+    how = Filling(
+        envelope=_deviation(source, options) / _diagonal(source),
+        time_limit=options.time_limit,
+        waited=lambda seconds: progress(f"filling: {seconds:.0f} s of at most {options.time_limit:g} s"),
+    )
+
+    def one(edge: float, coarsen: bool = False) -> TetMesh:
+        progress(f"filling with edges of {source.unit.length(edge)}" + (", as few as possible" * coarsen))
+        mesh = fill(source.surface, edge, replace(how, coarsen=coarsen))
+        return quadratic(mesh) if options.order == 2 else mesh
+
+    if options.size is not None:
+        return Sized(one(options.size), options.size, 1)
+    wished, longest = options.nodes or NODES, _LONGEST * _diagonal(source)
+    tolerance = TOLERANCE if options.nodes else NEAR_ENOUGH
+    sized = with_nodes(one, source.volume, longest, wished, tolerance)
+    if len(sized.mesh.points) <= (1.0 + tolerance) * wished:
+        return sized
+    try:
+        fewer = with_nodes(lambda edge: one(edge, coarsen=True), source.volume, longest, wished, tolerance)
+    except MeshError as error:
+        progress(f"that was in vain ({error}): taking the best so far")
+        return sized
+    return min(sized, fewer, key=lambda each: abs(len(each.mesh.points) - wished))
+
+
+def _judged(part: Part, source: Repaired, mesh: TetMesh, edge: float, options: MeshingOptions) -> MeshedPart:
+    """Refuses what is no good mesh of the part.
+
+    Straight edges cannot fold a quadratic cell, whose corners are those of a good linear one.
+    """
+    name, unit, told = part.surface.name, source.unit, list(source.told)
+    mesh = replace(mesh, name=name)
+    report = check_tets(mesh)
+    parts = pieces(mesh)
+    if len(parts) > 1:
+        raise MeshError(
+            name,
+            f"its mesh falls into {len(parts)} pieces that hang together by an edge or a point, or not at "
+            f"all, of {parts[0]} and {parts[1]} tetrahedra and so on; join them in the CAD program, or ask "
+            "for a finer mesh",
+        )
+    skin = boundary_surface(mesh)
+    off, where = largest_distance(skin, source.surface)
+    if not source.crosses:
+        other, there = largest_distance(source.surface, skin)
+        off, where = (off, where) if off >= other else (other, there)
+    allowed = _deviation(source, options)
+    if off > _FAR * allowed:
+        raise MeshError(
+            name,
+            f"its mesh deviates by {unit.length(off)} from the surface at {unit.place(where)}, where "
+            f"{unit.length(allowed)} was allowed; ask for a finer mesh (--size, --nodes), or mend the part "
+            "there",
+        )
+    named = replace(mesh, name=Path(name).name)  # the same bytes wherever the file lies
+    result = MeshedPart(named, source, report, edge, off, (), False)
+    error = result.volume_error
+    if error is not None and abs(error) > _VOLUME:
+        raise MeshError(
+            name,
+            f"the volume of its mesh is off by {100.0 * error:+.1f} %: walls are as thin as what the mesh "
+            f"may deviate ({unit.length(allowed)}); allow less with --deviation",
+        )
+    if report.min_dihedral_deg < _POOR_DEG:
+        told.append(f"the worst element has an angle of {report.min_dihedral_deg:.1f} degrees only")
+    wished = options.nodes or NODES
+    if options.size is None and abs(report.nodes / wished - 1.0) > TOLERANCE:
+        more = report.nodes > wished
+        told.append(
+            f"{report.nodes} nodes are the nearest to {wished} that were found"
+            + (f": more deviation from the surface than {unit.length(allowed)} allows fewer" if more else "")
+        )
+    return replace(result, told=tuple(told))
+
+
+def _deviation(source: Repaired, options: MeshingOptions) -> float:
+    return DEVIATION * _diagonal(source) if options.deviation is None else options.deviation
+
+
+def _diagonal(source: Repaired) -> float:
+    return float(np.linalg.norm(np.ptp(source.surface.points, axis=0)))

@@ -1,0 +1,229 @@
+"""How triangles hang together, and how far two surfaces are apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.spatial import cKDTree
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.physics.mesh.types import SurfaceMesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edges:
+    """The edges of triangles.
+
+    Attributes:
+        ends: Vertices of each edge, the smaller number first, shape (e, 2).
+        of: Edge along each side 0-1, 1-2, 2-0 of each triangle, shape (k, 3).
+        along: Whether that side runs from the smaller number to the larger, shape (k, 3).
+        uses: How many triangles each edge has, shape (e,).
+    """
+
+    ends: IndexArray
+    of: IndexArray
+    along: BoolArray
+    uses: IndexArray
+
+    @property
+    def odd(self) -> BoolArray:
+        """Edges with an odd number of triangles: a closed surface has none, shape (e,)."""
+        return np.asarray(self.uses % 2 == 1)
+
+    @property
+    def unbalanced(self) -> BoolArray:
+        """Edges along which not as many triangles run one way as the other, shape (e,)."""
+        turns = np.bincount(
+            self.of.reshape(-1), np.where(self.along, 1.0, -1.0).reshape(-1), minlength=len(self.ends)
+        )
+        return np.asarray(turns != 0.0)
+
+
+def edges_of(triangles: IndexArray) -> Edges:
+    """Edges of triangles (k, 3)."""
+    start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    span = int(triangles.max(initial=0)) + 1
+    keys, of, uses = np.unique(low * span + high, return_inverse=True, return_counts=True)
+    ends = np.stack(np.divmod(keys, span), axis=1)
+    return Edges(ends, of.reshape(-1, 3), (start < end).reshape(-1, 3), uses)
+
+
+def shells(triangles: IndexArray) -> tuple[int, IndexArray]:
+    """Pieces that hang together by edges with two triangles: how many, and the one of each triangle (k,)."""
+    first, second, _ = _neighbours(edges_of(triangles))
+    graph = sp.coo_matrix((np.ones(len(first)), (first, second)), shape=(len(triangles),) * 2)
+    count, label = connected_components(graph, directed=False)
+    return int(count), label.astype(np.int64)
+
+
+def turned_alike(triangles: IndexArray) -> tuple[IndexArray, int, IndexArray]:
+    """Triangles of each shell turned one way, that of the most of them.
+
+    Returns:
+        The triangles, shape (k, 3), how many were turned, and the ends of the edges, shape (b, 2), at which
+        that cannot be: a surface with one side only.
+    """
+    k, edges = len(triangles), edges_of(triangles)
+    first, second, alike = _neighbours(edges)
+    count, label = connected_components(
+        sp.coo_matrix((np.ones(len(first)), (first, second)), shape=(k, k)), directed=False
+    )
+    # a tree over all triangles, hung on one more node by a triangle of each shell
+    roots = np.unique(label, return_index=True)[1]
+    rows = np.concatenate([first, np.full(count, k)])
+    columns = np.concatenate([second, roots])
+    graph = sp.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(k + 1, k + 1)).tocsr()
+    _, parent = breadth_first_order(graph, k, directed=False)
+    parent = parent[:k].astype(np.int64)
+    sign = np.append(_signs_to_parents(parent, first, second, alike, k), 1)
+    parent = np.append(parent, k)
+    while (parent != k).any():  # doubles how far up it looks
+        sign, parent = sign * sign[parent], parent[parent]
+    sign = sign[:k]
+    most = np.bincount(label, sign, minlength=count) < 0.0
+    turn = (sign < 0) != most[label]
+    result = triangles.copy()
+    result[turn] = result[turn][:, ::-1]
+    wrong = sign[first] * sign[second] != np.where(alike, 1, -1)
+    sides = np.flatnonzero(edges.uses == 2)[wrong]
+    return result, int(turn.sum()), edges.ends[sides]
+
+
+def _neighbours(edges: Edges) -> tuple[IndexArray, IndexArray, BoolArray]:
+    """Both triangles of each edge that has two, and whether they are turned alike."""
+    order = np.argsort(edges.of.reshape(-1), kind="stable")
+    begin = np.concatenate([[0], np.cumsum(edges.uses)])[:-1]
+    begin = begin[edges.uses == 2]
+    one, other = order[begin], order[begin + 1]
+    along = edges.along.reshape(-1)
+    return one // 3, other // 3, np.asarray(along[one] != along[other])
+
+
+def _signs_to_parents(
+    parent: IndexArray, first: IndexArray, second: IndexArray, alike: BoolArray, k: int
+) -> IndexArray:
+    """+1 where a triangle is turned as its parent in the tree, -1 where not; roots have +1."""
+    keys = np.concatenate([first * (k + 1) + second, second * (k + 1) + first])
+    values = np.tile(np.where(alike, 1, -1), 2)
+    order = np.argsort(keys, kind="stable")
+    keys, values = keys[order], values[order]
+    asked = np.arange(k) * (k + 1) + parent
+    place = np.minimum(np.searchsorted(keys, asked), max(len(keys) - 1, 0))
+    known = parent < k
+    result = np.ones(k, dtype=np.int64)
+    result[known] = values[place[known]]
+    return result
+
+
+def touching_points(triangles: IndexArray) -> IndexArray:
+    """Vertices at which pieces of surface meet in a point only: with several fans of triangles around."""
+    edges = edges_of(triangles)
+    order = np.argsort(edges.of.reshape(-1), kind="stable")
+    same = edges.of.reshape(-1)[order]
+    # corners (triangle, vertex) at one vertex are joined across the edges that lead to it
+    corner = np.arange(triangles.size).reshape(-1, 3)
+    begin, following = corner.reshape(-1), np.roll(corner, -1, axis=1).reshape(-1)
+    pairs = np.flatnonzero((same[1:] == same[:-1]) & (edges.uses[same[1:]] == 2))
+    a, b = order[pairs], order[pairs + 1]
+    crossed = edges.along.reshape(-1)[a] != edges.along.reshape(-1)[b]
+    rows = np.concatenate([begin[a], following[a]])
+    columns = np.concatenate(
+        [np.where(crossed, following[b], begin[b]), np.where(crossed, begin[b], following[b])]
+    )
+    graph = sp.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(triangles.size,) * 2)
+    _, fan = connected_components(graph, directed=False)
+    _, one = np.unique(fan, return_index=True)
+    vertices, fans = np.unique(triangles.reshape(-1)[one], return_counts=True)
+    return np.asarray(vertices[fans > 1], dtype=np.int64)
+
+
+def areas(points: Array, triangles: IndexArray) -> Array:
+    """Areas of triangles, shape (k,)."""
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+
+_PIECES = 4_000
+"""About so many pieces a surface is cut into, or more where it has more triangles."""
+_NEAREST = 12
+_FAR = 20.0
+"""Places farther than this many sizes of a piece may be told as farther, by one size at most."""
+_CHUNK = 4096
+
+
+def largest_distance(first: SurfaceMesh, second: SurfaceMesh) -> tuple[float, Array]:
+    """How far the first surface gets from the second at most in [m], and where, (3,).
+
+    Looked at in the corners of the first one's triangles, and in the middles of these, large ones cut into
+    pieces.
+    """
+    pieces = cut(first.points[first.triangles], _piece(first))
+    samples = np.concatenate([first.points[np.unique(first.triangles)], pieces.mean(axis=1)])
+    far = distances(samples, second)
+    worst = int(far.argmax())
+    return float(far[worst]), samples[worst]
+
+
+def distances(places: Array, surface: SurfaceMesh) -> Array:
+    """Distances in [m] of places (p, 3) to a surface, shape (p,); exact near it, within 5 % far from it."""
+    corners = cut(surface.points[surface.triangles], _piece(surface))
+    middles = corners.mean(axis=1)
+    reach = float(np.linalg.norm(corners - middles[:, None], axis=2).max())
+    tree = cKDTree(middles)
+    count = min(_NEAREST, len(corners))
+    away, near = tree.query(places, k=count)
+    away, near = away.reshape(len(places), count), near.reshape(len(places), count)
+    result = _to_triangles(np.repeat(places, count, axis=0), corners[near.reshape(-1)])
+    result = result.reshape(len(places), count).min(axis=1)
+    unsure = (away[:, -1] < result + reach) & (result < _FAR * reach)
+    unsure = np.flatnonzero(unsure & (count < len(corners)))
+    for start in range(0, len(unsure), _CHUNK):
+        some = unsure[start : start + _CHUNK]
+        others = tree.query_ball_point(places[some], result[some] + reach)
+        lengths = np.array([len(each) for each in others])
+        numbers = np.concatenate([np.array(each, dtype=np.int64) for each in others])
+        exact = _to_triangles(np.repeat(places[some], lengths, axis=0), corners[numbers])
+        result[some] = np.minimum.reduceat(exact, np.cumsum(lengths) - lengths)
+    return result
+
+
+def cut(corners: Array, longest: float) -> Array:
+    """Triangles (k, 3, 3) halved across their longest edge until none is longer, shape (p, 3, 3)."""
+    done = []
+    while len(corners):
+        lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        long = lengths.max(axis=1) > longest
+        done.append(corners[~long])
+        corners, side = corners[long], lengths[long].argmax(axis=1)
+        rows = np.arange(len(corners))
+        a, b, c = (corners[rows, (side + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done)
+
+
+def _piece(surface: SurfaceMesh) -> float:
+    """Longest edge of a piece, so that there are about _PIECES of them."""
+    a, b, c = np.moveaxis(surface.points[surface.triangles], 1, 0)
+    area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    size = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
+    return max(float(np.sqrt(4.0 * area / _PIECES)), 2.0e-3 * size)
+
+
+def _to_triangles(places: Array, corners: Array) -> Array:
+    """Distances of places (p, 3), each to its triangle (p, 3, 3), shape (p,)."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    off = places[:, None] - corners
+    square = np.maximum((edges * edges).sum(axis=2), 1e-300)
+    share = np.clip((off * edges).sum(axis=2) / square, 0.0, 1.0)
+    to_edges = np.linalg.norm(off - share[..., None] * edges, axis=2).min(axis=1)
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    length = np.linalg.norm(normal, axis=1)
+    over = ((np.cross(edges, off) * normal[:, None]).sum(axis=2) >= 0.0).all(axis=1) & (length > 0.0)
+    height = np.abs((off[:, 0] * normal).sum(axis=1)) / np.maximum(length, 1e-300)
+    return np.asarray(np.where(over, height, to_edges))

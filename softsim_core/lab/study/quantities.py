@@ -1,0 +1,246 @@
+"""Quantities of a running scene by name: how each is read, its unit and its shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError, listing
+from softsim_core.control.inverse.closed_loop import tilts_of
+from softsim_core.control.inverse.workspace import sample_workspace
+from softsim_core.lab.study.description import QuantityDescription
+from softsim_core.physics.mechanics.pose import Pose, rotation_of
+from softsim_core.simulation import Simulation
+
+Read: TypeAlias = Callable[[Simulation], Array]
+AXES = ("x", "y", "z")
+
+FORMS = (
+    "effector.position, effector.displacement, effector.tilt, frame.NAME.position, body.NAME.displacement, "
+    "body.NAME.stress, body.NAME.centre, joint.NAME.position, joint.NAME.effort, rigid.NAME.position, "
+    "rigid.NAME.velocity, contact.force, contact.count, contact.gap, contact.NAME, sensor.NAME, "
+    "workspace.volume, python; after those of three numbers .x, .y or .z"
+)
+"""What `of` may name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """How a quantity is read.
+
+    Attributes:
+        read: From a simulation to its value.
+        unit: Of the value, in SI.
+        shape: Of the value; None: it is read once to know it.
+    """
+
+    read: Read
+    unit: str
+    shape: tuple[int, ...] | None = None
+
+
+def quantity(wanted: QuantityDescription, simulation: Simulation, function: Read | None = None) -> Quantity:
+    """What a description names in a scene at its start.
+
+    Args:
+        wanted: The description.
+        simulation: In the state from which displacements count.
+        function: Of `of: python`.
+
+    Raises:
+        SceneError: the scene has no such thing, or `of` names none.
+    """
+    if function is not None:
+        return Quantity(_number_of(function, wanted), wanted.unit or "", ())
+    words = wanted.of.split(".")
+    axis = AXES.index(words.pop()) if len(words) > 1 and words[-1] in AXES else None
+    find, name = _KINDS.get((words[0], words[-1])), ".".join(words[1:-1])
+    if find is None or bool(name) != (words[0] in _OF_NAMED):
+        find, name = _WHOLE.get(words[0]), ".".join(words[1:])
+    if find is None:
+        raise SceneError(f"quantity {wanted.name}: unknown {wanted.of!r}; known: {FORMS}")
+    found = find(simulation, name, wanted)
+    if axis is None:
+        return found
+    if found.read(simulation).shape != (3,):
+        raise SceneError(f"quantity {wanted.name}: {wanted.of} has no {AXES[axis]}; leave it out")
+    read = found.read
+    return Quantity(lambda running: np.asarray(read(running)[axis]), found.unit)
+
+
+def _number_of(function: Read, wanted: QuantityDescription) -> Read:
+    def read(simulation: Simulation) -> Array:
+        told = function(simulation)
+        try:
+            value = np.asarray(told, dtype=float)
+        except (TypeError, ValueError):
+            value = np.zeros(0)
+        if value.shape != ():
+            raise SceneError(
+                f"quantity {wanted.name}: {wanted.function} must give one number, not {told!r:.80}"
+            )
+        return value
+
+    return read
+
+
+def _named(what: str, name: str, known: tuple[str, ...], wanted: QuantityDescription) -> int:
+    if name not in known:
+        raise SceneError(f"quantity {wanted.name}: the scene has no {what} {name!r}; known: {listing(known)}")
+    return known.index(name)
+
+
+def _pose(simulation: Simulation, wanted: QuantityDescription) -> Pose:
+    pose = simulation.effector_pose
+    if pose is None:
+        raise SceneError(f"quantity {wanted.name}: the scene has no effector; name a frame or a body")
+    return pose
+
+
+def _effector_position(simulation: Simulation, _: str, wanted: QuantityDescription) -> Quantity:
+    _pose(simulation, wanted)
+    return Quantity(lambda running: _pose(running, wanted).position, "m")
+
+
+def _effector_displacement(simulation: Simulation, _: str, wanted: QuantityDescription) -> Quantity:
+    start = _pose(simulation, wanted).position
+    return Quantity(lambda running: _pose(running, wanted).position - start, "m")
+
+
+def _effector_tilt(simulation: Simulation, _: str, wanted: QuantityDescription) -> Quantity:
+    _pose(simulation, wanted)
+
+    def read(running: Simulation) -> Array:
+        tilts = tilts_of(rotation_of(_pose(running, wanted).quaternion_xyzw))
+        return np.array([tilts.x, tilts.y, tilts.turn])
+
+    return Quantity(read, "rad")
+
+
+def _frame(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    _named("frame", name, tuple(simulation.frames()), wanted)
+    return Quantity(lambda running: running.frames()[name].position, "m")
+
+
+def _nodes(simulation: Simulation, name: str, wanted: QuantityDescription) -> slice:
+    known = tuple(each.name for each in simulation.bodies)
+    return simulation.bodies[_named("body", name, known, wanted)].nodes
+
+
+def _displacement(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    nodes = _nodes(simulation, name, wanted)
+    start = simulation.positions[nodes]
+    return Quantity(
+        lambda running: np.asarray(np.linalg.norm(running.positions[nodes] - start, axis=1).max()), "m"
+    )
+
+
+def _stress(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    nodes = _nodes(simulation, name, wanted)
+    return Quantity(lambda running: np.asarray(running.von_mises()[nodes].max()), "Pa")
+
+
+def _centre(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    nodes = _nodes(simulation, name, wanted)
+    return Quantity(lambda running: running.positions[nodes].mean(axis=0), "m")
+
+
+def _joint_position(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    j = _named("joint", name, simulation.joint_names, wanted)
+    unit = simulation.scene.joints[j].units.position.si
+    return Quantity(lambda running: np.asarray(running.joint_positions[j]), unit)
+
+
+def _joint_effort(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    j = _named("joint", name, simulation.joint_names, wanted)
+    return Quantity(
+        lambda running: np.asarray(running.joint_efforts[j]), simulation.scene.joints[j].units.effort
+    )
+
+
+def _rigid_position(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    r = _named("rigid body", name, tuple(each.name for each in simulation.scene.rigid_bodies), wanted)
+    return Quantity(lambda running: running.rigid_poses[r].position, "m")
+
+
+def _rigid_velocity(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    r = _named("rigid body with mass", name, simulation.rigid_names, wanted)
+    return Quantity(lambda running: running.rigid_velocities[r, :3], "m/s")
+
+
+def _all_contact_forces(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    def read(running: Simulation) -> Array:
+        return np.asarray(np.linalg.norm(running.contacts.forces, axis=1).sum())
+
+    return Quantity(read, "N")
+
+
+def _contact_count(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    def read(running: Simulation) -> Array:
+        told = running.contacts  # of a step that was cut, each once for every part
+        return np.asarray(float(len(np.unique(told.vertices[told.forces.any(axis=1)], axis=0))))
+
+    return Quantity(read, "")
+
+
+def _contact_gap(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    return Quantity(lambda running: np.asarray(running.contacts.gaps.min(initial=np.inf)), "m")
+
+
+def _contact_force(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    """Sum of the forces on a body."""
+    number = _named("body", name, simulation.scene.body_names, wanted)
+
+    def read(running: Simulation) -> Array:
+        told = running.contacts
+        on = (told.bodies[:, 0] == number).astype(float) - (told.bodies[:, 1] == number)
+        return np.asarray(on @ told.forces)
+
+    return Quantity(read, "N")
+
+
+def _sensor(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    _named("sensor", name, tuple(simulation.sensors), wanted)
+    return Quantity(lambda running: np.asarray(running.sensors[name].value, dtype=float), "SI")
+
+
+def _workspace_volume(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
+    if wanted.at != "end":
+        raise SceneError(
+            f"quantity {wanted.name}: a workspace is of the scene, not of a time; leave out `at`"
+        )
+    limit = np.inf if wanted.most_effort is None else wanted.most_effort
+
+    def read(running: Simulation) -> Array:
+        return np.asarray(sample_workspace(running.robot, wanted.samples).volume_within(limit))
+
+    return Quantity(read, "m^3", ())
+
+
+_KINDS: dict[tuple[str, str], Callable[[Simulation, str, QuantityDescription], Quantity]] = {
+    ("effector", "position"): _effector_position,
+    ("effector", "displacement"): _effector_displacement,
+    ("effector", "tilt"): _effector_tilt,
+    ("frame", "position"): _frame,
+    ("body", "displacement"): _displacement,
+    ("body", "stress"): _stress,
+    ("body", "centre"): _centre,
+    ("joint", "position"): _joint_position,
+    ("joint", "effort"): _joint_effort,
+    ("rigid", "position"): _rigid_position,
+    ("rigid", "velocity"): _rigid_velocity,
+    ("contact", "force"): _all_contact_forces,
+    ("contact", "count"): _contact_count,
+    ("contact", "gap"): _contact_gap,
+    ("workspace", "volume"): _workspace_volume,
+}
+
+_OF_NAMED = ("frame", "body", "joint", "rigid")
+"""Kinds of which a scene has several, each with its name before the last word."""
+
+_WHOLE = {"contact": _contact_force, "sensor": _sensor}
+"""Kinds of which the name is everything behind the first word."""

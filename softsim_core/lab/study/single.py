@@ -1,0 +1,281 @@
+"""One run of a study: build its scene, command it, step it, measure it, within its time."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import importlib.util
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError, SoftSimError, SolverDivergedError
+from softsim_core.lab.identification.expressions import filled
+from softsim_core.lab.study.description import At, CommandStep, QuantityDescription, StudyDescription
+from softsim_core.lab.study.quantities import Quantity, Read, quantity
+from softsim_core.scene import load_scene
+from softsim_core.scene.io.programs import ProgramRule, allowed_program, limited_to
+from softsim_core.scene.io.python_loader import load_python
+from softsim_core.scene.io.yaml_loader import load_yaml
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.simulation import Simulation
+
+PENDING, DONE, DIVERGED, RAISED, LATE = range(5)
+"""What became of a run."""
+
+STATUS_WORDS = ("pending", "done", "diverged", "raised", "exceeded_its_time")
+
+LONGEST_ERROR = 400
+"""Characters of an error that are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a run.
+
+    Attributes:
+        status: DONE, DIVERGED, RAISED or LATE.
+        error: Why it is not done, in one sentence; empty where it is.
+        results: Of each quantity by its name; none where it is not done.
+    """
+
+    status: int
+    error: str
+    results: dict[str, Array]
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What every run of a study shares; it goes to the processes that run them.
+
+    Attributes:
+        study: The study.
+        scene: File of its scene.
+        functions: Files of the functions that measure, by what the study calls these.
+        programs: Which programs may run.
+    """
+
+    study: StudyDescription
+    scene: Path
+    functions: Mapping[str, Path]
+    programs: ProgramRule
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the variables."""
+        return tuple(each.name for each in self.study.variables)
+
+    def robot(self, values: Sequence[float] | Array) -> RobotDescription:
+        """The scene of a run with values (p,) of the variables.
+
+        Raises:
+            SoftSimError: the scene cannot be with these values.
+        """
+        acting = dict(zip(self.names, (float(each) for each in values), strict=True))
+        overlay, arguments = filled(self.study.overlay, acting), filled(self.study.arguments, acting)
+        with limited_to(self.programs):
+            if self.scene.suffix == ".py":
+                return load_python(self.scene, overlay, arguments)
+            if arguments:
+                raise SceneError(f"study {self.study.name}: arguments are for Python scenes; use the overlay")
+            return load_yaml(self.scene, overlay)
+
+    def unchanged(self) -> RobotDescription:
+        """The scene with nothing laid over it."""
+        with limited_to(self.programs):
+            return load_scene(self.scene)
+
+    def function(self, wanted: QuantityDescription) -> Read | None:
+        """The function that measures a quantity; None: it has none.
+
+        Raises:
+            SceneError: there is no such function.
+            ConfigError: it may not run.
+        """
+        if wanted.function is None:
+            return None
+        path, name = self.functions[wanted.function], wanted.function.partition(".py:")[2]
+        with limited_to(self.programs):
+            program = allowed_program(path)
+        try:
+            found = getattr(_module(str(path), program.read_bytes()), name, None)
+        except OSError as error:
+            raise SceneError(f"quantity {wanted.name}: {path}: {error.strerror}") from error
+        if not callable(found):
+            raise SceneError(f"quantity {wanted.name}: {path} has no function {name!r}")
+        return found  # type: ignore[no-any-return]
+
+
+@functools.lru_cache(maxsize=16)
+def _module(path: str, text: bytes) -> Any:
+    name = f"softsim_study_{hashlib.sha256(text).hexdigest()[:12]}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    exec(compile(text, path, "exec"), module.__dict__)  # the user's function, allowed by the user
+    return module
+
+
+Watch = Callable[[Simulation], None]
+"""Told after each step."""
+
+
+ENDING_S = 1.0
+"""So long is waited for a run that used up its time to end, before it is left behind."""
+
+
+def run_once(work: Work, values: Sequence[float] | Array, watch: Watch | None = None) -> Outcome:
+    """One run with values (p,) of the variables; whatever goes wrong is told in the outcome.
+
+    The run has a thread of its own. When its time is over, _LateError is raised there between two lines of
+    Python; one that sleeps, or calculates in compiled code, is left behind and ends when it wakes.
+    """
+    ended: list[Outcome] = []
+    run = threading.Thread(
+        target=lambda: ended.append(_attempt(work, values, watch)), name="run of a study", daemon=True
+    )
+    run.start()
+    run.join(min(work.study.time_limit, threading.TIMEOUT_MAX))
+    late = run.is_alive()
+    if late:
+        assert run.ident is not None
+        thread, error = ctypes.c_ulong(run.ident), ctypes.py_object(_LateError)
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, error)
+        run.join(ENDING_S)
+    if not ended or (late and ended[0].status == RAISED):  # readers of files turn _LateError into their own
+        return _late(work)
+    return ended[0]
+
+
+def _late(work: Work) -> Outcome:
+    return Outcome(LATE, f"exceeded its time limit of {work.study.time_limit:g} s", {})
+
+
+def _attempt(work: Work, values: Sequence[float] | Array, watch: Watch | None) -> Outcome:
+    try:
+        return Outcome(DONE, "", _measured(work, values, watch))
+    except SolverDivergedError as error:
+        return Outcome(DIVERGED, _told(error), {})
+    except _LateError:
+        return _late(work)
+    except BaseException as error:  # a function of the study may leave by sys.exit
+        return Outcome(RAISED, _told(error), {})
+
+
+def _told(error: BaseException) -> str:
+    words = str(error) or "no message"
+    text = words if isinstance(error, SoftSimError) else f"{type(error).__name__}: {words}"
+    return " ".join(text.split())[:LONGEST_ERROR]
+
+
+def _measured(work: Work, values: Sequence[float] | Array, watch: Watch | None) -> dict[str, Array]:
+    study = work.study
+    simulation = Simulation(work.robot(values))
+    acting = dict(zip(work.names, (float(each) for each in values), strict=True))
+    told = [
+        (each, quantity(each, simulation, work.function(each))) for each in study.measure
+    ]  # displacements count from the scene's start
+    commands = _commands(study, simulation, acting)
+    if study.duration is None or study.begin == "equilibrium":
+        _settle(simulation, commands)
+    if study.duration is None:
+        if watch is not None:
+            watch(simulation)
+        return {wanted.name: found.read(simulation) for wanted, found in told}
+    steps = round(study.duration / simulation.dt)
+    kept = [_Kept(wanted, found, simulation.dt) for wanted, found in told]
+    due = {round(each.time / simulation.dt): (joints, shift) for each, joints, shift in commands}
+    for step in range(steps + 1):
+        if step:
+            simulation.step()
+        for each in kept:
+            each.look(simulation, step, step == steps)
+        if watch is not None:
+            watch(simulation)
+        if step in due:
+            joints, shift = due[step]
+            if shift is not None:
+                simulation.base_shift = shift
+            simulation.command(joints)
+    return {each.wanted.name: each.result() for each in kept}
+
+
+def _settle(simulation: Simulation, commands: list[tuple[CommandStep, Array, float | None]]) -> None:
+    """To the equilibrium under the first commands, or in the pose at which the start move ends."""
+    robot = simulation.robot
+    joints, shift = np.array(robot.start_joints), robot.start_shift
+    if commands:
+        _, joints, given = commands[0]
+        shift = 0.0 if given is None else given
+    simulation.settle(joints, shift)
+
+
+def _commands(
+    study: StudyDescription, simulation: Simulation, acting: dict[str, float]
+) -> list[tuple[CommandStep, Array, float | None]]:
+    """Each step with positions of all joints (j,) and the shift of their bases in [m]."""
+    robot, names = simulation.robot, simulation.joint_names
+    joints = np.array([each.rest for each in robot.joints])
+    shift: float | None = None
+    told = []
+    for each in study.command:
+        if each.pose is not None:
+            if each.pose not in robot.poses:
+                raise SceneError(f"study {study.name}: the scene has no pose {each.pose!r}")
+            joints = np.array(robot.poses[each.pose])
+        for name, value in filled(each.joints, acting).items():
+            if name not in names:
+                raise SceneError(f"study {study.name}: the scene has no joint {name!r}")
+            joints = joints.copy()
+            joints[names.index(name)] = float(value)
+        if each.base_shift is not None:
+            shift = float(filled(each.base_shift, acting))
+        told.append((each, joints.copy(), shift))
+    return told
+
+
+def stride_of(wanted: QuantityDescription, dt: float) -> int:
+    """Steps of dt in [s] between the values of a series."""
+    return 1 if wanted.every is None else max(1, round(wanted.every / dt))
+
+
+class _Kept:
+    """What is kept of a quantity over the steps of a run."""
+
+    def __init__(self, wanted: QuantityDescription, found: Quantity, dt: float) -> None:
+        self.wanted, self._found = wanted, found
+        self._stride = stride_of(wanted, dt)
+        self._values: list[Array] = []
+        self._count = 0
+
+    def look(self, simulation: Simulation, step: int, last: bool) -> None:
+        at: At = self.wanted.at
+        if (at == "end" and not last) or (at == "series" and step % self._stride):
+            return
+        value = np.asarray(self._found.read(simulation), dtype=float)
+        self._count += 1
+        if at in ("end", "series") or not self._values:
+            self._values.append(value)
+        elif at == "max":
+            self._values[0] = np.maximum(self._values[0], value)
+        elif at == "min":
+            self._values[0] = np.minimum(self._values[0], value)
+        else:
+            self._values[0] = self._values[0] + value
+
+    def result(self) -> Array:
+        """The quantity of the run."""
+        if self.wanted.at == "series":
+            return np.array(self._values)
+        return self._values[0] / self._count if self.wanted.at == "mean" else self._values[0]
+
+
+class _LateError(SystemExit):
+    """Raised in a run that has used up its time; a thread that it ends says nothing."""

@@ -1,0 +1,569 @@
+"""The results of a study: one Zarr store that xarray opens, written block by block, and its reading.
+
+Every array has the dimension `run`, cut into blocks. Runs that are done are kept in a journal, a file for
+each block, until their block is complete; then its chunks are written, that of `status` last, and the journal
+of the block goes. So what lies in the store does not depend on the order in which runs end, and whoever is
+killed loses nothing but the runs that were under way.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import hashlib
+import importlib
+import json
+import math
+import platform
+import shutil
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
+from importlib import metadata
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.base.errors import StudyError
+from softsim_core.base.extras import install_command
+from softsim_core.base.files import make_folder, open_in_place, refuse_links, sync, sync_tree, write_file
+from softsim_core.lab.study.single import DONE, PENDING, RAISED, STATUS_WORDS, Outcome
+from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.scene.io.portable import unstructure_scene
+from softsim_core.scene.robot import RobotDescription
+
+PACKAGES = ("softsim", "numpy", "scipy", "numba", "llvmlite")
+"""Whose versions may change a bit of a result."""
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that compute."""
+    told = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            told[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            told[name] = "none"
+    return told
+
+
+def scene_hash(robot: RobotDescription, code: tuple[Path, ...] = ()) -> str:
+    """SHA-256 of a scene as it is built: every value, and what its files hold, wherever they lie.
+
+    Args:
+        robot: The scene.
+        code: Python files that act in it.
+    """
+    digest = hashlib.sha256(json.dumps(_plain(unstructure_scene(robot)), sort_keys=True).encode())
+    for file in (*code, *((robot.source,) if robot.source and robot.source.suffix == ".py" else ())):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def text_hash(data: Any) -> str:
+    """SHA-256 of plain data, whatever the order of its keys."""
+    return hashlib.sha256(json.dumps(_plain(data), sort_keys=True).encode()).hexdigest()
+
+
+def _plain(data: Any) -> Any:
+    """Data as JSON takes them; a file is what it holds."""
+    if isinstance(data, Mapping):
+        return {str(key): _plain(each) for key, each in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(each) for each in data]
+    if isinstance(data, TetMesh):
+        return _digest(data.points.tobytes() + data.tets.tobytes())
+    if isinstance(data, np.ndarray):
+        return _digest(data.tobytes())
+    if isinstance(data, str) and data.startswith("/") and Path(data).is_file():
+        return _digest(Path(data).read_bytes())
+    if is_dataclass(data) or not isinstance(data, str | int | float | bool | None):
+        return repr(data)
+    return data
+
+
+def _digest(data: bytes) -> str:
+    return f"sha256:{hashlib.sha256(data).hexdigest()}"
+
+
+JOURNAL = "journal"
+"""Folder in the store of a study that is not complete."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """An array of the store.
+
+    Attributes:
+        name: Its name.
+        unit: Of its values.
+        shape: Of the value of one run.
+        dimensions: Names of these.
+        about: For people.
+        is_variable: Whether it is what varies; else it is measured.
+    """
+
+    name: str
+    unit: str
+    shape: tuple[int, ...] = ()
+    dimensions: tuple[str, ...] = ()
+    about: str = ""
+    is_variable: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a store holds.
+
+    Attributes:
+        runs: How many.
+        block: Runs of a chunk.
+        columns: Arrays with a value for each run.
+        coordinates: Arrays that stand for a dimension: name to (values, unit).
+        attributes: Of the store: the study, hashes, versions.
+    """
+
+    runs: int
+    block: int
+    columns: tuple[Column, ...]
+    coordinates: Mapping[str, tuple[Array, str]]
+    attributes: Mapping[str, Any]
+
+
+class Store:
+    """A store that is written by one process.
+
+    Args:
+        folder: The store.
+        plan: What it holds.
+
+    Attributes:
+        status: What became of each run, shape (runs,).
+
+    Raises:
+        StudyError: the folder holds something else, a store of another study, or is being written.
+    """
+
+    def __init__(self, folder: Path, plan: Plan) -> None:
+        self.folder, self.plan = folder, plan
+        if not folder.exists():
+            _create(folder, plan)
+        self._lock = locked(folder)
+        try:
+            self._need_same()
+            refuse_links(folder)
+            for torn in folder.rglob("*.partial"):  # Zarr was killed as it wrote them
+                torn.unlink()
+            self._group = zarr_package().open_group(str(folder), mode="r+", use_consolidated=False)
+            self.status = self._read_status()
+            self._rows: dict[int, dict[str, Any]] = {}
+            self._open: dict[int, IO[str]] = {}
+            self._read_journals()
+        except OSError as error:
+            self._lock.close()
+            raise StudyError(f"{folder} cannot be written ({error.strerror})") from error
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for each in self._open.values():
+            each.close()
+        self._lock.close()
+
+    @property
+    def left(self) -> list[int]:
+        """Numbers of the runs that have not been done."""
+        return np.flatnonzero(self.status == PENDING).tolist()
+
+    def values(self, name: str) -> Array:
+        """An array of the store, with what its journals hold, shape (runs, ...)."""
+        read: Array = self._group[name][:]
+        for number, row in self._rows.items():
+            if name in row["columns"]:
+                read[number] = _unpacked(row["columns"][name]).reshape(read.shape[1:])
+        return read
+
+    def errors(self) -> list[str]:
+        """Why each run is not done, in order; empty where it is."""
+        told = [str(each) for each in self._group["error"][:]]
+        for number, row in self._rows.items():
+            told[number] = row["error"]
+        return told
+
+    def add(self, number: int, values: Mapping[str, float], outcome: Outcome) -> None:
+        """Keep what became of a run, and write its block when that is complete.
+
+        Args:
+            number: Of the run.
+            values: Of the variables.
+            outcome: What became of it; results of another shape than the plan's make it RAISED.
+
+        Raises:
+            StudyError: the disk is full, or the store cannot be written.
+        """
+        shapes = {each.name: each.shape for each in self.plan.columns}
+        for name, value in outcome.results.items():
+            if value.shape != shapes[name]:
+                error = f"{name} has the shape {value.shape}, in other runs it is {shapes[name]}"
+                outcome = Outcome(RAISED, error, {})
+                break
+        columns = {name: _packed(np.asarray(value)) for name, value in {**values, **outcome.results}.items()}
+        row = {"run": number, "status": outcome.status, "error": outcome.error, "columns": columns}
+        block = number // self.plan.block
+        try:
+            journal = self._open.get(block)
+            if journal is None:
+                make_folder(self.folder / JOURNAL)
+                journal = open_in_place(self._journal(block), "a", encoding="utf-8")
+                self._open[block] = journal
+            journal.write(json.dumps(row) + "\n")
+            journal.flush()
+            self._take(row)
+            self._write_if_complete(block)
+        except OSError as error:
+            raise StudyError(
+                f"{self.folder} cannot be written ({error.strerror}); make room, and the same command goes on"
+            ) from error
+
+    def _take(self, row: dict[str, Any]) -> None:
+        self._rows[row["run"]] = row
+        self.status[row["run"]] = row["status"]
+
+    def _journal(self, block: int) -> Path:
+        return self.folder / JOURNAL / f"{block:08d}.jsonl"
+
+    def _range(self, block: int) -> range:
+        return range(block * self.plan.block, min((block + 1) * self.plan.block, self.plan.runs))
+
+    def _write_if_complete(self, block: int) -> None:
+        numbers = self._range(block)
+        if not all(number in self._rows for number in numbers):
+            return
+        rows = [self._rows[number] for number in numbers]
+        part = slice(numbers.start, numbers.stop)
+        for column in self.plan.columns:
+            values = np.full((len(rows), *column.shape), np.nan)
+            for k, row in enumerate(rows):
+                if column.name in row["columns"]:
+                    values[k] = _unpacked(row["columns"][column.name]).reshape(column.shape)
+            self._group[column.name][part] = values
+        self._group["error"][part] = np.array([row["error"] for row in rows], dtype=object)
+        self._sync_chunks(block, [*(column.name for column in self.plan.columns), "error"])
+        self._group["status"][part] = np.array([row["status"] for row in rows], dtype=np.int8)
+        self._sync_chunks(block, ["status"])
+        for number in numbers:
+            del self._rows[number]
+        if (journal := self._open.pop(block, None)) is not None:
+            journal.close()
+        self._journal(block).unlink(missing_ok=True)
+        if not any((self.folder / JOURNAL).iterdir()):
+            (self.folder / JOURNAL).rmdir()
+
+    def _sync_chunks(self, block: int, names: Sequence[str]) -> None:
+        """Bring a block of arrays to the disk, so that what is written next comes after it."""
+        for name in names:
+            chunks = self.folder / name / "c"
+            sync_tree(chunks / str(block))
+            if chunks.is_dir():  # an array without any value has none
+                sync(chunks)
+                sync(chunks.parent)
+
+    def _read_status(self) -> IndexArray:
+        try:
+            status = np.asarray(self._group["status"][:], dtype=np.int64)
+        except Exception as error:  # whatever the decoders of a damaged chunk raise
+            raise StudyError(f"{self.folder}/status is damaged ({error}); choose another --out") from error
+        if status.shape != (self.plan.runs,) or not np.isin(status, range(len(STATUS_WORDS))).all():
+            raise StudyError(f"{self.folder}/status is damaged; choose another store with --out")
+        return status
+
+    def _read_journals(self) -> None:
+        """Take over what was done; what a journal's last line holds half was not.
+
+        Raises:
+            StudyError: a journal is damaged.
+        """
+        for file in sorted((self.folder / JOURNAL).glob("*.jsonl")):
+            if not (file.stem.isdecimal() and self._range(block := int(file.stem))):
+                raise StudyError(f"{file} is no journal of this store; remove it")
+            good = 0
+            with file.open("rb") as stream:
+                for place, line in enumerate(stream, start=1):
+                    if not line.endswith(b"\n"):
+                        break
+                    try:
+                        row = self._read_row(line, self._range(block))
+                    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+                        numbers = self._range(block)
+                        raise StudyError(
+                            f"{file}, line {place}: is damaged ({error}); remove this file, and the runs "
+                            f"{numbers.start} to {numbers.stop - 1} are done again"
+                        ) from error
+                    good += len(line)
+                    if self.status[row["run"]] == PENDING or row["run"] in self._rows:
+                        self._take(row)
+            if good < file.stat().st_size:
+                with open_in_place(file, "r+b") as stream:
+                    stream.truncate(good)
+            if all(
+                self.status[number] != PENDING and number not in self._rows for number in self._range(block)
+            ):
+                file.unlink()  # the block was written, its journal had been left
+            else:
+                self._write_if_complete(block)
+        if (self.folder / JOURNAL).is_dir() and not any((self.folder / JOURNAL).iterdir()):
+            (self.folder / JOURNAL).rmdir()
+
+    def _read_row(self, line: bytes, numbers: range) -> dict[str, Any]:
+        """One line of the journal of a block.
+
+        Raises:
+            ValueError, TypeError, AttributeError, RecursionError: it is damaged.
+        """
+        row: dict[str, Any] = json.loads(line)
+        if set(row) != {"run", "status", "error", "columns"}:
+            raise ValueError("it must hold run, status, error and columns")
+        if type(row["run"]) is not int or row["run"] not in numbers:
+            raise ValueError(f"run must be within {numbers.start}..{numbers.stop - 1}")
+        if type(row["status"]) is not int or row["status"] not in range(PENDING + 1, len(STATUS_WORDS)):
+            raise ValueError(f"status must be within {PENDING + 1}..{len(STATUS_WORDS) - 1}")
+        if not isinstance(row["error"], str):
+            raise ValueError("error must be text")
+        shapes = {each.name: each.shape for each in self.plan.columns}
+        for name, packed in row["columns"].items():
+            if name not in shapes or _unpacked(packed).size != math.prod(shapes[name]):
+                raise ValueError("columns hold other values than the study has")
+        return row
+
+    def _need_same(self) -> None:
+        """Refuse a store of another study, naming what differs."""
+        try:
+            told = dict(json.loads((self.folder / "zarr.json").read_text(encoding="utf-8"))["attributes"])
+        except (OSError, LookupError, TypeError, ValueError, RecursionError) as error:
+            raise StudyError(f"{self.folder} is no store of a study; choose another with --out") from error
+        for name, what in (("study", "the study"), ("scene_sha256", "its scene"), ("versions", "a version")):
+            if told.get(name) != self.plan.attributes[name]:
+                raise StudyError(
+                    f"{self.folder} holds results from before {what} changed; choose another store with "
+                    "--out, or remove it"
+                )
+
+
+def _create(folder: Path, plan: Plan) -> None:
+    """Make the store whole beside its place, then move it there."""
+    zarr = zarr_package()
+    making = folder.with_name(f".{folder.name}.new")
+    try:
+        shutil.rmtree(making, ignore_errors=True)
+        making.mkdir(parents=True)
+        group = zarr.create_group(str(making), attributes=dict(plan.attributes))
+        size = max(1, min(plan.block, plan.runs))
+        for column in plan.columns:
+            attributes = {"units": column.unit, "long_name": column.about or column.name}
+            attributes["role"] = "variable" if column.is_variable else "quantity"
+            group.create_array(
+                column.name,
+                shape=(plan.runs, *column.shape),
+                chunks=(size, *column.shape),
+                dtype="float64",
+                fill_value=np.nan,
+                dimension_names=("run", *column.dimensions),
+                attributes=attributes,
+            )
+        group.create_array(
+            "status",
+            shape=(plan.runs,),
+            chunks=(size,),
+            dtype="int8",
+            fill_value=PENDING,
+            dimension_names=("run",),
+            attributes={
+                "flag_values": list(range(len(STATUS_WORDS))),
+                "flag_meanings": " ".join(STATUS_WORDS),
+                "long_name": "what became of the run",
+            },
+        )
+        group.create_array(
+            "error",
+            shape=(plan.runs,),
+            chunks=(size,),
+            dtype=str,
+            fill_value="",
+            dimension_names=("run",),
+            attributes={"long_name": "why a run is not done"},
+        )
+        for name, (values, unit) in plan.coordinates.items():
+            array = group.create_array(
+                name,
+                shape=values.shape,
+                chunks=values.shape,
+                dtype=values.dtype if values.dtype.kind == "f" else str,
+                dimension_names=(name,),
+                attributes={"units": unit} if unit else {},
+            )
+            array[:] = values
+        with warnings.catch_warnings():  # says at every call that other readers may leave it unused
+            warnings.simplefilter("ignore")
+            zarr.consolidate_metadata(str(making))
+        sync_tree(making)
+        making.rename(folder)
+        sync(folder.parent)
+    except OSError as error:
+        raise StudyError(f"{folder} cannot be made ({error.strerror}); choose another with --out") from error
+
+
+def locked(folder: Path) -> IO[str]:
+    """The store's description, held until it is closed; freed even by kill -9.
+
+    Where the system has no such locks, nobody is kept away.
+    """
+    try:
+        held = (folder / "zarr.json").open(encoding="utf-8")
+    except OSError as error:
+        raise StudyError(f"{folder} is no store of a study; choose another with --out") from error
+    try:
+        import fcntl
+    except ImportError:  # no POSIX system
+        return held
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        held.close()
+        raise StudyError(f"{folder} is being written by another process; wait for it") from None
+    return held
+
+
+def zarr_package() -> Any:
+    """Zarr.
+
+    Raises:
+        StudyError: it is not installed.
+    """
+    try:
+        return importlib.import_module("zarr")
+    except ImportError as error:
+        raise StudyError(
+            f"studies need Dask and Zarr 3 (Python 3.11 or newer): {install_command('study')}"
+        ) from error
+
+
+def _packed(value: Array) -> str:
+    return base64.b64encode(np.ascontiguousarray(value, dtype="<f8").tobytes()).decode()
+
+
+def _unpacked(text: str) -> Array:
+    return np.frombuffer(base64.b64decode(text), dtype="<f8")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudyResults:
+    """What a store holds of its runs.
+
+    Attributes:
+        folder: The store.
+        attributes: The study, hashes, versions.
+        variables, quantities: One value for each run by name, shape (runs,); quantities of three numbers
+            stand there as NAME_x, NAME_y, NAME_z, those of more as NAME_0, ...; series are left out.
+        units: Of all these.
+        status: What became of each run, see STATUS_WORDS, shape (runs,).
+        errors: Why each run is not done.
+    """
+
+    folder: Path
+    attributes: Mapping[str, Any]
+    variables: Mapping[str, Array]
+    quantities: Mapping[str, Array]
+    units: Mapping[str, str]
+    status: IndexArray
+    errors: tuple[str, ...]
+
+    @property
+    def done(self) -> BoolArray:
+        """Which runs gave results, shape (runs,)."""
+        return np.asarray(self.status == DONE)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many runs became what."""
+        counted = {word: int((self.status == k).sum()) for k, word in enumerate(STATUS_WORDS)}
+        return {word: count for word, count in counted.items() if count}
+
+
+def read_results(folder: str | Path) -> StudyResults:
+    """What the store of a study holds.
+
+    Raises:
+        StudyError: there is no store, or it cannot be read.
+    """
+    path = Path(folder)
+    zarr = zarr_package()
+    try:
+        group = zarr.open_group(str(path), mode="r", use_consolidated=False)
+        attributes = dict(group.attrs)
+        names = [each["name"] for key in ("variables", "measure") for each in attributes["study"][key]]
+        names += ["objective"] if "objective" in group else []
+        status = np.asarray(group["status"][:], dtype=np.int64)
+        errors = tuple(str(each) for each in group["error"][:])
+        variables: dict[str, Array] = {}
+        quantities: dict[str, Array] = {}
+        units: dict[str, str] = {}
+        for name in names:
+            array = group[name]
+            if any(each.startswith("time") for each in array.metadata.dimension_names):
+                continue
+            into = variables if array.attrs["role"] == "variable" else quantities
+            for column, values in _columns(name, np.asarray(array[:])):
+                into[column], units[column] = values, str(array.attrs["units"])
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        raise StudyError(f"{path} is no store of a study that can be read") from error
+    return StudyResults(path, attributes, variables, quantities, units, status, errors)
+
+
+def _columns(name: str, values: Array) -> list[tuple[str, Array]]:
+    if values.ndim == 1:
+        return [(name, values)]
+    flat = values.reshape(len(values), -1)
+    ends = "xyz" if values.shape[1:] == (3,) else [str(k) for k in range(flat.shape[1])]
+    return [(f"{name}_{end}", flat[:, k]) for k, end in enumerate(ends)]
+
+
+def write_parquet(results: StudyResults, file: Path) -> None:
+    """A table with a row for each run; units and the study are in its metadata.
+
+    Raises:
+        StudyError: pyarrow is not installed, or the file cannot be written.
+    """
+    try:
+        arrow = importlib.import_module("pyarrow")
+        parquet = importlib.import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise StudyError(f"--parquet needs pyarrow: {install_command('study')}") from error
+    columns: dict[str, Any] = {"run": np.arange(len(results.status))}
+    columns |= {**results.variables, **results.quantities}
+    columns["status"] = [STATUS_WORDS[each] for each in results.status.tolist()]
+    columns["error"] = list(results.errors)
+    fields = [
+        arrow.field(name, arrow.array(values).type, metadata={"units": results.units.get(name, "")})
+        for name, values in columns.items()
+    ]
+    told = {
+        "study": json.dumps(results.attributes["study"]),
+        "versions": json.dumps(results.attributes["versions"]),
+    }
+    table = arrow.table(list(map(arrow.array, columns.values())), schema=arrow.schema(fields, metadata=told))
+    try:
+        data = arrow.BufferOutputStream()
+        parquet.write_table(table, data)
+        write_file(file, data.getvalue().to_pybytes())
+    except OSError as error:
+        raise StudyError(f"{file} cannot be written ({error.strerror or error})") from error

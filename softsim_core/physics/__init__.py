@@ -1,0 +1,1 @@
+"""The physics: linear algebra, meshes, finite elements, actuators, contact, the time step, sensors."""

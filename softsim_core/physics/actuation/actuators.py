@@ -1,0 +1,475 @@
+"""Actuators: the seam of one kind, and all actuators of a model with their rows, values and bounds.
+
+An actuator has a coordinate s(x) of the nodes and of the reduced coordinates (frames and joints), a command
+q, and a multiplier t, which acts on the body as H^T t with the row H = ds/dx. With the compliance c of its
+transmission the step, statics and inverse control keep
+
+    s - q + c t = 0    while t is within its bounds; at a bound, t stays there and s goes where it goes
+
+A cable has the shortening of its way as s and its tension as t, a chamber its volume and its pressure. An
+actuator with `by_multiplier` takes t itself as command. Where a transmission is not linear, as the air of a
+line, q and c are those of its tangent at the present t: see `transmission`. What it has to keep from step to
+step, such as an amount of air, stands in the state: see `begin`. Every actuator belongs to a joint of the
+scene, whose position is s, whose effort is t, and whose limits are those of the command.
+
+What a new kind has to say is `place`, `value` and `row`; everything else has a default. Where the row turns
+with the body, `geometric_stiffness` has to be said, too: statics need it, and so do the steps of bodies whose
+law keeps its stress from step to step (rubber on quadratic cells). The stress under a taut cable takes
+stiffness from such a body, the cable gives it back; with the first alone in the matrix, damping that is
+proportional to it feeds the swinging instead. Steps take the rows with weights above 0, or in place of rows
+the `surface_stiffness` of an actuator that presses on faces.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.physics.mechanics.control import Control, Transmissions
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.pose import cross_matrices
+from softsim_core.physics.mechanics.rows import Rows, joined, no_rows
+from softsim_core.physics.mechanics.state import COMMANDED, EFFORT_CHANGE, KEPT, State
+
+
+class Transmission(NamedTuple):
+    """What an actuator keeps, s - q + c t = 0 while t is within its bounds.
+
+    Attributes:
+        command: q.
+        compliance: c >= 0.
+        lower, upper: Bounds of t; equal ones impose it.
+        gain: By how much q grows per unit of what is commanded.
+    """
+
+    command: float
+    compliance: float
+    lower: float
+    upper: float
+    gain: float = 1.0
+
+
+class GeometricStiffness(NamedTuple):
+    """What multipliers add to the stiffness, -d(H^T t)/dx = R^T diag(w) R.
+
+    Attributes:
+        rows: R on nodes and reduced coordinates.
+        weight: w in [N/m] (for rows without unit) of each row, of either sign and not 0, shape (rows,).
+    """
+
+    rows: Rows
+    weight: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ActuatorView:
+    """What one can see of an actuator.
+
+    Attributes:
+        name: Name of its joint.
+        kind: Name of its kind, such as "cable".
+        points: The line that shows it in [m], world axes, shape (k, 3); without points none is drawn.
+        value: Its coordinate s, in [m] for a cable.
+        multiplier: What it acts with, in [N] for a cable.
+        pulled_from_outside: Whether the first point lies outside the body, where the actuator starts.
+        surface: Corners of the triangles that show it in [m], world axes, shape (m, 3, 3).
+    """
+
+    name: str
+    kind: str
+    points: Array
+    value: float
+    multiplier: float
+    pulled_from_outside: bool = False
+    surface: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+
+
+class Actuator(ABC):
+    """One actuator in NumPy.
+
+    Args:
+        name: Name of its joint.
+        joint: Index of this joint in the model.
+        place: What its coordinate depends on, the same in every state: indices of nodes, and number of nodes
+            + reduced coordinate (see Model) of frames and joints, shape (k,).
+        compliance: c >= 0: s - q + c t = 0, in [m/N] where s is a length.
+        by_multiplier: Whether the command is t instead of s.
+    """
+
+    kind = "actuator"
+    surface: IndexArray | None = None
+    """Nodes of the faces that its multiplier presses on, shape (m, a); None: it presses on none."""
+    keeps = 0
+    """How many numbers it keeps from step to step."""
+
+    def __init__(
+        self,
+        name: str,
+        joint: int,
+        place: IndexArray,
+        *,
+        compliance: float = 0.0,
+        by_multiplier: bool = False,
+    ) -> None:
+        self.name, self.joint, self.place = name, joint, np.asarray(place, dtype=np.int64)
+        self.compliance, self.by_multiplier = compliance, by_multiplier
+
+    @abstractmethod
+    def value(self, model: Model, state: State) -> float:
+        """The coordinate s."""
+
+    @abstractmethod
+    def row(self, model: Model, state: State) -> Array:
+        """H = ds/dx at `place`, shape (k, 3); of frames and joints only the first column counts."""
+
+    def bounds(self, command: float) -> tuple[float, float]:
+        """Smallest and largest multiplier under a command, which is q, or the wanted t with `by_multiplier`.
+
+        Equal bounds impose the multiplier.
+        """
+        return (command, command) if self.by_multiplier else (-math.inf, math.inf)
+
+    def transmission(self, command: float, multiplier: float) -> Transmission:
+        """What it keeps at rest under a command, linearised at a multiplier."""
+        return Transmission(command, self.compliance, *self.bounds(command))
+
+    def command_of(self, value: float, multiplier: float) -> float:
+        """The command under which it rests at a coordinate with a multiplier."""
+        return multiplier if self.by_multiplier else value + self.compliance * multiplier
+
+    def begin(self, state: State, kept: Array, command: float, span: float) -> Transmission:
+        """What it keeps in a step of `span` [s] from a state; `kept` (k,) is what it kept of earlier ones.
+
+        Only asked where `keeps` is not 0.
+        """
+        raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `begin`")
+
+    def end(self, state: State, kept: Array, command: float, span: float) -> None:
+        """Change `kept` (k,) in place, after a step of `span` [s] that ended in a state."""
+        raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `end`")
+
+    def settle(self, state: State, kept: Array, command: float) -> None:
+        """Write `kept` (k,) as it is at rest."""
+        raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `settle`")
+
+    def geometric_stiffness(self, model: Model, state: State, multiplier: float) -> GeometricStiffness:
+        """-d(H^T t)/dx at a multiplier t; needed where H turns with the body."""
+        return no_geometric_stiffness()
+
+    def surface_stiffness(self, state: State, multiplier: float) -> Array:
+        """The geometric stiffness face by face, in [N/m]: v of the blocks [v]x of all pairs of nodes.
+
+        Shape (m, 3, a, a); an even pressure has such blocks, and v_ab = -v_ba.
+        """
+        raise NotImplementedError(f"an actuator of kind {self.kind} with a surface has to say its stiffness")
+
+    def view(self, model: Model, state: State, multiplier: float) -> ActuatorView:
+        """What one can see of it."""
+        return ActuatorView(self.name, self.kind, np.zeros((0, 3)), self.value(model, state), multiplier)
+
+
+def pressed_blocks(vectors: Array) -> Array:
+    """The blocks [v]x, shape (m, a, a, 3, 3), of vectors (m, 3, a, a); see Actuator.surface_stiffness."""
+    return cross_matrices(np.moveaxis(vectors, 1, -1))
+
+
+def no_geometric_stiffness() -> GeometricStiffness:
+    """That of an actuator whose row does not turn."""
+    return GeometricStiffness(no_rows(), np.zeros(0))
+
+
+class Constraints(NamedTuple):
+    """What never changes in the rows of c actuators.
+
+    Attributes:
+        joint: Joint of each, shape (c,).
+        start: Where the entries of each row begin; the last one ends them, shape (c + 1,).
+        place: Node, or number of nodes + reduced coordinate, of each entry, shape (k,).
+        by_multiplier: Whether the command is the multiplier, shape (c,).
+    """
+
+    joint: IndexArray
+    start: IndexArray
+    place: IndexArray
+    by_multiplier: BoolArray
+
+
+class ActuatorGroup(Protocol):
+    """Actuators of one kind, evaluated together; c of them, k entries in their rows."""
+
+    @property
+    def constraints(self) -> Constraints:
+        """What never changes in their rows."""
+        ...
+
+    def values(self, model: Model, state: State) -> Array:
+        """Coordinates s, shape (c,)."""
+        ...
+
+    def coefficients(self, model: Model, state: State) -> Array:
+        """Entries of the rows H, shape (k, 3)."""
+        ...
+
+    def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
+        """What they keep at rest under their commands (c,), linearised at multipliers (c,)."""
+        ...
+
+    def commands_of(self, values: Array, multipliers: Array) -> Array:
+        """The commands (c,) under which they rest at coordinates (c,) with multipliers (c,)."""
+        ...
+
+    def keeping(self) -> list[tuple[int, Actuator]]:
+        """Those that keep numbers from step to step, with their places among the c."""
+        ...
+
+    def geometric_stiffness(
+        self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
+    ) -> GeometricStiffness:
+        """-d(H^T t)/dx at multipliers t (c,); `without_surfaces`: less that of `surfaces`."""
+        ...
+
+    def surfaces(self) -> list[IndexArray]:
+        """Nodes of the faces of each actuator that presses on some, shapes (m, a)."""
+        ...
+
+    def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
+        """Their geometric stiffness at multipliers t (c,); see Actuator.surface_stiffness."""
+        ...
+
+    def views(self, model: Model, state: State, multipliers: Array) -> tuple[ActuatorView, ...]:
+        """What one can see of each."""
+        ...
+
+
+class PlainGroup:
+    """Actuators in NumPy, one after the other."""
+
+    def __init__(self, actuators: Sequence[Actuator]) -> None:
+        self._actuators = tuple(actuators)
+        sizes = [len(each.place) for each in self._actuators]
+        self.constraints = Constraints(
+            np.array([each.joint for each in self._actuators], dtype=np.int64),
+            np.concatenate([np.zeros(1, np.int64), np.cumsum(sizes, dtype=np.int64)]),
+            np.concatenate([np.zeros(0, np.int64), *(each.place for each in self._actuators)]),
+            np.array([each.by_multiplier for each in self._actuators], dtype=np.bool_),
+        )
+
+    def values(self, model: Model, state: State) -> Array:
+        """See ActuatorGroup."""
+        return np.array([each.value(model, state) for each in self._actuators], dtype=float)
+
+    def coefficients(self, model: Model, state: State) -> Array:
+        """See ActuatorGroup."""
+        return np.concatenate([np.zeros((0, 3)), *(each.row(model, state) for each in self._actuators)])
+
+    def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
+        """See ActuatorGroup."""
+        table = np.empty((5, len(self._actuators)))
+        for c, each in enumerate(self._actuators):
+            table[:, c] = each.transmission(float(commands[c]), float(multipliers[c]))
+        return Transmissions(*table)
+
+    def commands_of(self, values: Array, multipliers: Array) -> Array:
+        """See ActuatorGroup."""
+        given = zip(self._actuators, values.tolist(), multipliers.tolist(), strict=True)
+        return np.array([each.command_of(s, t) for each, s, t in given], dtype=float)
+
+    def keeping(self) -> list[tuple[int, Actuator]]:
+        """See ActuatorGroup."""
+        return [(c, each) for c, each in enumerate(self._actuators) if each.keeps]
+
+    def geometric_stiffness(
+        self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
+    ) -> GeometricStiffness:
+        """See ActuatorGroup."""
+        return _joined_stiffness(
+            [
+                each.geometric_stiffness(model, state, float(t))
+                for each, t in zip(self._actuators, multipliers, strict=True)
+                if each.surface is None or not without_surfaces
+            ]
+        )
+
+    def surfaces(self) -> list[IndexArray]:
+        """See ActuatorGroup."""
+        return [each.surface for each in self._actuators if each.surface is not None]
+
+    def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
+        """See ActuatorGroup."""
+        return [
+            each.surface_stiffness(state, float(t))
+            for each, t in zip(self._actuators, multipliers, strict=True)
+            if each.surface is not None
+        ]
+
+    def views(self, model: Model, state: State, multipliers: Array) -> tuple[ActuatorView, ...]:
+        """See ActuatorGroup."""
+        return tuple(
+            each.view(model, state, float(t)) for each, t in zip(self._actuators, multipliers, strict=True)
+        )
+
+
+class Actuators:
+    """All actuators that constrain a model, group behind group.
+
+    The drives of joints with a frame are no part of it: their rows are unit vectors, which the step takes
+    into its matrix instead; see joint_drive.
+
+    Args:
+        groups: Groups of one kind each.
+
+    Attributes:
+        groups: The groups.
+        constraints: What never changes in all rows.
+        joint: Joint of each actuator, shape (c,).
+        multiplied: Joints commanded by a multiplier.
+        keeps: How many numbers all of them keep from step to step, in State.extra["actuators"].
+        paced: Joints whose command is no coordinate, but what drives it: a multiplier, or what a pump does.
+    """
+
+    def __init__(self, groups: Sequence[ActuatorGroup] = ()) -> None:
+        self.groups = tuple(groups)
+        parts = [group.constraints for group in self.groups]
+        self._rows = np.concatenate([[0], np.cumsum([len(part.joint) for part in parts])]).astype(int)
+        self._entries = np.concatenate([[0], np.cumsum([len(part.place) for part in parts])]).astype(int)
+        index = np.zeros(0, np.int64)
+        starts = [part.start[:-1] + end for part, end in zip(parts, self._entries[:-1], strict=True)]
+        self.constraints = Constraints(
+            np.concatenate([index, *(part.joint for part in parts)]),
+            np.concatenate([index, *starts, self._entries[-1:]]),
+            np.concatenate([index, *(part.place for part in parts)]),
+            np.concatenate([np.zeros(0, np.bool_), *(part.by_multiplier for part in parts)]),
+        )
+        self.joint = self.constraints.joint
+        self._none = Transmissions(*np.zeros((5, 0)))
+        self.multiplied: IndexArray = self.joint[self.constraints.by_multiplier]
+        first = self._rows.tolist()
+        keeping = [(first[g] + c, each) for g, group in enumerate(self.groups) for c, each in group.keeping()]
+        ends = np.cumsum([0, *(each.keeps for _, each in keeping)]).tolist()
+        self.keeps: int = ends[-1]
+        self._keeping = [
+            (row, each, slice(*ends[k : k + 2])) for k, (row, each) in enumerate(keeping)
+        ]  # row, actuator, its part of what is kept
+        self.paced: IndexArray = np.union1d(self.multiplied, self.joint[[row for row, _ in keeping]])
+
+    def __len__(self) -> int:
+        return len(self.joint)
+
+    def spans(self) -> list[tuple[ActuatorGroup, slice, slice]]:
+        """Each group with its rows and its entries among all of them."""
+        rows, entries = self._rows.tolist(), self._entries.tolist()
+        return [
+            (group, slice(rows[g], rows[g + 1]), slice(entries[g], entries[g + 1]))
+            for g, group in enumerate(self.groups)
+        ]
+
+    def values(self, model: Model, state: State) -> Array:
+        """Coordinates s of all actuators, shape (c,)."""
+        return np.concatenate([np.zeros(0), *(group.values(model, state) for group in self.groups)])
+
+    def rows(self, model: Model, state: State) -> Rows:
+        """H = ds/dx of all actuators on nodes, frames and joints."""
+        parts = [group.coefficients(model, state) for group in self.groups]
+        coefficient = np.concatenate([np.zeros((0, 3)), *parts])
+        return Rows(self.constraints.start, self.constraints.place, coefficient)
+
+    def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
+        """What all actuators keep at rest under their commands (c,), linearised at multipliers (c,)."""
+        if not self.groups:
+            return self._none
+        if len(self.groups) == 1:
+            return self.groups[0].transmissions(commands, multipliers)
+        parts = [group.transmissions(commands[rows], multipliers[rows]) for group, rows, _ in self.spans()]
+        return Transmissions(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+    def commands_of(self, values: Array, multipliers: Array) -> Array:
+        """The commands (c,) under which all rest at coordinates (c,) with multipliers (c,)."""
+        parts = [group.commands_of(values[rows], multipliers[rows]) for group, rows, _ in self.spans()]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def kept_in(self, state: State, control: Control) -> Transmissions:
+        """What all actuators keep in a step from a state: what the control says, else what targets say."""
+        if control.transmissions is not None:
+            return control.transmissions
+        return self.transmissions(control.targets[self.joint], state.joint_efforts[self.joint])
+
+    def begin(self, state: State, commands: Array, span: float) -> Transmissions:
+        """What all keep in a step of `span` [s] from a state, under the commands of all joints (j,)."""
+        own = commands[self.joint]
+        result = self.transmissions(own, state.joint_efforts[self.joint])
+        for row, actuator, part in self._keeping:
+            found = actuator.begin(state, state.extra[KEPT][part], float(own[row]), span)
+            for array, value in zip(result, found, strict=True):
+                array[row] = value
+        return result
+
+    def end(self, state: State, commands: Array, span: float) -> None:
+        """Take note of a step of `span` [s] that ended in a state, under the commands of all joints (j,)."""
+        for row, actuator, part in self._keeping:
+            actuator.end(state, state.extra[KEPT][part], float(commands[self.joint[row]]), span)
+
+    def settle(self, state: State, commands: Array) -> None:
+        """Take note that a state is at rest under the commands of all joints (j,)."""
+        if COMMANDED in state.extra:
+            state.extra[COMMANDED][:], state.extra[EFFORT_CHANGE][:] = commands, 0.0
+        for row, actuator, part in self._keeping:
+            actuator.settle(state, state.extra[KEPT][part], float(commands[self.joint[row]]))
+
+    def geometric_stiffness(
+        self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
+    ) -> GeometricStiffness:
+        """-d(H^T t)/dx of all actuators at multipliers t (c,); `without_surfaces`: see ActuatorGroup."""
+        return _joined_stiffness(
+            [
+                group.geometric_stiffness(model, state, multipliers[rows], without_surfaces)
+                for group, rows, _ in self.spans()
+            ]
+        )
+
+    def surfaces(self) -> list[IndexArray]:
+        """Nodes of the faces of each actuator that presses on some, shapes (m, a)."""
+        return [each for group in self.groups for each in group.surfaces()]
+
+    def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
+        """Their geometric stiffness at multipliers t (c,); see Actuator.surface_stiffness."""
+        return [
+            each
+            for group, rows, _ in self.spans()
+            for each in group.surface_stiffness(state, multipliers[rows])
+        ]
+
+    def views(self, model: Model, state: State) -> tuple[ActuatorView, ...]:
+        """What one can see of each actuator, in joint order."""
+        multipliers = state.joint_efforts[self.joint]
+        views = [
+            view for group, rows, _ in self.spans() for view in group.views(model, state, multipliers[rows])
+        ]
+        return tuple(views[c] for c in np.argsort(self.joint, kind="stable"))
+
+    def measure(self, model: Model, state: State) -> None:
+        """Write the coordinates s as positions of their joints: where they are, not where they are told."""
+        if len(self):
+            state.joint_positions[self.joint] = self.values(model, state)
+
+    def report(self, model: Model, state: State, before: Array, multipliers: Array) -> None:
+        """Write multipliers (c,), coordinates, and their rates since those `before` (c,), a step ago."""
+        if len(self):
+            state.joint_efforts[self.joint] = multipliers
+            self.measure(model, state)
+            first = len(state.reduced_velocities) - len(state.joint_positions)
+            moved = state.joint_positions[self.joint] - before
+            state.reduced_velocities[first + self.joint] = moved / model.dt
+
+
+def _joined_stiffness(parts: Sequence[GeometricStiffness]) -> GeometricStiffness:
+    if len(parts) < 2:
+        return parts[0] if parts else no_geometric_stiffness()
+    return GeometricStiffness(
+        joined([part.rows for part in parts]), np.concatenate([part.weight for part in parts])
+    )

@@ -1,0 +1,392 @@
+"""Cables: frictionless lines through points that a body carries, pulled at one end.
+
+The length L is the sum of the straight segments; the coordinate s = L0 - L, the cable displacement, is how
+much shorter the cable is than at rest. Its row is H = ds/dx = -dL/dx: at a point the unit vectors towards
+both neighbours, so one tension acts in all segments. A cable that only pulls keeps s >= the commanded
+displacement with a tension >= 0 that is zero where it is slack.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.physics.actuation.actuators import (
+    Actuator,
+    ActuatorView,
+    Constraints,
+    GeometricStiffness,
+    no_geometric_stiffness,
+)
+from softsim_core.physics.mechanics.control import Transmissions
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.rows import Rows
+from softsim_core.physics.mechanics.state import State
+
+IN_BODY, IN_WORLD = -2, -1
+"""What carries a cable's point where no joint does."""
+
+
+class RowLayout(NamedTuple):
+    """Rows of c cables, a cable's points first, then the joints that carry its pull point.
+
+    Attributes:
+        start: Where the entries of each row begin; the last one ends them, shape (c + 1,).
+        place: Node, or number of nodes + reduced coordinate, of each entry, shape (k,).
+        of_points: Entries of the points, four each, shape (4 p,).
+        levers: Entries of joints that carry pull points, shape (m,).
+        lever_points: Pull point of each of them, shape (m,).
+        lever_unknowns: Reduced coordinate of each of them, shape (m,).
+    """
+
+    start: IndexArray
+    place: IndexArray
+    of_points: IndexArray
+    levers: IndexArray
+    lever_points: IndexArray
+    lever_unknowns: IndexArray
+
+
+class CableArrays(NamedTuple):
+    """All cables of a scene: p points, m joints that carry pull points.
+
+    Attributes:
+        first: Where each cable's points begin; the last one ends them, shape (c + 1,).
+        nodes, weights: Nodes that carry each point, and their weights, shapes (p, 4).
+        carrier: Joint that carries each point, or IN_WORLD or IN_BODY, shape (p,).
+        local: Where in the carrier's frame in [m], shape (p, 3).
+        entry: First of the four entries of each point in the rows of all cables, shape (p,).
+        levers, lever_points, lever_unknowns: See RowLayout, shapes (m,).
+        rest_length: In [m], shape (c,).
+        points, pulls: Filled by `measure_cables`: points in [m], and H on them, shape (p, 3).
+    """
+
+    first: IndexArray
+    nodes: IndexArray
+    weights: Array
+    carrier: IndexArray
+    local: Array
+    entry: IndexArray
+    levers: IndexArray
+    lever_points: IndexArray
+    lever_unknowns: IndexArray
+    rest_length: Array
+    points: Array
+    pulls: Array
+
+
+def row_layout(
+    model: Model, first: IndexArray, nodes: IndexArray, pull: Sequence[tuple[int, int, Array]]
+) -> RowLayout:
+    """The layout of cables; for the arguments see Cables."""
+    count, frames = len(model.rest), 6 * len(model.frame_names)
+    start, levers = [0], []
+    place: list[int] = []
+    of_points: list[int] = []
+    for own in itertools.starmap(range, itertools.pairwise(first.tolist())):
+        of_points += range(len(place), len(place) + 4 * len(own))
+        place += nodes[own.start : own.stop].ravel().tolist()
+        for point, carrier, _ in pull:
+            if point in own and carrier >= 0:
+                for unknown in (frames + a for a in model.chain(carrier)):
+                    levers.append((len(place), point, unknown))
+                    place.append(count + unknown)
+        start.append(len(place))
+    table = np.array(levers, dtype=np.int64).reshape(-1, 3)
+    return RowLayout(
+        np.array(start),
+        np.array(place, dtype=np.int64),
+        np.array(of_points, dtype=np.int64),
+        *(column.copy() for column in table.T),
+    )
+
+
+def line_stiffness(nodes: IndexArray, weights: Array, line: Array, tension: float) -> GeometricStiffness:
+    """That of a line between a point of a body and a point at rest: tension over length, across the line.
+
+    Args:
+        nodes: Nodes that carry the point, shape (k,).
+        weights: Their weights, shape (k,).
+        line: From one end to the other in [m], shape (3,).
+        tension: In [N].
+    """
+    if tension == 0.0:
+        return no_geometric_stiffness()
+    length = float(np.linalg.norm(line))
+    across = np.eye(3) - np.outer(line, line) / length**2  # three rows, of which the line itself makes two
+    coefficient = (weights[None, :, None] * across[:, None, :]).reshape(-1, 3)
+    rows = Rows(len(nodes) * np.arange(4), np.tile(nodes, 3), coefficient)
+    return GeometricStiffness(rows, np.full(3, tension / length))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CableView(ActuatorView):
+    """What one can see of a cable; its points begin with the pull point where there is one.
+
+    Attributes:
+        length: In [m].
+    """
+
+    length: float = 0.0
+
+    @property
+    def tension(self) -> float:
+        """In [N]."""
+        return self.multiplier
+
+
+class _Entries(NamedTuple):
+    """Some entries of rows: their row, place and coefficient, see Rows; shapes (k,), (k,), (k, 3)."""
+
+    row: IndexArray
+    place: IndexArray
+    coefficient: Array
+
+
+class _Turning(NamedTuple):
+    """A stiffness against a joint, or against the sum or the difference of two: their places and signs."""
+
+    places: list[int]
+    signs: list[float]
+    weight: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cables:
+    """All cables of a scene; their points one behind the other, a pull point first where there is one.
+
+    Attributes:
+        names: Names of the joints that pull them.
+        joint: Indices of these joints, shape (c,).
+        first: Where each cable's points begin; the last one ends them, shape (c + 1,).
+        nodes, weights: Nodes that carry each point, and their weights, shapes (p, 4); pull points have zeros.
+        pull: Pull points: number of the point, joint that carries it (or -1), and where in its frame in [m].
+        rest_length: Lengths in [m] at displacement 0, shape (c,).
+        lower, upper: Bounds of the tensions in [N], shape (c,).
+        by_force: Whether the command is a tension in [N] instead of a displacement in [m], shape (c,).
+        layout: What never changes in their rows.
+        any_by_force: Whether one is commanded by a tension.
+    """
+
+    names: tuple[str, ...]
+    joint: IndexArray
+    first: IndexArray
+    nodes: IndexArray
+    weights: Array
+    pull: tuple[tuple[int, int, Array], ...]
+    rest_length: Array
+    lower: Array
+    upper: Array
+    by_force: BoolArray
+    layout: RowLayout
+    any_by_force: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "any_by_force", bool(self.by_force.any()))
+
+    @property
+    def constraints(self) -> Constraints:
+        """See ActuatorGroup."""
+        return Constraints(self.joint, self.layout.start, self.layout.place, self.by_force)
+
+    def values(self, model: Model, state: State) -> Array:
+        """Displacements in [m], shape (c,)."""
+        return np.asarray(self.rest_length - self.lengths(self.points(model, state)))
+
+    def bounds(self, commands: Array) -> tuple[Array, Array]:
+        """Bounds of the tensions in [N], shapes (c,), under the commands of the cables (c,)."""
+        if not self.any_by_force:
+            return self.lower, self.upper
+        wanted = np.clip(commands, self.lower, self.upper)
+        return np.where(self.by_force, wanted, self.lower), np.where(self.by_force, wanted, self.upper)
+
+    def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
+        """See ActuatorGroup."""
+        size = len(commands)
+        return Transmissions(commands, np.zeros(size), *self.bounds(commands), np.ones(size))
+
+    def commands_of(self, values: Array, multipliers: Array) -> Array:
+        """See ActuatorGroup."""
+        return np.where(self.by_force, multipliers, values)
+
+    def keeping(self) -> list[tuple[int, Actuator]]:
+        """See ActuatorGroup: none."""
+        return []
+
+    def points(self, model: Model, state: State) -> Array:
+        """All points in [m], shape (p, 3)."""
+        points = np.asarray(np.einsum("pk,pki->pi", self.weights, state.positions[self.nodes]))
+        frames: dict[int, tuple[Array, Array]] = {}
+        for point, joint, local in self.pull:
+            if joint >= 0 and joint not in frames:
+                frames[joint] = model.joint_frame(joint, state)
+            points[point] = frames[joint][0] + frames[joint][1] @ local if joint >= 0 else local
+        return points
+
+    def directions(self, points: Array) -> tuple[Array, Array]:
+        """Unit vectors and lengths in [m] of the segments behind each point; 0 between cables."""
+        along = points[1:] - points[:-1]
+        along[self.first[1:-1] - 1] = 0.0
+        length = np.sqrt(np.einsum("pi,pi->p", along, along))
+        return along / np.maximum(length, 1e-12)[:, None], length
+
+    def lengths(self, points: Array) -> Array:
+        """Length of each cable in [m], shape (c,), with its points at (p, 3)."""
+        return np.asarray(np.add.reduceat(self.directions(points)[1], self.first[:-1]))
+
+    def pulls(self, points: Array) -> Array:
+        """H on the points, shape (p, 3): the force on each per unit of tension."""
+        unit, _ = self.directions(points)
+        pulls = np.zeros_like(points)
+        pulls[:-1] = unit
+        pulls[1:] -= unit
+        return pulls
+
+    def coefficients(self, model: Model, state: State) -> Array:
+        """Entries of the rows, shape (k, 3)."""
+        layout, points = self.layout, self.points(model, state)
+        pulls, coefficient = self.pulls(points), np.zeros((len(self.layout.place), 3))
+        coefficient[layout.of_points] = (self.weights[:, :, None] * pulls[:, None, :]).reshape(-1, 3)
+        if len(layout.levers):
+            moved = self._moved(model, state, points)
+            coefficient[layout.levers, 0] = np.einsum("mi,mi->m", pulls[layout.lever_points], moved)
+        return coefficient
+
+    def _moved(self, model: Model, state: State, points: Array) -> Array:
+        """Velocity of pull points per unit velocity of each joint that carries them, shape (m, 3)."""
+        motion_subspace, k, at = (
+            model.motion_subspace(state),
+            self.layout.lever_unknowns,
+            self.layout.lever_points,
+        )
+        return (
+            np.cross(motion_subspace.angular[k], points[at] - motion_subspace.origin[k])
+            + motion_subspace.linear[k]
+        )
+
+    def geometric_stiffness(
+        self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
+    ) -> GeometricStiffness:
+        """Two rows across each segment under tension, and what turns pull points with their joints.
+
+        A segment of length l under tension t resists turning with the stiffness t / l across itself. A pull
+        point p on revolute joints of angles q adds -t H d2p/dq2 to them.
+        """
+        points = self.points(model, state)
+        unit, length = self.directions(points)
+        tension = np.repeat(multipliers, np.diff(self.first))[:-1]  # of the segment behind each point
+        tension[self.first[1:-1] - 1] = 0.0  # between two cables
+        taut = np.flatnonzero(tension * length)
+        turning = self._turning(model, state, points, multipliers)
+        entries = list(self._across(model, state, points, taut, unit[taut]))
+        for r, each in enumerate(turning, start=2 * len(taut)):
+            coefficients = np.outer(each.signs, [1.0, 0.0, 0.0])
+            entries.append(_Entries(np.full(len(each.places), r), np.array(each.places), coefficients))
+        row, places, coefficient = (np.concatenate(each) for each in zip(*entries, strict=True))
+        order = np.argsort(row, kind="stable")
+        start = np.searchsorted(row[order], np.arange(2 * len(taut) + len(turning) + 1))
+        stiffness = np.repeat(tension[taut] / length[taut], 2)
+        return GeometricStiffness(
+            Rows(start, places[order], coefficient[order]),
+            np.concatenate([stiffness, [each.weight for each in turning]]),
+        )
+
+    def _across(
+        self, model: Model, state: State, points: Array, taut: IndexArray, unit: Array
+    ) -> Iterator[_Entries]:
+        """Entries of two rows across each of the segments `taut` (s,) of directions (s, 3)."""
+        across, both = _across(unit), 2 * np.arange(len(taut))[:, None] + np.arange(2)
+        for ahead, sign in ((1, 1.0), (0, -1.0)):  # where segments end, and where they begin
+            weights, nodes = self.weights[taut + ahead], self.nodes[taut + ahead]
+            s, k = np.nonzero(weights)
+            coefficient = sign * weights[s, k][:, None, None] * across[s]
+            yield _Entries(both[s].ravel(), np.repeat(nodes[s, k], 2), coefficient.reshape(-1, 3))
+        layout, moved = self.layout, self._moved(model, state, points)
+        for m in range(
+            len(layout.levers)
+        ):  # joints that carry pull points, which are the first of their cable
+            for segment in np.flatnonzero(taut == layout.lever_points[m]):
+                coefficient = np.zeros((2, 3))
+                coefficient[:, 0] = -across[segment] @ moved[m]
+                unknown = len(model.rest) + layout.lever_unknowns[m]
+                yield _Entries(both[segment], np.full(2, unknown), coefficient)
+
+    def _turning(self, model: Model, state: State, points: Array, multipliers: Array) -> list[_Turning]:
+        """-t H d2p/dq2 of the joints that turn pull points, the outer one turning what the inner one does."""
+        result: list[_Turning] = []
+        layout = self.layout
+        if not len(layout.levers):
+            return result
+        pulls, angular = self.pulls(points), model.motion_subspace(state).angular
+        moved, count = self._moved(model, state, points), len(model.rest)
+        for m, (inner, point) in enumerate(zip(layout.lever_unknowns, layout.lever_points, strict=True)):
+            tension = multipliers[np.searchsorted(self.first, point, side="right") - 1]
+            for outer in layout.lever_unknowns[: m + 1][layout.lever_points[: m + 1] == point]:
+                weight = -float(tension * (pulls[point] @ np.cross(angular[outer], moved[m])))
+                places = [count + int(outer), count + int(inner)]
+                if outer == inner:
+                    result.append(_Turning(places[:1], [1.0], weight))
+                else:  # a b + b a = ((a + b)^2 - (a - b)^2) / 2
+                    result.append(_Turning(places, [1.0, 1.0], 0.5 * weight))
+                    result.append(_Turning(places, [1.0, -1.0], -0.5 * weight))
+        return [each for each in result if each.weight != 0.0]
+
+    def surfaces(self) -> list[IndexArray]:
+        """See ActuatorGroup: none."""
+        return []
+
+    def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
+        """See ActuatorGroup: none."""
+        return []
+
+    def views(self, model: Model, state: State, multipliers: Array) -> tuple[CableView, ...]:
+        """What one can see of each cable at tensions (c,) in [N]."""
+        points = self.points(model, state)
+        lengths, outside = self.lengths(points), {point for point, _, _ in self.pull}
+        return tuple(
+            CableView(
+                name=name,
+                kind="cable",
+                points=points[self.first[c] : self.first[c + 1]],
+                value=float(self.rest_length[c] - lengths[c]),
+                multiplier=float(multipliers[c]),
+                pulled_from_outside=int(self.first[c]) in outside,
+                length=float(lengths[c]),
+            )
+            for c, name in enumerate(self.names)
+        )
+
+    def compiled(self) -> CableArrays:
+        """The cables for the compiled kernels."""
+        layout, points = self.layout, len(self.nodes)
+        carrier, local = np.full(points, IN_BODY), np.zeros((points, 3))
+        for point, joint, place in self.pull:
+            carrier[point], local[point] = (joint if joint >= 0 else IN_WORLD), place
+        return CableArrays(
+            first=self.first,
+            nodes=self.nodes,
+            weights=self.weights,
+            carrier=carrier,
+            local=local,
+            entry=layout.of_points[::4].copy(),
+            levers=layout.levers,
+            lever_points=layout.lever_points,
+            lever_unknowns=layout.lever_unknowns,
+            rest_length=self.rest_length,
+            points=np.zeros((points, 3)),
+            pulls=np.zeros((points, 3)),
+        )
+
+
+def _across(unit: Array) -> Array:
+    """Two unit vectors across each of the unit vectors (s, 3), shape (s, 2, 3)."""
+    aside = np.zeros_like(unit)
+    aside[np.arange(len(unit)), np.abs(unit).argmin(axis=1)] = 1.0
+    first = np.cross(unit, aside)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(unit, first)], axis=1)

@@ -1,0 +1,152 @@
+"""The description of a cable in a scene: typed, SI; its points may lie in a file."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+from dataclasses import dataclass, field, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import ConfigError, SceneError
+from softsim_core.base.units import FORCE, SHORTENING, JointUnits
+from softsim_core.base.values import POINT, FieldError, Placement, Vector, need_finite, need_positive
+from softsim_core.physics.actuation.building import ActuatorDescription
+
+
+def read_cable_points(file: str | PathLike[str]) -> Array:
+    """Points of a cable in file units, from the pulled end to the anchored one, shape (k, 3).
+
+    Args:
+        file: JSON (.json) or YAML (.yaml, .yml): a list of lists of three numbers.
+
+    Raises:
+        ConfigError: the file is missing or damaged, or an entry is no point; names it.
+    """
+    path = Path(file)
+    data = _read(path)
+    if not isinstance(data, list) or not data:
+        raise ConfigError(path, "", f"must be a list of points [x, y, z], not {_shown(data)}")
+    for index, point in enumerate(data):
+        if not isinstance(point, list) or len(point) != 3 or not all(map(_is_number, point)):
+            raise ConfigError(path, f"[{index}]", f"must be a list of 3 finite numbers, not {_shown(point)}")
+        if index and point == data[index - 1]:
+            raise ConfigError(path, f"[{index}]", "lies where the point before it lies; remove one of them")
+    return np.array(data, dtype=float)
+
+
+def _read(path: Path) -> Any:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(path, "", f"cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(path, "", f"is not UTF-8 text (byte {error.start})") from error
+    if path.suffix.lower() == ".json":
+        try:
+            return json.loads(text)
+        except ValueError as error:
+            raise ConfigError(path, "", f"is not JSON: {error}") from error
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        raise ConfigError(path, "", "a file of cable points ends in .json, .yaml or .yml")
+    yaml = importlib.import_module("yaml")
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        problem = getattr(error, "problem", None) or "is not valid YAML"
+        raise ConfigError(path, "", f"YAML syntax: {problem}") from error
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _shown(value: Any) -> str:
+    text = "empty" if value is None else json.dumps(value, default=str)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CableDescription(ActuatorDescription):
+    """The cable that a joint of kind "cable" pulls: it slides without friction through points of a body.
+
+    Its coordinate is the cable displacement: by how much it is shortened against its rest length, in [m].
+    Commands are displacements; the joint's position is the real one, which differs where the cable is slack
+    or at its largest tension.
+
+    Attributes:
+        body: Name of the deformable body that carries the points.
+        points: Points in the frame of `placement`, from the pulled end to the anchored one; at least two, or
+            one beside a pull point. Or a file that lists them (JSON or YAML).
+        group: Instead of points, a group of the mesh's file by name (a physical group of Gmsh): its nodes,
+            from the one nearest to the pull point on, each time the nearest of those that are left.
+        placement: Where the frame of `points` sits (scale converts file units to [m]).
+        pull_point: Point in world coordinates in [m] where the cable leaves the robot; None: the first of
+            `points` plays that part.
+        pull_on: None: the pull point is fixed in space. A joint name: it moves with that joint.
+        control: "displacement": commands are displacements in [m]. "force": commands are tensions in [N].
+        pull_only: A cable goes slack (True); False makes it a rod that can push, for comparison.
+        max_tension: Largest tension in [N], > 0; None: not limited.
+        rest_length: Length in [m] at displacement 0; None: the length at the start of the scene.
+    """
+
+    kind: ClassVar[str] = "cable"
+    body: str
+    points: tuple[Vector, ...] | Path = ()
+    group: str | None = None
+    placement: Placement = Placement()
+    pull_point: Vector | None = field(default=None, metadata=POINT)
+    pull_on: str | None = None
+    control: Literal["displacement", "force"] = "displacement"
+    pull_only: bool = True
+    max_tension: float | None = None
+    rest_length: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.group is not None:
+            if self.points != ():
+                raise SceneError("cable: give points or a group, not both; remove one of them")
+            if self.pull_point is None:
+                raise SceneError("cable: a group has no first point; give a pull_point")
+        elif not isinstance(self.points, Path):
+            least = 2 if self.pull_point is None else 1
+            if len(self.points) < least:
+                raise FieldError("cable", "points", len(self.points), f"at least {least} points")
+            for point in self.points:
+                need_finite("cable", "points", point)
+        if self.pull_point is not None:
+            need_finite("cable", "pull_point", self.pull_point)
+        if self.pull_on is not None and self.pull_point is None:
+            raise SceneError("cable: pull_on needs a pull_point; give one or remove pull_on")
+        for name, unit in (("max_tension", "N"), ("rest_length", "m")):
+            value = getattr(self, name)
+            if value is not None:
+                need_positive("cable", name, value, unit)
+
+    @property
+    def by_effort(self) -> bool:
+        """See ActuatorDescription."""
+        return self.control == "force"
+
+    @property
+    def units(self) -> JointUnits:
+        """See ActuatorDescription."""
+        return JointUnits(FORCE if self.by_effort else SHORTENING, SHORTENING, "N")
+
+    def bodies(self) -> dict[str, str | None]:
+        """See ActuatorDescription."""
+        return {"body": self.body}
+
+    def carriers(self) -> dict[str, str | None]:
+        """See ActuatorDescription."""
+        return {"pull_on": self.pull_on}
+
+    def carried_by(self, joint: str) -> CableDescription:
+        """See ActuatorDescription."""
+        stands = self.pull_point is not None and self.pull_on is None
+        return replace(self, pull_on=joint) if stands else self

@@ -1,0 +1,504 @@
+r"""A pressure chamber: the faces of its hollow, its volume, forces and their stiffness, the line of its pump.
+
+The amount a is the air that was pumped in and is still there, as the volume in [m^3] that it has in the
+atmosphere. With the volume V of hollow and line when the scene was built and the gauge pressure p, each part
+of the air follows :math:`(P_0 + p) V^k = const` from the atmosphere on:
+
+.. math:: s + V + c p = (V + a) \, r(p), \quad r(p) = (1 + p / P_0)^{-1/k}
+
+c being what hoses take up by themselves. With 1 / k = 0 that is water, which does not compress.
+
+With the shape functions N of the nodes of each face, over the reference triangle,
+
+.. math:: V = \tfrac13 \sum \int x \cdot (x_\xi \times x_\eta), \quad
+    \partial V / \partial x_a = \tfrac13 \sum \int \bigl(N_a \, x_\xi \times x_\eta
+        + N_{a,\xi} \, x_\eta \times x + N_{a,\eta} \, x \times x_\xi\bigr)
+
+exact for linear and quadratic faces. A pressure p pushes with p dV/dx, and -p d2V/dx2 is its stiffness: both
+of a potential -p V, so symmetric. V is of third order in x, so one constant tensor per kind of face holds
+them all:
+
+.. math:: \frac{\partial^2 V}{\partial x_a \partial x_b} = [v_{ab}]_\times, \quad
+    v_{ab} = \sum_c T_{abc} x_c, \quad
+    \frac{\partial V}{\partial x_a} = \tfrac12 \sum_b v_{ab} \times x_b, \quad
+    V = \tfrac13 \sum_a x_a \cdot \frac{\partial V}{\partial x_a}
+
+Sources: Schweizerhof, Ramm 1984, Displacement dependent pressure loads; Bonet, Wood 2008, Nonlinear
+continuum mechanics for finite element analysis, 8.5.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import SceneError, listing
+from softsim_core.physics.actuation.actuators import (
+    Actuator,
+    ActuatorView,
+    GeometricStiffness,
+    Transmission,
+    no_geometric_stiffness,
+    pressed_blocks,
+)
+from softsim_core.physics.actuation.building import Placed, Surroundings
+from softsim_core.physics.actuation.chamber.description import ChamberDescription
+from softsim_core.physics.mechanics.model import FIXED, Model
+from softsim_core.physics.mechanics.rows import Rows
+from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.physics.mesh.faces import boundary_faces, cavities, encloses, turned
+
+FLAT = 0.02
+"""A rim may leave its plane by this part of its radius."""
+
+
+class Hollow(NamedTuple):
+    """What encloses a chamber.
+
+    Attributes:
+        faces: Node indices of its faces in the body's mesh, pointing out of the hollow, shape (m, a).
+        lids: Places in [m] of the nodes of faces that fixed plates close it with, shape (k, a, 3).
+    """
+
+    faces: IndexArray
+    lids: Array
+
+
+def hollow_of(name: str, described: ChamberDescription, surroundings: Surroundings) -> Hollow:
+    """The hollow of a chamber of a name.
+
+    Raises:
+        SceneError: there is none such as described, or it is open.
+    """
+    mesh = surroundings.meshes[described.body]
+    if described.surface is not None:
+        return _of_surface(name, described.surface, described.body, surroundings)
+    faces = closed_hollow(name, described, mesh)
+    return Hollow(faces, np.zeros((0, faces.shape[1], 3)))
+
+
+def closed_hollow(name: str, described: ChamberDescription, mesh: TetMesh) -> IndexArray:
+    """Faces of a chamber that its body's mesh closes all around, shape (k, 3) or (k, 6).
+
+    Raises:
+        SceneError: there is none, or none around the chamber's place.
+    """
+    found = cavities(mesh)
+    if not found:
+        raise SceneError(
+            f"chamber {name}: body {described.body} encloses no hollow; a chamber needs one that its mesh "
+            "closes all around, or a named `surface` that ends at the world"
+        )
+    return _chosen(name, described, mesh, found)
+
+
+def _chosen(name: str, described: ChamberDescription, mesh: TetMesh, found: list[IndexArray]) -> IndexArray:
+    """All hollows, or the one around a place."""
+    if described.inside is None:
+        return np.concatenate(found)
+    place = np.array(described.inside, dtype=float)
+    around = [faces for faces in found if encloses(mesh.points, faces, place)]
+    if not around:
+        middles = [mesh.points[np.unique(faces)].mean(axis=0).round(6).tolist() for faces in found]
+        raise SceneError(
+            f"chamber {name}: {place.tolist()} m lies in no hollow of body {described.body}; the middles of "
+            f"its hollows are {middles} m"
+        )
+    return around[0]
+
+
+def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) -> Hollow:
+    mesh = surroundings.meshes[body]
+    if surface not in mesh.surfaces:
+        known = f"its surfaces are {listing(mesh.surfaces)}" if mesh.surfaces else "its mesh names none"
+        raise SceneError(
+            f"chamber {name}: body {body} has no surface {surface!r}: {known}; name a physical group of "
+            "faces in its Gmsh file"
+        )
+    faces = turned(boundary_faces(mesh))
+    rows = {tuple(sorted(corners)): k for k, corners in enumerate(faces[:, :3].tolist())}
+    wanted = [rows.get(tuple(sorted(corners)), -1) for corners in mesh.surfaces[surface].tolist()]
+    if -1 in wanted:
+        raise SceneError(
+            f"chamber {name}: {wanted.count(-1)} of the {len(wanted)} faces of surface {surface!r} are no "
+            f"boundary of body {body}; name faces that its cells leave free"
+        )
+    faces = faces[np.unique(wanted)]
+    lids = _lids(name, surface, faces, mesh.points, _held(surroundings, body))
+    corners = np.concatenate([mesh.points[faces[:, :3]], lids[:, :3]])
+    middle = corners.mean(axis=(0, 1))
+    a, b, c = np.moveaxis(corners - middle, 1, 0)
+    if np.einsum("ki,ki->", a, np.cross(b, c)) <= 0.0:
+        raise SceneError(
+            f"chamber {name}: surface {surface!r} goes around body {body} from outside; name the faces "
+            "of a hollow"
+        )
+    return Hollow(faces, lids)
+
+
+def _held(surroundings: Surroundings, body: str) -> IndexArray:
+    """Nodes of a body that are attached to the world, in the numbers of its own mesh."""
+    first, count = surroundings.first_node[body], len(surroundings.meshes[body].points)
+    return np.flatnonzero(surroundings.model.region_of_node[first : first + count] == FIXED)
+
+
+def _lids(name: str, surface: str, faces: IndexArray, points: Array, held: IndexArray) -> Array:
+    """Faces that close an open surface by plates, a fan in each opening; see Hollow.lids."""
+    sides = np.concatenate(
+        [faces[:, [k, (k + 1) % 3, *([3 + k] if faces.shape[1] == 6 else [])]] for k in range(3)]
+    )
+    _, first, counts = np.unique(np.sort(sides[:, :2], axis=1), axis=0, return_index=True, return_counts=True)
+    rim = sides[first[counts == 1]]
+    if (counts > 2).any():
+        raise SceneError(
+            f"chamber {name}: an edge of surface {surface!r} has more than two faces; mend its mesh"
+        )
+    loose = ~np.isin(rim, held).all(axis=1)
+    if loose.any():
+        place = points[rim[np.flatnonzero(loose)[0], :2]].mean(axis=0).round(6).tolist()
+        raise SceneError(
+            f"chamber {name}: surface {surface!r} is open, at {int(loose.sum())} edges that are not attached "
+            f"to the world (one at {place} m); close it, or attach its rim to the plate that closes it"
+        )
+    _, opening = connected_components(
+        sp.coo_matrix((np.ones(len(rim)), rim[:, :2].T), shape=(len(points),) * 2), directed=False
+    )
+    found = [np.zeros((0, faces.shape[1], 3))]
+    for one in np.unique(opening[rim[:, 0]]).tolist():
+        edges = rim[opening[rim[:, 0]] == one]
+        places = points[np.unique(edges)]
+        middle = places.mean(axis=0)
+        _, sizes, _ = np.linalg.svd(places - middle)
+        if sizes[2] > FLAT * sizes[1]:
+            raise SceneError(
+                f"chamber {name}: the rim of surface {surface!r} around {middle.round(6).tolist()} m is not "
+                "flat, and no plate closes it; let the surface end in a plane"
+            )
+        a, b, c = points[edges[:, 1]], points[edges[:, 0]], np.broadcast_to(middle, (len(edges), 3))
+        fan = [a, b, c]
+        if faces.shape[1] == 6:
+            fan += [points[edges[:, 2]], 0.5 * (b + c), 0.5 * (c + a)]
+        found.append(np.stack(fan, axis=1))
+    return np.concatenate(found)
+
+
+LEAST = 1e-3
+"""Pressure against vacuum as a part of the atmosphere's, and air as a part of what was there, from which on a
+pump pulls out no more."""
+
+
+@dataclass(frozen=True, slots=True)
+class PumpLine:
+    """A line, see the module.
+
+    Attributes:
+        volume: V in [m^3].
+        atmosphere: P0 in [Pa].
+        softness: 1 / k in [-].
+        compliance: c in [m^3/Pa].
+        leak: What leaks out, as volume in the atmosphere in [m^3/s], per gauge pressure in [Pa].
+        flow_limit: Most that the pump moves in or out, as volume in the atmosphere in [m^3/s].
+    """
+
+    volume: float
+    atmosphere: float
+    softness: float
+    compliance: float
+    leak: float
+    flow_limit: float
+
+    def share(self, pressure: float) -> float:
+        """R(p) in [-], what is left at a gauge pressure in [Pa] of the volume of air in the atmosphere."""
+        return float(max(1.0 + pressure / self.atmosphere, LEAST) ** -self.softness)
+
+    def growth(self, amount: float, pressure: float) -> float:
+        """By how much the hollow has grown, s in [m^3], with an amount in [m^3] at a pressure in [Pa]."""
+        if self.softness == 0.0:
+            return amount - self.compliance * pressure
+        left = self._content(amount) * self.share(pressure) - self.volume
+        return left - self.compliance * pressure
+
+    def slope(self, amount: float, pressure: float) -> float:
+        """-ds/dp of `growth` in [m^3/Pa], >= 0."""
+        absolute = max(self.atmosphere + pressure, LEAST * self.atmosphere)
+        return self.compliance + self._content(amount) * self.share(pressure) * self.softness / absolute
+
+    def amount(self, growth: float, pressure: float) -> float:
+        """The amount in [m^3] with which a hollow that has grown by s in [m^3] has a pressure in [Pa]."""
+        taken_up = growth + self.compliance * pressure
+        if self.softness == 0.0:
+            return taken_up
+        return (self.volume + taken_up) / self.share(pressure) - self.volume
+
+    def _content(self, amount: float) -> float:
+        return max(self.volume + amount, LEAST * self.volume)
+
+
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+_WEAK = 1e-9
+"""Parts of the stiffness below this share of the largest are left out."""
+_PLAIN = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
+"""The plain triangles that show a face, by how many nodes it has."""
+REACHED = 1e-9
+"""A pressure this near to another, as a part of the atmosphere's, has reached it."""
+
+
+class _Measured(NamedTuple):
+    """Volume in [m^3] and its slopes in [m^2], shape (k, 3), at places of the nodes in [m], shape (k, 3)."""
+
+    places: Array
+    volume: float
+    row: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChamberView(ActuatorView):
+    """What one can see of a chamber.
+
+    Attributes:
+        volume: Of its hollow in [m^3].
+    """
+
+    volume: float = 0.0
+
+
+class Chamber(Actuator):
+    """A hollow of one body.
+
+    Args:
+        placed: Its joint and description.
+        surroundings: What it is built into.
+
+    Raises:
+        SceneError: the body has no such hollow, see hollow_of.
+    """
+
+    kind = "chamber"
+
+    def __init__(self, placed: Placed, surroundings: Surroundings) -> None:
+        described: ChamberDescription = placed.description
+        faces, lids = hollow_of(placed.name, described, surroundings)
+        nodes, numbered = np.unique(faces, return_inverse=True)
+        super().__init__(
+            placed.name,
+            placed.joint,
+            nodes + surroundings.first_node[described.body],
+            by_multiplier=described.control == "pressure",
+        )
+        self.faces: IndexArray = numbered.reshape(faces.shape)
+        self.surface = self.place[self.faces]
+        count = faces.shape[1]
+        twist, self.pairs = _TWISTS[count], np.triu_indices(count, 1)
+        one, two = self.pairs  # dV/dx from x_b x x_c of each pair b < c
+        self.shares = 0.5 * (twist[:, two, one] - twist[:, one, two])
+        self._turning = twist.transpose(2, 0, 1).reshape(count, -1)
+        corner = np.arange(self.faces.size)
+        self._spread = sp.csr_matrix((np.ones(len(corner)), (self.faces.ravel(), corner)))
+        rest = surroundings.model.rest[self.place]
+        self.middle = rest.mean(axis=0)
+        self._known = _Measured(np.full(rest.shape, np.nan), 0.0, rest)
+        self.at_rest = self._volume((rest - self.middle)[self.faces])
+        self.rest_volume = self.at_rest + self._volume(lids - self.middle)
+        self.line = _line(described, self.rest_volume)
+        lowest = (LEAST - 1.0) * self.line.atmosphere if self.line.softness else -self.line.atmosphere
+        self._limits = max(described.min_pressure, lowest), described.max_pressure
+        past = self.line.flow_limit < math.inf or (
+            not self.by_multiplier and (self.line.softness > 0.0 or self.line.leak > 0.0)
+        )
+        self.keeps = 2 if past else 0  # the amount of air, and how much the pump has pushed in
+
+    def value(self, model: Model, state: State) -> float:
+        """By how much the volume has grown, in [m^3]."""
+        return self._measured(state).volume - self.at_rest
+
+    def row(self, model: Model, state: State) -> Array:
+        """DV/dx in [m^2], shape (k, 3)."""
+        return self._measured(state).row
+
+    def transmission(self, command: float, multiplier: float) -> Transmission:
+        """See Actuator; where nothing pumps for good, a line that leaks is empty at rest."""
+        line, (low, high) = self.line, self._limits
+        if self.by_multiplier:
+            most = line.flow_limit / line.leak if line.leak else math.inf
+            low = high = min(max(self._wanted(command), -most), most)
+            return Transmission(command, 0.0, low, high)
+        if line.leak:
+            low = high = 0.0
+        return self._tangent(command, 0.0, multiplier, (low, high))
+
+    def command_of(self, value: float, multiplier: float) -> float:
+        """See Actuator."""
+        return multiplier if self.by_multiplier else self.line.amount(value, multiplier)
+
+    def begin(self, state: State, kept: Array, command: float, span: float) -> Transmission:
+        """See Actuator. A regulator gives all it can until the pressure is there, or takes all it can."""
+        line, (low, high) = self.line, self._limits
+        pressure = float(state.joint_efforts[self.joint])
+        amount, pumped = kept.tolist()
+        most, lost = span * line.flow_limit, span * line.leak
+        if not self.by_multiplier:
+            return self._tangent(amount + _between(command - pumped, most), lost, pressure, (low, high))
+        wanted = self._wanted(command)
+        rates = state.reduced_velocities[len(state.reduced_velocities) - len(state.joint_positions) :]
+        ahead = float(state.joint_positions[self.joint] + span * rates[self.joint])
+        if line.amount(ahead, wanted) + lost * wanted > amount:
+            return self._tangent(amount + most, lost, pressure, (low, wanted))
+        return self._tangent(amount - most, lost, pressure, (wanted, high))
+
+    def end(self, state: State, kept: Array, command: float, span: float) -> None:
+        """See Actuator; at a bound of the pressure, as much air was let in or out as it took."""
+        line, (low, high) = self.line, self._limits
+        growth, pressure = (float(each[self.joint]) for each in (state.joint_positions, state.joint_efforts))
+        amount, pumped = kept.tolist()
+        flow, near = span * line.flow_limit, REACHED * line.atmosphere
+        free = low + near < pressure < high - near
+        if self.by_multiplier:
+            missing = self._wanted(command) - pressure
+            flow, free = math.copysign(flow, missing), free and abs(missing) > near
+        else:
+            flow = _between(command - pumped, flow)
+            pumped += flow
+        amount += flow - span * line.leak * pressure
+        kept[:] = amount if free else line.amount(growth, pressure), pumped
+
+    def settle(self, state: State, kept: Array, command: float) -> None:
+        """See Actuator."""
+        growth, pressure = (float(each[self.joint]) for each in (state.joint_positions, state.joint_efforts))
+        kept[:] = self.line.amount(growth, pressure), 0.0 if self.by_multiplier else command
+
+    def _wanted(self, command: float) -> float:
+        """The pressure that a command of pressure asks for, within its limits."""
+        return min(max(command, self._limits[0]), self._limits[1])
+
+    def _tangent(
+        self, amount: float, lost: float, pressure: float, bounds: tuple[float, float]
+    ) -> Transmission:
+        """What the line keeps about a pressure, of an amount less `lost` times the pressure."""
+        line, share = self.line, self.line.share(pressure)
+        left = amount - lost * pressure
+        slope = line.slope(left, pressure) + lost * share
+        return Transmission(line.growth(left, pressure) + slope * pressure, slope, *bounds, share)
+
+    def geometric_stiffness(self, model: Model, state: State, multiplier: float) -> GeometricStiffness:
+        """See Actuator: the eigenvectors of each face's part of -p d2V/dx2."""
+        if multiplier == 0.0:
+            return no_geometric_stiffness()
+        size = 3 * self.faces.shape[1]
+        blocks = pressed_blocks(self.surface_stiffness(state, multiplier))
+        parts = blocks.swapaxes(2, 3).reshape(-1, size, size)
+        weights, vectors = np.linalg.eigh(parts)
+        chosen = np.abs(weights) > _WEAK * np.abs(weights).max()
+        face, which = np.nonzero(chosen)
+        rows = np.swapaxes(vectors, 1, 2)[face, which].reshape(len(face), -1, 3)
+        count = self.faces.shape[1]
+        return GeometricStiffness(
+            Rows(count * np.arange(len(face) + 1), self.place[self.faces[face]].ravel(), rows.reshape(-1, 3)),
+            weights[face, which],
+        )
+
+    def surface_stiffness(self, state: State, multiplier: float) -> Array:
+        """See Actuator: v of -p d2V/dx2 of each face."""
+        assert self.surface is not None
+        corners = (state.positions[self.surface] - self.middle).swapaxes(1, 2)
+        count = corners.shape[2]
+        v = np.reshape(corners, (-1, count)) @ (-multiplier * self._turning)
+        return np.asarray(v.reshape(-1, 3, count, count))
+
+    def view(self, model: Model, state: State, multiplier: float) -> ChamberView:
+        """See Actuator: the hollow as plain triangles, four for a quadratic face."""
+        places = state.positions[self.place]
+        drawn = self.faces[:, _PLAIN[self.faces.shape[1]]].reshape(-1, 3)
+        return ChamberView(
+            name=self.name,
+            kind=self.kind,
+            points=np.zeros((0, 3)),
+            value=self.value(model, state),
+            multiplier=multiplier,
+            surface=places[drawn],
+            volume=self.rest_volume + self.value(model, state),
+        )
+
+    def _measured(self, state: State) -> _Measured:
+        """What it has at a state; a step asks several times for the same one."""
+        places = state.positions[self.place]
+        if not np.array_equal(places, self._known.places):
+            corners = (places - self.middle)[self.faces]
+            slopes = self._slopes(corners)
+            row = np.asarray(self._spread @ slopes.reshape(-1, 3))
+            row.flags.writeable = False
+            self._known = _Measured(places, float((corners * slopes).sum() / 3.0), row)
+        return self._known
+
+    def _slopes(self, corners: Array) -> Array:
+        """DV/dx of the nodes of each face, shape (m, a, 3)."""
+        one, two = (corners[:, each] for each in self.pairs)
+        turned = one[..., _NEXT] * two[..., _LAST] - one[..., _LAST] * two[..., _NEXT]
+        return np.asarray(self.shares @ turned)
+
+    def _volume(self, corners: Array) -> float:
+        return float((corners * self._slopes(corners)).sum() / 3.0)
+
+
+def _line(described: ChamberDescription, volume: float) -> PumpLine:
+    """The line of a chamber whose hollow has a volume in [m^3] at rest."""
+    air = described.line_volume is not None
+    return PumpLine(
+        volume=volume + (described.line_volume or 0.0),
+        atmosphere=described.atmosphere,
+        softness=1.0 / described.exponent if air else 0.0,
+        compliance=described.line_compliance,
+        leak=described.leak,
+        flow_limit=described.flow_limit,
+    )
+
+
+def _between(value: float, most: float) -> float:
+    """The value, no farther from 0 than `most`."""
+    return min(max(value, -most), most)
+
+
+def _linear() -> tuple[Array, Array, Array, Array]:
+    """Weights, shape functions and their two slopes at the middle of a triangle."""
+    first, second = np.array([[-1.0, 1.0, 0.0]]), np.array([[-1.0, 0.0, 1.0]])
+    return np.array([0.5]), np.full((1, 3), 1.0 / 3.0), first, second
+
+
+def _quadratic() -> tuple[Array, Array, Array, Array]:
+    """The same of a triangle of six nodes, at six points: exact up to degree 4.
+
+    Source of the points: Dunavant 1985, High degree efficient symmetrical Gaussian quadrature rules.
+    """
+    places, weights = [], []
+    for weight, one in ((0.223381589678011, 0.445948490915965), (0.109951743655322, 0.091576213509771)):
+        other = 1.0 - 2.0 * one
+        places += [(one, one), (one, other), (other, one)]
+        weights += [0.5 * weight] * 3
+    xi, eta = np.array(places).T
+    zero, rest = np.zeros(6), 1.0 - xi - eta
+    corners = [rest * (2 * rest - 1), xi * (2 * xi - 1), eta * (2 * eta - 1)]
+    values = [*corners, 4 * rest * xi, 4 * xi * eta, 4 * eta * rest]
+    first = [1 - 4 * rest, 4 * xi - 1, zero, 4 * (rest - xi), 4 * eta, -4 * eta]
+    second = [1 - 4 * rest, zero, 4 * eta - 1, -4 * xi, 4 * xi, 4 * (rest - eta)]
+    return np.array(weights), np.stack(values, 1), np.stack(first, 1), np.stack(second, 1)
+
+
+def _twist(weights: Array, values: Array, first: Array, second: Array) -> Array:
+    """The tensor T, see the module, shape (a, a, a)."""
+
+    def lesser(one: Array, two: Array, by: Array) -> Array:
+        half = np.einsum("q,qa,qb,qc->abc", weights, one, two, by)
+        return np.asarray(half - half.swapaxes(0, 1))
+
+    turned = lesser(values, second, first) - lesser(values, first, second) - lesser(first, second, values)
+    return np.asarray(turned / 3.0)
+
+
+_TWISTS = {3: _twist(*_linear()), 6: _twist(*_quadratic())}
+"""T of faces by how many nodes they have."""

@@ -1,0 +1,79 @@
+"""The kinds of actuators there are: those of the package, and what users register."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from softsim_core.base.errors import SceneError, listing
+from softsim_core.base.names import known_names
+from softsim_core.physics.actuation.actuators import Actuator
+from softsim_core.physics.actuation.building import (
+    ActuatorDescription,
+    ActuatorKind,
+    Placed,
+    Surroundings,
+    plain_kind,
+)
+from softsim_core.physics.actuation.cable import CABLE
+from softsim_core.physics.actuation.chamber import CHAMBER
+from softsim_core.physics.actuation.joint_drive import JOINT_DRIVE
+
+FRAME_KINDS = ("revolute", "prismatic")
+"""Kinds of joints that move a frame; their actuator is a joint drive."""
+
+_kinds: dict[str, ActuatorKind] = {kind.name: kind for kind in (JOINT_DRIVE, CABLE, CHAMBER)}
+
+
+def register_kind(kind: ActuatorKind) -> None:
+    """Make a kind known; the same name again replaces it.
+
+    Raises:
+        SceneError: the name is a built-in's or that of a key of joints.
+    """
+    built_in = (*FRAME_KINDS, JOINT_DRIVE.name, CABLE.name, CHAMBER.name)
+    if not kind.name.isidentifier() or kind.name in built_in:
+        raise SceneError(
+            f"actuator kind {kind.name!r} refused: it must be a word other than {listing(built_in)}"
+        )
+    _kinds[kind.name] = kind
+
+
+def register_actuator(
+    description: type[ActuatorDescription], build: Callable[[Placed, Surroundings], Actuator]
+) -> None:
+    """Make a kind of plain actuators known under the `kind` of its description.
+
+    Args:
+        description: A frozen dataclass derived from ActuatorDescription; scene files give its fields under
+            the key named after the kind.
+        build: From a description to the actuator of one joint.
+
+    Raises:
+        SceneError: as `register_kind`.
+    """
+    register_kind(plain_kind(description, build))
+
+
+def actuator_kinds() -> dict[str, ActuatorKind]:
+    """All kinds by name, in the order in which they were registered."""
+    return dict(_kinds)
+
+
+def described_kinds() -> dict[str, type[ActuatorDescription]]:
+    """Types of the descriptions of all kinds that have one, by name."""
+    return {name: kind.description for name, kind in _kinds.items() if kind.description is not None}
+
+
+def actuator_kind(name: str) -> ActuatorKind:
+    """The kind of a name.
+
+    Raises:
+        SceneError: there is none.
+    """
+    if name not in _kinds:
+        known = known_names(name, _kinds, "known kinds:")
+        raise SceneError(
+            f"unknown actuator kind {name!r}; {known}; register others with "
+            "softsim_core.physics.actuation.register_actuator"
+        )
+    return _kinds[name]

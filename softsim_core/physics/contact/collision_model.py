@@ -1,0 +1,421 @@
+"""Collision surfaces of a scene: where their vertices are, how far they go, and what comes close."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.physics.contact.detection import Closeness, Detector, Proximities
+from softsim_core.physics.contact.rows import Carried
+from softsim_core.physics.contact.settings import ContactLimits
+from softsim_core.physics.contact.surfaces import CollisionSurface
+from softsim_core.physics.mechanics.carrier import Carrier
+from softsim_core.physics.mechanics.model import Model, MotionSubspace
+from softsim_core.physics.mechanics.pose import rotation_exp, rotation_log
+from softsim_core.physics.mechanics.state import State
+
+_SHORTFALL = 0.9e-3
+"""Share of the contact distance by which a gap at the end of a step may fall short of it, or"""
+_TOLERANCES = 5.0
+"""by this many tolerances of the contact solver, where that is more."""
+_CLOSE = 1.02
+"""What is nearer than this many contact distances takes part in a step, foremost or not."""
+_STRAY = 1.0e-4
+"""Share of the contact distance by which a linearised gap may close though the true one does not."""
+_ASTRAY = 0.1
+"""The same share where a contact holds something: the step is then linearised again where that has led."""
+_SPARE = 0.05
+"""Share of the alarm distance that is added to what surfaces are expected to travel in the next step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VertexCarrier(Carrier):
+    """What carries collision vertices that no deformable body carries.
+
+    Attributes:
+        vertices: Range of collision vertices.
+        local: Positions in the carrier's frame in [m], shape (k, 3).
+    """
+
+    vertices: slice
+    local: Array
+
+
+class Place(NamedTuple):
+    """Where everything is after some share of a step.
+
+    Attributes:
+        state: The state there.
+        points: Collision vertices in [m], shape (v, 3).
+        moved: How far they have come in the step in [m], shape (v, 3).
+        turned: How far the free rigid bodies have come: way in [m] and rotation vector in [rad], as if their
+            velocities had been even since the start, shape (r, 6).
+    """
+
+    state: State
+    points: Array
+    moved: Array
+    turned: Array
+
+
+class Known(NamedTuple):
+    """The last place where detection looked.
+
+    Attributes:
+        buffer: The state there, shape as State.buffer.
+        place: The place.
+        travel: How far each surface was taken to go from there, in [m], shape (s,).
+        near: What was found.
+        motion_subspace: Motion subspace of the reduced coordinates; None where they carry no surface.
+    """
+
+    buffer: Array
+    place: Place
+    travel: Array
+    near: Proximities
+    motion_subspace: MotionSubspace | None
+
+
+class Turning(NamedTuple):
+    """A surface that turns with a rigid body, a frame or joints.
+
+    Attributes:
+        surface: Its number.
+        rigid: Number of the free rigid body, or -1.
+        reduced: Reduced coordinates that move it.
+        corner: Its first vertex.
+        radius: How far in [m] its vertices are at most from the body's centre, or from that vertex.
+    """
+
+    surface: int
+    rigid: int
+    reduced: list[int]
+    corner: int
+    radius: float
+
+
+class CollisionModel:
+    """The collision surfaces of a scene, and what carries their vertices.
+
+    Args:
+        surfaces: The surfaces, over one array of vertices.
+        settings: Distances and tolerance.
+        nodes, weights: Nodes that carry each vertex, and weights; zeros where a carrier does, (v, 4) each.
+        carriers: What carries the other vertices.
+        model: The model they belong to.
+        friction: Coulomb coefficient of each pair of surfaces, shape (s, s).
+        body_names: Names of the bodies that `owner` of a surface numbers.
+
+    Attributes:
+        carried: What carries each vertex, as arrays.
+        soft: Vertices that nodes carry, shape (k,).
+        moving: Whether frames or joints carry surfaces.
+        owner: Number of the body of each surface, shape (s,).
+        size: Diagonal of the box around all surfaces at rest in [m].
+        least_gap: Gap in [m] that the end of a step must leave everywhere.
+    """
+
+    def __init__(
+        self,
+        surfaces: tuple[CollisionSurface, ...],
+        settings: ContactLimits,
+        nodes: IndexArray,
+        weights: Array,
+        carriers: tuple[VertexCarrier, ...],
+        model: Model,
+        friction: Array,
+        body_names: tuple[str, ...],
+    ) -> None:
+        self.surfaces, self.settings, self.carriers, self.model = surfaces, settings, carriers, model
+        self.friction, self.body_names = friction, body_names
+        self.owner = np.array([each.owner for each in surfaces], dtype=np.int64)
+        self.soft = np.flatnonzero(weights.any(axis=1))
+        self._nodes, self._weights = nodes[self.soft], weights[self.soft]
+        if (self._weights.max(axis=1, initial=0.0) == 1.0).all():  # on nodes, not between them
+            heaviest = self._weights.argmax(axis=1)
+            self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
+        self.carried = _carried(surfaces, nodes, weights, carriers, model)
+        self.moving = any(each.reduced(model) for each in carriers)
+        shortfall = max(_SHORTFALL * settings.contact_distance, _TOLERANCES * settings.tolerance)
+        self.least_gap = settings.contact_distance - shortfall
+        self._falling = np.flatnonzero(self.carried.rigid >= 0)
+        distance = settings.contact_distance
+        self._closeness = Closeness(settings.alarm_distance, distance, _CLOSE * distance, _STRAY * distance)
+        self._first = [each.vertices.start for each in surfaces]
+        self._still = np.zeros((len(nodes), 3))
+        self._fixed = self._still.copy()
+        for each in carriers:
+            self._fixed[each.vertices] = each.local
+        movable = [each for each in carriers if max(each.rigid, each.frame, each.joint, each.base) >= 0]
+        on_ground = [each for each in movable if each.base >= 0 and not each.reduced(model)]
+        self._on_ground = tuple(on_ground)  # moves only when somebody moves its base
+        self._bases = np.zeros(0)
+        self._movable = tuple(each for each in movable if each not in on_ground)
+        self._spheres = tuple(each for each in carriers if self.carried.radius[each.vertices].any())
+        start = self.points(model.rest_state())
+        self._detector = Detector(surfaces, start, settings)
+        self.size = float(np.linalg.norm(np.ptp(start, axis=0)))
+        self._parts = np.array([self._yields(each) for each in surfaces])
+        self._spare = np.where([each.moving for each in surfaces], _SPARE * settings.alarm_distance, 0.0)
+        self._fall = model.dt * float(np.linalg.norm(model.gravity))
+        self._turning = tuple(
+            _turning(s, each, model)
+            for s, surface in enumerate(surfaces)
+            for each in self._movable
+            if each.vertices.start == surface.vertices.start
+        )
+        self._known: Known | None = None
+
+    def of_another_copy(self) -> CollisionModel:
+        """The same surfaces for another copy of the scene, in the same room to work in."""
+        other = copy(self)
+        other._fixed, other._bases, other._known = self._fixed.copy(), np.zeros(0), None
+        return other
+
+    # --- where things are ---
+
+    def points(self, state: State) -> Array:
+        """Positions of the collision vertices in [m], shape (v, 3)."""
+        if self._on_ground:
+            self._follow_bases(state)
+        points = self._fixed.copy()
+        points[self.soft] = self._followed(state.positions)
+        for carrier in self._movable:
+            origin, rotation = carrier.pose(self.model, state)
+            points[carrier.vertices] = origin + carrier.local @ rotation.T
+        return points
+
+    def _follow_bases(self, state: State) -> None:
+        """Place anew what stands on bases of the ground, where these have been moved."""
+        bases = np.append(state.base_positions, state.base_shift)
+        if np.array_equal(bases, self._bases):
+            return
+        self._bases = bases
+        for carrier in self._on_ground:
+            origin, rotation = carrier.pose(self.model, state)
+            self._fixed[carrier.vertices] = origin + carrier.local @ rotation.T
+
+    def start(self, before: State) -> Place:
+        """The start of a step; most often, the end of the one before."""
+        known, still = self._known, np.zeros_like(before.rigid_velocities)
+        if known is not None and np.array_equal(known.buffer, before.buffer):
+            return Place(before, known.place.points, self._still, still)
+        return Place(before, self.points(before), self._still, still)
+
+    def end(self, start: Place, state: State) -> Place:
+        """The end of a step from `start` that has led to `state`, rigid bodies not finished yet."""
+        points = self.points(state)
+        turned = self.model.dt * state.rigid_velocities
+        return Place(state, points, points - start.points, turned)
+
+    def motion_subspace(self, place: Place) -> MotionSubspace | None:
+        """Motion subspace of the reduced coordinates; None where they carry no surface."""
+        if not self.moving:
+            return None
+        known = self._known
+        if known is not None and known.place.points is place.points:
+            return known.motion_subspace
+        return self.model.motion_subspace(place.state)
+
+    def between(self, start: Place, end: Place, share: float) -> Place:
+        """The place after a share of the way from the start to the end of a step."""
+        a, b, model = start.state, end.state, self.model
+        state = model.empty_state()
+        state.buffer[:] = a.buffer + share * (b.buffer - a.buffer)
+        for f, rotation in enumerate(a.frame_rotations):
+            turn = rotation_log(b.frame_rotations[f] @ rotation.T)
+            state.frame_rotations[f] = rotation_exp(share * turn) @ rotation
+        if model.rigid.names:
+            state.rigid_velocities[:] = end.turned / model.dt
+            model.rigid.advance(state, a, share * model.dt)
+        points = self.points(state)
+        return Place(state, points, points - start.points, share * end.turned)
+
+    def _followed(self, nodal: Array) -> Array:
+        """What soft vertices take from the nodes' positions or velocities (n, 3), shape (soft, 3)."""
+        if self._nodes.ndim == 1:
+            return nodal[self._nodes]
+        return np.asarray(np.einsum("vk,vki->vi", self._weights, nodal[self._nodes]))
+
+    def _farthest(self, moved: Array) -> Array:
+        """The longest way of a vertex of each surface in [m], shape (s,), of ways (v, 3)."""
+        squares = np.einsum("vi,vi->v", moved, moved)
+        return np.sqrt(np.maximum.reduceat(squares, self._first))
+
+    # --- what comes close ---
+
+    def near(self, points: Array, reach: float) -> Proximities:
+        """Where surfaces whose vertices are at `points` (v, 3) are closest, nearer than `reach` [m]."""
+        return self._detector.detect(points, reach)
+
+    def at_start(self, start: Place, free: Place) -> tuple[Proximities, Array]:
+        """What comes close within a step that would lead from `start` to `free`, were there no contact.
+
+        Also how far vertices go in the step at its first velocities in [m], (v, 3); frames and joints freely.
+        """
+        known = self._known
+        if known is None or known.place.points is not start.points:
+            known = self._known = self._looked(start)
+        needed = free.moved.copy()
+        needed[self.soft] = self.model.dt * self._followed(start.state.velocities)
+        farther, near = self._farthest(needed), known.near
+        if (farther > known.travel).any():
+            travel = np.maximum(farther, known.travel)
+            near = self._detector.candidates(start.points, self.settings.alarm_distance, travel)
+        needed[self._falling] -= self.model.dt**2 * self.model.gravity
+        return near, needed
+
+    def at_end(self, end: Place) -> Proximities:
+        """What is close at the end of a step, and what comes close within the next one."""
+        self._known = self._looked(end)
+        return self._known.near
+
+    def at(self, place: Place, free: Place, end: Place) -> Proximities:
+        """What is close at a place within a step, seen from which the step leads on to `free` and `end`."""
+        ways = self._farthest(free.points - place.points), self._farthest(end.points - place.points)
+        return self._detector.candidates(place.points, self.settings.alarm_distance, np.maximum(*ways))
+
+    def edges_again(self, keys: IndexArray, place: Place) -> Proximities:
+        """The pairs of edges among contacts found earlier, by their keys (k,), where they are closest now."""
+        return self._detector.edges_again(keys, place.points)
+
+    def may_hold(
+        self, near: Proximities, at: Place, ahead: Array, slides: Array | None, *, first: bool
+    ) -> BoolArray:
+        """Return which contacts take part in a step, linearised about a place, shape (k,).
+
+        Those are left out whose gaps close only because they are linearised far from the end. Should one of
+        them turn out to be too close there, the step is linearised there again, with it.
+
+        Args:
+            near: What is close at the place.
+            at: The place.
+            ahead: How far vertices would go on from there, were there no contact, in [m], shape (v, 3).
+            slides: How far they slide from there on in [m], shape (v, 3); None: the place is
+                the end found last.
+            first: Whether the place is the start of the step.
+        """
+        strays, way = slides is not None, at.moved if slides is None else slides
+        return self._detector.may_hold(near, at.points, ahead, way, self._closeness, strays, first)
+
+    def held_astray(self, held: Proximities, forces: Array, at: Place, end: Place) -> bool:
+        """Whether contacts found at a place held something that had slid past them by the end of the step.
+
+        Args:
+            held: The contacts, k of them.
+            forces: Along their normals and two tangents in [N], shape (3 k,).
+            at: The place.
+            end: The end of the step.
+        """
+        limit = _ASTRAY * self.settings.contact_distance
+        return self._detector.held_astray(held, forces, at.points, end.points - at.points, limit)
+
+    def free_share(self, start: Place, end: Place) -> float:
+        """Share of the way from `start` to `end` on which nothing passes a surface."""
+        travel = self._farthest(end.moved)[self._detector.pairs].sum(axis=1)
+        watched = self._parts[self._detector.pairs].any(axis=1) & (travel > self.least_gap)
+        if not watched.any():
+            return 1.0
+        return self._detector.free_share(start.points, end.points, watched)
+
+    def room(self, near: Proximities) -> float:
+        """Smallest gap in [m] of surfaces that a force can part, at most the alarm distance."""
+        parted = self._parts[near.pair].any(axis=1)
+        return float(near.distance[parted].min(initial=self.settings.alarm_distance))
+
+    def _looked(self, place: Place) -> Known:
+        """Detection at a place, wide enough for the step from there if nothing changes its pace much."""
+        motion_subspace = self.motion_subspace(place)
+        travel = self._expected(place, motion_subspace)
+        near = self._detector.candidates(place.points, self.settings.alarm_distance, travel)
+        return Known(place.state.buffer.copy(), place, travel, near, motion_subspace)
+
+    def _expected(self, place: Place, motion_subspace: MotionSubspace | None) -> Array:
+        """How far the vertices of each surface may go in the step from `place`, in [m], shape (s,).
+
+        Worked out of the state alone, so that it is the same at the end of a step and at the start of the
+        next one: a bound, from velocities and the size of what turns.
+        """
+        state, h = place.state, self.model.dt
+        travel = np.zeros(len(self.surfaces))
+        if len(self.soft):
+            ways = self._still.copy()
+            ways[self.soft] = h * self._followed(state.velocities)
+            travel = self._farthest(ways)
+        for turning in self._turning:
+            if turning.rigid >= 0:
+                x, y, z, a, b, c = state.rigid_velocities[turning.rigid].tolist()
+                spin = turning.radius * math.sqrt(a * a + b * b + c * c)
+                travel[turning.surface] = h * (self._fall + math.sqrt(x * x + y * y + z * z) + spin)
+            elif motion_subspace is not None:
+                corner = place.points[turning.corner]
+                for b in turning.reduced:
+                    pace = h * abs(float(state.reduced_velocities[b]))
+                    if pace > 0.0:
+                        arm = math.dist(corner, motion_subspace.origin[b]) + turning.radius
+                        turn, slide = (
+                            math.hypot(*motion_subspace.angular[b]),
+                            math.hypot(*motion_subspace.linear[b]),
+                        )
+                        travel[turning.surface] += pace * (turn * arm + slide)
+        return travel + self._spare
+
+    # --- what moves them ---
+
+    def rolled(self, start: Place, place: Place) -> Array:
+        """Radius times rotation vector of each sphere since the start in [m], zeros elsewhere, (v, 3)."""
+        rolled = self._still
+        if not self._spheres:
+            return rolled
+        rolled = rolled.copy()
+        for carrier in self._spheres:
+            if carrier.rigid >= 0:  # not from its rotation: it may turn by more than half a turn per step
+                turn = place.turned[carrier.rigid, 3:]
+            else:
+                now, then = (carrier.pose(self.model, each.state)[1] for each in (place, start))
+                turn = rotation_log(now @ then.T)
+            rolled[carrier.vertices] = self.carried.radius[carrier.vertices][:, None] * turn
+        return rolled
+
+    def _yields(self, surface: CollisionSurface) -> bool:
+        """Whether a force moves a surface: it deforms, or a free body, frame or compliant joint has it."""
+        if surface.soft:
+            return surface.moving
+        model = self.model
+        carrier = next(each for each in self.carriers if each.vertices.start == surface.vertices.start)
+        if carrier.rigid >= 0 or carrier.frame >= 0:
+            return True
+        joints = [b - 6 * len(model.frame_names) for b in carrier.reduced(model)]
+        return any(model.joints[j].stiffness is not None for j in joints)
+
+
+def _carried(
+    surfaces: tuple[CollisionSurface, ...],
+    nodes: IndexArray,
+    weights: Array,
+    carriers: tuple[VertexCarrier, ...],
+    model: Model,
+) -> Carried:
+    """What carries each vertex, as arrays."""
+    count = len(nodes)
+    widest = max((len(carrier.reduced(model)) for carrier in carriers), default=0)
+    radius, rigid, reduced = np.zeros(count), np.full(count, -1), np.full((count, max(widest, 1)), -1)
+    for surface in surfaces:
+        radius[surface.vertices] = surface.radius
+    for carrier in carriers:
+        rigid[carrier.vertices] = carrier.rigid
+        unknowns = carrier.reduced(model)
+        reduced[carrier.vertices, : len(unknowns)] = unknowns
+    return Carried(weights.any(axis=1), nodes, weights, radius, rigid, reduced)
+
+
+def _turning(surface: int, carrier: VertexCarrier, model: Model) -> Turning:
+    """A surface, and what moves it."""
+    centre = np.zeros(3) if carrier.rigid >= 0 else carrier.local[0]
+    radius = float(np.linalg.norm(carrier.local - centre, axis=1).max())
+    return Turning(surface, carrier.rigid, carrier.reduced(model), carrier.vertices.start, radius)

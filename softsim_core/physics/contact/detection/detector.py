@@ -1,0 +1,478 @@
+"""Contact detection: pairs of locally closest points within a reach, and which may hold in a step."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.base.errors import DetectionOverflowError
+from softsim_core.physics.contact.detection.broad_phase import allocate
+from softsim_core.physics.contact.detection.candidates import Found, allocate_found, allocate_near, mixed
+from softsim_core.physics.contact.detection.compile import kernel
+from softsim_core.physics.contact.detection.geometry import (
+    Vector,
+    add,
+    closest_on_segments,
+    closest_on_triangle,
+    dot,
+    length,
+    minus,
+    row,
+    scaled,
+)
+from softsim_core.physics.contact.detection.narrow_phase import KnownEdges, meet_known_edges, sweep
+from softsim_core.physics.contact.detection.passage import Way, free_share
+from softsim_core.physics.contact.detection.topology import build_topology
+from softsim_core.physics.contact.settings import ContactLimits
+from softsim_core.physics.contact.surfaces import CollisionSurface
+from softsim_core.physics.kernels import OneSignature
+
+
+class Closeness(NamedTuple):
+    """Distances in [m] that decide which contacts take part.
+
+    Attributes:
+        alarm: What is foremost takes part from here on.
+        arrived: Vertices that would come nearer than this take part.
+        close: What is nearer than this takes part, foremost or not.
+        stray: By how much a linearised gap may close though the true one does not.
+    """
+
+    alarm: float
+    arrived: float
+    close: float
+    stray: float
+
+
+@kernel
+def may_hold(
+    a: IndexArray,
+    a_weights: Array,
+    b: IndexArray,
+    b_weights: Array,
+    normal: Array,
+    distance: Array,
+    foremost: BoolArray,
+    seeker: IndexArray,
+    points: Array,
+    ahead: Array,
+    slides: Array,
+    ring_start: IndexArray,
+    ring: IndexArray,
+    closeness: Closeness,
+    strays: bool,
+    foremost_strays: bool,
+) -> BoolArray:
+    """Return which contacts take part, (k,): the foremost, vertices that would arrive, what is too close.
+
+    See Detector.may_hold; fields of Proximities and Topology come one by one, since to pass all takes longer
+    than to compute.
+
+    Args:
+        a: As in Proximities.
+        a_weights: As in Proximities.
+        b: As in Proximities.
+        b_weights: As in Proximities.
+        normal: As in Proximities.
+        distance: As in Proximities.
+        foremost: As in Proximities.
+        seeker: As in Proximities.
+        points: Vertex positions in [m], shape (v, 3).
+        ahead: How far they would still go freely in [m], shape (v, 3).
+        slides: How far they slide in the step in [m], shape (v, 3).
+        ring_start: As in Topology.
+        ring: As in Topology.
+        closeness: What is close.
+        strays: Whether gaps that close only because they are linearised are left out.
+        foremost_strays: Whether also those of foremost contacts are.
+    """
+    holds = np.zeros(distance.shape[0], dtype=np.bool_)
+    for c in range(distance.shape[0]):
+        n = row(normal, c)
+        arriving = distance[c] + dot(minus(mixed(a, a_weights, c, ahead), mixed(b, b_weights, c, ahead)), n)
+        close = foremost[c] and min(distance[c], arriving) < closeness.alarm
+        close = close or (seeker[c] >= 0 and arriving < closeness.arrived) or distance[c] < closeness.close
+        if close and strays and (foremost_strays or not foremost[c]):
+            slip = minus(mixed(a, a_weights, c, slides), mixed(b, b_weights, c, slides))
+            close = _false_closing(a[c], b[c], n, slip, points, ring_start, ring) < closeness.stray
+        holds[c] = close
+    return holds
+
+
+@kernel
+def held_astray(
+    a: IndexArray,
+    a_weights: Array,
+    b: IndexArray,
+    b_weights: Array,
+    normal: Array,
+    forces: Array,
+    points: Array,
+    slides: Array,
+    ring_start: IndexArray,
+    ring: IndexArray,
+    limit: float,
+) -> bool:
+    """Whether a contact with a force has closed by more than `limit` [m] though the true gap has not.
+
+    Args:
+        a: As in Proximities.
+        a_weights: As in Proximities.
+        b: As in Proximities.
+        b_weights: As in Proximities.
+        normal: As in Proximities.
+        forces: Along the normal and two tangents in [N], shape (3 k,).
+        points: Vertex positions in [m], shape (v, 3).
+        slides: How far they have slid in the step in [m], shape (v, 3).
+        ring_start: As in Topology.
+        ring: As in Topology.
+        limit: In [m].
+    """
+    for c in range(normal.shape[0]):
+        if forces[3 * c] > 0.0:
+            slip = minus(mixed(a, a_weights, c, slides), mixed(b, b_weights, c, slides))
+            if _false_closing(a[c], b[c], row(normal, c), slip, points, ring_start, ring) > limit:
+                return True
+    return False
+
+
+@kernel
+def _false_closing(
+    a: IndexArray, b: IndexArray, normal: Vector, slip: Vector, points: Array, ring_start: IndexArray,
+    ring: IndexArray,
+) -> float:  # fmt: skip
+    """Return by how much in [m] the gap of a contact closes outside the cone of its vertex as it slips.
+
+    The cone of a vertex holds the directions in which no neighbour lies farther; on a flat surface it is the
+    normal alone. The direction to the edge of a body that slides towards the vertex is outside: a neighbour
+    under that body rises along it. By the time the body gets from the neighbour to the vertex, its edge is no
+    longer what is nearest, so the linearised gap closes while the true one stays.
+    """
+    most, closing = -dot(slip, normal), 0.0
+    if most <= 0.0:
+        return closing
+    for side in range(2):
+        nodes, sign = (a, -1.0) if side == 0 else (b, 1.0)
+        v = nodes[0]
+        if v != nodes[1]:
+            continue  # a face or an edge: its contact lies inside its cone
+        for at in range(ring_start[v], ring_start[v + 1]):
+            off = minus(row(points, ring[at]), row(points, v))
+            rise, towards = sign * dot(off, normal), -sign * dot(off, slip)
+            if rise > 0.0 and towards > 0.0:
+                closing = max(closing, min(rise * towards / dot(off, off), most))
+    return closing
+
+
+_ROOM = 1024  # pairs of features; doubled when a scene needs more
+_MOST_ROOM = 1 << 20
+"""Most pairs of features that are listed: some 300 MB."""
+_MOST_SURFACES = 1 << 20
+
+
+class Proximities(NamedTuple):
+    """k contacts. Point P lies on the pair's first surface (side a), point Q on its second.
+
+    Attributes:
+        a: Vertices that carry P, shape (k, 3); those of weight 0 repeat another one.
+        a_weights: Their shares, rows sum to 1, shape (k, 3).
+        b: Vertices that carry Q, shape (k, 3).
+        b_weights: Their shares, shape (k, 3).
+        normal: Unit vector from side b to side a, shape (k, 3). P and Q of a sphere are its centre; it
+            touches `radius` along the normal away from there.
+        distance: Gap between the surfaces along the normal in [m], radii taken off; negative where they
+            overlap, shape (k,).
+        foremost: Whether this is a local minimum of the distance between the surfaces. What is not may become
+            one while surfaces turn, or is only measured, shape (k,).
+        seeker: The vertex (sphere) that looks for the nearest place of the other surface; -1 for two edges or
+            two spheres, shape (k,).
+        pair: Numbers of the surfaces, first < second, shape (k, 2).
+        key: Number of the pair of features; the same from step to step, unique, shape (k,).
+    """
+
+    a: IndexArray
+    a_weights: Array
+    b: IndexArray
+    b_weights: Array
+    normal: Array
+    distance: Array
+    foremost: BoolArray
+    seeker: IndexArray
+    pair: IndexArray
+    key: IndexArray
+
+    def chosen(self, which: IndexArray) -> Proximities:
+        """Those of numbers `which`, sorted by key."""
+        order = which[np.argsort(self.key[which], kind="stable")]
+        return Proximities._make(each[order] for each in self)
+
+    def joined(self, other: Proximities) -> Proximities:
+        """These, and others behind them."""
+        return Proximities(*(np.concatenate(both) for both in zip(self, other, strict=True)))
+
+    @property
+    def meeting(self) -> IndexArray:
+        """What meets: for a vertex, it and the other surface, wherever there; else the key; shape (k,)."""
+        first = self.a[:, 0] == self.seeker
+        other = np.where(first, self.pair[:, 1], self.pair[:, 0])
+        return np.where(self.seeker >= 0, -1 - self.seeker * _MOST_SURFACES - other, self.key)
+
+
+class Detector:
+    """Finds where surfaces come close.
+
+    A foremost contact is a local minimum of the distance: a vertex against a face, an edge or a vertex, or
+    two edges; and, so that a sphere may lie in a dent, every vertex of a deformable surface that is hardly
+    farther from it than the contact distance. A vertex of one surface that lies inside the other, by up to
+    half the reach and with its own surface facing the face it went through, gives a negative distance along
+    that face's outward normal.
+
+    Args:
+        surfaces: The surfaces, over disjoint ranges of the vertices.
+        rest_points: Vertex positions at rest in [m], shape (v, 3).
+        settings: Points of one body that lie within the contact distance at rest never meet.
+
+    Source: local minimal distance, Johnson and Willemsen 2003; one triangle per feature, Curtis, Tamstorf
+    and Manocha 2008.
+    """
+
+    def __init__(
+        self, surfaces: tuple[CollisionSurface, ...], rest_points: Array, settings: ContactLimits
+    ) -> None:
+        self.surfaces = surfaces
+        self._rest = np.ascontiguousarray(rest_points, dtype=np.float64)
+        self._contact_distance = float(settings.contact_distance)
+        self._topology = build_topology(surfaces, self._rest)
+        self._boxes = allocate(self._topology)
+        self._near, self._found = allocate_near(_ROOM), allocate_found(_ROOM)
+        self._owner = np.array([each.owner for each in surfaces], dtype=np.int64)
+        self._sweep, self._free_share = OneSignature(sweep), OneSignature(free_share)
+        self._may_hold, self._held_astray = OneSignature(may_hold), OneSignature(held_astray)
+        self._known_edges = OneSignature(meet_known_edges)
+
+    def detect(self, points: Array, reach: float) -> Proximities:
+        """Foremost contacts of surfaces whose vertices are at `points` (v, 3), nearer than `reach` [m].
+
+        Raises:
+            DetectionOverflowError: more pairs of features come close than are ever listed.
+        """
+        near = self.candidates(points, reach)
+        return near.chosen(np.flatnonzero(near.foremost))
+
+    def candidates(self, points: Array, reach: float, travel: Array | None = None) -> Proximities:
+        """All contacts with a gap of at most `reach`, and what the two surfaces may move.
+
+        Args:
+            points: Vertex positions in [m], shape (v, 3).
+            reach: Largest gap in [m] of surfaces that stand still: the alarm distance.
+            travel: How far each surface may move within the step in [m], shape (s,); None: not at all.
+
+        Raises:
+            DetectionOverflowError: more pairs of features come close than are ever listed.
+        """
+        travel = np.zeros(len(self.surfaces)) if travel is None else travel
+        travel = np.ascontiguousarray(travel, dtype=np.float64)
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        while True:
+            near, found = self._near, self._found
+            needed = self._sweep(
+                points,
+                self._rest,
+                float(reach),
+                travel,
+                self._contact_distance,
+                self._topology,
+                self._boxes,
+                near,
+                found,
+            )
+            if needed <= len(found.distance):
+                break
+            self._widen(needed)
+        return _listed(found)
+
+    def edges_again(self, keys: IndexArray, points: Array) -> Proximities:
+        """The pairs of edges among contacts found earlier, where they are closest now, however far.
+
+        A pair of edges of which another feature of either surface comes to be nearer is no longer listed by
+        `candidates`, and may be what has to be held all the same: the other one is nearer because it was.
+
+        Args:
+            keys: Keys of contacts, shape (k,).
+            points: Vertex positions in [m], shape (v, 3).
+        """
+        topology = self._topology
+        vertices, count = len(topology.radius), len(topology.edges)
+        total = vertices + count + len(topology.triangles)
+        edges = np.stack(np.divmod(keys, total), axis=1) - vertices
+        edges = edges[((edges >= 0) & (edges < count)).all(axis=1)]
+        first = topology.edges[edges, 0]
+        surfaces = np.searchsorted(topology.surface_vertex[:, 0], first, side="right") - 1
+        owner = self._owner[surfaces]
+        together = np.where(owner[:, 0] == owner[:, 1], self._contact_distance, -1.0)
+        found = allocate_found(len(edges))
+        self._known_edges(KnownEdges(edges, surfaces, together), points, self._rest, topology, found)
+        return _listed(found)
+
+    def may_hold(
+        self, near: Proximities, points: Array, ahead: Array, slides: Array, closeness: Closeness,
+        strays: bool, foremost_strays: bool,
+    ) -> BoolArray:  # fmt: skip
+        """Return which contacts take part in a step, shape (k,).
+
+        Args:
+            near: The contacts.
+            points: Vertex positions in [m], shape (v, 3).
+            ahead: How far they would still go freely in [m], shape (v, 3).
+            slides: How far they slide in the step in [m], shape (v, 3).
+            closeness: What is close.
+            strays: Whether gaps that close only because they are linearised are left out.
+            foremost_strays: Whether also those of foremost contacts are.
+        """
+        return np.asarray(
+            self._may_hold(
+                near.a, near.a_weights, near.b, near.b_weights, near.normal, near.distance, near.foremost,
+                near.seeker, points, ahead, slides, self._topology.ring_start, self._topology.ring,
+                closeness, strays, foremost_strays,
+            )
+        )  # fmt: skip
+
+    def held_astray(
+        self, held: Proximities, forces: Array, points: Array, slides: Array, limit: float
+    ) -> bool:
+        """Whether a contact with a force has closed by more than `limit` [m] though the true gap has not.
+
+        Args:
+            held: The contacts, k of them.
+            forces: Along their normals and two tangents in [N], shape (3 k,).
+            points: Vertex positions where they were found in [m], shape (v, 3).
+            slides: How far vertices have slid from there in [m], shape (v, 3).
+            limit: In [m].
+        """
+        return bool(
+            self._held_astray(
+                held.a, held.a_weights, held.b, held.b_weights, held.normal, forces, points, slides,
+                self._topology.ring_start, self._topology.ring, limit,
+            )
+        )  # fmt: skip
+
+    def free_share(self, before: Array, after: Array, watched: BoolArray) -> float:
+        """Share of the way from `before` to `after` (v, 3) each in [m] on which nothing passes a surface.
+
+        Args:
+            before: Vertex positions at the start of the step.
+            after: The same at its end; each moves along a line.
+            watched: Which pairs of `pairs` are looked at, shape (p,).
+
+        Returns:
+            In 0..1; 1 where nothing passes anything.
+
+        Raises:
+            DetectionOverflowError: more pairs of features come close than are ever listed.
+        """
+        way = Way(self._rest, before, after, watched, self._contact_distance)
+        while True:
+            share, needed = self._free_share(way, self._topology, self._boxes, self._near)
+            if needed <= len(self._near.leaves):
+                return float(share)
+            self._widen(needed)
+
+    @property
+    def pairs(self) -> IndexArray:
+        """Numbers of the surfaces that may meet, shape (p, 2)."""
+        return self._topology.pairs
+
+    def _widen(self, needed: int) -> None:
+        """Make room for twice as many pairs of features as are needed now."""
+        if needed > _MOST_ROOM:
+            raise DetectionOverflowError(needed, _MOST_ROOM)
+        self._near, self._found = allocate_near(2 * needed), allocate_found(2 * needed)
+
+
+def _listed(found: Found) -> Proximities:
+    """What was found."""
+    k = found.counter[0]
+    return Proximities(
+        found.a[:k].copy(),
+        found.a_weights[:k].copy(),
+        found.b[:k].copy(),
+        found.b_weights[:k].copy(),
+        found.normal[:k].copy(),
+        found.distance[:k].copy(),
+        found.foremost[:k].copy(),
+        found.seeker[:k].copy(),
+        found.pair[:k].copy(),
+        found.key[:k].copy(),
+    )
+
+
+def measured_gaps(
+    contacts: Proximities, near: Proximities, points: Array, radius: Array, reach: float
+) -> tuple[Array, Proximities]:
+    """Gaps in [m] of contacts, shape (k,), and what else is nearer than `reach` [m].
+
+    A vertex is measured against all of the other surface; two edges, or a place that is no longer among what
+    is near, feature against feature.
+
+    Args:
+        contacts: Contacts, found where the surfaces were earlier in the step.
+        near: What is close now.
+        points: Collision vertices now in [m], shape (v, 3).
+        radius: Radius of each that is a sphere in [m], else 0, shape (v,).
+        reach: Largest gap of what else is told.
+    """
+    meeting, others = contacts.meeting, near.meeting
+    order = np.lexsort((near.distance, others))
+    known = others[order]
+    gaps, found = np.empty(len(meeting)), np.zeros(len(meeting), dtype=np.bool_)
+    if len(known):
+        place = np.minimum(np.searchsorted(known, meeting), len(known) - 1)
+        found = known[place] == meeting
+        gaps[found] = near.distance[order[place[found]]]
+    if not found.all():
+        lost = contacts.chosen(np.flatnonzero(~found))
+        gaps[~found] = feature_gaps(lost, points, radius)
+    told = near.distance <= min(reach, near.distance[near.foremost].min(initial=inf))
+    told |= near.foremost & (near.distance <= reach)
+    return gaps, near.chosen(np.flatnonzero(told & ~np.isin(others, meeting)))
+
+
+@kernel
+def feature_gaps(contacts: Proximities, points: Array, radius: Array) -> Array:
+    """Gap in [m] between the two features of each contact, shape (k,); negative behind, along its normal."""
+    gaps = np.empty(contacts.key.shape[0])
+    for c in range(gaps.shape[0]):
+        a, b = contacts.a[c], contacts.b[c]
+        normal = row(contacts.normal, c)
+        if a[0] == a[1] and b[0] == b[1]:
+            gap = length(minus(row(points, a[0]), row(points, b[0])))
+        elif a[0] == a[1]:
+            gap = _to_triangle(row(points, a[0]), b[0], b[1], b[2], normal, points)
+        elif b[0] == b[1]:
+            gap = _to_triangle(row(points, b[0]), a[0], a[1], a[2], scaled(normal, -1.0), points)
+        else:
+            gap = _between_edges(a[0], a[1], b[0], b[1], normal, points)
+        gaps[c] = gap - radius[a[0]] - radius[b[0]]
+    return gaps
+
+
+@kernel
+def _to_triangle(p: Vector, i: int, j: int, k: int, normal: Vector, points: Array) -> float:
+    """Distance of p from a triangle, negative where it lies against `normal` from there."""
+    a, b, c = row(points, i), row(points, j), row(points, k)
+    wi, wj, wk, _ = closest_on_triangle(p, a, b, c)
+    gap = minus(p, add(add(scaled(a, wi), scaled(b, wj)), scaled(c, wk)))
+    return length(gap) if dot(gap, normal) >= 0.0 else -length(gap)
+
+
+@kernel
+def _between_edges(i: int, j: int, k: int, m: int, normal: Vector, points: Array) -> float:
+    """Distance of two edges, negative where they have crossed against `normal`."""
+    p0, p1, q0, q1 = row(points, i), row(points, j), row(points, k), row(points, m)
+    s, t = closest_on_segments(p0, p1, q0, q1)
+    gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))
+    crossed = min(s, t) > 0.0 and max(s, t) < 1.0 and dot(gap, normal) < 0.0
+    return -length(gap) if crossed else length(gap)

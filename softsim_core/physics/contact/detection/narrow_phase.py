@@ -1,0 +1,559 @@
+"""Narrow phase: where vertices, triangles, edges and spheres are closest; the search over all pairs."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.physics.contact.detection.broad_phase import (
+    Boxes,
+    apart,
+    beyond,
+    compare_trees,
+    list_pair,
+    list_vertex,
+    outside,
+    refit,
+    segments_apart,
+    surface_boxes,
+)
+from softsim_core.physics.contact.detection.candidates import (
+    Found,
+    Near,
+    features,
+    mixed,
+    move,
+    next_row,
+    write,
+    write_pair,
+)
+from softsim_core.physics.contact.detection.compile import kernel
+from softsim_core.physics.contact.detection.geometry import (
+    CONE,
+    EXACT,
+    FACE,
+    RIDGE,
+    Vector,
+    add,
+    closest_on_lines,
+    closest_on_segments,
+    closest_on_triangle,
+    cross,
+    dot,
+    edge_is_closest,
+    edge_normal,
+    fall_away,
+    length,
+    minus,
+    opposed,
+    outward_at,
+    row,
+    scaled,
+    unit,
+    vertex_is_closest,
+    vertex_normal,
+)
+from softsim_core.physics.contact.detection.topology import Topology
+
+_PARALLEL = 4.0e-4
+"""Edges at an angle with a squared sine below this have no contact between their insides."""
+_TOUCHING = 1.0e-7
+"""Share of an edge's length below which a gap is too short for a direction."""
+
+
+@kernel
+def meet_leaves(
+    sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
+) -> None:
+    """Vertices of near leaves against triangles, and a list of the edges whose insides are near.
+
+    A triangle looks at the features that it owns, so that no two features are met twice. Fine surfaces that
+    go far in a step have some hundred pairs within reach for each that can touch: vertices are met some at a
+    time, and of the edges only those are listed that are closest between their ends.
+    """
+    most = near.vertices.shape[0] - 2
+    triangles, owns, around, normals = topology.triangles, topology.owns, boxes.triangle, boxes.normal
+    edges, ends = topology.triangle_edges, topology.edges
+    first, count = topology.node_first, topology.node_count
+    for pair in range(min(near.counts[2], near.leaves.shape[0])):
+        i, j = near.leaves[pair, 0], near.leaves[pair, 1]
+        for t in range(first[i], first[i] + count[i]):
+            if apart(around, t, boxes.node, j, reach):
+                continue
+            for u in range(first[j], first[j] + count[j]):
+                if apart(around, t, around, u, reach):
+                    continue
+                if beyond(points, triangles, t, normals, u, reach):
+                    continue
+                if beyond(points, triangles, u, normals, t, reach):
+                    continue
+                for c in range(3):
+                    if owns[t, c] and not outside(points, triangles[t, c], around, u, reach):
+                        list_vertex(triangles[t, c], u, 0, near.vertices, near.counts)
+                    if owns[u, c] and not outside(points, triangles[u, c], around, t, reach):
+                        list_vertex(triangles[u, c], t, 1, near.vertices, near.counts)
+                    if near.counts[0] > most:
+                        meet_vertices(sa, sb, reach, points, topology, boxes, near, found)
+                        near.counts[0] = 0
+                    if owns[t, 3 + c] == 0:
+                        continue
+                    e = edges[t, c]
+                    for d in range(3):
+                        f = edges[u, d]
+                        if owns[u, 3 + d] and insides_meet(
+                            points, ends[e, 0], ends[e, 1], ends[f, 0], ends[f, 1], reach
+                        ):
+                            list_pair(e, f, 1, near.edges, near.counts)
+    meet_vertices(sa, sb, reach, points, topology, boxes, near, found)
+
+
+@kernel
+def insides_meet(points: Array, e0: int, e1: int, f0: int, f1: int, reach: float) -> bool:
+    """Whether the edges e0 e1 and f0 f1, not parallel, are closest between their ends, within `reach`."""
+    if segments_apart(points, e0, e1, f0, f1, reach):
+        return False
+    p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
+    s, t, _ = closest_on_lines(p0, p1, q0, q1)
+    if min(s, t) <= EXACT or max(s, t) >= 1.0 - EXACT:  # parallel ones, too
+        return False
+    gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))
+    return bool(dot(gap, gap) <= reach * reach)
+
+
+@kernel
+def meet_vertices(
+    sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
+) -> None:
+    """Vertices (and spheres) against triangles, as listed; sides a and b are surfaces sa and sb.
+
+    A contact is a place of the other surface that is locally nearest to the vertex; where no neighbour of the
+    vertex is nearer, it is a local minimum of the distance, and the vertex is foremost. Seen from inside,
+    only the nearest contact of a vertex counts, and no deeper than half the reach; the sweep sorts that out
+    once the pair is done. Spheres meet the vertices of deformable surfaces elsewhere.
+    """
+    triangles, normals, radii, owns = topology.triangles, boxes.normal, topology.radius, topology.owns
+    for at in range(min(near.counts[0], near.vertices.shape[0])):
+        v, t, first = near.vertices[at, 0], near.vertices[at, 1], near.vertices[at, 2] == 0
+        p = row(points, v)
+        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        a, b, c = row(points, i), row(points, j), row(points, k)
+        radius = radii[v]
+        limit = reach + radius
+        if abs(dot(minus(p, a), row(normals, t))) > limit:
+            continue
+        wi, wj, wk, feature = closest_on_triangle(p, a, b, c)
+        q = add(add(scaled(a, wi), scaled(b, wj)), scaled(c, wk))
+        gap = minus(p, q)
+        distance = length(gap)
+        if distance > limit:
+            continue
+        if feature != FACE and owns[t, feature] == 0:
+            continue  # the triangle that owns the edge or corner looks at it
+        vertex = triangles[t, feature] if feature < 3 else -1
+        edge = topology.triangle_edges[t, feature - 3] if 3 <= feature < FACE else -1
+        outward = outward_at(t, feature, points, topology, normals)
+        inside = dot(gap, outward) < 0.0
+        if inside and feature != FACE and topology.closed[sb if first else sa] == 0:
+            continue  # behind the rim of an open surface
+        boxes.nearest[v, int(inside)] = min(boxes.nearest[v, int(inside)], distance)
+        if radius == 0.0 and not opposed(v, outward, topology.fan_start, topology.fan, normals):
+            continue
+        if inside and distance > 0.5 * reach:
+            continue
+        boxes.nearest[v, 2] = min(boxes.nearest[v, 2], distance)
+        if vertex >= 0 and radius == 0.0 and not first:
+            continue  # two vertices: met from the first surface
+        if vertex >= 0 and radius > 0.0 and not inside and topology.soft[sb if first else sa] == 1:
+            continue  # met as a corner, whether the closest point or not
+        if edge >= 0 and not edge_is_closest(edge, q, gap, EXACT, topology.opposite, points):
+            continue
+        if vertex >= 0 and not vertex_is_closest(
+            vertex, gap, EXACT, topology.ring_start, topology.ring, points
+        ):
+            continue
+        normal = unit(outward)
+        if feature != FACE and distance > _TOUCHING * length(minus(b, a)):
+            normal = scaled(gap, (-1.0 if inside else 1.0) / distance)
+        foremost = radius > 0.0 or vertex_is_closest(
+            v, scaled(normal, -1.0), CONE, topology.ring_start, topology.ring, points
+        )
+        spot = next_row(found.counter, found.distance)
+        if spot < 0:
+            continue
+        found.foremost[spot] = foremost
+        found.distance[spot] = (-distance if inside else distance) - radius
+        found.depth[spot] = distance if inside else 0.0
+        found.seeker[spot] = v
+        other = radii.shape[0] + topology.edges.shape[0] + t
+        if edge >= 0:
+            other = radii.shape[0] + edge
+        elif vertex >= 0:
+            other = vertex
+        if first:
+            write(found.a, found.a_weights, spot, (v, v, v), (1.0, 0.0, 0.0))
+            write(found.b, found.b_weights, spot, (i, j, k), (wi, wj, wk))
+            write_pair(found.normal, found.pair, spot, normal, sa, sb)
+            found.key[spot] = v * features(topology) + other
+        else:
+            write(found.a, found.a_weights, spot, (i, j, k), (wi, wj, wk))
+            write(found.b, found.b_weights, spot, (v, v, v), (1.0, 0.0, 0.0))
+            write_pair(found.normal, found.pair, spot, scaled(normal, -1.0), sa, sb)
+            found.key[spot] = other * features(topology) + v
+
+
+@kernel
+def meet_edges(
+    sa: int, sb: int, reach: float, begin: int, points: Array, topology: Topology, boxes: Boxes, near: Near,
+    found: Found,
+) -> None:  # fmt: skip
+    """Edges of surface sa against edges of surface sb, as listed, where their insides are closest.
+
+    Edges that run side by side, or in what is nearly flat, only count where no vertex that was found from
+    number `begin` on is nearer: elsewhere it is enough to hold the vertices.
+    """
+    edges, normals, least = topology.edges, boxes.normal, inf
+    for k in range(begin, min(found.counter[0], found.distance.shape[0])):
+        if found.depth[k] == 0.0:
+            least = min(least, found.distance[k])
+    for at in range(near.counts[1]):
+        e, f = near.edges[at, 0], near.edges[at, 1]
+        e0, e1, f0, f1 = edges[e, 0], edges[e, 1], edges[f, 0], edges[f, 1]
+        p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
+        s, t, sine = closest_on_lines(p0, p1, q0, q1)
+        along_e, along_f = minus(p1, p0), minus(q1, q0)
+        p, q = add(p0, scaled(along_e, s)), add(q0, scaled(along_f, t))
+        gap = minus(p, q)
+        out_e, out_f = edge_normal(e, topology.sides, normals), edge_normal(f, topology.sides, normals)
+        normal = unit(cross(along_e, along_f))
+        if dot(normal, minus(out_f, out_e)) < 0.0:
+            normal = scaled(normal, -1.0)
+        if dot(out_e, normal) >= 0.0 or dot(out_f, normal) <= 0.0:
+            continue
+        distance = dot(gap, normal)
+        if distance < -0.5 * reach:
+            continue
+        back = scaled(normal, -1.0)
+        fall = min(
+            fall_away(f, q, along_f, normal, topology.opposite, points),
+            fall_away(e, p, along_e, back, topology.opposite, points),
+        )
+        if fall < 0.0:
+            continue
+        foremost = fall > RIDGE and sine >= _PARALLEL
+        if not foremost and distance >= least:
+            continue
+        if distance < 0.0 and not (
+            leads_out(p, normal, sb, reach, points, topology, boxes)
+            and leads_out(q, back, sa, reach, points, topology, boxes)
+        ):
+            continue
+        spot = next_row(found.counter, found.distance)
+        if spot < 0:
+            continue
+        found.distance[spot], found.depth[spot], found.seeker[spot] = distance, 0.0, -1
+        found.foremost[spot] = foremost
+        write(found.a, found.a_weights, spot, (e0, e1, e1), (1.0 - s, s, 0.0))
+        write(found.b, found.b_weights, spot, (f0, f1, f1), (1.0 - t, t, 0.0))
+        write_pair(found.normal, found.pair, spot, normal, sa, sb)
+        n = topology.radius.shape[0]
+        found.key[spot] = (n + e) * features(topology) + n + f
+
+
+@kernel
+def meet_corners(
+    sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
+) -> None:
+    """Spheres against all vertices of a deformable surface within `reach` that look at them, as listed.
+
+    In a dent as round as the sphere, hardly a vertex is a local minimum of the distance, and which ones are
+    changes from step to step; yet none may enter the sphere.
+    """
+    for at in range(near.counts[0]):
+        v, t, first = near.vertices[at, 0], near.vertices[at, 1], near.vertices[at, 2] == 0
+        if topology.radius[v] == 0.0 or topology.soft[sb if first else sa] == 0:
+            continue
+        limit = reach + topology.radius[v]
+        for corner in range(3):
+            u = topology.triangles[t, corner]
+            if topology.owns[t, corner] == 0:
+                continue
+            gap = minus(row(points, v), row(points, u))
+            if dot(gap, gap) > limit * limit:
+                continue
+            outward = vertex_normal(
+                u, points, topology.fan_start, topology.fan, topology.triangles, boxes.normal
+            )
+            if dot(gap, outward) > 0.0:
+                meet_spheres(v if first else u, u if first else v, sa, sb, reach, points, topology, found)
+
+
+@kernel
+def meet_spheres(
+    v: int, w: int, sa: int, sb: int, reach: float, points: Array, topology: Topology, found: Found
+) -> None:
+    """Sphere v of surface sa against sphere w of surface sb; a vertex is a sphere without a radius."""
+    gap = minus(row(points, v), row(points, w))
+    centres = length(gap)
+    distance = centres - topology.radius[v] - topology.radius[w]
+    if distance > reach or centres <= 0.0:
+        return
+    spot = next_row(found.counter, found.distance)
+    if spot < 0:
+        return
+    found.distance[spot], found.depth[spot], found.seeker[spot] = distance, 0.0, -1
+    found.foremost[spot] = True
+    write(found.a, found.a_weights, spot, (v, v, v), (1.0, 0.0, 0.0))
+    write(found.b, found.b_weights, spot, (w, w, w), (1.0, 0.0, 0.0))
+    write_pair(found.normal, found.pair, spot, scaled(gap, 1.0 / centres), sa, sb)
+    found.key[spot] = v * features(topology) + w
+
+
+_AGAINST = -0.1
+"""Cosine below which a normal leads the other way."""
+
+
+@kernel
+def leads_out(
+    p: Vector, direction: Vector, s: int, reach: float, points: Array, topology: Topology, boxes: Boxes
+) -> bool:
+    """Whether the place of surface s nearest to p does not look against the unit vector `direction`.
+
+    An edge on the far side of a thin sheet looks as if what stands before the sheet had come through it.
+    """
+    t, feature = _nearest(p, s, reach, points, topology, boxes)
+    if t < 0:
+        return True
+    outward = outward_at(t, feature, points, topology, boxes.normal)
+    return dot(unit(outward), direction) > _AGAINST
+
+
+@kernel
+def _nearest(
+    p: Vector, s: int, reach: float, points: Array, topology: Topology, boxes: Boxes
+) -> tuple[int, int]:
+    """The triangle of surface s nearest to p, within `reach`, and its feature there; -1, -1 where none is."""
+    stack, triangles = boxes.stack, topology.triangles
+    least, nearest, where = reach * reach, -1, -1
+    stack[0, 0] = topology.surface_node[s, 0]
+    size = 1
+    while size > 0:
+        size -= 1
+        node = stack[size, 0]
+        if _squared_distance(p, boxes.node, node) > least:
+            continue
+        count, child = topology.node_count[node], topology.node_child[node]
+        if count < 0:
+            stack[size, 0], stack[size + 1, 0] = child, child + 1
+            size += 2
+            continue
+        first = topology.node_first[node]
+        for t in range(first, first + count):
+            a, b, c = row(points, triangles[t, 0]), row(points, triangles[t, 1]), row(points, triangles[t, 2])
+            u, v, w, feature = closest_on_triangle(p, a, b, c)
+            gap = minus(p, add(add(scaled(a, u), scaled(b, v)), scaled(c, w)))
+            squared = dot(gap, gap)
+            if squared < least:
+                least, nearest, where = squared, t, feature
+    return nearest, where
+
+
+@kernel
+def _squared_distance(p: Vector, boxes: Array, i: int) -> float:
+    """Squared distance of p to box i, 0 inside it."""
+    total = 0.0
+    for d in range(3):
+        off = max(boxes[i, d] - p[d], p[d] - boxes[i, 3 + d], 0.0)
+        total += off * off
+    return total
+
+
+class KnownEdges(NamedTuple):
+    """k pairs of edges.
+
+    Attributes:
+        edges: Edge of the first surface, edge of the second, shape (k, 2).
+        surfaces: Numbers of the two surfaces, first < second, shape (k, 2).
+        together: Points of the two that are this near in [m] at rest, or nearer, never meet, shape (k,).
+    """
+
+    edges: IndexArray
+    surfaces: IndexArray
+    together: Array
+
+
+@kernel
+def meet_known_edges(known: KnownEdges, points: Array, rest: Array, topology: Topology, found: Found) -> None:
+    """Where known pairs of edges are closest, end points included; what has crossed is left out.
+
+    Args:
+        known: The pairs.
+        points: Vertex positions in [m], shape (V, 3).
+        rest: The same at rest.
+        topology: What stays the same.
+        found: Overwritten; has room for all pairs.
+    """
+    edges, n = topology.edges, topology.radius.shape[0]
+    found.counter[0] = 0
+    for k in range(known.edges.shape[0]):
+        e, f = known.edges[k, 0], known.edges[k, 1]
+        e0, e1, f0, f1 = edges[e, 0], edges[e, 1], edges[f, 0], edges[f, 1]
+        p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
+        s, t = closest_on_segments(p0, p1, q0, q1)
+        gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))
+        distance = length(gap)
+        if dot(gap, minus(_outward(f, points, topology), _outward(e, points, topology))) <= 0.0:
+            continue
+        spot = next_row(found.counter, found.distance)
+        found.distance[spot], found.depth[spot], found.seeker[spot] = distance, 0.0, -1
+        found.foremost[spot] = False
+        write(found.a, found.a_weights, spot, (e0, e1, e1), (1.0 - s, s, 0.0))
+        write(found.b, found.b_weights, spot, (f0, f1, f1), (1.0 - t, t, 0.0))
+        sa, sb = known.surfaces[k, 0], known.surfaces[k, 1]
+        write_pair(found.normal, found.pair, spot, scaled(gap, 1.0 / distance), sa, sb)
+        found.key[spot] = (n + e) * features(topology) + n + f
+        apart = minus(
+            mixed(found.a, found.a_weights, spot, rest), mixed(found.b, found.b_weights, spot, rest)
+        )
+        if length(apart) <= known.together[k]:
+            found.counter[0] = spot
+
+
+@kernel
+def _outward(edge: int, points: Array, topology: Topology) -> Vector:
+    """Sum of the unit normals of an edge's triangles."""
+    total = (0.0, 0.0, 0.0)
+    for side in range(2):
+        t = topology.sides[edge, side]
+        if t >= 0:
+            a = row(points, topology.triangles[t, 0])
+            b, c = row(points, topology.triangles[t, 1]), row(points, topology.triangles[t, 2])
+            total = add(total, unit(cross(minus(b, a), minus(c, a))))
+    return total
+
+
+_SAME = 1.0e-7
+"""Contacts of a vertex whose points differ by less than this share of their triangle's edges are one."""
+_CLOSE = 1.5
+"""Vertices of a dent meet a sphere from this many contact distances on, and what may move in the step."""
+
+
+@kernel
+def sweep(
+    points: Array,
+    rest_points: Array,
+    alarm: float,
+    travel: Array,
+    contact_distance: float,
+    topology: Topology,
+    boxes: Boxes,
+    near: Near,
+    found: Found,
+) -> int:
+    """Contacts of all pairs of surfaces; returns how much room they and what is near need.
+
+    Args:
+        points: Vertex positions in [m], shape (V, 3).
+        rest_points: The same at rest.
+        alarm: Largest distance in [m] of surfaces that stand still.
+        travel: What each surface adds to it in [m], shape (s,).
+        contact_distance: Gap in [m] at rest. Two points of one body count only if they are farther apart than
+            this in the rest shape.
+        topology: What stays the same.
+        boxes: Overwritten.
+        near: Overwritten.
+        found: Overwritten; its counter tells the number of contacts.
+    """
+    surface_boxes(points, topology, boxes)
+    fresh = np.zeros(topology.closed.shape[0], dtype=np.bool_)
+    found.counter[0] = 0
+    needed = 0
+    for p in range(topology.pairs.shape[0]):
+        sa, sb = topology.pairs[p, 0], topology.pairs[p, 1]
+        reach = alarm + travel[sa] + travel[sb]
+        if apart(boxes.surface, sa, boxes.surface, sb, reach):
+            continue
+        for s in (sa, sb):
+            if not fresh[s]:
+                refit(s, points, topology, boxes)
+                fresh[s] = True
+            first, end = topology.surface_vertex[s, 0], topology.surface_vertex[s, 1]
+            boxes.nearest[first:end] = np.inf
+            boxes.latest[first:end] = -1
+        i, j = topology.surface_node[sa, 0], topology.surface_node[sb, 0]
+        begin = found.counter[0]
+        if topology.node_count[i] == 0 and topology.node_count[j] == 0:
+            v, w = topology.node_first[i], topology.node_first[j]
+            meet_spheres(v, w, sa, sb, reach, points, topology, found)
+        else:
+            compare_trees(i, j, reach, topology, boxes, near)
+            meet_leaves(sa, sb, reach, points, topology, boxes, near, found)
+            needed = max(needed, near.counts[0], near.counts[1], near.counts[2])
+            if needed > near.vertices.shape[0]:
+                return int(needed)
+            close = min(reach, reach - alarm + _CLOSE * contact_distance)
+            meet_corners(sa, sb, close, points, topology, boxes, near, found)
+            meet_edges(sa, sb, reach, begin, points, topology, boxes, near, found)
+        needed = max(needed, found.counter[0])
+        if needed > found.distance.shape[0]:
+            return int(needed)
+        rest = contact_distance if topology.same_owner[p] else -1.0
+        found.counter[0] = _sift(begin, found.counter[0], rest, points, rest_points, boxes, found)
+    return int(needed)
+
+
+@kernel
+def _sift(
+    begin: int, end: int, least_rest: float, points: Array, rest_points: Array, boxes: Boxes, found: Found
+) -> int:
+    """Keep, of the contacts of one pair, those that count; returns the new end.
+
+    Left out: contacts from inside of a vertex that the nearest place has outside, or that are not its
+    nearest; a vertex twice at one point (on an edge between coplanar triangles); points of one body that
+    belong together at rest.
+    """
+    kept = begin
+    for k in range(begin, end):
+        v = found.seeker[k]
+        if found.depth[k] > 0.0:
+            nearest = boxes.nearest[v]
+            if nearest[0] < nearest[1] or found.depth[k] > nearest[2] * (1.0 + 1e-9):
+                continue
+        if least_rest >= 0.0 and _squared_gap(k, rest_points, found) <= least_rest * least_rest:
+            continue
+        other = boxes.latest[v] if v >= 0 else -1
+        while other >= 0 and not _same_points(k, other, points, found):
+            other = found.earlier[other]
+        if other >= 0:
+            found.foremost[other] |= found.foremost[k]
+        else:
+            move(k, kept, found)
+            if v >= 0:
+                found.earlier[kept], boxes.latest[v] = boxes.latest[v], kept
+            kept += 1
+    return kept
+
+
+@kernel
+def _squared_gap(k: int, points: Array, found: Found) -> float:
+    """Squared distance between the two points of contact k."""
+    between = minus(mixed(found.a, found.a_weights, k, points), mixed(found.b, found.b_weights, k, points))
+    return dot(between, between)
+
+
+@kernel
+def _same_points(k: int, other: int, points: Array, found: Found) -> bool:
+    """Whether two contacts touch the same points."""
+    a = minus(mixed(found.a, found.a_weights, k, points), mixed(found.a, found.a_weights, other, points))
+    b = minus(mixed(found.b, found.b_weights, k, points), mixed(found.b, found.b_weights, other, points))
+    near = _SAME * _SAME * max(_squared_edge(found.a, k, points), _squared_edge(found.b, k, points))
+    return dot(a, a) + dot(b, b) < near
+
+
+@kernel
+def _squared_edge(nodes: IndexArray, k: int, points: Array) -> float:
+    """Squared length of the first edge of one side of contact k; 0 of a vertex."""
+    edge = minus(row(points, nodes[k, 1]), row(points, nodes[k, 0]))
+    return dot(edge, edge)

@@ -1,0 +1,178 @@
+"""Contacts linearised about a place within a step: their rows, and the gaps and slips without any force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.physics.contact.collision_model import CollisionModel, Place
+from softsim_core.physics.contact.detection import Proximities
+from softsim_core.physics.contact.rows import CORNERS, NODES, Motions, contact_frames, contact_rows
+from softsim_core.physics.contact.settings import ContactLimits
+from softsim_core.physics.kernels import OneSignature
+from softsim_core.physics.mechanics.model import MotionSubspace
+from softsim_core.physics.mechanics.pose import cross_matrix
+from softsim_core.physics.mechanics.rows import Rows
+
+KEYS = 1 << 52
+"""Keys of contacts are kept below this, so that a float64 holds them."""
+_frames, _fill_rows = OneSignature(contact_frames), OneSignature(contact_rows)
+NO_MOTION = MotionSubspace(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearisedContacts:
+    """Contacts of one step: three rows each, along the normal and two tangents.
+
+    Attributes:
+        near: Where the surfaces are closest.
+        rows: On nodes and reduced coordinates, 3 k rows.
+        on_rigid: On velocities and spins of the rigid bodies, shape (3 k, 6 r).
+        gap: Without any contact force: the gap beyond the contact distance, then the slip, in [m], shape
+            (3 k,).
+        directions: Normal and tangents, shape (k, 3, 3).
+        points: Middle of each contact in [m], shape (k, 3).
+        friction: Coulomb coefficient of each contact, shape (k,).
+        keys: What touches, shape (k,).
+        settings: How exactly their law is solved.
+    """
+
+    near: Proximities
+    rows: Rows
+    on_rigid: Array
+    gap: Array
+    directions: Array
+    points: Array
+    friction: Array
+    keys: Array
+    settings: ContactLimits
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def first_forces(self, warm_start: Array) -> Array:
+        """Forces (3 k,) in [N] to start from: those of the same contacts in State.warm_start."""
+        start = np.zeros((len(self), 3))
+        if len(warm_start) and len(self):
+            place = np.minimum(np.searchsorted(warm_start[:, 0], self.keys), len(warm_start) - 1)
+            known = warm_start[place, 0] == self.keys
+            start[known] = warm_start[place[known], 1:]
+        return start.ravel()
+
+    def warm_start(self, forces: Array) -> Array:
+        """State.warm_start of this step's forces (3 k,) in [N], sorted by key."""
+        rows = np.column_stack([self.keys, forces.reshape(-1, 3)])
+        return rows[np.argsort(self.keys, kind="stable")]
+
+
+def linearise(
+    collisions: CollisionModel,
+    near: Proximities,
+    start: Place,
+    at: Place,
+    free: Place,
+    slides: Array | None,
+    earlier: IndexArray,
+) -> LinearisedContacts:
+    """Contacts that may hold in a step from `start` to `free`, linearised about `at`, where `near` is close.
+
+    `slides` is how far vertices slide from `at` to the end found last, in [m], shape (v, 3); None where that
+    is `at`. With q the motion since the start, the gap at the end of the step is taken to be
+    g(q_at) + H (q - q_at), and the slip likewise. What took part in an `earlier` solution, by its keys
+    (ascending, each once), does so again; pairs of edges even where detection, now that they are held apart,
+    finds something else nearer. About the start itself the free motion of rigid bodies counts as it is, not
+    linearised.
+    """
+    settings = collisions.settings
+    ahead = free.points - at.points
+    lost = earlier[~_among(np.sort(near.key), earlier)]
+    chosen = collisions.may_hold(near, at, ahead, slides, first=at is start) | _among(earlier, near.key)
+    near = near.chosen(np.flatnonzero(chosen))
+    if len(lost):
+        near = near.joined(collisions.edges_again(lost, at))
+    vertices = np.concatenate([near.a, near.b], axis=1)
+    shares = np.concatenate([near.a_weights, -near.b_weights], axis=1)
+    count, anew = len(near.key), at is not start
+    directions, gap, middle = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
+    if anew:
+        ahead[collisions.carried.rigid >= 0] = 0.0  # by their rows, below
+    _frames(
+        vertices,
+        shares,
+        near.normal,
+        near.distance,
+        at.points,
+        at.moved,
+        ahead,
+        collisions.rolled(start, at if anew else free),
+        settings.contact_distance,
+        directions,
+        gap,
+        middle,
+    )
+    rows, on_rigid = _rows(collisions, vertices, shares, directions, at)
+    if anew and on_rigid.size:
+        _follow_turn(on_rigid, collisions, at)
+        gap += (on_rigid @ (free.turned - at.turned).ravel()).reshape(-1, 3)
+    keys = (near.key % KEYS).astype(float)
+    friction = collisions.friction[near.pair[:, 0], near.pair[:, 1]]
+    return LinearisedContacts(near, rows, on_rigid, gap.ravel(), directions, middle, friction, keys, settings)
+
+
+def _among(keys: IndexArray, wanted: IndexArray) -> BoolArray:
+    """Which of the `wanted` (w,) are among `keys` (k,), ascending."""
+    if not len(keys):
+        return np.zeros(len(wanted), dtype=np.bool_)
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.asarray(keys[place] == wanted)
+
+
+def _rows(
+    collisions: CollisionModel, vertices: IndexArray, shares: Array, directions: Array, at: Place
+) -> tuple[Rows, Array]:
+    """Rows of all contacts on nodes and reduced coordinates, and the rigid bodies' part."""
+    model, state = collisions.model, at.state
+    count = 3 * len(vertices)
+    motion_subspace = collisions.motion_subspace(at) or NO_MOTION
+    start = np.zeros(count + 1, dtype=np.int64)
+    most = CORNERS * max(NODES, collisions.carried.reduced.shape[1])  # entries of a row
+    place = np.empty(count * most, dtype=np.int64)
+    coefficient = np.empty((count * most, 3))
+    on_rigid = np.zeros((count, 6 * len(model.rigid.names)))
+    motions = Motions(
+        state.rigid_positions,
+        motion_subspace.angular,
+        motion_subspace.linear,
+        motion_subspace.origin,
+        len(model.rest),
+    )
+    entries = _fill_rows(
+        vertices, shares, directions, at.points, collisions.carried, motions, start, place, coefficient,
+        on_rigid,
+    )  # fmt: skip
+    return Rows(start, place[:entries], coefficient[:entries]), on_rigid
+
+
+def _follow_turn(on_rigid: Array, collisions: CollisionModel, at: Place) -> None:
+    """Make rows on spins those on the rotation vector since the start, which may be long; spheres roll as is.
+
+    A rotation vector w that changes by dw turns what it has turned by J(w) dw, with J the left Jacobian of
+    the exponential map.
+    """
+    for carrier in collisions.carriers:
+        r = carrier.rigid
+        if r < 0 or collisions.carried.radius[carrier.vertices].any():
+            continue
+        spin = slice(6 * r + 3, 6 * r + 6)
+        on_rigid[:, spin] = on_rigid[:, spin] @ _left_jacobian(at.turned[r, 3:])
+
+
+def _left_jacobian(turn: Array) -> Array:
+    """Left Jacobian (3, 3) of the exponential map at a rotation vector (3,)."""
+    angle, matrix = float(np.linalg.norm(turn)), cross_matrix(turn)
+    if angle < 1e-4:
+        return np.eye(3) + 0.5 * matrix
+    first, second = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) + first * matrix + second * matrix @ matrix)

@@ -1,0 +1,212 @@
+"""Surfaces that touch: what they are, which pairs may meet, where they cross or overlap."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.base.errors import SceneError
+from softsim_core.physics.mesh.surface import is_closed
+
+_CHUNK = 256
+_PAIRS = 1 << 20
+"""So many pairs of boxes are looked at together."""
+_ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""Of a coordinate, with some room: volumes that this may make are none."""
+_SHIFTS = 3.0e-5 * np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (1.0, 0.83, 0.71)
+"""Small moves, as shares of the smaller surface's size: surfaces that only touch come apart by one of them;
+crooked, so that none leads an edge exactly through another one."""
+
+
+def surfaces_cross(first: Array, second: Array) -> bool:
+    """Whether two surfaces cross, and still do where one of them is moved a little, whichever way.
+
+    Args:
+        first: Corners of the triangles in [m], shape (k, 3, 3).
+        second: Corners of the triangles in [m], shape (m, 3, 3).
+    """
+    size = min(float(np.linalg.norm(np.ptp(each, axis=(0, 1)))) for each in (first, second))
+    return all(_any_crosses(first, second + size * shift) for shift in _SHIFTS)
+
+
+def self_crossing(corners: Array, triangles: IndexArray) -> tuple[int, int] | None:
+    """Return the first two triangles found that have no vertex in common and cross, or None.
+
+    Args:
+        corners: Corners in [m], shape (k, 3, 3).
+        triangles: Their vertices, shape (k, 3).
+    """
+    return next(((int(each[0, 0]), int(each[0, 1])) for each in _hits(corners, triangles) if len(each)), None)
+
+
+def crossings(corners: Array, triangles: IndexArray) -> IndexArray:
+    """All pairs of triangles of one surface that have no vertex in common and cross, shape (c, 2), ascending.
+
+    Args:
+        corners: Corners in one unit, shape (k, 3, 3).
+        triangles: Their vertices, shape (k, 3).
+    """
+    pairs = np.concatenate([np.empty((0, 2), dtype=np.int64), *_hits(corners, triangles)])
+    return pairs[np.lexsort(pairs.T[::-1])]
+
+
+def _hits(corners: Array, triangles: IndexArray) -> Iterator[IndexArray]:
+    """Pairs of triangles that cross, some at a time, shape (c, 2)."""
+    for i, j in _near_pairs(corners):
+        strangers = (triangles[i][:, :, None] != triangles[j][:, None, :]).all(axis=(1, 2))
+        i, j = i[strangers], j[strangers]
+        hit = _pierce(corners[i], corners[j]) | _pierce(corners[j], corners[i])
+        yield np.sort(np.column_stack([i, j])[hit], axis=1)
+
+
+def _near_pairs(corners: Array) -> Iterator[tuple[IndexArray, IndexArray]]:
+    """Pairs of triangles whose boxes have a point in common, each once: a sweep along the longest axis."""
+    if not len(corners):
+        return
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    axis = int(np.ptp(corners, axis=(0, 1)).argmax())
+    order = np.argsort(low[:, axis], kind="stable")
+    low, high = low[order], high[order]
+    ahead = np.searchsorted(low[:, axis], high[:, axis], side="right") - np.arange(1, len(order) + 1)
+    ends = np.cumsum(ahead)
+    start = 0
+    while start < len(order):
+        stop = max(start + 1, int(np.searchsorted(ends, ends[start] - ahead[start] + _PAIRS, side="right")))
+        count = ahead[start:stop]
+        i = np.repeat(np.arange(start, stop), count)
+        j = i + 1 + np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count)
+        meet = ((low[i] <= high[j]) & (high[i] >= low[j])).all(axis=1)
+        yield order[i[meet]], order[j[meet]]
+        start = stop
+
+
+def _any_crosses(first: Array, second: Array) -> bool:
+    """Whether a triangle of the first surface crosses one of the second."""
+    low, high = second.min(axis=(0, 1)), second.max(axis=(0, 1))
+    some = first[((first.min(axis=1) <= high) & (first.max(axis=1) >= low)).all(axis=1)]
+    for start in range(0, len(some), _CHUNK):
+        part = some[start : start + _CHUNK]
+        i, j = _boxes_meet(part, second)
+        if (_pierce(part[i], second[j]) | _pierce(second[j], part[i])).any():
+            return True
+    return False
+
+
+def _boxes_meet(first: Array, second: Array) -> tuple[IndexArray, IndexArray]:
+    """Pairs of triangles whose boxes have a point in common."""
+    near = np.ones((len(first), len(second)), dtype=bool)
+    for axis in range(3):
+        a, b = first[:, None, :, axis], second[:, :, axis]
+        near &= (a.min(axis=2) <= b.max(axis=1)) & (a.max(axis=2) >= b.min(axis=1))
+    i, j = np.nonzero(near)
+    return i, j
+
+
+def _pierce(edges_of: Array, faces: Array) -> BoolArray:
+    """Whether an edge of the first triangle passes through the second, shapes (p, 3, 3).
+
+    Triangles of one plane, which are so up to rounding, do not.
+    """
+    a, b, c = faces[:, None, 0], faces[:, None, 1], faces[:, None, 2]
+    start, end = edges_of, np.roll(edges_of, -1, axis=1)
+    both = np.concatenate([edges_of, faces], axis=1)
+    sizes = np.ptp(both, axis=1).max(axis=1, initial=0.0)
+    noise = (_ROUNDING * np.abs(both).max(axis=(1, 2), initial=0.0) * sizes**2)[:, None]
+    one, other = _volume(a, b, c, start), _volume(a, b, c, end)
+    apart = (np.minimum(one, other) < -noise) & (np.maximum(one, other) > noise)
+    turns = np.stack(
+        [_volume(start, end, a, b), _volume(start, end, b, c), _volume(start, end, c, a)], axis=-1
+    )
+    through = (turns > noise[..., None]).all(axis=-1) | (turns < -noise[..., None]).all(axis=-1)
+    return np.asarray((apart & through).any(axis=1))
+
+
+def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Six times the signed volume of tetrahedra (..., 3)."""
+    return np.asarray(np.sum(np.cross(b - a, c - a) * (d - a), axis=-1))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CollisionSurface:
+    """A triangle surface, or a sphere, over a range of the global array of collision vertices.
+
+    Attributes:
+        name: Name, for messages.
+        vertices: Range of its vertices in the global array; surfaces share no vertex. A sphere has one.
+        triangles: Global vertex indices, outward by the right-hand rule, shape (k, 3); a sphere has none.
+        groups: Names of the groups it belongs to.
+        owner: Number of the body it belongs to.
+        moving: Whether it can move; two surfaces that cannot never meet.
+        soft: Whether it deforms: a sphere may press a dent into it.
+        radius: Radius in [m] of a sphere; 0 for triangles.
+        closed: Whether the triangles enclose a volume; worked out.
+    """
+
+    name: str
+    vertices: slice
+    triangles: IndexArray = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
+    groups: frozenset[str] = frozenset()
+    owner: int
+    moving: bool = True
+    soft: bool = False
+    radius: float = 0.0
+    closed: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "closed", self.radius > 0.0 or is_closed(self.triangles))
+
+
+def may_meet(a: CollisionSurface, b: CollisionSurface) -> bool:
+    """Whether two surfaces are checked against each other.
+
+    A shared group: never. Of one body: only where each has groups. Both standing still: never.
+    """
+    if a is b or not (a.moving or b.moving) or a.groups & b.groups:
+        return False
+    return a.owner != b.owner or bool(a.groups and b.groups)
+
+
+def check_surface(
+    points: Array, triangles: IndexArray, name: str, *, closed: bool = False, carried: bool = False
+) -> None:
+    """Refuse a surface that cannot be used for contact.
+
+    Args:
+        points: Vertex positions in [m], shape (n, 3).
+        triangles: Vertex indices, shape (k, 3).
+        name: What it is called in the message.
+        closed: Whether it must enclose a volume (a body with mass).
+        carried: Whether it belongs to a rigid body that something carries, such as a link of an arm: one that
+            crosses itself is used with a warning then.
+
+    Raises:
+        SceneError: it has a triangle without area, crosses itself, or is open where it must be closed.
+    """
+    corners = points[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
+    flat = np.flatnonzero(np.linalg.norm(normals, axis=1) <= 1e-12 * longest**2)
+    if len(flat):
+        raise SceneError(f"surface {name}: triangle {flat[0]} has no area; remove it or repair the mesh")
+    if closed and not is_closed(triangles):
+        raise SceneError(
+            f"surface {name}: it is open or its triangles are turned unevenly; a body with mass needs a "
+            "closed surface, so close its holes and turn all triangles outward"
+        )
+    crossing = self_crossing(corners, triangles)
+    if crossing is not None:
+        where = ", ".join(f"{x:.4g}" for x in corners[crossing[0]].mean(axis=0))
+        one, other = crossing
+        problem = f"surface {name}: triangles {one} and {other} cross each other near ({where}) m"
+        if not carried:
+            raise SceneError(f"{problem}; repair the mesh so that the surface does not cross itself")
+        warnings.warn(
+            f"{problem}; what gets between its parts may be pushed the wrong way: repair the mesh, take its "
+            "convex hull, or leave the body out of `collisions` (an arm: `touch: false`)",
+            stacklevel=3,
+        )

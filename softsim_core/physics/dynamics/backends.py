@@ -1,0 +1,70 @@
+"""The implementations of a step: which one runs here."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+
+from softsim_core.base.errors import SceneError
+from softsim_core.physics.actuation.actuators import Actuators
+from softsim_core.physics.dynamics import Backend
+from softsim_core.physics.dynamics.scipy_backend import ScipyStepper
+from softsim_core.physics.dynamics.stepper import Stepper
+from softsim_core.physics.kernels import why_plain
+from softsim_core.physics.linalg.solvers import AUTO, COMPILED, ITERATIVE, linear_solver
+from softsim_core.physics.mechanics.model import Model
+
+
+def has_compiled_step(solver: str) -> bool:
+    """Whether a step with that linear solver can be compiled."""
+    return solver in (AUTO, COMPILED, ITERATIVE)
+
+
+def make_stepper(
+    model: Model,
+    backend: Backend,
+    actuators: Actuators | None = None,
+    solver: str = AUTO,
+    touching: bool = False,
+    like: Stepper | None = None,
+    threads: int | None = None,
+) -> Stepper:
+    """The step implementation: "scipy", "numba", or "auto" (numba, or scipy and a warning once).
+
+    Args:
+        model: What moves.
+        actuators: What pulls and pushes at the command of joints; None: nothing.
+        backend: "auto" takes scipy where kernels stay plain Python. The compiled step is one with its
+            linear solver; any other solver runs with plain assembly.
+        solver: Name of the linear solver, see linalg.solvers.
+        touching: Whether steps are taken with contacts, which take many solutions each.
+        like: That of another copy of the scene, which is never in a step at the same time: the compiled step
+            uses its plan and its room to work in again.
+        threads: Of the compiled step of a large mesh; None: as many as the process may use.
+
+    Raises:
+        SceneError: no such solver, one that does not go with the backend, or kernels are not compiled here.
+    """
+    actuators = actuators if actuators is not None else Actuators()
+    chosen, compiled = linear_solver(solver), has_compiled_step(solver)
+    if backend == "numba" and not compiled:
+        raise SceneError(
+            f"backend numba is one with the linear solver {COMPILED}: for {solver} set backend: scipy"
+        )
+    if backend != "scipy" and compiled:
+        plain = why_plain()
+        if plain is None:
+            from softsim_core.physics.dynamics.numba_backend.stepper import NumbaStepper
+
+            earlier = like if isinstance(like, NumbaStepper) else None
+            iterative = None if solver == AUTO else solver == ITERATIVE
+            return NumbaStepper(model, actuators, iterative, touching, earlier, threads)
+        if backend == "numba":
+            raise SceneError(f"backend numba needs compiled kernels, but {plain}, or use scipy")
+        _say_that_the_slower_step_runs(plain)
+    return ScipyStepper(model, actuators, chosen)
+
+
+@cache  # once a process; Python's own once-a-place filter starts anew whenever a reader catches warnings
+def _say_that_the_slower_step_runs(reason: str) -> None:
+    warnings.warn(f"the slower NumPy + SciPy step runs: {reason}", stacklevel=4)

@@ -1,0 +1,355 @@
+"""The step with contacts and free rigid bodies, around the one of nodes, joints and actuators.
+
+1. the step as if nothing touched;
+2. rows H and gaps g of all contacts, linearised about the start of the step;
+3. compliance C = h^2 H A^-1 H^T in [m/N] of actuators and contacts, rigid bodies included;
+4. forces f so that g + C f keeps every actuator's coordinate and every contact's cone;
+5. the velocities that the change of h f adds to the free motion;
+6. the true shapes at the end: where surfaces are nearer than they may be, or something has passed a surface
+   on its way, again from 2, linearised about where that led, or about the last place before the passing.
+
+Steps of second order have their free motions, and contacts act at their ends. As long as something is held,
+they damp high frequencies most, r = 0 (see bossak), and a step in which something is struck is one of
+implicit Euler: what an impact does to accelerations is forgotten.
+
+Source: Duriez et al. 2006, Realistic haptic rendering of interacting deformable objects (constraint-based).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.physics.contact.collision_model import CollisionModel, Place
+from softsim_core.physics.contact.detection import Proximities, measured_gaps
+from softsim_core.physics.contact.linearised import LinearisedContacts, linearise
+from softsim_core.physics.contact.solver import ContactSolution, solve_contacts
+from softsim_core.physics.dynamics.bossak import BossakFreeMotion, BossakStepper
+from softsim_core.physics.dynamics.iterations import IteratedFreeMotion, IteratedStepper
+from softsim_core.physics.dynamics.report import ContactReport, StepReport
+from softsim_core.physics.dynamics.stepper import StepperAround
+from softsim_core.physics.mechanics.control import Control, Parameters
+from softsim_core.physics.mechanics.rigid import RigidBodies
+from softsim_core.physics.mechanics.state import HOLDING, State, no_warm_start
+
+MOST_PASSES = 10
+"""Times that the contacts of a step are solved at most."""
+RUNAWAY_SIZES = 100.0
+"""What goes farther than this many times the size of the scene within one step has run away."""
+MOST_ROUNDS = 10
+"""Solutions of the contacts of a pass at most, where what forces do is known approximately only."""
+
+_SHORT = 0.95
+"""Share of the way to the first passing at which contacts are linearised anew."""
+_FreeMotion = IteratedFreeMotion | BossakFreeMotion
+_NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
+
+
+def runaway_speed(size: float, dt: float) -> float:
+    """Speed in [m/s] from which on what is in a scene of `size` [m] has run away in steps of `dt` [s]."""
+    return RUNAWAY_SIZES * size / dt
+
+
+class Pass(NamedTuple):
+    """What one solution of the contacts of a step led to.
+
+    Attributes:
+        touching: The contacts.
+        solution: Their forces; those of actuators are left out.
+        report: Of the step.
+        end: The end of the step.
+        near: What is close there.
+        room: Share of the way on which nothing passes a surface, and the smallest gap at the end in [m].
+        values: State.buffer at the end.
+    """
+
+    touching: LinearisedContacts
+    solution: ContactSolution
+    report: StepReport
+    end: Place
+    near: Proximities
+    room: tuple[float, float]
+    values: Array
+
+
+class Stopwatch:
+    """Times of parts in [ms]; a part that is timed again is added up."""
+
+    def __init__(self) -> None:
+        self.times: dict[str, float] = {}
+        self._last = perf_counter()
+
+    def mark(self, part: str) -> None:
+        """Everything since the mark before was `part`."""
+        now = perf_counter()
+        self.times[part] = self.times.get(part, 0.0) + 1e3 * (now - self._last)
+        self._last = now
+
+    def stages(self) -> dict[str, float]:
+        """Of a step with contacts: `detect`, `contact`, and the parts of that."""
+        parts = {part: self.times.get(part, 0.0) for part in ("compliance", "forces", "correct")}
+        return {"detect": self.times.get("detect", 0.0), "contact": sum(parts.values()), **parts}
+
+
+class ContactStepper(StepperAround):
+    """A step with rigid bodies and contacts around one without.
+
+    Args:
+        inner: The step of nodes, joints and actuators; contacts hold in each of its iterations.
+        collisions: What may touch; None: nothing.
+        smooth: Steps of second order: one while nothing holds what deforms, joints or actuators, and one
+            while something does; None: all steps are those of `inner`.
+    """
+
+    def __init__(
+        self,
+        inner: IteratedStepper,
+        collisions: CollisionModel | None,
+        smooth: tuple[BossakStepper, BossakStepper] | None = None,
+    ) -> None:
+        super().__init__(inner)
+        self._iterated = inner
+        self._collisions, self._smooth = collisions, smooth
+        self._start, self._free = inner.model.empty_state(), inner.model.empty_state()
+        self._holding: IndexArray = np.zeros(0, np.int64)  # keys of what holds more than rigid bodies
+
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """See Stepper."""
+        if self._smooth is None:
+            return self._advance(self._iterated, state, control, parameters)
+        smooth, start = self._smooth[int(state.extra[HOLDING][0])], self._start
+        start.copy_from(state)
+        if not smooth.goes_on(state):
+            report = self._advance(self._iterated, state, control, parameters)
+            if not np.isfinite(report.top_speed):
+                return report
+            smooth.take_back(state, start)
+        report = self._advance(smooth, state, control, parameters)
+        if self._has_struck(start):
+            state.copy_from(start)
+            report = self._advance(self._iterated, state, control, parameters)
+            smooth.forget_acceleration(state)
+        state.extra[HOLDING][:] = len(self._holding) > 0
+        return report
+
+    def _has_struck(self, start: State) -> bool:
+        """Whether something holds at the end of the step that did not at its start."""
+        held = start.warm_start[start.warm_start[:, 1:].any(axis=1), 0]
+        return not bool(np.isin(self._holding, held).all())
+
+    def _advance(
+        self, inner: IteratedStepper | BossakStepper, state: State, control: Control, parameters: Parameters
+    ) -> StepReport:
+        """One step around that of `inner`, with its iterations."""
+        free: Any = inner.free_motion(state, control, parameters)  # inner's own kind, as next_move takes it
+        complete = partial(self._complete, control=control)
+        done = complete(free)
+        while free.wants_more():
+            further = free.again(state)
+            report = complete(further)
+            if further.strays():
+                break
+            free, done = further, report
+        return replace(done, estimate=partial(inner.next_move, free, complete))
+
+    def _complete(self, free: _FreeMotion, control: Control) -> StepReport:
+        """Move rigid bodies and solve the contacts."""
+        model, collisions, state = self.model, self._collisions, free.state
+        report, before = free.report, free.before
+        if model.rigid.names:
+            model.rigid.predict(state, model.gravity, model.dt, control.rigid_forces)
+            model.rigid.advance(state, before, model.dt)
+            report = _faster(report, state, model.rigid)
+        state.warm_start, self._holding = no_warm_start(), np.zeros(0, np.int64)
+        if collisions is None or not report.top_speed < runaway_speed(collisions.size, model.dt):
+            if model.rigid.names and np.isfinite(report.top_speed):
+                model.rigid.finish(state, before)
+                report = _faster(report, state, model.rigid)
+            return report
+        return self._hold(free, report, control, collisions)
+
+    def _hold(
+        self,
+        motion: _FreeMotion,
+        report: StepReport,
+        control: Control,
+        collisions: CollisionModel,
+    ) -> StepReport:
+        """Solve the contacts of a step, linearised again until the true shapes have room at its end.
+
+        Where MOST_PASSES do not do, the end that leaves most room counts, and where something has passed a
+        surface even so, all stands still at the last place before that for the rest of the step.
+        """
+        watch, state, before = Stopwatch(), motion.state, motion.before
+        self._free.copy_from(state)
+        start = collisions.start(before)
+        free = collisions.end(start, self._free)
+        place, warm_start = start, before.warm_start
+        near, first_slides = collisions.at_start(start, free)
+        slides: Array | None = first_slides
+        best: Pass | None = None
+        earlier = np.unique(warm_start[warm_start[:, 1:].any(axis=1), 0].astype(np.int64))
+        for count in range(1, MOST_PASSES + 1):
+            touching = linearise(collisions, near, start, place, free, slides, earlier)
+            watch.mark("detect")
+            state.copy_from(self._free)
+            reached, solution, end = report, _NO_FORCES, free
+            if len(touching):
+                reached, solution = self._solve(motion, report, control, touching, warm_start, watch)
+                if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):
+                    return reached
+                end = collisions.end(start, state)
+            end = end._replace(state=state)
+            self.model.rigid.finish(state, before)
+            warm_start = touching.warm_start(solution.forces)
+            near = collisions.at_end(end)
+            room = (collisions.free_share(start, end), collisions.room(near))
+            if collisions.held_astray(touching.near, solution.forces, place, end):
+                room = (room[0], -math.inf)  # of no worth, whatever room it leaves
+            if best is None or room > best.room:
+                best = Pass(touching, solution, reached, end, near, room, state.buffer.copy())
+            if room >= (1.0, collisions.least_gap):
+                break
+            earlier = np.union1d(earlier, touching.near.key)
+            if count < MOST_PASSES:
+                share = room[0]
+                place = end if share == 1.0 else collisions.between(start, end, _SHORT * share)
+                slides = None if place is end else end.points - place.points
+                near = collisions.at(place, free, end)
+        assert best is not None
+        state.buffer[:] = best.values
+        if best.room[0] < 1.0:
+            best = self._cut(best, state, collisions, start)
+        state.warm_start = best.touching.warm_start(best.solution.forces)
+        self._holding = _holding(best)
+        watch.mark("detect")
+        return replace(
+            _faster(best.report, state, self.model.rigid),
+            times={**report.times, **watch.stages()},
+            measure=partial(_measure, best, collisions, count),
+        )
+
+    def _cut(self, best: Pass, state: State, collisions: CollisionModel, start: Place) -> Pass:
+        """Let all stand where it is before something passes, with the velocities of the step's end."""
+        place = collisions.between(start, best.end._replace(state=state), _SHORT * best.room[0])
+        for name in ("velocities", "reduced_velocities", "rigid_velocities"):
+            setattr(place.state, name, getattr(state, name))
+        state.buffer[:] = place.state.buffer
+        self.model.place_regions(state)
+        end = collisions.end(start, state)
+        return best._replace(end=end, near=collisions.at_end(end))
+
+    def _solve(
+        self,
+        motion: _FreeMotion,
+        report: StepReport,
+        control: Control,
+        touching: LinearisedContacts,
+        warm_start: Array,
+        watch: Stopwatch,
+    ) -> tuple[StepReport, ContactSolution]:
+        """Find the forces and add what they do to the free motion; the step's report, and the forces.
+
+        Of the solution, the multipliers of actuators are left out.
+        """
+        model, h, state, before = self.model, self.model.dt, motion.state, motion.before
+        reaches = len(touching.rows.place) > 0  # what is not rigid
+        acting = len(self.actuators) if reaches else 0
+        compliance = np.zeros((len(touching.gap),) * 2)
+        kept = self.actuators.kept_in(before, control)
+        if reaches:
+            compliance = h * h * motion.compliance(touching.rows)
+            np.einsum("ii->i", compliance)[:acting] += kept.compliance[:acting]
+        moves = model.rigid.response(before, touching.on_rigid)
+        compliance[acting:, acting:] += h * h * (moves @ touching.on_rigid.T)
+        watch.mark("compliance")
+        multipliers = state.joint_efforts[self.actuators.joint][:acting]
+        gap = np.append(motion.violations[:acting], touching.gap)
+        gap -= compliance[:, :acting] @ multipliers
+        first = np.append(multipliers, touching.first_forces(warm_start))
+        wrong = np.zeros_like(gap)  # how far rows end from where the compliance takes them
+        for _ in range(MOST_ROUNDS):
+            solution = solve_contacts(
+                compliance,
+                gap + wrong,
+                (kept.lower[:acting], kept.upper[:acting]),
+                touching.friction,
+                first,
+                touching.settings.iterations,
+                touching.settings.tolerance,
+            )
+            first, forces = solution.forces, solution.forces[acting:]
+            watch.mark("forces")
+            if not reaches:
+                break
+            velocities = state.rigid_velocities.copy()
+            report = motion.correct(h * np.append(first[:acting] - multipliers, forces))
+            state.rigid_velocities = velocities
+            watch.mark("correct")
+            if motion.defect is None:
+                break
+            before_it, wrong = wrong, np.append(np.zeros(acting), h * motion.defect)
+            off = float(np.abs(wrong - before_it).max(initial=0.0))
+            if off <= touching.settings.tolerance:
+                break
+            solution = solution._replace(residual=max(solution.residual, off))
+        if model.rigid.names:
+            state.rigid_velocities += (h * (forces @ moves)).reshape(-1, 6)
+            model.rigid.advance(state, before, h)
+            report = _faster(report, state, model.rigid)
+        watch.mark("correct")
+        return report, solution._replace(forces=forces)
+
+
+def _holding(done: Pass) -> IndexArray:
+    """Keys of the contacts with a force on what deforms, joints or frames."""
+    touching = done.touching
+    reaches = np.diff(touching.rows.start)[::3] > 0
+    pressed = done.solution.forces.reshape(-1, 3).any(axis=1)
+    return np.asarray(touching.keys[reaches & pressed], dtype=np.int64)
+
+
+def _faster(report: StepReport, state: State, rigid: RigidBodies) -> StepReport:
+    """The report with the larger of its top speed and those of the rigid bodies in [m/s]; keeps NaN."""
+    speeds = np.abs(state.rigid_velocities)
+    speeds[:, 3:] *= rigid.gyration[:, None]
+    speed = float(speeds.max(initial=0.0))
+    return (
+        report
+        if speed <= report.top_speed or report.top_speed != report.top_speed
+        else replace(report, top_speed=speed)
+    )
+
+
+def _measure(done: Pass, collisions: CollisionModel, passes: int) -> ContactReport:
+    """What touched, measured at the end of the step."""
+    touching, solution, near, points = done.touching, done.solution, done.near, done.end.points
+    settings = collisions.settings
+    gaps, others = measured_gaps(
+        touching.near, near, points, collisions.carried.radius, settings.alarm_distance
+    )
+    forces = np.einsum("kd,kdi->ki", solution.forces.reshape(-1, 3), touching.directions)
+    pairs = np.concatenate([touching.near.pair, others.pair])
+    sides = np.einsum("kc,kci->ki", others.a_weights, points[others.a])
+    sides += np.einsum("kc,kci->ki", others.b_weights, points[others.b])
+    shown = (touching.near, others)
+    return ContactReport(
+        points=np.concatenate([touching.points, 0.5 * sides]),
+        forces=np.concatenate([forces, np.zeros((len(others.key), 3))]),
+        normals=np.concatenate([each.normal for each in shown]),
+        gaps=np.concatenate([gaps, others.distance]) - settings.contact_distance,
+        pairs=pairs,
+        bodies=collisions.owner[pairs],
+        body_names=collisions.body_names,
+        vertices=np.concatenate([np.concatenate([each.a, each.b], axis=1) for each in shown]),
+        weights=np.concatenate([np.concatenate([each.a_weights, each.b_weights], axis=1) for each in shown]),
+        residual=solution.residual,
+        sweeps=solution.sweeps,
+        passes=passes,
+    )

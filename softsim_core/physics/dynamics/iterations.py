@@ -1,0 +1,429 @@
+r"""More Newton iterations of an implicit Euler step, and how bodies turn as a whole within one.
+
+Damping per stiffness is of the strains that change: a turning of the body changes none. Over a step of h that
+turns a body by the rotation R the nodes at x move by (R - I) x, and the velocity (R - I) x / h has, taken for
+a rate of strain, the contraction
+
+.. math:: \frac{\cos a - 1}{h} \approx -\frac{a^2}{2 h} = -\frac{h \omega^2}{2}
+
+so that K v would stretch the body by :math:`r_K h \omega^2 / 2`, and the stiffness within a linearised step
+by :math:`h^2 \omega^2 / 2`. Iterated steps take the way of the nodes less the turning of their body.
+
+A step that is linearised once does so for bodies that nothing holds, of laws with a potential. It adds the
+force -lag K v to the right-hand side. K of stressed elements answers a rotation w of the body with the
+turning of its forces, K (w x r) = -w x f: to first order right, but taken where the body was, which brakes
+the spin of a free body by (h w)^2 per step. All other bodies keep K v as the reference simulator has it, and
+are dilated as above; see StepReport.dilation.
+
+From nodes x and velocities v at the start of a step of h the nonlinear step asks, at its end,
+
+.. math:: M (v^+ - v) + h\, r_M M v^+ + h\, r_K K(x^+) v^+ = h\, f(x^+), \qquad x^+ = x + h v^+ .
+
+A step of `Stepper` is the first Newton iteration, about x. Where iterations have come to x_k, with
+v_k = (x_k - x) / h, the next one solves for y = v^+ - v_k, about x_k:
+
+.. math:: ((1 + h r_M) M + h (h + r_K) K(x_k))\, y = h f(x_k) - M (v_k - v) - h\, r_M M v_k - h\, r_K K v_k .
+
+That is the step of the same stepper from x_k at rest under further forces, so that contacts, actuators and
+what cells keep between linear solves go through it as through any step. Contacts are solved anew in each.
+Each has about the square of the error of the one before, in [m] per size of the body; with damping per
+stiffness, whose K follows x without a derivative, a share of it that grows with r_K / h.
+
+In all of these r_K K takes the way x^+ - x less the turning of the body as a whole, see below: a
+turning is no strain. Only steps of one iteration damp K v^+ as it is, as the reference simulator does.
+
+What is stiff along itself and bends easily, as layers, fibres and rods, has the damping force
+
+.. math:: \frac{r_K}{h} \bigl(f(x^+) - f(x)\bigr)
+
+instead, to first order the same, with x turned as the body. K v would take a turning of a part by the angle
+a within the step for a strain of a^2 / 2, which outweighs all bending; and here K has the derivative of all.
+What the law of rods damps takes the change of the strains from x to x^+ in the same way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.physics.actuation.joint_drive import drive_stiffness
+from softsim_core.physics.dynamics.assembly import top_speed, viscosity_matrix, viscous_forces
+from softsim_core.physics.dynamics.report import StepReport
+from softsim_core.physics.dynamics.stepper import FreeMotion, Stepper, StepperAround
+from softsim_core.physics.fem.cells import cell_forces, cell_stiffness, mean_volume_answer
+from softsim_core.physics.fem.materials.strain import StrainMaterial
+from softsim_core.physics.mechanics.control import Control, Parameters
+from softsim_core.physics.mechanics.model import FREE, Model
+from softsim_core.physics.mechanics.pose import rotation_exp, rotation_log
+from softsim_core.physics.mechanics.rows import Rows
+from softsim_core.physics.mechanics.state import MOVED, State
+
+
+class FreeTurning:
+    """The bodies of a model, and those whose nodes are all free, of laws with a potential.
+
+    Attributes:
+        bodies: Nodes of each of the latter, shape (k,).
+        held: Nodes of each of the others, shape (k,).
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._mass, self._dt = model.mass, model.dt
+        held: set[int] = set()
+        nodes: dict[int, list[Array]] = {}
+        for group in model.groups:
+            for body in np.unique(group.body).tolist():
+                own = np.unique(group.cells[group.body == body])
+                nodes.setdefault(body, []).append(own)
+                still = (model.region_of_node[own] != FREE).any() or model.spring[own].any()
+                if still or not group.material.has_potential:
+                    held.add(body)
+        every = {body: np.unique(np.concatenate(own)) for body, own in nodes.items()}
+        self.bodies = [own for body, own in every.items() if body not in held]
+        self.held = [own for body, own in every.items() if body in held]
+
+    def lagging(self, state: State, control: Control, share: float) -> Array:
+        """The velocities (n, 3) that a step takes K by, with a `share` of those that are carried."""
+        result = self._without_turning(state.positions, state.velocities)
+        return result if control.carried is None else np.asarray(result + share * control.carried)
+
+    def turned(self, places: Array, onto: Array) -> Array:
+        """Places (n, 3) in [m] with bodies turned and moved as a whole to how they lie at others (n, 3)."""
+        result = places.copy()
+        for own in (*self.bodies, *self.held):
+            centre, middle, rotation = self._fitted(own, places, onto)
+            result[own] = middle + (places[own] - centre) @ rotation
+        return result
+
+    def dilation(self, before: Array, after: Array) -> float:
+        """Largest a^2 / 2 of the held bodies, which turn by a between places (n, 3) in [m]."""
+        turns = [self._fitted(own, before, after)[2] for own in self.held]
+        return max((0.5 * (3.0 - float(np.trace(turn))) for turn in turns), default=0.0)
+
+    def _fitted(self, own: Array, places: Array, onto: Array) -> tuple[Array, Array, Array]:
+        """Centres of mass (3,) of a body at both places, and how it has turned: x R, for arms x (k, 3)."""
+        mass = self._mass[own, None]
+        centre, middle = ((mass * each[own]).sum(axis=0) / mass.sum() for each in (places, onto))
+        u, _, vt = np.linalg.svd((mass * (places[own] - centre)).T @ (onto[own] - middle))
+        u[:, 2] *= np.linalg.det(u @ vt)  # no reflection
+        return centre, middle, u @ vt
+
+    def _without_turning(self, positions: Array, velocities: Array) -> Array:
+        """Velocities (n, 3) in [m/s] less the turning of free bodies about their centres of mass."""
+        if not self.bodies:
+            return velocities
+        result = velocities.copy()
+        for own in self.bodies:
+            mass, points = self._mass[own, None], positions[own]
+            total = mass.sum()
+            arms = points - (mass * points).sum(axis=0) / total
+            drift = velocities[own] - (mass * velocities[own]).sum(axis=0) / total
+            momentum = np.cross(arms, mass * drift).sum(axis=0)
+            inertia = (mass * (arms**2).sum(axis=1, keepdims=True)).sum() * np.eye(3) - (mass * arms).T @ arms
+            spin = np.linalg.lstsq(inertia, momentum, rcond=None)[0]
+            result[own] -= arms @ (rotation_exp(self._dt * spin).T - np.eye(3)) / self._dt
+        return result
+
+
+_TAKEN = (
+    "positions",
+    "frame_positions",
+    "frame_rotations",
+    "joint_positions",
+    "joint_efforts",
+    "base_shift",
+)
+_RIGID = ("rigid_positions", "rigid_rotations", "rigid_velocities")
+
+
+class IteratedStepper(StepperAround):
+    """See the module.
+
+    Args:
+        inner: Implicit Euler, linearised once.
+        most: Iterations at most, >= 1.
+        tolerance: No more are made once one has moved no node farther than this, in [m]. One that moves a
+            node farther than the one before did is taken back, and the last.
+
+    Attributes:
+        inner, most, tolerance: As given.
+        begun: Steps so far.
+        before, reached: The state at the start of the step, and the one that the newest iteration is about.
+        kept: That one as it was, with velocities as the step has them.
+    """
+
+    def __init__(self, inner: Stepper, most: int = 1, tolerance: float = 0.0) -> None:
+        super().__init__(inner)
+        model = inner.model
+        self.inner, self.most, self.tolerance, self.begun = inner, most, tolerance, 0
+        self.before, self.reached, self.kept = (model.empty_state() for _ in range(3))
+        self._start, self._trial = model.empty_state(), model.empty_state()
+        self._turning, self._drive = FreeTurning(model), drive_stiffness(model)
+        self._inertia = np.array([joint.inertia for joint in model.joints])
+        self._compliant = model.compliant_joints
+        others = np.append(self._compliant, self.actuators.joint)
+        self._led = np.setdiff1d(np.arange(len(model.joints)), others)
+
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """See Stepper."""
+        if self.most > 1:
+            motion = self.free_motion(state, control, parameters)
+            while motion.wants_more():
+                further = motion.again(state)
+                if further.strays():
+                    break
+                motion = further
+            return replace(motion.report, estimate=partial(self.next_move, motion))
+        self._begin(state)
+        report = self.inner.step(state, control, parameters)
+        report.estimate = partial(self._move_after, self.begun, state, control, parameters)
+        report.dilate = partial(self.dilation, self.begun, state, parameters)
+        return report
+
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> IteratedFreeMotion:
+        """See Stepper."""
+        self._begin(state)
+        motion = self.inner.free_motion(state, control, parameters)
+        return IteratedFreeMotion(self, motion, state, control, parameters)
+
+    def _begin(self, state: State) -> None:
+        self.before.copy_from(state)
+        self.begun += 1
+
+    def next_move(
+        self, motion: IteratedFreeMotion, complete: Callable[[IteratedFreeMotion], object] | None = None
+    ) -> float:
+        """How far in [m] another iteration would move a node at most; NaN once another step has begun.
+
+        Args:
+            motion: The last iteration.
+            complete: What has to be done to an iteration, such as to let contacts hold.
+        """
+        if motion.begun != self.begun:
+            return math.nan
+        trial = self._trial
+        trial.copy_from(motion.state)
+        if (trial.base_positions != self.before.base_positions).any():  # moved since, and the body with it
+            trial.base_positions[:] = self.before.base_positions
+            self.model.place_regions(trial)
+        start = trial.positions.copy()
+        further = motion.again(trial)
+        if complete is not None:
+            complete(further)
+        return farthest(start, trial.positions)
+
+    def dilation(self, begun: int, state: State, parameters: Parameters) -> float:
+        """See StepReport: after the first iteration of the step `begun`, which led to a state."""
+        if begun != self.begun:
+            return math.nan
+        strain = self._turning.dilation(self.before.positions, state.positions)
+        return strain * (1.0 + parameters.rayleigh_stiffness / self.model.dt)
+
+    def _move_after(self, begun: int, state: State, control: Control, parameters: Parameters) -> float:
+        """The same after a step that was no more than one iteration."""
+        if begun != self.begun:
+            return math.nan
+        return self.next_move(IteratedFreeMotion(self, None, state, control, parameters))
+
+    def about(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
+        """The step that is the next iteration about `state`."""
+        model, h, before, reached, start = self.model, self.model.dt, self.before, self.reached, self._start
+        reached.copy_from(state)
+        self._set_rates(reached)
+        start.copy_from(reached)
+        start.velocities[:], start.reduced_velocities[:] = 0.0, 0.0
+        rates, damping, carried = reached.velocities, parameters.rayleigh_stiffness, None
+        gained = (1.0 + h * parameters.rayleigh_mass) * rates - before.velocities
+        forces = control.forces - model.momentum(gained) / h
+        if damping > 0.0:
+            straining = carried = self._strain_rates(reached)
+            for group in model.groups:  # the mean volume is not damped
+                p = group.values(parameters.materials)
+                answer = mean_volume_answer(group, reached.positions, p, straining)
+                forces += h / (h + damping) * damping * answer
+            forces += damping * self._strained(parameters, straining)
+            viscous = viscosity_matrix(model, reached, parameters)
+            if viscous is not None:  # that of rods' laws takes the strains that have changed, see the module
+                forces += damping / (h + damping) * (viscous @ straining.ravel()).reshape(-1, 3)
+        dragging = viscous_forces(model, before.positions, reached.positions, parameters, h)
+        if dragging is not None:
+            forces += dragging
+        targets, held = control.targets, self._compliant
+        if len(held):
+            rate, gains = self._joint_rates(reached)[held], self._gains(reached)[held]
+            targets = targets.copy()
+            targets[held] -= gains / self._drive[held] + damping * rate
+        control = replace(control, targets=targets, forces=forces, carried=carried)
+        return self.inner.free_motion(start, control, parameters)
+
+    def _strain_rates(self, reached: State) -> Array:
+        """Velocities (n, 3) in [m/s] over the step, less the motion of bodies as a whole."""
+        begun = self.before.positions
+        if reached.base_shift[0] != self.before.base_shift[0]:  # bases are re-placed, not moved
+            trial = self._trial
+            trial.copy_from(self.before)
+            trial.base_shift[:] = reached.base_shift
+            self.model.place_regions(trial)
+            begun = trial.positions
+        turned = self._turning.turned(begun, reached.positions)
+        return np.asarray((reached.positions - turned) / self.model.dt)
+
+    def _strained(self, parameters: Parameters, straining: Array) -> Array:
+        """(f(x_k) - f(x)) / h + K v in [N/s] of layers, fibres and rods about `reached`, shape (n, 3).
+
+        K v is what the step takes off; f(x) turns with the bodies.
+        """
+        at, result = self.reached.positions, np.zeros_like(straining)
+        begun = at - self.model.dt * straining
+        for group in self.model.groups:
+            if isinstance(group.material, StrainMaterial):
+                p = group.values(parameters.materials)
+                stiffness = cell_stiffness(group, at, p, positive=True, moved=self.reached.extra[MOVED])
+                answer = np.einsum("mabij,mbj->mai", stiffness, straining[group.cells])
+                answer += (cell_forces(group, at, p) - cell_forces(group, begun, p)) / self.model.dt
+                np.add.at(result, group.cells, answer)
+        return result
+
+    def take(self, state: State, end: State, control: Control) -> None:
+        """Write the end of an iteration into `state`; rigid bodies are left as they are."""
+        for name in _TAKEN:
+            getattr(state, name)[:] = getattr(end, name)
+        if MOVED in state.extra:
+            state.extra[MOVED][:] = end.extra[MOVED]
+        self._set_rates(state)
+        state.joint_efforts[self._led] += self._gains(state)[self._led]
+        springs = self._drive * (control.targets - state.joint_positions)
+        state.joint_efforts[self._compliant] = springs[self._compliant]
+
+    def _set_rates(self, state: State) -> None:
+        """Velocities by the way from the start of the step to the places of a state."""
+        model, h, before = self.model, self.model.dt, self.before
+        free = model.free_nodes
+        state.velocities[free] = (state.positions[free] - before.positions[free]) / h
+        for f in range(len(model.frame_names)):
+            gone = state.frame_positions[f] - before.frame_positions[f]
+            turn = rotation_log(state.frame_rotations[f] @ before.frame_rotations[f].T)
+            state.reduced_velocities[6 * f : 6 * f + 6] = np.concatenate([gone, turn]) / h
+        self._joint_rates(state)[:] = (state.joint_positions - before.joint_positions) / h
+        if model.regions:
+            model.place_regions(state)
+
+    def _joint_rates(self, state: State) -> Array:
+        return state.reduced_velocities[6 * len(self.model.frame_names) :]
+
+    def _gains(self, state: State) -> Array:
+        """What the inertia of each joint has taken up since the start, in [N m] or [N], shape (j,)."""
+        gained = self._joint_rates(state) - self._joint_rates(self.before)
+        return np.asarray(self._inertia * gained / self.model.dt)
+
+
+class IteratedFreeMotion:
+    """See FreeMotion: one of an iteration, and what leads to the next.
+
+    Args:
+        stepper: What it belongs to.
+        motion: The step that the iteration is; None: one that is over.
+        state: What it is written into.
+        control, parameters: Of the step.
+        earlier: The iteration before; None: this is the first.
+
+    Attributes:
+        count: How many iterations there have been.
+        begun: Which step of the stepper it is.
+        moved: How far in [m] it has moved a node at most; set by `wants_more` and `strays`.
+    """
+
+    def __init__(
+        self,
+        stepper: IteratedStepper,
+        motion: FreeMotion | None,
+        state: State,
+        control: Control,
+        parameters: Parameters,
+        earlier: IteratedFreeMotion | None = None,
+    ) -> None:
+        self.state, self.before, self.begun = state, stepper.before, stepper.begun
+        self.moved, self.report = math.inf, StepReport()
+        self._stepper, self._motion, self._control, self._parameters = stepper, motion, control, parameters
+        self.count, self._last, self._times = 1, math.inf, Counter[str]()
+        self._from, self._fallback = stepper.before.positions, 0
+        if earlier is not None:
+            self.count, self._last = earlier.count + 1, earlier.moved
+            self._from, self._fallback = stepper.reached.positions, earlier.report.fallback
+            self._times.update(earlier.report.times)
+        self.violations = np.zeros(0) if motion is None else motion.violations
+        if motion is not None:
+            self.report = self._told(motion.report)
+
+    @property
+    def defect(self) -> Array | None:
+        """See FreeMotion."""
+        return None if self._motion is None else self._motion.defect
+
+    def wants_more(self) -> bool:
+        """Whether a further iteration is to follow; `state` is where this one has led."""
+        if self.count >= self._stepper.most:
+            return False
+        self.moved = farthest(self._from, self.state.positions)
+        return self.moved > self._stepper.tolerance
+
+    def strays(self) -> bool:
+        """Whether it has led farther away; then `state` is again what it was before this iteration.
+
+        The second iteration may find little where a third one finds twice as much, and all further ones less.
+        """
+        moved = farthest(self._from, self.state.positions)
+        if moved <= max(self._last * (2.0 if self.count == 3 else 1.0), self._stepper.tolerance):
+            return False
+        self.state.copy_from(self._stepper.kept)
+        return True
+
+    def again(self, state: State) -> IteratedFreeMotion:
+        """The next iteration, about where `state` is, written into it.
+
+        As far as it is not what touches, and rigid bodies as the step found them.
+        """
+        stepper, control = self._stepper, self._control
+        stepper.kept.copy_from(state)
+        stepper.before.warm_start = state.warm_start
+        motion = stepper.about(state, control, self._parameters)
+        for name in _RIGID:
+            setattr(state, name, getattr(stepper.before, name))
+        stepper.take(state, motion.state, control)
+        return IteratedFreeMotion(stepper, motion, state, control, self._parameters, self)
+
+    def compliance(self, rows: Rows) -> Array:
+        """See FreeMotion."""
+        assert self._motion is not None
+        return self._motion.compliance(rows)
+
+    def correct(self, impulses: Array) -> StepReport:
+        """See FreeMotion."""
+        assert self._motion is not None
+        report = self._motion.correct(impulses)
+        if self.count > 1:
+            self._stepper.take(self.state, self._motion.state, self._control)
+        return self._told(report)
+
+    def _told(self, report: StepReport) -> StepReport:
+        if self.count == 1:
+            report.dilate = partial(self._stepper.dilation, self.begun, self.state, self._parameters)
+            return report
+        return replace(
+            report,
+            top_speed=top_speed(self._stepper.model, self.state),
+            times=dict(self._times + Counter(report.times)),
+            fallback=max(self._fallback, report.fallback),
+            iterations=self.count,
+        )
+
+
+def farthest(before: Array, after: Array) -> float:
+    """Largest distance in [m] between places (n, 3); NaN if one is."""
+    return float(np.sqrt(((after - before) ** 2).sum(axis=1).max(initial=0.0)))

@@ -1,0 +1,462 @@
+"""Compiled rows of actuators: their stiffness, the faces they press on, their bounded multipliers.
+
+A row H stands as one more column of the reduced coordinates in the panels, so that factoring the step's
+matrix brings H A^-1 H^T beside everything else; see kinematics. Kinds without compiled kernels have their
+values and coefficients filled in before.
+"""
+
+from __future__ import annotations
+
+from math import inf, nan, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.physics.actuation.compiled.kinds import CompiledKinds, fill, measure
+from softsim_core.physics.dynamics.numba_backend.compile import kernel
+from softsim_core.physics.dynamics.numba_backend.layout import (
+    ActuatorRows,
+    ActuatorStiffness,
+    Motion,
+    Nodes,
+    Work,
+)
+from softsim_core.physics.linalg.bounded import FACES_PER_FORCE, SMALLEST_PIVOT, SOLVED, WRONG_SIDE
+from softsim_core.physics.linalg.symbolic import Tree
+
+TINY = float(np.finfo(float).tiny)
+
+
+@kernel
+def bounded_forces(matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array) -> None:
+    """Forces (c,) in [N] as linalg.bounded.solve_bounded finds them; NaN where there is no answer."""
+    size = len(gap)
+    factor, sums, held = np.empty((size, size)), np.empty(size), np.empty(size, np.bool_)
+    active_sets(matrix, gap, lower, upper, forces, factor, sums, held)
+    if residual_of(matrix, gap, lower, upper, forces, sums) <= SOLVED:
+        return
+    walk_faces(matrix, gap, lower, upper, forces, factor, sums, held)
+    if not residual_of(matrix, gap, lower, upper, forces, sums) <= SOLVED:
+        for c in range(size):
+            forces[c] = nan
+
+
+@kernel
+def remainder_of(matrix: Array, gap: Array, forces: Array, c: int) -> float:
+    """Row c of gap + matrix . forces."""
+    rest = gap[c]
+    for d in range(len(gap)):
+        rest += matrix[c, d] * forces[d]
+    return float(rest)
+
+
+@kernel
+def sum_rows(matrix: Array, gap: Array, forces: Array, sums: Array) -> None:
+    """Sizes of what adds up in each row into `sums` (c,)."""
+    size, most, reach = len(gap), 0.0, 0.0
+    for c in range(size):
+        most = max(most, abs(gap[c]))
+        reach += sqrt(abs(matrix[c, c])) * abs(forces[c])
+    for c in range(size):
+        sums[c] = max(most + sqrt(abs(matrix[c, c])) * reach, TINY)
+
+
+@kernel
+def residual_of(matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, sums: Array) -> float:
+    """See linalg.bounded.bounded_residual; infinite where a force is NaN."""
+    sum_rows(matrix, gap, forces, sums)
+    worst = 0.0
+    for c in range(len(gap)):
+        if not (lower[c] <= forces[c] <= upper[c]):
+            return inf
+        rest = remainder_of(matrix, gap, forces, c) / sums[c]
+        if not abs(rest) < inf:
+            return inf
+        if forces[c] > lower[c]:
+            worst = max(worst, rest)
+        if forces[c] < upper[c]:
+            worst = max(worst, -rest)
+    return worst
+
+
+@kernel
+def solve_held(matrix: Array, gap: Array, held: BoolArray, forces: Array, factor: Array) -> None:
+    """Forces of the held rows so that gap + matrix . forces = 0 there; the others are given."""
+    size = len(gap)
+    for i in range(size):
+        if not held[i]:
+            continue
+        forces[i] = -gap[i]
+        for j in range(size):
+            factor[i, j] = matrix[i, j]
+            if not held[j]:
+                forces[i] -= matrix[i, j] * forces[j]
+    for i in range(size):
+        if not held[i]:
+            continue
+        if factor[i, i] < SMALLEST_PIVOT * matrix[i, i]:
+            factor[i, i] = SMALLEST_PIVOT * matrix[i, i]
+        scale = 1.0 / sqrt(factor[i, i])
+        forces[i] *= scale
+        for j in range(i, size):
+            factor[i, j] *= scale
+        for k in range(i + 1, size):
+            if held[k]:
+                forces[k] -= factor[i, k] * forces[i]
+                for j in range(k, size):
+                    factor[k, j] -= factor[i, k] * factor[i, j]
+    for i in range(size - 1, -1, -1):
+        if held[i]:
+            for j in range(i + 1, size):
+                if held[j]:
+                    forces[i] -= factor[i, j] * forces[j]
+            forces[i] /= factor[i, i]
+
+
+@kernel
+def active_sets(
+    matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, factor: Array, sums: Array,
+    held: BoolArray,
+) -> None:  # fmt: skip
+    """Release what leaves its bounds, hold what turns back, all at once; may end without an answer."""
+    size = len(gap)
+    hold = np.empty(size, np.bool_)
+    for c in range(size):
+        held[c] = lower[c] < upper[c]
+        forces[c] = 0.0 if held[c] else lower[c]
+    for _ in range(2 * size + 1):
+        solve_held(matrix, gap, held, forces, factor)
+        sum_rows(matrix, gap, forces, sums)
+        settled = True
+        for c in range(size):
+            if held[c]:
+                hold[c] = lower[c] <= forces[c] <= upper[c]
+            else:
+                rest = remainder_of(matrix, gap, forces, c)
+                tiny = WRONG_SIDE * sums[c]
+                back = rest < -tiny if forces[c] <= lower[c] else rest > tiny
+                hold[c] = back and lower[c] < upper[c]
+            settled = settled and hold[c] == held[c]
+        if settled:
+            return
+        for c in range(size):
+            held[c] = hold[c]
+            forces[c] = min(max(forces[c], lower[c]), upper[c])
+
+
+@kernel
+def walk_faces(
+    matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, factor: Array, sums: Array,
+    held: BoolArray,
+) -> None:  # fmt: skip
+    """Minimum of one face of the bounds after another; the force that is pushed off most frees the next."""
+    size, freed = len(gap), -1
+    settled, goal = np.empty(size, np.bool_), np.empty(size)
+    for c in range(size):
+        forces[c] = min(max(0.0, lower[c]), upper[c])
+        held[c] = lower[c] < forces[c] < upper[c]
+        settled[c] = False
+    for _ in range(FACES_PER_FORCE * size):
+        if to_minimum(matrix, gap, lower, upper, forces, factor, goal, held):
+            settled[:] = False
+        elif freed >= 0:
+            settled[freed] = True  # it goes nowhere: what pushed it is rounding
+        sum_rows(matrix, gap, forces, sums)
+        most, freed = WRONG_SIDE, -1
+        for c in range(size):
+            if held[c] or settled[c] or not lower[c] < upper[c]:
+                continue
+            push = remainder_of(matrix, gap, forces, c) / sums[c]
+            if forces[c] <= lower[c]:
+                push = -push
+            if push > most:
+                most, freed = push, c
+        if freed < 0:
+            return
+        held[freed] = True
+
+
+@kernel
+def to_minimum(
+    matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, factor: Array, goal: Array,
+    held: BoolArray,
+) -> bool:  # fmt: skip
+    """Move `forces` to the minimum over those held, which leave `held` at a bound; whether any moved."""
+    size, moved = len(gap), False
+    for _ in range(size + 1):
+        goal[:] = forces
+        solve_held(matrix, gap, held, goal, factor)
+        part, first = 1.0, -1
+        for c in range(size):
+            if held[c] and not lower[c] <= goal[c] <= upper[c]:
+                bound = upper[c] if goal[c] > upper[c] else lower[c]
+                share = (bound - forces[c]) / (goal[c] - forces[c])
+                if first < 0 or share < part:
+                    part, first = share, c
+        for c in range(size):
+            if held[c]:
+                moved = moved or (part > 0.0 and goal[c] != forces[c])
+                if first < 0:
+                    forces[c] = goal[c]
+                else:
+                    after = forces[c] + part * (goal[c] - forces[c])
+                    forces[c] = min(max(after, lower[c]), upper[c])
+        if first < 0:
+            break
+        forces[first] = upper[first] if goal[first] > upper[first] else lower[first]
+        held[first] = False
+    return moved
+
+
+class PressedFaces(NamedTuple):
+    """Faces of one surface, m of them with a nodes each.
+
+    Attributes:
+        faces: Their nodes, shape (m, a).
+        order: How they are eliminated, shape (m,).
+        inside: And then the nodes of each, shape (m, a).
+        blocks: Room for the blocks of all pairs of nodes in that order, shape (m, a (a + 1) / 2, 3, 4); their
+            diagonals and the fourth number of a row stay zero.
+    """
+
+    faces: IndexArray
+    order: IndexArray
+    inside: IndexArray
+    blocks: Array
+
+
+@kernel
+def press_faces(
+    stiffness: Array, surface: PressedFaces, velocities: Array, lag: float, scale: float, forces: Array
+) -> None:
+    """Fill the blocks of a surface, and add -lag K v to the forces (n, 3) in [N].
+
+    Args:
+        stiffness: v of the blocks, see Actuator.surface_stiffness, shape (m, 3, a, a).
+        surface: The faces.
+        velocities: v in [m/s], shape (n, 3).
+        lag: In [s].
+        scale: What the blocks are multiplied by.
+        forces: Added to.
+    """
+    faces, order, inside, blocks = surface.faces, surface.order, surface.inside, surface.blocks
+    count, nodes = faces.shape
+    for e in range(count):
+        face, pair = order[e], 0
+        for first in range(nodes):
+            for second in range(first, nodes):
+                a, b = inside[e, first], inside[e, second]
+                for i in range(3):
+                    j, k = (i + 1) % 3, (i + 2) % 3
+                    part = scale * stiffness[face, i, a, b]
+                    blocks[e, pair, j, k], blocks[e, pair, k, j] = -part, part
+                pair += 1
+        for a in range(nodes):
+            for b in range(nodes):
+                n = faces[face, b]
+                for i in range(3):
+                    j, k = (i + 1) % 3, (i + 2) % 3
+                    turned = stiffness[face, j, a, b] * velocities[n, k]
+                    turned -= stiffness[face, k, a, b] * velocities[n, j]
+                    forces[faces[face, a], i] -= lag * turned
+
+
+@kernel
+def measure_rows(motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work) -> None:
+    """Coordinates of the compiled kinds into rows.value; the frames of the joints have to be in `work`."""
+    measure(motion.positions, work.joint_origins, work.joint_rotations, kinds, rows.value)
+
+
+@kernel
+def add_rows(
+    h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, nodes: Nodes, tree: Tree, work: Work
+) -> None:
+    """Rows of actuators into their columns of panels and reduced; into rows.violation where s drifts.
+
+    That is the coordinate after h at the present velocities. The motion subspace of the reduced
+    coordinates has to be in `work`.
+    """
+    count = len(rows.joint)
+    if count == 0:
+        return
+    measure_rows(motion, rows, kinds, work)
+    fill(work.angular, work.linear, work.origin, kinds, rows.coefficient)
+    size, last = len(motion.reduced_velocities), len(motion.positions)
+    for c in range(count):
+        column, rate = size + c, 0.0
+        for e in range(rows.start[c], rows.start[c + 1]):
+            n = rows.place[e]
+            if n >= last:
+                work.factor.schur[n - last, column] += rows.coefficient[e, 0]
+                rate += rows.coefficient[e, 0] * motion.reduced_velocities[n - last]
+                continue
+            s, z = nodes.supernode[n], nodes.region_number[n]
+            for i in range(3):
+                value = rows.coefficient[e, i]
+                rate += value * motion.velocities[n, i]
+                if s >= 0:
+                    row = nodes.first_unknown[n] + i - tree.first_column[s]
+                    at = tree.panel[s] + row * tree.width[s] + nodes.reduced_column[s, column]
+                    work.factor.panels[at] += value
+                elif z >= 0:
+                    for q in range(nodes.size[z]):
+                        work.factor.schur[nodes.reduced[z, q], column] += work.jacobian[z, q, i] * value
+        rows.violation[c] = rows.value[c] + h * rate
+
+
+@kernel
+def add_stiffness(
+    stiffness: ActuatorStiffness, straining: Array, reduced_velocities: Array, nodes: Nodes, tree: Tree,
+    work: Work,
+) -> None:  # fmt: skip
+    """Add R^T diag(w) R to the matrix, and -R^T w R v to the right-hand side, v the velocities given."""
+    start, places, coefficient = stiffness.start, stiffness.place, stiffness.coefficient
+    panels, supernode, unknown = work.factor.panels, nodes.supernode, nodes.first_unknown
+    last = len(straining)
+    for r in range(len(stiffness.weight)):
+        weight, rate = stiffness.weight[r], 0.0
+        if weight <= 0.0:
+            continue
+        for e in range(start[r], start[r + 1]):
+            n = places[e]
+            if n >= last:
+                rate += coefficient[e, 0] * reduced_velocities[n - last]
+                continue
+            for i in range(3):
+                rate += coefficient[e, i] * straining[n, i]
+        for e in range(start[r], start[r + 1]):
+            n = places[e]
+            if n >= last or supernode[n] < 0:
+                _add_border(weight, rate, e, start[r], start[r + 1], stiffness, last, nodes, work)
+                continue
+            s = supernode[n]
+            width, columns = tree.width[s], tree.columns[s]
+            row = tree.panel[s] + (unknown[n] - tree.first_column[s]) * width
+            for i in range(3):
+                panels[row + i * width + tree.later[s] + tree.side[s] - 1] -= (
+                    weight * rate * coefficient[e, i]
+                )
+            for f in range(start[r], start[r + 1]):
+                m = places[f]
+                if m >= last or supernode[m] < 0:
+                    for p in range(_count(m, last, nodes)):
+                        k, value = _reduced(f, p, stiffness, last, nodes, work)
+                        for i in range(3):
+                            at = row + i * width + nodes.reduced_column[s, k]
+                            panels[at] += weight * coefficient[e, i] * value
+                    continue
+                if unknown[m] < unknown[n]:
+                    continue  # stands in the rows of the other
+                column = unknown[m] - tree.first_column[s]
+                if column >= columns:  # its place among the later ones
+                    low, high = tree.first_row[s], tree.first_row[s + 1]
+                    while low < high:
+                        middle = (low + high) // 2
+                        if tree.row_index[middle] < unknown[m]:
+                            low = middle + 1
+                        else:
+                            high = middle
+                    column = tree.later[s] + low - tree.first_row[s]
+                for i in range(3):
+                    for j in range(3):
+                        panels[row + i * width + column + j] += weight * coefficient[e, i] * coefficient[f, j]
+
+
+@kernel
+def _add_border(
+    weight: float, rate: float, e: int, begin: int, end: int, stiffness: ActuatorStiffness, last: int,
+    nodes: Nodes, work: Work,
+) -> None:  # fmt: skip
+    """What entry e adds for the reduced coordinates that it moves with, beside entries begin to end."""
+    schur, right = work.factor.schur, len(work.factor.schur)
+    for q in range(_count(stiffness.place[e], last, nodes)):
+        k, value = _reduced(e, q, stiffness, last, nodes, work)
+        schur[k, right] -= weight * rate * value
+        for f in range(begin, end):
+            place = stiffness.place[f]
+            if place < last and nodes.supernode[place] >= 0:
+                continue
+            for p in range(_count(place, last, nodes)):
+                m, other = _reduced(f, p, stiffness, last, nodes, work)
+                if m >= k:
+                    schur[k, m] += weight * value * other
+
+
+@kernel
+def _count(place: int, last: int, nodes: Nodes) -> int:
+    """How many reduced coordinates a place that is no free node moves with."""
+    if place >= last:
+        return 1
+    z = nodes.region_number[place]
+    return int(nodes.size[z]) if z >= 0 else 0
+
+
+@kernel
+def _reduced(
+    e: int, q: int, stiffness: ActuatorStiffness, last: int, nodes: Nodes, work: Work
+) -> tuple[int, float]:
+    """The q-th of them for entry e, and the entry's coefficient of it."""
+    place = stiffness.place[e]
+    if place >= last:
+        return place - last, stiffness.coefficient[e, 0]
+    z, total = nodes.region_number[place], 0.0
+    for i in range(3):
+        total += work.jacobian[z, q, i] * stiffness.coefficient[e, i]
+    return nodes.reduced[z, q], total
+
+
+@kernel
+def hold_rows(
+    h: float, targets: Array, lower: Array, upper: Array, change: Array, size: int, rows: ActuatorRows,
+    matrix: Array,
+) -> None:  # fmt: skip
+    """Multipliers within their bounds (c,), and what they are to the kinematics, into change[size:].
+
+    `matrix` is what eliminate_reduced left; rows.violation becomes s - q + c t at the end of the step.
+    """
+    count = len(rows.joint)
+    total = size + count
+    for c in range(count):
+        rows.violation[c] -= targets[rows.joint[c]] + h * matrix[size + c, total]
+        for d in range(count):
+            rows.response[c, d] = -h * h * matrix[size + min(c, d), size + max(c, d)]
+        rows.response[c, c] += rows.compliance[c]
+    bounded_forces(rows.response, rows.violation, lower, upper, rows.multiplier)
+    for c in range(count):
+        change[size + c] = -h * rows.multiplier[c]
+        for d in range(count):
+            rows.violation[c] += rows.response[c, d] * rows.multiplier[d]
+
+
+@kernel
+def report_rows(h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work) -> None:
+    """Multipliers as joint efforts, coordinates of the compiled kinds and their rates as those of joints."""
+    if len(rows.joint) == 0:
+        return
+    for c in range(len(rows.joint)):
+        motion.joint_efforts[rows.joint[c]] = rows.multiplier[c]
+        rows.before[c] = rows.value[c]
+    report_values(h, motion, rows, kinds, work)
+
+
+@kernel
+def report_values(h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work) -> None:
+    """Coordinates of the compiled kinds, and their rates since rows.before, as those of their joints."""
+    measure_rows(motion, rows, kinds, work)
+    first = len(motion.reduced_velocities) - len(motion.joint_positions)
+    for c in range(rows.compiled[0]):
+        motion.joint_positions[rows.joint[c]] = rows.value[c]
+        motion.reduced_velocities[first + rows.joint[c]] = (rows.value[c] - rows.before[c]) / h
+
+
+@kernel
+def report_impulses(
+    h: float, impulses: Array, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work
+) -> None:
+    """As report_rows, after impulses have come on top; `impulses` (c,) holds minus them."""
+    if len(rows.joint) == 0:
+        return
+    for c in range(len(rows.joint)):
+        motion.joint_efforts[rows.joint[c]] = rows.multiplier[c] - impulses[c] / h
+    report_values(h, motion, rows, kinds, work)

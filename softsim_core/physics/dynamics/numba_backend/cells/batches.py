@@ -1,0 +1,327 @@
+"""Cells of any element in batches of LANES: how they deform, where their blocks go, which are inside out.
+
+Of each cell there is one block for each pair of its nodes, which stand in the order of their elimination.
+Those of free nodes are added to the panels at once; what moving regions take is kept until their Jacobians
+are known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils as numba_cgutils
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.physics.dynamics.numba_backend.cells.lanes import Batch, Lanes
+from softsim_core.physics.dynamics.numba_backend.compile import kernel
+from softsim_core.physics.dynamics.numba_backend.layout import Nodes, Pairs, Work
+from softsim_core.physics.fem.group import ElementGroup
+from softsim_core.physics.linalg.compile import intrinsic
+from softsim_core.physics.linalg.simd import LANES, add_block
+from softsim_core.physics.linalg.symbolic import Plan
+from softsim_core.physics.mechanics.model import Model
+
+
+@kernel
+def count_inverted(x: Array, corners: IndexArray) -> int:
+    """How many tetrahedra `corners` (m, 4), all of positive volume at rest, have det F <= 0 at x (n, 3)."""
+    count = 0
+    for e in range(len(corners)):
+        o, a, b, c = corners[e, 0], corners[e, 1], corners[e, 2], corners[e, 3]
+        a0, a1, a2 = x[a, 0] - x[o, 0], x[a, 1] - x[o, 1], x[a, 2] - x[o, 2]
+        b0, b1, b2 = x[b, 0] - x[o, 0], x[b, 1] - x[o, 1], x[b, 2] - x[o, 2]
+        c0, c1, c2 = x[c, 0] - x[o, 0], x[c, 1] - x[o, 1], x[c, 2] - x[o, 2]
+        volume = a0 * (b1 * c2 - b2 * c1) + a1 * (b2 * c0 - b0 * c2) + a2 * (b0 * c1 - b1 * c0)
+        count += 1 if volume <= 0.0 else 0
+    return count
+
+
+def oriented(model: Model) -> IndexArray:
+    """Corners of all cells of four nodes in an order of positive volume at rest, shape (m, 4)."""
+    linear = [group.cells for group in model.filling if group.cells.shape[1] == 4]
+    corners = np.concatenate([np.zeros((0, 4), np.int64), *linear])
+    points = model.rest[corners]
+    mirrored = np.linalg.det(points[:, 1:] - points[:, :1]) < 0.0
+    corners[mirrored] = corners[mirrored][:, [1, 0, 2, 3]]
+    return corners
+
+
+cgutils: Any = numba_cgutils
+
+
+_LINE = 8
+"""Numbers of eight bytes in a cache line."""
+
+
+class CellBatches(NamedTuple):
+    """Cells of one element in B batches, with a nodes and q points; lanes beyond the last repeat it.
+
+    Attributes:
+        nodes: Node indices, shape (B, a, LANES).
+        gradients: Shape gradients in [1/m], rows ((B a + node) q + point) 3 + axis, shape (B a q 3, LANES).
+        size: How many cells there are, shape (1,).
+    """
+
+    nodes: IndexArray
+    gradients: Array
+    size: IndexArray
+
+
+def cell_batches(group: ElementGroup) -> CellBatches:
+    """The cells of a group."""
+    rows = np.swapaxes(group.gradients, 1, 2).reshape(len(group.cells), -1)
+    return CellBatches(in_lanes(group.cells), in_lanes(rows).reshape(-1, LANES), np.array([len(group.cells)]))
+
+
+def in_lanes(rows: Any) -> Any:
+    """Rows (e, r) as batches (B, r, LANES); lanes beyond the last row repeat it."""
+    missing = -len(rows) % LANES
+    padded = np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])
+    batches = padded.reshape(-1, LANES, rows.shape[1]).swapaxes(1, 2)
+    result = aligned(batches.shape, batches.dtype)
+    result[:] = batches
+    return result
+
+
+def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
+    """Zeros that begin on a cache line: a row that lies on two of them takes twice the time."""
+    numbers = math.prod(shape)
+    buffer = np.zeros(numbers + _LINE, dtype)
+    first = -(buffer.ctypes.data // buffer.itemsize) % _LINE
+    return buffer[first : first + numbers].reshape(shape)
+
+
+@kernel
+def gather(nodal: Array, nodes: IndexArray, batch: int, out: Array) -> None:
+    """Rows 3 a + i of `out`: component i of nodal values (n, 3) at node a of every lane of a batch."""
+    for a in range(nodes.shape[1]):
+        for lane in range(LANES):
+            node = nodes[batch, a, lane]
+            for i in range(3):
+                out[3 * a + i, lane] = nodal[node, i]
+
+
+@intrinsic
+def put_gradient(
+    typing: Any, nodal: Any, gradients: Any, first: Any, stride: Any, count: Any, out: Any, row: Any
+) -> Any:
+    """Nine rows of `out` from `row` on: sum over the nodes of nodal values times shape gradients.
+
+    The values of node n are rows 3 n + i, its gradient rows first + n stride + j; `count` nodes.
+    """
+    integer = types.int64
+    signature = types.void(nodal, gradients, integer, integer, integer, out, integer)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        b = Batch(context, builder)
+        kinds, zero = signature.args, ir.Constant(b.v.type, [0.0] * LANES)
+        sums = [b.v.variable(zero) for _ in range(9)]
+        with cgutils.for_range(builder, args[4]) as loop:
+            n = loop.index
+            values = b.load(b.start(kinds[0], args[0], builder.mul(n, n.type(3))), 3)
+            place = builder.add(args[2], builder.mul(n, args[3]))
+            slopes = b.load(b.start(kinds[1], args[1], place), 3)
+            for i in range(3):
+                for j in range(3):
+                    slot = sums[3 * i + j]
+                    builder.store((Lanes(b.v, builder.load(slot)) + values[i] * slopes[j]).value, slot)
+        goal = b.start(kinds[5], args[5], args[6])
+        for k, slot in enumerate(sums):
+            b.put(goal, k, Lanes(b.v, builder.load(slot)))
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@kernel
+def count_folded(x: Array, cells: CellBatches) -> int:
+    """How many cells have det F <= 0 at one of their points, at positions (n, 3) in [m]."""
+    nodes, gradients = cells.nodes, cells.gradients
+    batches, a, _ = nodes.shape
+    pitch = len(gradients) // (batches * a)
+    values, f, folded = np.empty((3 * a, LANES)), np.empty((9, LANES)), np.empty(LANES, np.bool_)
+    result = 0
+    for batch in range(batches):
+        gather(x, nodes, batch, values)
+        folded[:] = False
+        for q in range(0, pitch, 3):
+            put_gradient(values, gradients, batch * a * pitch + q, pitch, a, f, 0)
+            for lane in range(LANES):
+                volume = f[0, lane] * (f[4, lane] * f[8, lane] - f[5, lane] * f[7, lane])
+                volume += f[1, lane] * (f[5, lane] * f[6, lane] - f[3, lane] * f[8, lane])
+                volume += f[2, lane] * (f[3, lane] * f[7, lane] - f[4, lane] * f[6, lane])
+                folded[lane] |= volume <= 0.0
+        for lane in range(min(LANES, cells.size[0] - batch * LANES)):
+            result += folded[lane]
+    return result
+
+
+@kernel
+def largest_strain_change(cells: CellBatches, before: Array, after: Array) -> float:
+    """See fem.cells.strain_change."""
+    nodes, gradients = cells.nodes, cells.gradients
+    batches, a, _ = nodes.shape
+    pitch = len(gradients) // (batches * a)
+    values, other = np.empty((3 * a, LANES)), np.empty((3 * a, LANES))
+    old, new, largest = np.empty((9, LANES)), np.empty((9, LANES)), np.zeros(LANES)
+    for batch in range(batches):
+        gather(before, nodes, batch, values)
+        gather(after, nodes, batch, other)
+        for q in range(0, pitch, 3):
+            place = batch * a * pitch + q
+            put_gradient(values, gradients, place, pitch, a, old, 0)
+            put_gradient(other, gradients, place, pitch, a, new, 0)
+            for lane in range(LANES):
+                total = 0.0
+                for i in range(3):
+                    for j in range(i + 1):
+                        entry = 0.0
+                        for k in range(0, 9, 3):
+                            entry += new[k + i, lane] * new[k + j, lane] - old[k + i, lane] * old[k + j, lane]
+                        total += (1.0 if i == j else 2.0) * entry * entry
+                if not total <= largest[lane]:  # also takes over what is not a number, and keeps it
+                    largest[lane] = total
+                    if total != total:
+                        return np.nan
+    change: float = 0.5 * np.sqrt(largest.max())
+    return change
+
+
+class CellPlaces(NamedTuple):
+    """Places of the blocks of m cells with a nodes each: free ones, then those in moving regions, then fixed.
+
+    Attributes:
+        starts: Panel place of the block of each pair of nodes, 00, 01, ... 11, ...; -1 where one is not free,
+            shape (m, a (a + 1) / 2).
+        strides: Panel width at each node, 0 where it is not free, shape (m, a).
+        kept: Place in Pairs.blocks of each cell's first block, -1: none of its nodes is in a moving region,
+            shape (m,).
+    """
+
+    starts: IndexArray
+    strides: IndexArray
+    kept: IndexArray
+
+
+@kernel
+def add_blocks(
+    blocks: Array, place: int, pitch: int, e: int, places: CellPlaces, panels: Array, kept: Array
+) -> None:
+    """Add the blocks of cell e to the panels, and to `kept` if a moving region takes part.
+
+    Rows of the blocks are four numbers, the fourth zero; the first is at number `place` of `blocks`, each
+    further one `pitch` numbers behind.
+    """
+    strides, starts = places.strides, places.starts
+    a = strides.shape[1]
+    for n in range(a):
+        if strides[e, n] == 0:
+            break
+        pair = n
+        for m in range(n + 1):  # column by column: what was just stored in a row is not loaded at once
+            add_block(panels, starts[e, pair], strides[e, m], blocks, place + 3 * pair * pitch, pitch)
+            pair += a - m - 1
+    first = places.kept[e]
+    if first >= 0:
+        numbers = blocks.reshape(-1)
+        for k in range(starts.shape[1]):
+            for i in range(3):
+                row = place + (3 * k + i) * pitch
+                for j in range(3):
+                    kept[first + k, i, j] += numbers[row + j]
+
+
+@kernel
+def add_all_blocks(blocks: Array, places: CellPlaces, panels: Array, kept: Array) -> None:
+    """Add the blocks (m, a (a + 1) / 2, 3, 4) of all cells, the fourth number of a row zero."""
+    for e in range(len(blocks)):
+        add_blocks(blocks, e * blocks.shape[1] * 12, 4, e, places, panels, kept)
+
+
+@kernel
+def scatter(pairs: Pairs, nodes: Nodes, work: Work) -> None:
+    """Add what is kept of the blocks to panels and reduced; work.jacobian has to be in place."""
+    panels, schur, jacobian, blocks = work.factor.panels, work.factor.schur, work.jacobian, pairs.blocks
+    for p in range(len(pairs.beside)):
+        block, place, width = pairs.beside[p, 0], pairs.beside[p, 1], pairs.beside[p, 2]
+        supernode, z = pairs.beside[p, 3], pairs.beside[p, 4]
+        for q in range(nodes.size[z]):
+            at = place + nodes.reduced_column[supernode, nodes.reduced[z, q]]
+            for i in range(3):
+                total = 0.0
+                for j in range(3):
+                    total += blocks[block, i, j] * jacobian[z, q, j]
+                panels[at + i * width] += total
+    for p in range(len(pairs.regions)):
+        block, a, b = pairs.regions[p, 0], pairs.regions[p, 1], pairs.regions[p, 2]
+        for q in range(nodes.size[b]):
+            k = nodes.reduced[b, q]
+            for r in range(nodes.size[a]):
+                m = nodes.reduced[a, r]
+                if a == b and m > k:
+                    continue
+                total = 0.0
+                for i in range(3):
+                    for j in range(3):
+                        total += jacobian[a, r, i] * blocks[block, i, j] * jacobian[b, q, j]
+                if a != b and m == k:  # from the transposed block, too
+                    total *= 2.0
+                schur[min(m, k), max(m, k)] += total
+
+
+def node_pairs(cells: IndexArray) -> IndexArray:
+    """All ordered pairs of nodes of each cell (m, a), cell by cell, shape (m a a, 2)."""
+    count = cells.shape[1]
+    first, second = np.repeat(cells, count, axis=1), np.tile(cells, (1, count))
+    return np.stack([first.ravel(), second.ravel()], axis=1)
+
+
+def in_elimination_order(group: ElementGroup, nodes: Nodes, local: IndexArray, layout: Plan) -> ElementGroup:
+    """The group with its cells, and the nodes of each, as they are eliminated; see CellPlaces."""
+    order, inside = elimination_order(group.cells, nodes, local, layout)
+    return group.part(order).ordered(inside)
+
+
+def elimination_order(
+    cells: IndexArray, nodes: Nodes, local: IndexArray, layout: Plan
+) -> tuple[IndexArray, IndexArray]:
+    """The order (m,) of cells (m, a) as they are eliminated, and then that of the nodes of each, (m, a)."""
+    count = len(layout.position)
+    places = np.append(layout.position, count)[local]  # local is -1 where a node is not free
+    rank = (places + ((local < 0) & (nodes.region_number < 0)))[cells]
+    order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
+    return order, np.argsort(rank[order], axis=1, kind="stable")
+
+
+def cell_places(
+    kinds: Sequence[IndexArray], nodes: Nodes, local: IndexArray, layout: Plan
+) -> tuple[list[CellPlaces], Pairs]:
+    """Places of the blocks of kinds of cells (m, a) in elimination order, and room for the kept ones."""
+    result, beside, regions = [], [np.zeros((0, 5), np.int64)], [np.zeros((0, 3), np.int64)]
+    height = 0
+    for cells in kinds:
+        first, second = np.triu_indices(cells.shape[1])
+        free, region = local[cells], nodes.region_number[cells]
+        supernode = np.where(free >= 0, np.append(layout.supernode, 0)[free], 0)
+        offset, width = np.append(layout.row_offset, 0)[free], np.append(layout.width, 0)[supernode]
+        both = np.nonzero((free[:, first] >= 0) & (free[:, second] >= 0))
+        one, other = (both[0], first[both[1]]), (both[0], second[both[1]])
+        starts = np.full((len(cells), len(first)), -1, np.int64)
+        starts[both] = offset[one] + layout.panel_columns(supernode[one], 3 * layout.position[free[other]])
+        touching = (region >= 0).any(axis=1)
+        kept = np.where(touching, height + len(first) * (np.cumsum(touching) - 1), -1)
+        height += len(first) * int(touching.sum())
+        result.append(CellPlaces(starts, np.where(free >= 0, width, 0), kept))
+        cell, pair = np.nonzero(region[:, second] >= 0)
+        block, one, z = kept[cell] + pair, (cell, first[pair]), region[cell, second[pair]]
+        mixed, inside = free[one] >= 0, region[one] >= 0
+        rows = np.stack([block, offset[one], width[one], supernode[one], z], axis=1)
+        beside.append(rows[mixed])
+        regions.append(np.stack([block, region[one], z], axis=1)[inside])
+    pairs = Pairs(np.zeros((height, 3, 3)), np.concatenate(beside), np.concatenate(regions))
+    return result, pairs

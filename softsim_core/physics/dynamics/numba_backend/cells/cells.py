@@ -1,0 +1,552 @@
+"""The cells of a model for the compiled step, by kernels of their own or added pair by pair of nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray, unique_pairs
+from softsim_core.physics.dynamics.numba_backend.actuator_rows import PressedFaces, press_faces
+from softsim_core.physics.dynamics.numba_backend.cells.batches import (
+    add_all_blocks,
+    cell_batches,
+    cell_places,
+    count_folded,
+    elimination_order,
+    in_elimination_order,
+    in_lanes,
+    node_pairs,
+    scatter,
+)
+from softsim_core.physics.dynamics.numba_backend.cells.elements import (
+    assemble_free,
+    assemble_mixed,
+    von_mises_stress,
+)
+from softsim_core.physics.dynamics.numba_backend.cells.laws import compiled_law, own_values, point_cells, tune
+from softsim_core.physics.dynamics.numba_backend.cells.point_cells import (
+    Given,
+    Into,
+    Memory,
+    PointCells,
+    hold,
+)
+from softsim_core.physics.dynamics.numba_backend.cells.rod_cells import (
+    fill_rods,
+    own_rods,
+    rod_cells,
+    tune_rods,
+)
+from softsim_core.physics.dynamics.numba_backend.cells.strain_cells import (
+    fill_strain,
+    strain_cells,
+    tune_strain,
+)
+from softsim_core.physics.dynamics.numba_backend.compile import kernel
+from softsim_core.physics.dynamics.numba_backend.kinematics import jacobians, motion_subspace
+from softsim_core.physics.dynamics.numba_backend.layout import (
+    Cells,
+    Elements,
+    Kinematics,
+    Motion,
+    Nodes,
+    Work,
+)
+from softsim_core.physics.fem.cells import cell_forces, cell_stiffness, cell_von_mises, mean_volume_law
+from softsim_core.physics.fem.elements import element
+from softsim_core.physics.fem.group import ElementGroup, empty_group
+from softsim_core.physics.fem.materials import material
+from softsim_core.physics.fem.materials.material import lame
+from softsim_core.physics.fem.prony import fading, held_stiffness
+from softsim_core.physics.kernels import OneSignature
+from softsim_core.physics.linalg.compile import inlined
+from softsim_core.physics.linalg.simd import LANES
+from softsim_core.physics.linalg.symbolic import Plan
+from softsim_core.physics.mechanics.model import FREE, Model
+from softsim_core.physics.mechanics.state import State, held_name
+
+_NOTHING = np.zeros((0, 1, 3, 3))
+
+
+class PairedCells:
+    """See the module.
+
+    Args:
+        groups: Their groups, without cells that are rigid as a whole.
+        whole: All groups of the model, with them.
+        nodes: Places of the nodes in the step's arrays.
+        local: Number of each free node among the free ones, shape (n,).
+        layout: The plan of the factor.
+        panels: Of the factor; `fill` adds to them.
+        surfaces: Nodes of faces that actuators press on, shapes (m, a).
+        coupled: Nodes of cells whose mass is not lumped, shapes (m, a).
+
+    Attributes:
+        pairs: What the kernels have to add of their blocks, see batches.
+    """
+
+    def __init__(
+        self,
+        groups: Sequence[ElementGroup],
+        whole: Sequence[ElementGroup],
+        nodes: Nodes,
+        local: IndexArray,
+        layout: Plan,
+        panels: Array,
+        surfaces: Sequence[IndexArray] = (),
+        coupled: Sequence[IndexArray] = (),
+    ) -> None:
+        self._groups = [
+            in_elimination_order(group, nodes, local, layout) for group in groups if len(group.cells)
+        ]
+        self._batches = [cell_batches(group) for group in self._groups]
+        self._strain = [strain_cells(group) for group in self._groups]
+        self._rods = [rod_cells(group) for group in self._groups]
+        kinds = [(group.element.name, group.material.name) for group in whole]
+        self._memories = []
+        for group in self._groups:
+            k = kinds.index((group.element.name, group.material.name))
+            self._memories.append((held_name(k), np.searchsorted(whole[k].numbers, group.numbers)))
+        self._points: list[PointCells | None] = []
+        self._fill_points: list[OneSignature | None] = []
+        for group, cells, (_, memory) in zip(self._groups, self._batches, self._memories, strict=True):
+            law = compiled_law(group.material)
+            self._points.append(None if law is None else point_cells(group, cells, memory))
+            self._fill_points.append(None if law is None else OneSignature(law.fill))
+        self._surfaces, self._coupled = (
+            [_Further(each, *elimination_order(each, nodes, local, layout)) for each in kind]
+            for kind in (surfaces, coupled)
+        )
+        self._pressed = [each.pressed() for each in self._surfaces]
+        further = [each.cells for each in (*self._surfaces, *self._coupled)]
+        all_cells = [group.cells for group in self._groups] + further
+        self._upper = [np.triu_indices(each.shape[1]) for each in all_cells]
+        self._places, self.pairs = cell_places(all_cells, nodes, local, layout)
+        self._panels = panels
+        self._no_forces = np.zeros((len(local), 3))
+        self._filled = np.zeros(1, np.bool_)  # whether the blocks hold anything; of all copies, as they are
+        self._fill_strain, self._fill_rods = OneSignature(fill_strain), OneSignature(fill_rods)
+        self._press_faces = [OneSignature(press_faces) for _ in self._surfaces]
+        self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
+
+    def of_another_copy(self) -> PairedCells:
+        """The same cells for parameters of their own; the room to work in is this one's."""
+        other = copy(self)
+        other._points = [None if each is None else own_values(each) for each in self._points]
+        other._strain = [
+            None if each is None else each._replace(moduli=each.moduli.copy()) for each in self._strain
+        ]
+        other._rods = [None if each is None else own_rods(each) for each in self._rods]
+        return other
+
+    def __bool__(self) -> bool:
+        return bool(self._groups or self._surfaces or self._coupled)
+
+    def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
+        """Take over the parameters of each body's law by name."""
+        for group, points, strain, rods in zip(
+            self._groups, self._points, self._strain, self._rods, strict=True
+        ):
+            if points is not None:
+                tune(points, group, group.values(materials))
+            if strain is not None:
+                tune_strain(strain, group, group.values(materials))
+            if rods is not None:
+                tune_rods(rods, group, group.values(materials))
+
+    def fill(
+        self,
+        state: State,
+        materials: Sequence[Mapping[str, float]],
+        positive: bool,
+        scale: float = 1.0,
+        lag: float = 0.0,
+        straining: Array | None = None,
+        moved: Array | None = None,
+        mean_share: float = 1.0,
+    ) -> Array:
+        """Add to the panels at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
+
+        Only blocks of free nodes go to the panels; what moving regions take `scatter` adds later. The forces
+        are for reading.
+
+        Args:
+            state: Positions.
+            materials: Parameters of each body's law by name.
+            positive: See fem.cells.cell_stiffness.
+            scale: What the stiffness is multiplied by.
+            lag: In [s].
+            straining: The velocities v in [m/s], shape (n, 3); None: there are none, nor is anything held.
+            moved: See fem.cells.cell_stiffness.
+            mean_share: See there.
+        """
+        x, kept = state.positions, self.pairs.blocks
+        if self._filled[0]:
+            kept[:] = 0.0
+        self._filled[0] = bool(self._groups)
+        if not self._groups:
+            return self._no_forces
+        forces = np.zeros_like(x)
+        velocities = forces.copy() if straining is None else straining
+        for k, group in enumerate(self._groups):
+            points, fill_points, strain = self._points[k], self._fill_points[k], self._strain[k]
+            by = forces[:0] if moved is None else moved
+            held = None if straining is None else state.extra.get(self._memories[k][0])
+            if points is not None and fill_points is not None:
+                found = moved is not None and mean_volume_law(group) is not None
+                fill_points(
+                    Given(
+                        x, by if found else forces[:0], velocities, _NOTHING if held is None else held,
+                        positive and not found, lag, mean_share, scale,
+                    ),
+                    points, Into(self._places[k], forces, self._panels, kept),
+                )  # fmt: skip
+                continue
+            if strain is not None and positive:
+                self._fill_strain(x, by, velocities, lag, scale, strain, forces)
+                self._add_all_blocks(strain.blocks, self._places[k], self._panels, kept)
+                continue
+            rods = self._rods[k]
+            if rods is not None and positive:
+                self._fill_rods(x, by, velocities, lag, scale, rods, forces)
+                self._add_all_blocks(rods.blocks, self._places[k], self._panels, kept)
+                continue
+            p = group.values(materials)
+            stiffness = cell_stiffness(group, x, p, positive, moved=moved, mean_share=mean_share)
+            on_nodes = cell_forces(group, x, p)
+            if held is not None:
+                chosen = held_stiffness(group, held[self._memories[k][1]])
+                stiffness += chosen[..., None, None] * np.eye(3)
+                on_nodes -= chosen @ x[group.cells]
+            on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
+            np.add.at(forces, group.cells, on_nodes)
+            first, second = self._upper[k]
+            self._add(k, scale * stiffness[:, first, second])
+        return forces
+
+    def press(
+        self, stiffness: Sequence[Array], velocities: Array, lag: float = 0.0, scale: float = 1.0
+    ) -> Array:
+        """Add what actuators press on, after `fill`; returns the forces -lag K v in [N], shape (n, 3).
+
+        Args:
+            stiffness: Of each surface, see ActuatorGroup.surface_stiffness.
+            velocities: In [m/s], shape (n, 3).
+            lag: In [s].
+            scale: What the stiffness is multiplied by.
+        """
+        forces = np.zeros_like(velocities)
+        self._filled[0] = True
+        first = len(self._groups)
+        for k, (surface, of_faces) in enumerate(zip(self._pressed, stiffness, strict=True)):
+            vectors = np.ascontiguousarray(of_faces)
+            self._press_faces[k](vectors, surface, velocities, float(lag), float(scale), forces)
+            self._add_all_blocks(surface.blocks, self._places[first + k], self._panels, self.pairs.blocks)
+        return forces
+
+    def couple(self, masses: Sequence[Array], scale: float) -> None:
+        """Add masses (m, a, a) in [kg] of the coupled cells times `scale` to the matrix, after `fill`."""
+        self._filled[0] = True
+        first = len(self._groups) + len(self._surfaces)
+        for k, (cells, of_cells) in enumerate(zip(self._coupled, masses, strict=True)):
+            self._add(first + k, scale * of_cells[cells.taken][..., None, None] * np.eye(3))
+
+    def _add(self, k: int, of_pairs: Array) -> None:
+        """Add blocks (m, a (a + 1) / 2, 3, 3) of the pairs of nodes of a group or surface to the matrix."""
+        blocks = np.zeros((*of_pairs.shape[:3], 4))
+        blocks[..., :3] = of_pairs
+        self._add_all_blocks(blocks, self._places[k], self._panels, self.pairs.blocks)
+
+    def folded(self, positions: Array) -> int:
+        """How many cells of more than four nodes are inside out at positions (n, 3)."""
+        return sum(
+            self._count_folded(positions, cells)
+            for group, cells in zip(self._groups, self._batches, strict=True)
+            if group.fills and group.cells.shape[1] != 4
+        )
+
+
+class _Further:
+    """Faces that an actuator presses on, or cells whose mass is not lumped.
+
+    Args:
+        faces: Their nodes, shape (m, a).
+        order: How they are eliminated, shape (m,).
+        inside: And then the nodes of each, shape (m, a).
+
+    Attributes:
+        cells: Their nodes in that order.
+        taken: What of blocks (m, a, a, 3, 3) of the faces as given belongs to the pairs of `cells`.
+    """
+
+    def __init__(self, faces: IndexArray, order: IndexArray, inside: IndexArray) -> None:
+        first, second = np.triu_indices(faces.shape[1])
+        self.cells = np.take_along_axis(faces[order], inside, axis=1)
+        self.taken = order[:, None], inside[:, first], inside[:, second]
+        self._given = faces, order, inside
+
+    def pressed(self) -> PressedFaces:
+        """What the kernel needs of faces."""
+        faces, order, inside = (np.ascontiguousarray(each, dtype=np.int64) for each in self._given)
+        return PressedFaces(faces, order, inside, np.zeros((len(faces), self.taken[1].shape[1], 3, 4)))
+
+
+class RelaxingCells:
+    """The cells of a group of a relaxing law that is compiled.
+
+    Args:
+        group: The cells, at least one.
+    """
+
+    def __init__(self, group: ElementGroup) -> None:
+        law = compiled_law(group.material)
+        assert law is not None
+        self._group = group
+        self._cells = point_cells(group, cell_batches(group), np.arange(len(group.cells)))
+        self._hold, self._remember = OneSignature(hold), OneSignature(law.remember)
+        self._tuned = np.zeros(0)
+
+    def hold(self, p: Array, memory: Array, held: Array, h: float) -> None:
+        """Put what is held in a step of h [s]; see fem.prony.held_stress."""
+        self._hold(self._memory(p, memory, h), held)
+
+    def remember(self, p: Array, memory: Array, positions: Array, h: float) -> None:
+        """See fem.prony.remember."""
+        if not np.array_equal(p, self._tuned):
+            tune(self._cells, self._group, p, shear_alone=True)
+            self._tuned = p
+        nothing = positions[:0]
+        still = np.zeros_like(positions)
+        given = Given(positions, nothing, still, np.zeros((0, 1, 3, 3)), False, 0.0, 1.0, 1.0)
+        self._remember(given, self._cells, self._memory(p, memory, h))
+
+    def _memory(self, p: Array, memory: Array, h: float) -> Memory:
+        shares, fades, halves = fading(self._group, p, h)
+        return Memory(memory, fades, shares * halves)
+
+
+COMPILED = (("tet4", "corotational"), ("tet4", "corotational_qr"))
+"""Elements and laws with kernels of their own: rotations by polar decomposition, and by frames."""
+
+
+@kernel
+def assemble_cells(
+    x: Array, scale: float, polar: int, frames: int, cells: Cells, nodes: Nodes, work: Work
+) -> None:
+    """Forces of cells with kernels, and scale times their stiffness, into panels and reduced.
+
+    PairedCells.fill has been there before: what it kept for the reduced coordinates is added, too.
+
+    `polar` and `frames` are the tangents of the two kinds of Cells, see elements.FROZEN.
+    """
+    assemble_free(x, scale, polar, cells.polar_free, work)
+    assemble_mixed(x, scale, polar, cells.polar_mixed, nodes, work)
+    assemble_free(x, scale, frames, cells.frame_free, work)
+    assemble_mixed(x, scale, frames, cells.frame_mixed, nodes, work)
+    scatter(cells.pairs, nodes, work)
+
+
+class PlannedCells:
+    """All cells that deform, and where they go.
+
+    Args:
+        model: Whose cells.
+        groups: Its groups without cells that are rigid as a whole, see `deforming`.
+        nodes: Places of the nodes in the step's arrays.
+        local: Number of each free node among the free ones, shape (n,).
+        layout: The plan of the factor.
+        panels: Of the factor.
+        surfaces: See PairedCells.
+
+    Attributes:
+        arrays: For the kernels.
+        paired: The cells whose stiffness is added pair by pair.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        groups: Sequence[ElementGroup],
+        nodes: Nodes,
+        local: IndexArray,
+        layout: Plan,
+        panels: Array,
+        surfaces: Sequence[IndexArray] = (),
+    ) -> None:
+        self._count = sum(len(group.cells) for group in model.filling)
+        self._kernels: list[tuple[ElementGroup, Elements, bool]] = []
+        by_kind = {(group.element.name, group.material.name): group for group in groups}
+        for kind in COMPILED:
+            group = by_kind.pop(kind, None) or empty_group(element(kind[0]), material(kind[1]))
+            all_free = (model.region_of_node[group.cells] == FREE).all(axis=1)
+            for chosen in (all_free, ~all_free):
+                part, elements = _elements(model, group.part(np.flatnonzero(chosen)), local, layout)
+                self._kernels.append((part, elements, not part.material.in_cell_axes))
+        self._paired_groups = tuple(by_kind.values())
+        self.paired = PairedCells(
+            self._paired_groups,
+            model.groups,
+            nodes,
+            local,
+            layout,
+            panels,
+            surfaces,
+            () if model.coupling is None else model.coupling.cells,
+        )
+        self.arrays = self._arrays()
+
+    def _arrays(self) -> Cells:
+        polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
+        return Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
+
+    def of_another_copy(self) -> PlannedCells:
+        """The same cells for parameters of their own; the room to work in is this one's."""
+        other = copy(self)
+        other._kernels = [
+            (group, elements._replace(lame=np.zeros_like(elements.lame)), polar)
+            for group, elements, polar in self._kernels
+        ]
+        other.paired = self.paired.of_another_copy()
+        other.arrays = other._arrays()
+        return other
+
+    def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
+        """Take over the parameters of each body's law by name."""
+        self.paired.tune(materials)
+        for group, elements, _ in self._kernels:
+            moduli = np.stack(lame(group.values(materials)), axis=1) * group.volumes[:, None]
+            padded = np.zeros((len(elements.lame) * LANES, 2))
+            padded[: len(moduli)] = moduli
+            elements.lame[:] = padded.reshape(-1, LANES, 2).swapaxes(1, 2)
+
+    def von_mises(self, state: State, materials: Sequence[Mapping[str, float]], work: Work) -> Array:
+        """Von Mises stress of each cell in [Pa], shape (m,); cells of one rigid region have none."""
+        result = np.zeros(self._count)
+        for group, elements, polar in self._kernels:
+            moduli = np.zeros((self._count, 2))
+            moduli[group.numbers] = np.stack(lame(group.values(materials)), axis=1)
+            von_mises_stress(state.positions, polar, elements, group.numbers, moduli, work, result)
+        for group in (each for each in self._paired_groups if each.fills):
+            result[group.numbers] = cell_von_mises(group, state.positions, group.values(materials))
+        return result
+
+
+def deforming(model: Model) -> list[ElementGroup]:
+    """The groups of a model without cells that are rigid as a whole."""
+    groups = []
+    for group in model.groups:
+        regions = model.region_of_node[group.cells]
+        rigid = (regions == regions[:, :1]).all(axis=1) & (regions[:, 0] != FREE)
+        groups.append(group.part(np.flatnonzero(~rigid)))
+    return groups
+
+
+def couplings(
+    model: Model, groups: Sequence[ElementGroup], local: IndexArray
+) -> tuple[IndexArray, IndexArray]:
+    """Pairs of coupled free nodes, and pairs (free node, reduced coordinate)."""
+    pairs = np.concatenate([np.zeros((0, 2), np.int64), *(node_pairs(group.cells) for group in groups)])
+    regions = model.region_of_node[pairs]
+    edges = local[pairs[(regions == FREE).all(axis=1)]]
+    beside = pairs[(regions[:, 0] == FREE) & (regions[:, 1] >= 0)]
+    touching = unique_pairs(np.stack([local[beside[:, 0]], model.region_of_node[beside[:, 1]]], axis=1))
+    reduced = {
+        (node, b) for node, region in touching.tolist() for b in model.regions[region].reduced.tolist()
+    }
+    return unique_pairs(edges), np.array(sorted(reduced), dtype=np.int64).reshape(-1, 2)
+
+
+def _elements(
+    model: Model, group: ElementGroup, local: IndexArray, layout: Plan
+) -> tuple[ElementGroup, Elements]:
+    """The cells of a group in elimination order, and their places in the panels."""
+    nodes = group.cells
+    regions = model.region_of_node[nodes]
+    count = len(layout.position)
+    places = np.append(layout.position, 0)[local[nodes]]  # held and region nodes have no place of their own
+    rank = np.where(regions == FREE, places, np.where(regions >= 0, count, count + 1))
+    order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
+    group, nodes, regions, rank = group.part(order), nodes[order], regions[order], rank[order]
+    inside = np.argsort(rank, axis=1, kind="stable")
+    ordered = np.take_along_axis(nodes, inside, axis=1)
+    gradients = np.take_along_axis(group.gradients[:, 0], inside[:, :, None], axis=1)
+    counts = np.stack([(regions == FREE).sum(axis=1), (regions >= 0).sum(axis=1)], axis=1)
+    starts, strides = np.zeros((len(nodes), 18), dtype=np.int64), np.zeros((len(nodes), 4), dtype=np.int64)
+    node = local[ordered]  # -1 where it is not free; free ones come first
+    is_free = np.arange(4) < counts[:, :1]
+    starts[:, 10:14] = offset = np.where(is_free, np.append(layout.row_offset, 0)[node], 0)
+    starts[:, 14:] = supernode = np.where(is_free, np.append(layout.supernode, 0)[node], 0)
+    strides[is_free] = layout.width[supernode[is_free]]
+    for a in range(4):
+        for b in range(a, 4):
+            there = np.flatnonzero(is_free[:, b])
+            pair = a * counts[there, 0] - a * (a - 1) // 2 + b - a
+            unknown = 3 * layout.position[node[there, b]]
+            column = layout.panel_columns(supernode[there, a], unknown)
+            starts[there, pair] = offset[there, a] + column
+    return group, Elements(
+        nodes=in_lanes(ordered),
+        corners=in_lanes(nodes),
+        gradients=in_lanes(gradients.reshape(-1, 12)),
+        lame=np.zeros((-(-len(nodes) // LANES), 2, LANES)),
+        starts=starts,
+        strides=strides,
+        counts=counts,
+    )
+
+
+@kernel
+def assemble_tangent(
+    motion: Motion, external: Array, spring: Array, tangent: int, kinematics: Kinematics, cells: Cells,
+    nodes: Nodes, work: Work,
+) -> None:  # fmt: skip
+    """The static tangent into panels and reduced, to what is there of paired cells.
+
+    `external`: all loads but elastic ones (n, 3); `tangent`: elements.EXACT, or CLAMPED.
+    """
+    x, first = motion.positions, 6 * len(motion.frame_positions)
+    motion_subspace(motion, kinematics, work)
+    jacobians(motion, nodes, work)
+    work.forces[:, :3] = external
+    work.ahead[:] = x
+    assemble_cells(x, 1.0, tangent, tangent, cells, nodes, work)
+    for f in range(len(nodes.free)):
+        for i in range(3):
+            place = nodes.row[f] + i * nodes.stride[f] + nodes.column[f] + i
+            work.factor.panels[place] += spring[nodes.free[f]]
+    for z in range(len(nodes.region)):
+        add_region_node(x, z, spring, first, nodes, work)
+    for j in range(len(kinematics.stiffness)):
+        work.factor.schur[first + j, first + j] += kinematics.stiffness[j]
+
+
+@inlined
+def add_region_node(x: Array, z: int, spring: Array, joints: int, nodes: Nodes, work: Work) -> None:
+    """Soft fixing of region node z, and the change of its load's work as frames and joints turn it.
+
+    `joints`: the first reduced coordinate of joints. Of two joints, the outer one turns how the inner one
+    moves the node; of the six of a frame, which turn at once, half of both orders counts.
+    """
+    node = nodes.region[z]
+    for q in range(nodes.size[z]):
+        b = nodes.reduced[z, q]
+        for p in range(q + 1):
+            a = nodes.reduced[z, p]
+            total = turned_work(node, z, a, q, work)
+            if b < joints:
+                slides = work.angular[a, 0] == 0.0 and work.angular[a, 1] == 0.0 and work.angular[a, 2] == 0.0
+                total = 0.0 if slides else 0.5 * (total + turned_work(node, z, b, p, work))
+            work.factor.schur[a, b] -= total
+            for i in range(3):
+                work.factor.schur[a, b] += spring[node] * work.jacobian[z, p, i] * work.jacobian[z, q, i]
+
+
+@inlined
+def turned_work(node: int, z: int, a: int, q: int, work: Work) -> float:
+    """F . (w x u) of region node z: its load, the turning of coordinate a, its motion by its q-th one."""
+    f, w, u = work.forces, work.angular, work.jacobian
+    total = f[node, 0] * (w[a, 1] * u[z, q, 2] - w[a, 2] * u[z, q, 1])
+    total += f[node, 1] * (w[a, 2] * u[z, q, 0] - w[a, 0] * u[z, q, 2])
+    return total + f[node, 2] * (w[a, 0] * u[z, q, 1] - w[a, 1] * u[z, q, 0])  # type: ignore[no-any-return]

@@ -1,0 +1,101 @@
+"""The laws whose stress and tangent at a point are compiled, and what their kernels take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.physics.dynamics.numba_backend.cells.batches import CellBatches, aligned, in_lanes
+from softsim_core.physics.dynamics.numba_backend.cells.corotational import (
+    corotational_moduli,
+    fill_corotational,
+    remember_corotational,
+)
+from softsim_core.physics.dynamics.numba_backend.cells.point_cells import PointCells, room_for
+from softsim_core.physics.dynamics.numba_backend.cells.rubber import (
+    fill_powers,
+    fill_rubber,
+    mooney_rivlin_moduli,
+    ogden_moduli,
+    remember_powers,
+    remember_rubber,
+    rubber_moduli,
+)
+from softsim_core.physics.fem.cells import mean_volume_law, split_bulk
+from softsim_core.physics.fem.group import ElementGroup
+from softsim_core.physics.fem.materials.corotational import Corotational
+from softsim_core.physics.fem.materials.material import Material, VolumetricMaterial
+from softsim_core.physics.fem.materials.mooney_rivlin import MooneyRivlin
+from softsim_core.physics.fem.materials.ogden import Ogden
+from softsim_core.physics.fem.materials.relaxing import Relaxing, law_within
+from softsim_core.physics.fem.materials.rubber import SeriesRubber
+from softsim_core.physics.linalg.simd import LANES
+
+
+class CompiledLaw(NamedTuple):
+    """What is compiled of a law.
+
+    Attributes:
+        moduli: Of the law and values p (m, k), what its kernels take, see PointCells, shape (m, n). All are
+            proportional to the answer to shear but those that `fixed` names.
+        size: n.
+        fill: Adds forces and stiffness of cells.
+        remember: Takes over what a step has done in what cells remember.
+        fixed: Columns of the moduli that have another unit.
+    """
+
+    moduli: Callable[[Any, Array], Array]
+    size: int
+    fill: Callable[..., None]
+    remember: Callable[..., None]
+    fixed: tuple[int, ...] = ()
+
+
+COMPILED_LAWS: dict[Any, CompiledLaw] = {  # by class
+    SeriesRubber: CompiledLaw(rubber_moduli, 5, fill_rubber, remember_rubber),
+    Corotational: CompiledLaw(corotational_moduli, 1, fill_corotational, remember_corotational),
+    Ogden: CompiledLaw(ogden_moduli, 5, fill_powers, remember_powers, (2, 4)),
+    MooneyRivlin: CompiledLaw(mooney_rivlin_moduli, 5, fill_powers, remember_powers, (2, 4)),
+}
+
+
+def compiled_law(law: Material) -> CompiledLaw | None:
+    """What is compiled of a law, with or without Prony terms; None: nothing."""
+    within = law_within(law)
+    return next((each for kind, each in COMPILED_LAWS.items() if isinstance(within, kind)), None)
+
+
+def point_cells(group: ElementGroup, cells: CellBatches, memory: IndexArray) -> PointCells:
+    """The cells of a group with a compiled law, see PointCells; `tune` gives them the values of their law."""
+    compiled = compiled_law(group.material)
+    assert compiled is not None
+    weights = in_lanes(group.weights)
+    batches, count, _ = weights.shape
+    moduli = aligned((batches * (2 + compiled.size), LANES))
+    room = room_for(group.cells.shape[1], count)
+    return PointCells(cells, weights.reshape(-1, LANES), moduli, memory, room)
+
+
+def own_values(cells: PointCells) -> PointCells:
+    """The same cells, to be given other values of their law."""
+    return cells._replace(moduli=aligned(cells.moduli.shape))
+
+
+def tune(cells: PointCells, group: ElementGroup, p: Array, shear_alone: bool = False) -> None:
+    """Take over values p (m, k) of the law's parameters; `shear_alone`: no bulk, and no term has faded."""
+    compiled, law = compiled_law(group.material), law_within(group.material)
+    assert compiled is not None
+    assert isinstance(law, VolumetricMaterial)
+    left = np.ones(len(p))
+    if isinstance(group.material, Relaxing):
+        left = left if shear_alone else group.material.left(p)
+        p = group.material.own(p)
+    bulk = (law.bulk(p), np.zeros(len(p))) if mean_volume_law(group) is None else split_bulk(law, p)
+    moduli = compiled.moduli(law, p)
+    scaled = np.setdiff1d(np.arange(moduli.shape[1]), compiled.fixed)
+    moduli[:, scaled] *= left[:, None]
+    bulk_of_both = np.zeros((len(p), 2)) if shear_alone else np.column_stack(bulk)
+    cells.moduli[:] = in_lanes(np.concatenate([bulk_of_both, moduli], axis=1)).reshape(-1, LANES)

@@ -1,0 +1,328 @@
+"""Compiled cells of rods, for the step; the formulas are those of fem.rods.
+
+With the vectors v_f of a point, the products have the slopes g_kf = Q_kfg v_g and B_kn = L_fn g_kf at node n,
+and with C and T the moduli and the resultants of products the block of nodes m, n is
+
+    w [B_km C_kl B_ln + T_k L_fm Q_kfg L_gn I]
+
+where T is what the last linear solve found. The law's damping adds w d B_km C_kl B_ln, whatever T is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.physics.dynamics.numba_backend.compile import kernel
+from softsim_core.physics.fem.group import ElementGroup
+from softsim_core.physics.fem.materials.section import Section
+from softsim_core.physics.fem.rods import BENDING, SHORTEST, RodGroup, StrainPoints
+
+
+class RodPoints(NamedTuple):
+    """One of the families of points of m cells, q points each; see fem.rods.StrainPoints.
+
+    Attributes:
+        members: Which of the nodes of a cell take part, ascending, shape (m, q, b).
+        maps: From these to the vectors, shape (m, q, f, b).
+        forms: See there, shape (k, f, f).
+        stretching: Whether a product is one vector's with itself, shape (k,).
+        natural: See there, shape (m, q, k).
+        stiffness: Times the lengths, shape (m, q, k, k).
+        along: See there.
+    """
+
+    members: IndexArray
+    maps: Array
+    forms: Array
+    stretching: IndexArray
+    natural: Array
+    stiffness: Array
+    along: bool
+
+
+class RodCells(NamedTuple):
+    """Cells of rods.
+
+    Attributes:
+        nodes: Node indices, shape (m, 9).
+        line, sections: Their points.
+        damping: Of the law in [s], shape (m,).
+        blocks: See StrainCells.
+    """
+
+    nodes: IndexArray
+    line: RodPoints
+    sections: RodPoints
+    damping: Array
+    blocks: Array
+
+
+def rod_cells(group: ElementGroup) -> RodCells | None:
+    """The cells of a group of rods, else None; `tune_rods` gives them the values of their law."""
+    if not isinstance(group, RodGroup):
+        return None
+    cells, a = np.ascontiguousarray(group.cells), group.cells.shape[1]
+    blocks = np.zeros((len(cells), a * (a + 1) // 2, 3, 4))
+    return RodCells(cells, _points(group.line, a), _points(group.sections, 3), np.zeros(len(cells)), blocks)
+
+
+def _points(points: StrainPoints, taking_part: int) -> RodPoints:
+    members = np.sort(np.argsort(-np.abs(points.maps).sum(axis=2), axis=2, kind="stable")[..., :taking_part])
+    maps = np.take_along_axis(points.maps, members[:, :, None, :], axis=3)
+    stretching = np.diagonal(points.forms, axis1=1, axis2=2).any(axis=1).astype(np.int64)
+    return RodPoints(
+        members,
+        maps,
+        points.forms,
+        stretching,
+        points.natural.copy(),
+        np.zeros_like(points.stiffness),
+        points.along,
+    )
+
+
+def own_rods(cells: RodCells) -> RodCells:
+    """The same cells, to be given other values of their law."""
+    line, sections = (each._replace(stiffness=each.stiffness.copy()) for each in (cells.line, cells.sections))
+    return cells._replace(line=line, sections=sections, damping=cells.damping.copy())
+
+
+def tune_rods(cells: RodCells, group: ElementGroup, p: Array) -> None:
+    """Take over the values p (m, k) of the law's parameters."""
+    assert isinstance(group, RodGroup)
+    assert isinstance(group.material, Section)
+    cells.damping[:] = group.material.damping(p)
+    for points, (family, stiffness) in zip((cells.line, cells.sections), group.families(p), strict=True):
+        points.stiffness[:] = family.lengths[..., None, None] * stiffness
+
+
+@kernel
+def put_vectors(nodal: Array, nodes: IndexArray, points: RodPoints, e: int, q: int, out: Array) -> None:
+    """The vectors of nodal values (n, 3) at point q of cell e, shape (f, 3)."""
+    maps, members = points.maps, points.members
+    for f in range(maps.shape[2]):
+        for i in range(3):
+            total = 0.0
+            for n in range(members.shape[2]):
+                total += maps[e, q, f, n] * nodal[nodes[e, members[e, q, n]], i]
+            out[f, i] = total
+
+
+@kernel
+def put_slopes(forms: Array, v: Array, out: Array) -> None:
+    """Q_k v of all products, shape (k, f, 3)."""
+    for k in range(forms.shape[0]):
+        for f in range(forms.shape[1]):
+            for i in range(3):
+                out[k, f, i] = 0.0
+            for g in range(forms.shape[1]):
+                if forms[k, f, g] != 0.0:
+                    for i in range(3):
+                        out[k, f, i] += forms[k, f, g] * v[g, i]
+
+
+@kernel
+def put_products(slopes: Array, v: Array, factor: float, out: Array) -> None:
+    """Factor times v . Q_k v of all products, with the slopes of one of the two, shape (k,)."""
+    for k in range(len(out)):
+        total = 0.0
+        for f in range(len(v)):
+            for i in range(3):
+                total += slopes[k, f, i] * v[f, i]
+        out[k] = factor * total
+
+
+@kernel
+def put_strains(
+    points: RodPoints, e: int, q: int, products: Array, strains: Array, by_products: Array
+) -> None:
+    """Strains (k,) of products (k,) at point q of cell e, and their slopes (k, k)."""
+    by_products[:] = 0.0
+    for k in range(len(products)):
+        strains[k] = products[k]
+        by_products[k, k] = 1.0
+    if points.along:
+        by_length = 1.0 / max(np.sqrt(2.0 * products[0]), SHORTEST)
+        strains[0] = 1.0 / by_length
+        by_products[0, 0] = by_length
+        for k in BENDING:
+            strains[k] *= by_length
+            by_products[k, k] = by_length
+            by_products[k, 0] = -products[k] * by_length**3
+    for k in range(len(products)):
+        strains[k] -= points.natural[e, q, k]
+
+
+@kernel
+def put_moduli(stiffness: Array, by_products: Array, along: bool, between: Array, out: Array) -> None:
+    """Moduli of products (k, k) from those of strains; `between` is written over."""
+    strains = len(out)
+    for k in range(strains):
+        for j in range(strains):
+            between[k, j] = stiffness[k, j] * by_products[j, j]
+        if along:
+            for j in BENDING:
+                between[k, 0] += stiffness[k, j] * by_products[j, 0]
+    for j in range(strains):
+        for k in range(strains):
+            out[k, j] = by_products[k, k] * between[k, j]
+        if along:
+            for k in BENDING:
+                out[0, j] += by_products[k, 0] * between[k, j]
+
+
+@kernel
+def add_bent(products: Array, resultants: Array, out: Array) -> None:
+    """Add second derivatives of the strains along a rod, times resultants (k,) of these, to moduli (k, k)."""
+    by_length = 1.0 / max(np.sqrt(2.0 * products[0]), SHORTEST)
+    out[0, 0] -= resultants[0] * by_length**3
+    for k in BENDING:
+        out[0, 0] += 3.0 * resultants[k] * products[k] * by_length**5
+        out[0, k] -= resultants[k] * by_length**3
+        out[k, 0] -= resultants[k] * by_length**3
+
+
+@kernel
+def fill_points(
+    x: Array,
+    moved: Array,
+    velocities: Array,
+    lag: float,
+    scale: float,
+    nodes: IndexArray,
+    points: RodPoints,
+    damping: Array,
+    forces: Array,
+    blocks: Array,
+) -> None:
+    """What a family of points adds; see `fill_rods`."""
+    maps, members, forms = points.maps, points.members, points.forms
+    strains, vectors, taking_part = forms.shape[0], forms.shape[1], members.shape[2]
+    a = nodes.shape[1]
+    v, dv = np.zeros((vectors, 3)), np.zeros((vectors, 3))
+    slopes, turned = np.zeros((strains, vectors, 3)), np.zeros((strains, vectors, 3))
+    products, second, rates = np.zeros(strains), np.zeros(strains), np.zeros(strains)
+    strain, resultants, expected = np.zeros(strains), np.zeros(strains), np.zeros(strains)
+    by_products, moduli = np.zeros((strains, strains)), np.zeros((strains, strains))
+    between, viscous = np.zeros((strains, strains)), np.zeros((strains, strains))
+    found, acting, pull = np.zeros(strains), np.zeros(strains), np.zeros((vectors, 3))
+    b, cb = np.zeros((strains, 3 * taking_part)), np.zeros((strains, 3 * taking_part))
+    turning, turned_maps = np.zeros((vectors, vectors)), np.zeros((vectors, taking_part))
+    row = np.zeros((3, 3 * taking_part))
+    step = scale / lag if lag > 0.0 else 0.0
+    for e in range(len(nodes)):
+        for q in range(maps.shape[1]):
+            put_vectors(x, nodes, points, e, q, v)
+            put_slopes(forms, v, slopes)
+            put_products(slopes, v, 0.5, products)
+            put_strains(points, e, q, products, strain, by_products)
+            if len(moved):
+                put_vectors(moved, nodes, points, e, q, dv)
+                put_slopes(forms, dv, turned)
+                put_products(turned, dv, 0.5, second)
+            put_vectors(velocities, nodes, points, e, q, dv)
+            put_slopes(forms, dv, turned)
+            put_products(slopes, dv, 1.0, rates)
+            for k in range(strains):
+                resultants[k] = expected[k] = 0.0
+                for j in range(strains):
+                    stiff = points.stiffness[e, q, k, j]
+                    if stiff != 0.0:
+                        resultants[k] += stiff * strain[j]
+                        if len(moved):
+                            change = by_products[j, j] * second[j]
+                            if points.along and j in BENDING:
+                                change += by_products[j, 0] * second[0]
+                            expected[k] += stiff * (strain[j] - change)
+                        else:
+                            expected[k] += stiff * strain[j]
+            put_moduli(points.stiffness[e, q], by_products, points.along, between, moduli)
+            viscous[:] = damping[e] * moduli
+            if points.along and len(moved):
+                add_bent(products, expected, moduli)
+            for k in range(strains):
+                acting[k] = by_products[k, k] * resultants[k]
+                found[k] = by_products[k, k] * expected[k]
+            if points.along:
+                for k in BENDING:
+                    acting[0] += by_products[k, 0] * resultants[k]
+                    found[0] += by_products[k, 0] * expected[k]
+            for k in range(strains):
+                if not len(moved):
+                    found[k] = max(found[k], 0.0) if points.stretching[k] else 0.0
+                for j in range(strains):
+                    acting[k] += (lag * moduli[k, j] + viscous[k, j]) * rates[j]
+            pull[:] = 0.0
+            turning[:] = 0.0
+            for k in range(strains):
+                for f in range(vectors):
+                    for i in range(3):
+                        pull[f, i] += acting[k] * slopes[k, f, i] + lag * found[k] * turned[k, f, i]
+                    for g in range(vectors):
+                        turning[f, g] += scale * found[k] * forms[k, f, g]
+            for n in range(taking_part):
+                node = nodes[e, members[e, q, n]]
+                for f in range(vectors):
+                    for i in range(3):
+                        forces[node, i] -= maps[e, q, f, n] * pull[f, i]
+            b[:] = 0.0
+            for k in range(strains):
+                for f in range(vectors):
+                    s0, s1, s2 = slopes[k, f, 0], slopes[k, f, 1], slopes[k, f, 2]
+                    if s0 != 0.0 or s1 != 0.0 or s2 != 0.0:
+                        for n in range(taking_part):
+                            b[k, 3 * n] += maps[e, q, f, n] * s0
+                            b[k, 3 * n + 1] += maps[e, q, f, n] * s1
+                            b[k, 3 * n + 2] += maps[e, q, f, n] * s2
+            cb[:] = 0.0
+            for k in range(strains):
+                for j in range(strains):
+                    stiff = scale * moduli[k, j] + step * viscous[k, j]
+                    if stiff != 0.0:
+                        for c in range(3 * taking_part):
+                            cb[k, c] += stiff * b[j, c]
+            for f in range(vectors):
+                for n in range(taking_part):
+                    turned_maps[f, n] = 0.0
+                    for g in range(vectors):
+                        turned_maps[f, n] += turning[f, g] * maps[e, q, g, n]
+            for m in range(taking_part):
+                row[:] = 0.0
+                for k in range(strains):
+                    c0, c1, c2 = cb[k, 3 * m], cb[k, 3 * m + 1], cb[k, 3 * m + 2]
+                    for c in range(3 * m, 3 * taking_part):
+                        row[0, c] += c0 * b[k, c]
+                        row[1, c] += c1 * b[k, c]
+                        row[2, c] += c2 * b[k, c]
+                first = members[e, q, m]
+                start = first * a - first * (first - 1) // 2 - first
+                for n in range(m, taking_part):
+                    pair = start + members[e, q, n]
+                    along = 0.0
+                    for f in range(vectors):
+                        along += maps[e, q, f, m] * turned_maps[f, n]
+                    for i in range(3):
+                        for j in range(3):
+                            blocks[e, pair, i, j] += row[i, 3 * n + j]
+                        blocks[e, pair, i, i] += along
+
+
+@kernel
+def fill_rods(
+    x: Array, moved: Array, velocities: Array, lag: float, scale: float, cells: RodCells, forces: Array
+) -> None:
+    """Add f - lag K v of the cells to the forces (n, 3), and put scale times K; see strain_cells.fill_strain.
+
+    Without `moved`, K has no negative parts. With a lag, the law's damping is added to both: `scale` is dt
+    times the lag.
+    """
+    cells.blocks[:] = 0.0
+    fill_points(
+        x, moved, velocities, lag, scale, cells.nodes, cells.line, cells.damping, forces, cells.blocks
+    )
+    fill_points(
+        x, moved, velocities, lag, scale, cells.nodes, cells.sections, cells.damping, forces, cells.blocks
+    )

@@ -1,0 +1,537 @@
+"""Elimination of the free nodes within a step: by a Cholesky factor, or by conjugate gradients.
+
+`advance` is the whole step around a factorisation; a step that eliminates in another way takes the parts.
+
+Either leaves what the free nodes make of the reduced coordinates in `Work.factor.schur`, and panels from
+which `solve_backward` finds the free nodes once the reduced coordinates are known.
+
+The preconditioner is the factor of the matrix at rest, in single precision, turned node by node with the
+body. It depends on parameters alone, not on what a run did before: a run goes on from a snapshot bit by bit.
+Of the matrix itself no more than its own entries is kept.
+
+What forces on rows do is taken from the preconditioner, too. `correct` finds what they really do, and says by
+how much the first was wrong; the contact step takes that into account, see FreeMotion.defect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from time import perf_counter
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import FactorisationError
+from softsim_core.physics.actuation.actuators import Actuators
+from softsim_core.physics.dynamics.numba_backend.actuator_rows import (
+    add_rows,
+    add_stiffness,
+    hold_rows,
+    report_rows,
+)
+from softsim_core.physics.dynamics.numba_backend.cells.batches import count_inverted
+from softsim_core.physics.dynamics.numba_backend.cells.cells import assemble_cells, deforming
+from softsim_core.physics.dynamics.numba_backend.cells.elements import CLAMPED, FROZEN, assemble_nodes
+from softsim_core.physics.dynamics.numba_backend.compile import kernel
+from softsim_core.physics.dynamics.numba_backend.kinematics import (
+    advance_reduced,
+    eliminate_reduced,
+    jacobians,
+    motion_subspace,
+    place_regions,
+    slides,
+    solve_reduced,
+    surroundings,
+    turn,
+)
+from softsim_core.physics.dynamics.numba_backend.layout import (
+    Acting,
+    Cells,
+    Kinematics,
+    Motion,
+    Nodes,
+    Work,
+)
+from softsim_core.physics.dynamics.numba_backend.prepare import Prepared, of_another_copy, shares_plan
+from softsim_core.physics.dynamics.numba_backend.responses import Responses, spread_rows
+from softsim_core.physics.kernels import OneSignature
+from softsim_core.physics.linalg.cholesky import factor, forward_rows, solve_backward
+from softsim_core.physics.linalg.conjugate import (
+    conjugate_gradients,
+    copy_matrix,
+    reach,
+    sharing_of,
+    support_gradients,
+)
+from softsim_core.physics.linalg.divided_factor import Division, lead_factor, room_for, support_factor
+from softsim_core.physics.linalg.products import Preconditioner, matrix_layout, matrix_of
+from softsim_core.physics.linalg.simd import LANES, ROWS, steady_seconds
+from softsim_core.physics.linalg.symbolic import Factor, Plan, Tree, empty_factor, tree_of
+from softsim_core.physics.linalg.threads import Teamwork
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.rows import Rows
+
+
+@kernel
+def assemble(
+    motion: Motion, straining: Array, external: Array, h: float, lag: float, rayleigh_mass: float,
+    kinematics: Kinematics, cells: Cells, nodes: Nodes, acting: Acting | None, tree: Tree, work: Work,
+) -> None:  # fmt: skip
+    """Forces, matrix and right-hand side of the step, into `work`, to what is there of paired cells."""
+    x, v = motion.positions, motion.velocities
+    motion_subspace(motion, kinematics, work)
+    jacobians(motion, nodes, work)
+    for n in range(len(x)):
+        for i in range(3):
+            work.forces[n, i] = external[n, i]
+            work.ahead[n, i] = x[n, i] + lag * straining[n, i]
+    assemble_cells(x, h * lag, CLAMPED, FROZEN, cells, nodes, work)
+    assemble_nodes(v, h, rayleigh_mass, nodes, work)
+    if acting is not None:
+        add_rows(h, motion, acting.rows, acting.kinds, nodes, tree, work)
+        add_stiffness(acting.stiffness, straining, motion.reduced_velocities, nodes, tree, work)
+
+
+@kernel
+def finish(
+    motion: Motion, targets: Array, base_shift: float, lower: Array, upper: Array, h: float, lag: float,
+    kinematics: Kinematics, tree: Tree, nodes: Nodes, acting: Acting | None, work: Work,
+) -> float:  # fmt: skip
+    """Solve reduced and interior, advance, report joint efforts; returns the largest speed, or NaN."""
+    joints, velocities = len(motion.joint_positions), motion.reduced_velocities
+    size, right = len(velocities), len(work.factor.schur)
+    first = size - joints
+    known = np.zeros(size, dtype=np.bool_)
+    change = work.factor.solution[3 * len(nodes.free) :]
+    for j in range(joints):
+        b, stiffness = first + j, kinematics.stiffness[j]
+        gap = targets[j] - motion.joint_positions[j]
+        work.factor.schur[b, b] += kinematics.inertia[j] + h * lag * stiffness
+        work.factor.schur[b, right] += h * stiffness * (gap - lag * velocities[b])
+        if stiffness == 0.0:
+            known[b] = True
+            change[b] = gap / h - velocities[b]
+    if acting is not None:
+        for c in range(len(acting.rows.joint)):
+            change[first + acting.rows.joint[c]] = 0.0  # moves no frame
+    eliminate_reduced(work.factor.schur, known, change, work.scratch)
+    if acting is not None:
+        hold_rows(h, targets, lower, upper, change, size, acting.rows, work.scratch)
+    solve_reduced(known, change, work.scratch)
+    solve_backward(tree, work.factor)
+    speed, finite = 0.0, True
+    for f in range(len(nodes.free)):
+        node, place = nodes.free[f], nodes.unknown[f]
+        for i in range(3):
+            motion.velocities[node, i] += work.factor.solution[place + i]
+            motion.positions[node, i] += h * motion.velocities[node, i]
+            speed = max(speed, abs(motion.velocities[node, i]))
+            finite = finite and motion.velocities[node, i] == motion.velocities[node, i]
+    for j in range(joints):
+        b = first + j
+        if known[b]:
+            impulse = -work.factor.schur[b, right]
+            for a in range(right):
+                impulse += (work.factor.schur[a, b] if a < b else work.factor.schur[b, a]) * change[a]
+            motion.joint_efforts[j] = impulse / h
+    for b in range(size):
+        velocities[b] += change[b]
+        if slides(b, motion, kinematics):
+            speed = max(speed, abs(velocities[b]))
+        finite = finite and velocities[b] == velocities[b]
+    advance_reduced(h, motion)
+    motion.base_shift[0] = base_shift
+    for j in range(joints):
+        if known[first + j]:
+            motion.joint_positions[j] = targets[j]  # exactly, without rounding
+        else:
+            motion.joint_efforts[j] = kinematics.stiffness[j] * (targets[j] - motion.joint_positions[j])
+    place_regions(motion, kinematics, nodes, work)
+    if acting is not None:
+        report_rows(h, motion, acting.rows, acting.kinds, work)
+    return speed if finite else np.nan
+
+
+@kernel
+def advance(
+    motion: Motion, straining: Array, external: Array, targets: Array, base_shift: float, lower: Array,
+    upper: Array, h: float, lag: float, rayleigh_mass: float, kinematics: Kinematics, cells: Cells,
+    nodes: Nodes, acting: Acting | None, tree: Tree, work: Work, corners: IndexArray,
+) -> tuple[float, int, float, float, float]:  # fmt: skip
+    """One whole step.
+
+    Returns:
+        The largest speed, how many of the elements `corners` (m, 4) are inside out, and the seconds for
+        assembly, factorisation and the rest.
+    """
+    started = steady_seconds()
+    assemble(motion, straining, external, h, lag, rayleigh_mass, kinematics, cells, nodes, acting, tree, work)
+    assembled = steady_seconds()
+    factor(tree, work.factor)
+    factored = steady_seconds()
+    speed = finish(motion, targets, base_shift, lower, upper, h, lag, kinematics, tree, nodes, acting, work)
+    inverted = count_inverted(motion.positions, corners)
+    return speed, inverted, assembled - started, factored - assembled, steady_seconds() - factored
+
+
+class Elimination(Protocol):
+    """See the module.
+
+    Attributes:
+        stages: Names of the three stages of a step.
+        iterations: Of conjugate gradients in the last step, for all right-hand sides; 0: there are none.
+        prepared: What a step fills in before it.
+        responses: What forces on rows do after it.
+    """
+
+    stages: tuple[str, str, str]
+    iterations: int
+    prepared: Prepared
+    responses: Responses
+
+    def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+        """Parameters have changed; `rest()` gives the arguments that `assemble` takes at rest."""
+        ...
+
+    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
+        """One whole step, with the arguments and results of `advance`.
+
+        Raises:
+            FactorisationError: the step needs a factor; nothing has moved.
+        """
+        ...
+
+
+def assembling(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Of the arguments of `advance` those of `assemble`."""
+    motion, straining, external, *_ = arguments
+    return motion, straining, external, *arguments[7:16]
+
+
+def finishing(arguments: tuple[Any, ...], tree: Tree, work: Work) -> tuple[Any, ...]:
+    """Of the arguments of `advance` those of `finish`, with that tree and room."""
+    motion, kinematics, nodes, acting = (arguments[i] for i in (0, 10, 12, 13))
+    return motion, *arguments[3:9], kinematics, tree, nodes, acting, work
+
+
+def without_actuators(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The arguments of `advance` for a step that has none."""
+    return *arguments[:13], None, *arguments[14:]
+
+
+class DirectElimination:
+    """See Elimination."""
+
+    stages = ("assemble", "factor", "solve")
+    iterations = 0
+
+    def __init__(self, model: Model, actuators: Actuators, prepared: Prepared) -> None:
+        self._model, self._actuators = model, actuators
+        self.prepared, self.responses = prepared, Responses(model, actuators, prepared)
+        self._advance, self._factor = OneSignature(advance), OneSignature(factor)
+
+    def of_another_copy(self, model: Model, actuators: Actuators) -> DirectElimination | None:
+        """The same for another model, in the same room; None: it needs a plan of its own."""
+        own, theirs = self._actuators.constraints, actuators.constraints
+        if not shares_plan(self._model, model) or any(
+            not np.array_equal(a, b) for a, b in zip(own, theirs, strict=True)
+        ):
+            return None
+        other = copy(self)
+        other._model, other._actuators = model, actuators
+        other.prepared = of_another_copy(self.prepared, model, actuators)
+        other.responses = Responses(model, actuators, other.prepared)
+        return other
+
+    def factor(self) -> None:
+        """Factor the matrix that stands in the panels, and solve forward."""
+        self._factor(self.prepared.tree, self.prepared.work.factor)
+
+    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
+        """See Elimination."""
+        if not len(self._actuators):
+            arguments = without_actuators(arguments)
+        result: tuple[float, int, float, float, float] = self._advance(*arguments)
+        return result
+
+    def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+        """See Elimination: nothing is kept."""
+
+
+class DividedElimination(DirectElimination):
+    """The same for large meshes, whose factorisation several threads share.
+
+    Args:
+        model, actuators: What moves, and what moves it.
+        prepared: The arrays of a step, with a stack for that division.
+        division: What of the factorisation is done side by side.
+        threads: How many threads do it.
+    """
+
+    def __init__(
+        self, model: Model, actuators: Actuators, prepared: Prepared, division: Division, threads: int
+    ) -> None:
+        super().__init__(model, actuators, prepared)
+        self._assemble, self._finish = OneSignature(assemble), OneSignature(finish)
+        self._division, self._room = division, room_for(prepared.tree, division, np.float64)
+        self._factor_together = Teamwork(threads, lead_factor, support_factor)
+
+    def factor(self) -> None:
+        """See DirectElimination."""
+        store = self.prepared.work.factor
+        self._factor_together(self.prepared.tree, store, self._division, self._room)
+
+    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
+        """See Elimination."""
+        started = perf_counter()
+        self._assemble(*assembling(arguments))
+        assembled = perf_counter()
+        self.factor()
+        factored = perf_counter()
+        speed = self._finish(*finishing(arguments, self.prepared.tree, self.prepared.work))
+        inverted = count_inverted(arguments[0].positions, arguments[-1])
+        return speed, inverted, assembled - started, factored - assembled, perf_counter() - factored
+
+
+TOLERANCE, TOLERANCE_SHARE = 1e-8, 2e-7
+"""Largest error of how far a step moves a node: so much in [m], or this share of the model's extent where
+that is less."""
+
+REDUCED_SHARE = 1e-7
+"""Largest error of what frames, joints and actuators do to the free nodes, by the largest that they do."""
+
+MOST_ITERATIONS = 150
+"""Steps that need more are solved by a factor."""
+
+
+class _Answer(NamedTuple):
+    """What the eliminated free nodes are, as `solve_backward` takes it: panels [identity | border | right].
+
+    Attributes:
+        tree: One supernode for each node.
+        factor: Shares `schur` and `solution` with the matrix's.
+        columns: Where each column of the border, then the right-hand side, stands, shape (3 f, d + 1).
+    """
+
+    tree: Tree
+    factor: Factor
+    columns: IndexArray
+
+
+class IterativeElimination:
+    """See Elimination.
+
+    Args:
+        model, actuators: What moves, and what moves it.
+        prepared: The arrays of a step that is assembled in a `matrix_layout`.
+        matrix: That layout.
+        preconditioner: Of a factor of the free nodes' matrix.
+        division: What of it threads do side by side.
+        threads: How many.
+    """
+
+    stages = ("assemble", "iterate", "solve")
+
+    def __init__(
+        self,
+        model: Model,
+        actuators: Actuators,
+        prepared: Prepared,
+        matrix: Plan,
+        preconditioner: Plan,
+        division: Division,
+        threads: int,
+    ) -> None:
+        self.model, self.prepared, self.plan = model, prepared, preconditioner
+        self.count, work = len(self.plan.position), prepared.work
+        self.matrix = matrix_of(work.factor.panels, matrix)
+        self._right = matrix.later + matrix.side - 1
+        self.answer = _answer_of(self.plan.position, work.factor)
+        self.answering = self.prepared._replace(
+            tree=self.answer.tree, work=work._replace(factor=self.answer.factor)
+        )
+        position = self.plan.position
+        self._around = surroundings(model, deforming(model), position)
+        self.by = Preconditioner(
+            tree_of(self.plan),
+            np.zeros(0, np.float32),
+            np.zeros((self.count, 3, 3)),
+            np.zeros(3 * self.count, np.float32),
+            np.zeros(int(self.plan.width.max(initial=0)) + ROWS, np.float32),
+        )
+        self._supernode = self.plan.supernode[np.argsort(self.plan.position)]  # by unknown
+        self._sharing = sharing_of(division, 3 * self.count)
+        self.responses: Responses = IterativeResponses(model, actuators, self)
+        self._assemble, self._finish = OneSignature(assemble), OneSignature(finish)
+        self._turn = OneSignature(turn)
+        self._solve = Teamwork(threads, conjugate_gradients, support_gradients)
+        self._threads = threads
+        self._forward = OneSignature(forward_rows)
+        extent = float(np.ptp(model.rest, axis=0).max())
+        self.tolerance = min(TOLERANCE, TOLERANCE_SHARE * extent) / model.dt  # of velocities, in [m/s]
+        self.iterations = 0
+
+    def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+        """See Elimination: the preconditioner is that of the matrix at rest."""
+        self._assemble(*rest())
+        self.by = self.by._replace(panels=np.zeros(0, np.float32))  # room for the next
+        for kind in (np.float32, np.float64):  # the second where rounding took the first a pivot
+            store = empty_factor(self.plan, 0, kind)
+            copy_matrix(self.matrix, self.by.tree, self._supernode, store.panels)
+            room = room_for(self.by.tree, self._sharing.division, kind)
+            factor = Teamwork(self._threads, lead_factor, support_factor)
+            factor(self.by.tree, store, self._sharing.division, room)
+            self.by = self.by._replace(panels=store.panels.astype(np.float32, copy=False))
+            if np.isfinite(self.by.panels.sum(dtype=np.float64)):
+                return
+
+    def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
+        """See Elimination.
+
+        Raises:
+            FactorisationError: nothing has moved.
+        """
+        positions, corners = arguments[0].positions, arguments[-1]
+        started = perf_counter()
+        self._assemble(*assembling(arguments))
+        assembled = perf_counter()
+        self._turn(positions, self._around, self.by.rotations)
+        self._eliminate(self.tolerance)
+        iterated = perf_counter()
+        speed = self._finish(*finishing(arguments, self.answer.tree, self.answering.work))
+        inverted = count_inverted(positions, corners)
+        return speed, inverted, assembled - started, iterated - assembled, perf_counter() - iterated
+
+    def _eliminate(self, tolerance: float) -> None:
+        """What the free nodes leave of the reduced coordinates, and the answer's columns."""
+        schur, columns = self.prepared.work.factor.schur, self._columns()
+        d = len(schur)
+        solved = np.empty_like(columns)
+        self.iterations = 0
+        for c in range(d + 1):
+            limit, share = (tolerance, 0.0) if c == d else (0.0, REDUCED_SHARE)
+            solved[c] = self.solve(columns[c], limit, share)
+        schur -= np.triu(columns[:d] @ solved.T)
+        self.answer.factor.panels[self.answer.columns] = solved.T
+
+    def solve(self, right: Array, tolerance: float, share: float = 0.0) -> Array:
+        """A^-1 b of the free nodes, shape (3 f,).
+
+        Raises:
+            FactorisationError: it is not found.
+        """
+        result = np.empty_like(right)
+        count = self._solve(
+            self.matrix, self.by, self._sharing, right, result, tolerance, share, MOST_ITERATIONS
+        )
+        if count < 0:
+            raise FactorisationError("conjugate gradients did not reach the tolerance")
+        self.iterations += count
+        return result
+
+    def preconditioned(self, unknowns: IndexArray, touching: Array) -> Array:
+        """H M^-1 H^T with the preconditioner M, shape (r, r).
+
+        Args:
+            unknowns: Which H touches, ascending, shape (t,).
+            touching: H^T there, shape (t, r).
+        """
+        height = touching.shape[1]
+        width = height + (-height) % LANES
+        nodes, axes = np.divmod(unknowns, 3)
+        whole = np.unique(nodes)
+        turned = np.zeros((len(whole), 3, height))
+        turned[np.searchsorted(whole, nodes), axes] = touching
+        turned = self.by.rotations[whole].swapaxes(1, 2) @ turned
+        scale = max(float(np.abs(turned).max(initial=0.0)), np.finfo(float).tiny)
+        spread = np.zeros((3 * self.count, width), np.float32)
+        spread.reshape(self.count, 3, width)[whole, :, :height] = turned / scale
+        tree = self.by.tree
+        spans = np.zeros((len(tree.columns), 2), np.int64)
+        reach(tree, self._supernode[whole], width, spans)
+        space = np.zeros(
+            (int(tree.columns.max(initial=0)) + 2 * ROWS) * (int(tree.width.max(initial=0)) + width),
+            np.float32,
+        )
+        product = np.zeros((width, width), np.float32)
+        store = self.prepared.work.factor._replace(panels=self.by.panels)
+        self._forward(tree, store, spans, spread, space, product)
+        inner = -scale * scale * product[:height, :height].astype(float)
+        return np.asarray(np.triu(inner) + np.triu(inner, 1).T)
+
+    def _columns(self) -> Array:
+        """Columns of the reduced coordinates and the right-hand side, shape (d + 1, 3 f)."""
+        d = len(self.prepared.work.factor.schur)
+        result = np.zeros((d + 1, self.count, 3))
+        matrix, reduced = self.matrix, self.prepared.nodes.reduced_column
+        for c in range(d + 1):
+            column = self._right if c == d else reduced[:, c]
+            there = np.flatnonzero(column >= 0)
+            at = matrix.row[there] + column[there]
+            for i in range(3):
+                result[c, there, i] = matrix.panels[at + i * matrix.width[there]]
+        return result.reshape(d + 1, -1)
+
+
+def _answer_of(position: IndexArray, matrix: Factor) -> _Answer:
+    """Panels with the identity in them; `position`: see Plan."""
+    d, count = len(matrix.schur), len(position)
+    all_of_it = np.stack(np.meshgrid(np.arange(count), np.arange(d)), axis=-1).reshape(-1, 2)
+    layout = matrix_layout(position, np.zeros((0, 2), np.int64), all_of_it, d, LANES)
+    panels = np.zeros(layout.panel[-1])
+    rows = layout.panel[:-1, None] + np.arange(3) * layout.width[:, None]
+    panels[rows + np.arange(3)] = 1.0
+    columns = (rows + layout.later[:, None]).reshape(-1, 1) + np.arange(d + 1)
+    factor_ = Factor(panels, np.zeros(0), matrix.schur, matrix.solution, np.zeros(d + 1))
+    return _Answer(tree_of(layout), factor_, columns)
+
+
+class IterativeResponses(Responses):
+    """Answers from the preconditioner, and from conjugate gradients.
+
+    Of the rows H, only the free nodes that they touch are kept.
+    """
+
+    def __init__(self, model: Model, actuators: Actuators, elimination: IterativeElimination) -> None:
+        super().__init__(model, actuators, elimination.answering)
+        self._elimination = elimination
+        self._unknowns, self._touching, self._compliance = (
+            np.zeros(0, np.int64),
+            np.zeros((0, 0)),
+            np.zeros((0, 0)),
+        )
+        self._spread_rows = OneSignature(spread_rows)
+        self.defect = np.zeros(0)
+
+    def _respond(self, rows: Rows, motion: Motion) -> Array:
+        """See Responses: of the preconditioner."""
+        free = 3 * self._elimination.count
+        self._spread = np.zeros(
+            (len(self.prepared.work.factor.solution), rows.height + (-rows.height) % LANES)
+        )
+        self._column = self._columns(rows)
+        self._spread_rows(
+            *rows, self._column, motion, self.prepared.kinematics, self.prepared.nodes, self.prepared.tree,
+            self.prepared.work, self._spread, self._spans,
+        )  # fmt: skip
+        inner = self._spread[:free]
+        self._unknowns = np.flatnonzero(inner.any(axis=1))
+        self._touching = inner[self._unknowns].take(self._column, axis=1)
+        answer = self._elimination.answer
+        reached = answer.factor.panels[answer.columns[self._unknowns, :-1]]
+        self._spread[free:] -= reached.T @ inner[self._unknowns]
+        self._compliance = self._elimination.preconditioned(self._unknowns, self._touching)
+        return self._compliance
+
+    def _reach(self, impulses: Array) -> tuple[Array, Array]:
+        """See Responses: the answer itself, in one column."""
+        right = np.zeros(3 * self._elimination.count)
+        right[self._unknowns] = self._touching @ impulses
+        answer = self._elimination.solve(right, self._elimination.tolerance)
+        self.defect = self._touching.T @ answer[self._unknowns] - self._compliance @ impulses
+        column = np.zeros((len(self.prepared.work.factor.solution), LANES))
+        column[: len(answer), 0] = answer
+        self._spans[:] = 0, LANES
+        return np.eye(1, LANES)[0], column

@@ -1,0 +1,247 @@
+"""The arrays that the compiled kernels share, in a few named groups.
+
+b: reduced coordinates, c: actuators, e: elements of a kind, f: free nodes, j: joints, n: nodes,
+s: supernodes, z: nodes in moving rigid regions.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.physics.actuation.compiled.kinds import CompiledKinds
+from softsim_core.physics.linalg.symbolic import Factor
+
+
+class Elements(NamedTuple):
+    """Elements, LANES to a batch (B batches); their nodes: free ones, then in moving regions, then fixed.
+
+    Attributes:
+        nodes: Node indices, shape (B, 4, LANES).
+        corners: The first three nodes in mesh order and the fourth (law `qr`), shape (B, 4, LANES).
+        gradients: Shape gradients in [1/m], shape (B, 12, LANES).
+        lame: Lame parameters times volume in [N m], shape (B, 2, LANES); zero in lanes without an element.
+        starts: Panel places of the ten blocks of free nodes, first panel place of each free node (from 10)
+            and its supernode (from 14), shape (e, 18).
+        strides: Panel width at each free node, shape (e, 4).
+        counts: Free nodes, and nodes in moving rigid regions, shape (e, 2).
+    """
+
+    nodes: IndexArray
+    corners: IndexArray
+    gradients: Array
+    lame: Array
+    starts: IndexArray
+    strides: IndexArray
+    counts: IndexArray
+
+
+class Pairs(NamedTuple):
+    """Stiffness blocks of pairs of nodes, one of which is in a moving region, and where each goes.
+
+    The first node of a pair is eliminated no later than the second; works for any nodes per cell.
+
+    Attributes:
+        blocks: Of all pairs of nodes of the cells that have one there, in the unit of the matrix, (p, 3, 3).
+        beside: A free node and one in a moving region: block, place of the first panel row, panel width,
+            supernode, number of the region node, shape (., 5).
+        regions: Two nodes in moving rigid regions: block and their numbers, shape (., 3).
+    """
+
+    blocks: Array
+    beside: IndexArray
+    regions: IndexArray
+
+
+class Cells(NamedTuple):
+    """All cells that deform: those with kernels of their own, by law, and pairs of nodes of the others.
+
+    Attributes:
+        polar_free, polar_mixed: Law `corotational`: all nodes free, and others.
+        frame_free, frame_mixed: Law `corotational_qr`: all nodes free, and others.
+        pairs: What is left to add of all other laws and elements.
+    """
+
+    polar_free: Elements
+    polar_mixed: Elements
+    frame_free: Elements
+    frame_mixed: Elements
+    pairs: Pairs
+
+
+class Nodes(NamedTuple):
+    """Free nodes and nodes in moving rigid regions.
+
+    Attributes:
+        free: Node index, shape (f,).
+        row: Place of the node's first panel row, shape (f,).
+        stride: Panel width, shape (f,).
+        column: The node's first column in its panel, shape (f,).
+        right: Column of the right-hand side in its panel, shape (f,).
+        unknown: The node's first scalar unknown, shape (f,).
+        region: Node index, shape (z,).
+        region_of: RigidRegion of the node, shape (z,).
+        local: Position in the region's frame in [m], shape (z, 3).
+        kinematics: Kinematics unknowns that move the node, w at most, shape (z, w).
+        size: How many of them count, shape (z,).
+        region_number: Number among the region nodes of each node, or -1, shape (n,).
+        reduced_column: Panel column of each reduced coordinate, then actuator, in each supernode, or -1,
+            shape (s, b + c).
+        first_unknown: First scalar unknown of each node, or -1 where it is not free, shape (n,).
+        supernode: Supernode of each node, or -1, shape (n,).
+        mass: Node masses in [kg], shape (n,).
+        diagonal: What inertia and soft fixings add to the matrix, in [kg], shape (n,).
+    """
+
+    free: IndexArray
+    row: IndexArray
+    stride: IndexArray
+    column: IndexArray
+    right: IndexArray
+    unknown: IndexArray
+    region: IndexArray
+    region_of: IndexArray
+    local: Array
+    reduced: IndexArray
+    size: IndexArray
+    region_number: IndexArray
+    reduced_column: IndexArray
+    first_unknown: IndexArray
+    supernode: IndexArray
+    mass: Array
+    diagonal: Array
+
+
+class Kinematics(NamedTuple):
+    """Joints and regions.
+
+    Attributes:
+        base_rotation: Joint base, shape (j, 3, 3).
+        axis: Joint axis in the base frame, shape (j, 3).
+        slide: Slide axis in the base frame, shape (j, 3).
+        revolute: Whether the joint turns (else it slides), shape (j,).
+        stiffness: Drive stiffness in [N m/rad] or [N/m], 0 for a prescribed joint, shape (j,).
+        inertia: Drive inertia in [kg m^2] or [kg], shape (j,).
+        parent: Joint that carries the base, or -1, shape (j,).
+        rest: Position at the start in [rad] or [m], shape (j,).
+        rest_rotation: Frame that the joint moves at `rest`, its parent at rest, shape (j, 3, 3).
+        regions: Free frame and joint of each region, -1 for none, shape (regions, 2).
+    """
+
+    base_rotation: Array
+    axis: Array
+    slide: Array
+    revolute: BoolArray
+    stiffness: Array
+    inertia: Array
+    parent: IndexArray
+    rest: Array
+    rest_rotation: Array
+    regions: IndexArray
+
+
+class ActuatorRows(NamedTuple):
+    """Rows of the actuators; those of kinds with compiled kernels come first.
+
+    Attributes:
+        joint, start, place: See actuation.actuators.Constraints.
+        compliance: c of this step, shape (c,).
+        compiled: How many of the rows compiled kernels evaluate, shape (1,).
+        coefficient: Entries of the rows, shape (k, 3).
+        value: Coordinates s, shape (c,).
+        before: Those at the start of the step, shape (c,).
+        violation: s - q + c t at the end of the step, shape (c,).
+        multiplier: Multipliers t, shape (c,).
+        response: What the multipliers do to the coordinates within a step, shape (c, c).
+    """
+
+    joint: IndexArray
+    start: IndexArray
+    place: IndexArray
+    compliance: Array
+    compiled: IndexArray
+    coefficient: Array
+    value: Array
+    before: Array
+    violation: Array
+    multiplier: Array
+    response: Array
+
+
+class ActuatorStiffness(NamedTuple):
+    """What taut actuators add to the matrix, R^T diag(w) R; see actuation.actuator.GeometricStiffness.
+
+    Attributes:
+        start, place, coefficient: R, see mechanics.rows.Rows.
+        weight: w, in the unit of the matrix; only those above 0 count.
+    """
+
+    start: IndexArray
+    place: IndexArray
+    coefficient: Array
+    weight: Array
+
+
+class Acting(NamedTuple):
+    """What actuators do in a step; None stands for it in a step without any, which is compiled without them.
+
+    Attributes:
+        rows, stiffness: See there.
+        kinds: Actuators that have compiled kernels.
+    """
+
+    rows: ActuatorRows
+    kinds: CompiledKinds
+    stiffness: ActuatorStiffness
+
+
+class Motion(NamedTuple):
+    """The state's arrays, as the kernels change them; see mechanics.state.State."""
+
+    positions: Array
+    velocities: Array
+    frame_positions: Array
+    frame_rotations: Array
+    reduced_velocities: Array
+    joint_positions: Array
+    joint_efforts: Array
+    base_positions: Array
+    base_shift: Array
+
+
+class Work(NamedTuple):
+    """What the kernels compute.
+
+    Attributes:
+        factor: Matrix and right-hand side; the dense unknowns are the reduced coordinates, then the actuators
+            (minus their impulses), d = b + c; the solution is the change of velocity.
+        scratch: Shape of `factor.schur`.
+        forces: Forces on the nodes in [N], shape (n, 4); the fourth number stays zero.
+        ahead: x + lag v in [m], shape (n, 3).
+        jacobian: Velocity of each region node a unit of each of its reduced coordinates, shape (z, w, 3).
+        angular, linear, origin: Motion subspace of the reduced coordinates, shape (b, 3) each.
+        base_origins, base_rotations: Frames of the joints' bases, shapes (j, 3), (j, 3, 3).
+        joint_origins, joint_rotations: Frames that the joints move, shapes (j, 3), (j, 3, 3).
+        region_origins, region_rotations: Frames of the regions, shapes (regions, 3), (regions, 3, 3).
+        deformation, rotations: Of one batch, shapes (9, LANES).
+        blocks: Stiffness of one batch in [N/m], row i of block ab in row 3 (ab) + i: pairs of nodes a <= b
+            run 00, 01, ... 33; shape (30, LANES, 4), the fourth number zero.
+    """
+
+    factor: Factor
+    scratch: Array
+    forces: Array
+    ahead: Array
+    jacobian: Array
+    angular: Array
+    linear: Array
+    origin: Array
+    base_origins: Array
+    base_rotations: Array
+    joint_origins: Array
+    joint_rotations: Array
+    region_origins: Array
+    region_rotations: Array
+    deformation: Array
+    rotations: Array
+    blocks: Array

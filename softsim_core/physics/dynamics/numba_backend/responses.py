@@ -1,0 +1,286 @@
+"""Compiled responses to forces on constraint rows, by the factor that the last step or static tangent left.
+
+With A = L L^T on the free nodes, Y = L^-1 H^T is one forward solve for all rows at once; supernodes that no
+row touches are skipped. Y^T Y is the rows' compliance with frames and joints at rest; what reaches these
+reduced coordinates comes out beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import accumulate
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.physics.actuation.actuators import Actuators
+from softsim_core.physics.actuation.compiled.kinds import CompiledKinds
+from softsim_core.physics.dynamics.assembly import Unknowns
+from softsim_core.physics.dynamics.numba_backend.actuator_rows import report_impulses
+from softsim_core.physics.dynamics.numba_backend.compile import kernel
+from softsim_core.physics.dynamics.numba_backend.kinematics import (
+    advance_reduced,
+    jacobians,
+    motion_subspace,
+    place_regions,
+    slides,
+)
+from softsim_core.physics.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Motion, Nodes, Work
+from softsim_core.physics.dynamics.numba_backend.prepare import Prepared
+from softsim_core.physics.dynamics.stepper import Condensed
+from softsim_core.physics.kernels import OneSignature
+from softsim_core.physics.linalg.cholesky import forward_rows, solve_backward
+from softsim_core.physics.linalg.simd import LANES, ROWS, dot_product
+from softsim_core.physics.linalg.symbolic import Tree
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.rows import Rows
+from softsim_core.physics.mechanics.state import State
+
+
+@kernel
+def spread_rows(
+    start: IndexArray, place: IndexArray, coefficient: Array, column: IndexArray, motion: Motion,
+    kinematics: Kinematics, nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray,
+) -> None:  # fmt: skip
+    """H^T into `spread` (unknowns, padded rows), row r in column[r]; spans: columns of each supernode."""
+    motion_subspace(motion, kinematics, work)
+    jacobians(motion, nodes, work)
+    unknown, supernode, parent = nodes.first_unknown, nodes.supernode, tree.parent
+    size, count, tail = len(start) - 1, len(unknown), 3 * len(nodes.free)
+    for s in range(len(spans)):
+        spans[s, 0], spans[s, 1] = spread.shape[1], 0
+    for r in range(size):
+        low = column[r] - column[r] % LANES
+        for e in range(start[r], start[r + 1]):
+            n = place[e]
+            if n < count and unknown[n] >= 0:
+                s = supernode[n]
+                spans[s, 0], spans[s, 1] = min(spans[s, 0], low), max(spans[s, 1], low + LANES)
+    for s in range(len(spans)):
+        low, high, p = spans[s, 0], spans[s, 1], parent[s]
+        if low < high and p >= 0:
+            spans[p, 0], spans[p, 1] = min(spans[p, 0], low), max(spans[p, 1], high)
+        for k in range(tree.columns[s]):
+            spread[tree.first_column[s] + k, low:high] = 0.0
+    spread[tail:] = 0.0
+    for r in range(size):
+        c = column[r]
+        for e in range(start[r], start[r + 1]):
+            n = place[e]
+            if n >= count:
+                spread[tail + n - count, c] += coefficient[e, 0]
+            elif unknown[n] >= 0:
+                for i in range(3):
+                    spread[unknown[n] + i, c] += coefficient[e, i]
+            elif nodes.region_number[n] >= 0:
+                z = nodes.region_number[n]
+                for q in range(nodes.size[z]):
+                    for i in range(3):
+                        spread[tail + nodes.reduced[z, q], c] += work.jacobian[z, q, i] * coefficient[e, i]
+
+
+@kernel
+def respond(
+    start: IndexArray, place: IndexArray, coefficient: Array, column: IndexArray, motion: Motion,
+    kinematics: Kinematics, nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray,
+    space: Array, product: Array, result: Array,
+) -> None:  # fmt: skip
+    """H^T and Y of all rows, and Y^T Y in their own order into `result` (r, r); see the functions above."""
+    spread_rows(start, place, coefficient, column, motion, kinematics, nodes, tree, work, spread, spans)
+    forward_rows(tree, work.factor, spans, spread, space, product)
+    for r in range(len(column)):
+        for q in range(r + 1):
+            value = -product[min(column[r], column[q]), max(column[r], column[q])]
+            result[r, q] = value
+            result[q, r] = value
+
+
+@kernel
+def apply_impulses(
+    motion: Motion, before: Motion, impulses: Array, reduced_change: Array, h: float, kinematics: Kinematics,
+    nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, tree: Tree, work: Work, spread: Array,
+    spans: IndexArray,
+) -> float:  # fmt: skip
+    """Change velocities and positions by what impulses (padded rows) do; returns the top speed, or NaN.
+
+    `reduced_change` (b + c,) holds the frames and joints, then minus the impulses of actuators.
+    """
+    tail, size = 3 * len(nodes.free), len(motion.reduced_velocities)
+    flat, pitch = spread.reshape(-1), spread.shape[1]
+    for s in range(len(tree.columns)):
+        low, high = spans[s, 0], max(spans[s, 0], spans[s, 1])
+        width, right = tree.width[s], tree.later[s] + tree.side[s] - 1
+        for k in range(tree.columns[s]):
+            at = (tree.first_column[s] + k) * pitch + low
+            total = dot_product(flat, at, impulses, low, high - low) if low < high else 0.0
+            work.factor.panels[tree.panel[s] + k * width + right] = total
+    for b in range(len(reduced_change)):
+        work.factor.solution[tail + b] = reduced_change[b]
+    solve_backward(tree, work.factor)
+    speed, finite = 0.0, True
+    for f in range(len(nodes.free)):
+        node, at = nodes.free[f], nodes.unknown[f]
+        for c in range(3):
+            motion.velocities[node, c] += work.factor.solution[at + c]
+            velocity = motion.velocities[node, c]
+            motion.positions[node, c] = before.positions[node, c] + h * velocity
+            speed, finite = max(speed, abs(velocity)), finite and velocity == velocity
+    for f in range(len(motion.frame_positions)):
+        for c in range(3):
+            motion.frame_positions[f, c] = before.frame_positions[f, c]
+            for d in range(3):
+                motion.frame_rotations[f, c, d] = before.frame_rotations[f, c, d]
+    for b in range(size):
+        motion.reduced_velocities[b] += reduced_change[b]
+        velocity = motion.reduced_velocities[b]
+        finite = finite and velocity == velocity
+        if slides(b, motion, kinematics):
+            speed = max(speed, abs(velocity))
+    joints = len(motion.joint_positions)
+    for j in range(joints):
+        free = motion.joint_positions[j]
+        motion.joint_positions[j] = before.joint_positions[j] if kinematics.stiffness[j] > 0.0 else free
+    turning = motion.joint_positions.copy()
+    advance_reduced(h, motion)
+    for j in range(joints):
+        if kinematics.stiffness[j] == 0.0:
+            motion.joint_positions[j] = turning[j]  # where it was sent, exactly
+    place_regions(motion, kinematics, nodes, work)
+    report_impulses(h, reduced_change[size:], motion, rows, kinds, work)
+    return speed if finite else np.nan
+
+
+class Responses:
+    """Answers from the factor that stands in the panels; what it keeps is room to work in.
+
+    Args:
+        model, actuators: What moves, and what moves it.
+        prepared: The arrays of its stepper.
+
+    Attributes:
+        defect: See FreeMotion.
+    """
+
+    defect: Array | None = None
+
+    def __init__(self, model: Model, actuators: Actuators, prepared: Prepared) -> None:
+        self.model, self.actuators, self.prepared = model, actuators, prepared
+        self._plain = len(actuators) > int(prepared.rows.compiled[0])
+        self._upper = np.triu(np.ones((model.reduced_size + len(actuators),) * 2, dtype=bool))
+        at = Unknowns(model)
+        self._first, self._prescribed = at.first_reduced, at.prescribed
+        self._solved = np.setdiff1d(np.arange(model.reduced_size), at.fixed - at.first_reduced)
+        self._block = np.ix_(self._solved, self._solved)
+        self._spans = np.zeros((len(prepared.tree.columns), 2), dtype=np.int64)
+        self._widest = int(prepared.tree.width.max(initial=0))
+        self._lines = int(prepared.tree.columns.max(initial=0)) + 2 * ROWS
+        self._spread = self._arriving = self._answer = self._schur = np.zeros((0, 0))
+        self._column, self._room = np.zeros(0, np.int64), np.zeros(0)
+        self._respond_to, self._apply = OneSignature(respond), OneSignature(apply_impulses)
+        self._body_of_node = np.zeros(len(model.rest) + 1, np.int64)  # frames and joints come last
+        for group in model.groups:
+            self._body_of_node[group.cells] = group.body[:, None]
+
+    def positive(self) -> bool:
+        """Whether the free nodes' matrix had positive pivots: others leave a NaN in what follows them."""
+        panels = self.prepared.work.factor.panels  # of a body that hangs on no frame nothing else is left
+        return bool(np.isfinite(self._left()).all() and np.isfinite(panels).all())
+
+    def compliance(self, rows: Rows, before: Motion) -> Array:
+        """FreeMotion.compliance; `before`: the state at the start of the step."""
+        size, acting = self.model.reduced_size, len(self.actuators)
+        compliance = np.empty((acting + rows.height,) * 2)
+        compliance[acting:, acting:] = self._respond(rows, before)
+        self._schur = self._left()
+        schur, arriving = self._schur, self._spread[self._first :].take(self._column, axis=1)
+        compliance[:acting, :acting] = -schur[size:, size:]
+        compliance[:acting, acting:] = -arriving[size:]
+        compliance[acting:, :acting] = -arriving[size:].T
+        self._arriving = np.concatenate([schur[:size, size:], arriving[:size]], axis=1)
+        self._answer = np.zeros_like(self._arriving)
+        if len(solved := self._solved):
+            self._answer[solved] = np.linalg.solve(schur[self._block], self._arriving[solved])
+            compliance += self._arriving.T @ self._answer
+        return compliance
+
+    def correct(self, state: State, before: State, impulses: Array) -> float:
+        """Add to the free motion in `state` what impulses do; returns the top speed, NaN if one is."""
+        model, data, acting = self.model, self.prepared, len(self.actuators)
+        change = self._answer @ impulses
+        free = state.joint_positions.copy()
+        placed, spread = self._reach(impulses[acting:])
+        speed = self._apply(
+            motion_of(state), motion_of(before), placed, np.concatenate([change, -impulses[:acting]]),
+            model.dt, data.kinematics, data.nodes, data.rows, data.kinds, data.tree, data.work, spread,
+            self._spans,
+        )  # fmt: skip
+        if len(free):
+            first, held = model.reduced_size - len(free), self._prescribed
+            schur = self._schur[first : model.reduced_size, : model.reduced_size]
+            reaction = (schur @ change - self._arriving[first:] @ impulses) / model.dt
+            state.joint_efforts[held] += reaction[held]
+            state.joint_efforts -= data.kinematics.stiffness * (state.joint_positions - free)
+            state.joint_efforts[self.actuators.joint] = data.rows.multiplier + impulses[:acting] / model.dt
+        if self._plain:
+            multipliers = state.joint_efforts[self.actuators.joint]
+            self.actuators.report(model, state, data.rows.before, multipliers)
+        return float(speed)
+
+    def condensed(self, rows: Rows, motion: Motion) -> Condensed:
+        """StaticTangent.condensed; `motion`: where the tangent was taken."""
+        size = self.model.reduced_size
+        stiffness = self._left()[:size, :size]
+        if not rows.height:
+            return Condensed(stiffness, np.zeros((size, 0)), np.zeros((0, 0)))
+        compliance = self._respond(rows, motion)
+        return Condensed(stiffness, self._spread[self._first : self._first + size, self._column], compliance)
+
+    def _respond(self, rows: Rows, motion: Motion) -> Array:
+        """H A^-1 H^T with frames and joints at rest, (r, r); leaves Y and what reaches them in _spread."""
+        data = self.prepared
+        padded = rows.height + (-rows.height) % LANES
+        unknowns, space = len(data.work.factor.solution), self._lines * (self._widest + padded)
+        self._spread, room, product = self._rooms((unknowns, padded), (space,), (padded, padded))
+        self._column, result = self._columns(rows), np.empty((rows.height, rows.height))
+        self._respond_to(
+            *rows, self._column, motion, data.kinematics, data.nodes, data.tree, data.work, self._spread,
+            self._spans, room, product, result,
+        )  # fmt: skip
+        return result
+
+    def _reach(self, impulses: Array) -> tuple[Array, Array]:
+        """Impulses (r,) by the column in which each row stands, and these columns of L^-1 H^T."""
+        placed = np.zeros(self._spread.shape[1])
+        placed[self._column] = impulses
+        return placed, self._spread
+
+    def _columns(self, rows: Rows) -> IndexArray:
+        """Where each row stands: rows of one body side by side, so that supernodes meet few of them."""
+        body = np.zeros(rows.height, dtype=np.int64)
+        if len(rows.place):
+            first = rows.place[np.minimum(rows.start[:-1], len(rows.place) - 1)]
+            body = self._body_of_node[np.minimum(first, len(self._body_of_node) - 1)]
+        column = np.empty(rows.height, dtype=np.int64)
+        column[np.argsort(body, kind="stable")] = np.arange(rows.height)
+        return column
+
+    def _rooms(self, *shapes: tuple[int, ...]) -> list[Array]:
+        """Arrays to work in, uninitialised; they are kept for the next call, and grow."""
+        sizes = [math.prod(shape) for shape in shapes]
+        if sum(sizes) > len(self._room):
+            self._room = np.empty(2 * sum(sizes))
+        ends = accumulate(sizes)
+        return [
+            self._room[end - size : end].reshape(shape)
+            for end, size, shape in zip(ends, sizes, shapes, strict=True)
+        ]
+
+    def _left(self) -> Array:
+        """What elimination of the free nodes left of the matrix, whole, shape (b + c, b + c)."""
+        schur = self.prepared.work.factor.schur[:, :-1]
+        return np.where(self._upper, schur, schur.T)
+
+
+def motion_of(state: State) -> Motion:
+    """The state's arrays for the kernels."""
+    return Motion(*(getattr(state, name) for name in Motion._fields))

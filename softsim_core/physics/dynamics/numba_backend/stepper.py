@@ -1,0 +1,366 @@
+"""The compiled time step: assembly, elimination of the free nodes, and motion.
+
+Everything that does not change is planned once. With a factor a step is one compiled call, and computes what
+scipy_step computes, to rounding; by iteration, to a tolerance in metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import FactorisationError
+from softsim_core.physics.actuation.actuators import Actuators
+from softsim_core.physics.dynamics.iterations import FreeTurning
+from softsim_core.physics.dynamics.numba_backend.cells.batches import count_inverted, oriented
+from softsim_core.physics.dynamics.numba_backend.cells.cells import assemble_tangent
+from softsim_core.physics.dynamics.numba_backend.cells.elements import CLAMPED, EXACT
+from softsim_core.physics.dynamics.numba_backend.elimination import (
+    DirectElimination,
+    DividedElimination,
+    Elimination,
+    IterativeElimination,
+)
+from softsim_core.physics.dynamics.numba_backend.layout import ActuatorStiffness, Motion
+from softsim_core.physics.dynamics.numba_backend.prepare import prepare
+from softsim_core.physics.dynamics.numba_backend.responses import Responses, motion_of
+from softsim_core.physics.dynamics.report import StepReport
+from softsim_core.physics.dynamics.stepper import Condensed
+from softsim_core.physics.kernels import OneSignature
+from softsim_core.physics.linalg.divided_factor import Division, divided, with_room_for
+from softsim_core.physics.linalg.ordering import elimination_order, factor_cost, graph_of
+from softsim_core.physics.linalg.products import matrix_layout
+from softsim_core.physics.linalg.simd import LANES, ROWS
+from softsim_core.physics.linalg.symbolic import Plan, clear, plan
+from softsim_core.physics.linalg.threads import usable_threads
+from softsim_core.physics.mechanics.control import Control, Parameters
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.rows import Rows, no_rows
+from softsim_core.physics.mechanics.state import MOVED, State
+
+MANY = 2000
+"""Free nodes above which iterations are thought of: with fewer, a factor stays in the cache."""
+
+CROSSING = 250.0
+"""Flops for each number of a factor above which reading it ten times is faster than renewing it.
+
+Measured with some 25 Gflop/s, 10 GB/s and eight iterations per step.
+"""
+
+
+TOUCHING = 30
+"""Solutions that a step takes besides where bodies touch: its contacts are found in ten rounds of three."""
+
+
+def planned_elimination(
+    model: Model, actuators: Actuators, iterative: bool | None, touching: bool, threads: int
+) -> Elimination:
+    """A factor or iteration for a model; `iterative` None: what is faster, knowing whether bodies touch."""
+    iterations: list[tuple[Plan, Plan]] = []
+    divisions: list[Division] = []
+
+    def shared(layout: Plan) -> Plan:
+        divisions.append(divided(layout))
+        return with_room_for(layout, divisions[0], ROWS) if len(divisions[0].above) else layout
+
+    def lay_out(count: int, edges: IndexArray, beside: IndexArray, reduced_size: int) -> Plan:
+        graph = graph_of(count, edges)
+        order = elimination_order(graph)
+        chosen = iterative
+        if chosen is None:
+            flops, numbers = factor_cost(graph, order) if count > MANY else (0.0, 0.0)
+            solutions = reduced_size + 1 + touching * TOUCHING
+            chosen = flops > CROSSING * numbers * solutions
+        if not chosen:
+            return shared(plan(count, edges, beside, reduced_size, LANES, ROWS, order))
+        preconditioner = shared(plan(count, edges, edges[:0], 0, LANES, ROWS, order))
+        matrix = matrix_layout(preconditioner.position, edges, beside, reduced_size, LANES)
+        iterations.append((matrix, preconditioner))
+        return matrix
+
+    prepared = prepare(model, actuators, lay_out)
+    division = divisions[0]
+    if not len(division.above):
+        threads = 1
+    if iterations:
+        return IterativeElimination(model, actuators, prepared, *iterations[0], division, threads)
+    if len(division.above):
+        return DividedElimination(model, actuators, prepared, division, threads)
+    return DirectElimination(model, actuators, prepared)
+
+
+_NO_STIFFNESS = ActuatorStiffness(*no_rows(), np.zeros(0))
+
+
+class NumbaStepper:
+    """Plan once, then step in compiled code.
+
+    Args:
+        model, actuators: What moves, and what moves it.
+        iterative: Whether the free nodes are eliminated by conjugate gradients; None: where that is faster.
+            Steps that need a factor even so, and static tangents, take it from a second stepper, which is
+            planned when it is first needed.
+        touching: Whether steps are taken with contacts, which take many solutions each.
+        like: Of another copy of the scene: what it has planned is used again, and its room to work in, so
+            only one of the two may be in a step at a time. None, or one of another pattern: planned anew.
+        threads: Of a step of a large mesh; None: see linalg.crew.usable_threads. They change nothing in what
+            comes out.
+    """
+
+    name = "numba"
+    compiled = True
+
+    def __init__(
+        self,
+        model: Model,
+        actuators: Actuators,
+        iterative: bool | None = None,
+        touching: bool = False,
+        like: NumbaStepper | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self.model, self.actuators = model, actuators
+        self._threads = usable_threads() if threads is None else threads
+        earlier = None if like is None else like._elimination
+        shared = earlier.of_another_copy(model, actuators) if isinstance(earlier, DirectElimination) else None
+        self._elimination: Elimination = shared or planned_elimination(
+            model, actuators, iterative, touching, self._threads
+        )
+        self._factoring: NumbaStepper | None = None  # never itself: it would outlive its last user
+        self._prepared = self._elimination.prepared
+        self._plain = [each for each in actuators.spans() if each[1].start >= self._prepared.rows.compiled[0]]
+        self._corners = oriented(model)
+        self._soft = bool(model.spring.any())
+        self._turning = FreeTurning(model)
+        self._weight = model.weight
+        self._tuned: tuple[list[list[float]], float, float] | None = None
+        self._before, self._free, self._start = (model.empty_state() for _ in range(3))
+        self._responses = self._elimination.responses
+        self._assemble_tangent = OneSignature(assemble_tangent)
+
+    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
+        """See Stepper."""
+        control.check(len(self.model.joints), len(self.model.rest))
+        moved = state.extra.get(MOVED)
+        if moved is None:
+            return self._step(state, control, parameters)
+        before = self._start
+        before.copy_from(state)
+        pressed = self.actuators.surface_stiffness(state, state.joint_efforts[self.actuators.joint])
+        report = self._step(state, control, parameters, moved, pressed)
+        if not report.positive and pressed:
+            state.copy_from(before)
+            report = replace(self._step(state, control, parameters, moved), fallback=1)
+        if not report.positive:
+            state.copy_from(before)
+            report = replace(self._step(state, control, parameters), fallback=2)
+        moved[:] = state.positions - before.positions
+        return report
+
+    def _step(
+        self,
+        state: State,
+        control: Control,
+        parameters: Parameters,
+        moved: Array | None = None,
+        pressed: Sequence[Array] = (),
+    ) -> StepReport:
+        """One step; `moved`: see fem.cells.cell_stiffness, `pressed`: see PairedCells.press."""
+        model, data = self.model, self._prepared
+        lag = model.dt + parameters.rayleigh_stiffness
+        self._tune(parameters, lag)
+        self._responses = self._elimination.responses
+        external = control.forces + self._weight
+        straining = self._turning.lagging(state, control, parameters.rayleigh_stiffness / lag)
+        if self._soft:
+            external -= model.spring[:, None] * (state.positions + lag * straining - model.rest)
+        clear(data.work.factor)
+        if data.cells.paired:
+            external += data.cells.paired.fill(
+                state, parameters.materials, True, model.dt * lag, lag, straining, moved, model.dt / lag
+            )
+        if pressed:
+            external += data.cells.paired.press(pressed, straining, lag, model.dt * lag)
+        if model.coupling is not None:
+            external -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
+            data.cells.paired.couple(model.coupling.blocks, 1.0 + model.dt * parameters.rayleigh_mass)
+        targets, kept = control.targets, self.actuators.kept_in(state, control)
+        if len(self.actuators):
+            targets = targets.copy()
+            targets[data.rows.joint], data.rows.compliance[:] = kept.command, kept.compliance
+        for group, own, entries in self._plain:
+            data.rows.value[own] = group.values(model, state)
+            data.rows.coefficient[entries] = group.coefficients(model, state)
+        try:
+            speed, inverted, *seconds = self._elimination.advance(
+                motion_of(state), straining, external, targets, control.base_shift, kept.lower, kept.upper,
+                model.dt, lag, parameters.rayleigh_mass, data.kinematics, data.cells.arrays, data.nodes,
+                data.acting(self._stiffness(state, model.dt * lag, moved)), data.tree, data.work,
+                self._corners,
+            )  # fmt: skip
+        except FactorisationError:
+            factoring = self._with_factor()
+            report = factoring._step(state, control, parameters, moved, pressed)
+            self._responses = factoring._responses
+            return report
+        if self._plain:
+            self.actuators.report(model, state, data.rows.before, data.rows.multiplier)
+        inverted += data.cells.paired.folded(state.positions)
+        times = {stage: 1e3 * each for stage, each in zip(self._elimination.stages, seconds, strict=True)}
+        # a pivot that is not positive leaves a NaN in all that follows
+        return StepReport(
+            float(speed),
+            times,
+            inverted,
+            positive=bool(speed == speed),
+            linear_iterations=self._elimination.iterations,
+        )
+
+    def _stiffness(self, state: State, scale: float, moved: Array | None) -> ActuatorStiffness:
+        """What taut actuators add to the matrix, times `scale`: where cells take the stress they found."""
+        if moved is None or not len(self.actuators):
+            return _NO_STIFFNESS
+        multipliers = state.joint_efforts[self.actuators.joint]
+        rows, weight = self.actuators.geometric_stiffness(
+            self.model, state, multipliers, without_surfaces=True
+        )
+        if not len(weight):
+            return _NO_STIFFNESS
+        return ActuatorStiffness(*rows.checked(), scale * weight)
+
+    def free_motion(self, state: State, control: Control, parameters: Parameters) -> NumbaFreeMotion:
+        """See Stepper."""
+        self._before.copy_from(state)
+        report = self.step(state, control, parameters)
+        self._free.copy_from(state)
+        return NumbaFreeMotion(self._responses, state, self._before, self._free, report, self._corners)
+
+    def von_mises(self, state: State, parameters: Parameters) -> Array:
+        """See Stepper."""
+        data = self._prepared
+        return data.cells.von_mises(state, parameters.materials, data.work)
+
+    def static_tangent(
+        self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
+    ) -> NumbaStaticTangent:
+        """See Stepper."""
+        if not isinstance(self._elimination, DirectElimination):
+            return self._with_factor().static_tangent(state, parameters, forces, pressed)
+        model = self.model
+        self._tune(parameters, model.dt + parameters.rayleigh_stiffness)
+        motion, loads = motion_of(state), forces + self._weight
+        if self._soft:
+            loads -= model.spring[:, None] * (state.positions - model.rest)
+        positive = self._factor_tangent(state, parameters, loads, EXACT, pressed)
+        if not positive:  # no Cholesky factor: on its way, the state is not stable
+            self._factor_tangent(state, parameters, loads, CLAMPED)
+        return NumbaStaticTangent(self._responses, motion, positive)
+
+    def _factor_tangent(
+        self,
+        state: State,
+        parameters: Parameters,
+        loads: Array,
+        tangent: int,
+        pressed: Sequence[Array] = (),
+    ) -> bool:
+        """Factor the static tangent in the panels; returns whether it is positive on the free nodes."""
+        data = self._prepared
+        clear(data.work.factor)
+        if data.cells.paired:
+            moved = None if tangent == CLAMPED else state.extra.get(MOVED)
+            loads = loads + data.cells.paired.fill(
+                state, parameters.materials, tangent == CLAMPED, moved=moved
+            )
+        if pressed:
+            data.cells.paired.press(pressed, np.zeros_like(loads))
+        self._assemble_tangent(
+            motion_of(state), loads, self.model.spring, tangent, data.kinematics, data.cells.arrays,
+            data.nodes, data.work,
+        )  # fmt: skip
+        assert isinstance(self._elimination, DirectElimination)
+        self._elimination.factor()
+        return self._responses.positive()
+
+    def _tune(self, parameters: Parameters, lag: float) -> None:
+        """Take over tunable parameters when they have changed."""
+        tuned = ([list(values.values()) for values in parameters.materials], lag, parameters.rayleigh_mass)
+        if tuned == self._tuned:
+            return
+        self._tuned = tuned
+        model, data = self.model, self._prepared
+        data.cells.tune(parameters.materials)
+        inertia = (1.0 + model.dt * parameters.rayleigh_mass) * model.mass
+        data.nodes.diagonal[:] = inertia + model.dt * lag * model.spring
+        self._elimination.tuned(lambda: self._at_rest(parameters, lag))
+
+    def _at_rest(self, parameters: Parameters, lag: float) -> tuple[object, ...]:
+        """What `assemble` takes for the matrix of a step from rest; see Elimination."""
+        rest, data, h = self.model.rest_state(), self._prepared, self.model.dt
+        clear(data.work.factor)
+        still = np.zeros_like(rest.positions)
+        if data.cells.paired:
+            data.cells.paired.fill(rest, parameters.materials, True, h * lag, lag, still, None, h / lag)
+        if self.model.coupling is not None:
+            data.cells.paired.couple(self.model.coupling.blocks, 1.0 + h * parameters.rayleigh_mass)
+        return (
+            motion_of(rest), still, still, h, lag, parameters.rayleigh_mass, data.kinematics,
+            data.cells.arrays, data.nodes, data.acting(_NO_STIFFNESS), data.tree, data.work,
+        )  # fmt: skip
+
+    def _with_factor(self) -> NumbaStepper:
+        """The stepper that factors: itself, or one beside it, made once."""
+        if isinstance(self._elimination, DirectElimination):
+            return self
+        if self._factoring is None:
+            self._factoring = NumbaStepper(self.model, self.actuators, iterative=False, threads=self._threads)
+        return self._factoring
+
+
+class NumbaFreeMotion:
+    """See FreeMotion."""
+
+    def __init__(
+        self,
+        responses: Responses,
+        state: State,
+        before: State,
+        free: State,
+        report: StepReport,
+        corners: IndexArray,
+    ) -> None:
+        self.state, self.before, self.report = state, before, report
+        self.violations = responses.prepared.rows.violation.copy()
+        self.defect: Array | None = None
+        self._responses, self._free, self._corners = responses, free, corners
+
+    def compliance(self, rows: Rows) -> Array:
+        """See FreeMotion."""
+        return self._responses.compliance(rows.checked(), motion_of(self.before))
+
+    def correct(self, impulses: Array) -> StepReport:
+        """See FreeMotion."""
+        state, free = self.state, self._free
+        state.velocities[:], state.reduced_velocities[:] = free.velocities, free.reduced_velocities
+        state.joint_positions[:], state.joint_efforts[:] = free.joint_positions, free.joint_efforts
+        speed = self._responses.correct(state, self.before, impulses)
+        self.defect = self._responses.defect
+        if MOVED in state.extra:
+            state.extra[MOVED][:] = state.positions - self.before.positions
+        inverted = count_inverted(state.positions, self._corners)
+        inverted += self._responses.prepared.cells.paired.folded(state.positions)
+        return replace(self.report, top_speed=speed, inverted=inverted)
+
+
+class NumbaStaticTangent:
+    """See StaticTangent."""
+
+    def __init__(self, responses: Responses, motion: Motion, positive: bool) -> None:
+        self._responses, self._motion, self.positive = responses, motion, positive
+
+    def condensed(self, rows: Rows) -> Condensed:
+        """See StaticTangent."""
+        return self._responses.condensed(rows.checked(), self._motion)

@@ -1,0 +1,339 @@
+r"""Energy, forces, stiffness and stress of cells, and their sums and means at the nodes.
+
+.. math:: F = \sum_a x_a g_a^T, \quad f_a = -\sum_q w_q P g_a, \quad
+    K_{ab} = -\partial f_a / \partial x_b = \sum_q w_q \, g_a \cdot (\partial P / \partial F) \cdot g_b
+
+Of a VolumetricMaterial in an element with a mean volume, a part of the bulk acts on the mean of theta over
+the cell, and the pressure at a point is :math:`p = a_p \theta + (a - a_p) \bar\theta`. Source: Simo, Taylor,
+Pister 1985, Variational and projection methods for the volume constraint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import singledispatch
+
+import numpy as np
+import scipy.sparse as sp
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.physics.fem.elements.element import Element
+from softsim_core.physics.fem.group import ElementGroup
+from softsim_core.physics.fem.materials.material import TangentModes, VolumetricMaterial, von_mises
+from softsim_core.physics.fem.materials.strain import StrainMaterial, without_pressing
+
+
+def deformation_gradients(group: ElementGroup, positions: Array) -> Array:
+    """F at the quadrature points, shape (m, q, 3, 3), at node positions (n, 3) in [m]."""
+    return np.asarray(np.swapaxes(positions[group.cells], 1, 2)[:, None] @ group.gradients)
+
+
+def strain_change(group: ElementGroup, before: Array, after: Array) -> float:
+    """Largest change of the Green strain at a point, by the Frobenius norm; NaN if a place (n, 3) is one."""
+    old, new = deformation_gradients(group, before), deformation_gradients(group, after)
+    change = np.swapaxes(new, -1, -2) @ new - np.swapaxes(old, -1, -2) @ old
+    return 0.5 * float(np.sqrt(np.einsum("mqij,mqij->mq", change, change).max(initial=0.0)))
+
+
+def mean_volume_law(group: ElementGroup) -> VolumetricMaterial | None:
+    """The law of cells whose mean dilatation takes a part of the bulk; None: those of the group do not."""
+    law = group.material
+    return law if group.element.mean_volume and isinstance(law, VolumetricMaterial) else None
+
+
+def takes_found_stress(group: ElementGroup) -> bool:
+    """Whether a time step takes the pressure or stress that its linear solve found; see `cell_stiffness`."""
+    return mean_volume_law(group) is not None or isinstance(group.material, StrainMaterial)
+
+
+@singledispatch
+def cell_energy(group: ElementGroup, positions: Array, p: Array) -> Array:
+    """Elastic energy of each cell in [J], shape (m,).
+
+    Args:
+        group: The cells.
+        positions: Node positions in [m], shape (n, 3).
+        p: Parameters of each cell, shape (m, k); see ElementGroup.values.
+    """
+    gradients, law, p = deformation_gradients(group, positions), mean_volume_law(group), p[:, None]
+    if law is None:
+        return np.asarray((group.weights * group.material.energy(gradients, p)).sum(axis=1))
+    at_points, on_mean = split_bulk(law, p)
+    dilatation = law.dilatation(gradients)
+    density = law.shear_energy(gradients, p) + 0.5 * at_points * dilatation**2
+    mean = mean_over(group, dilatation)
+    return np.asarray((group.weights * (density + 0.5 * on_mean * mean**2)).sum(axis=1))
+
+
+def point_stress(group: ElementGroup, positions: Array, p: Array) -> Array:
+    """First Piola stress at the quadrature points in [Pa], (m, q, 3, 3); arguments as for `cell_energy`."""
+    gradients, law, p = deformation_gradients(group, positions), mean_volume_law(group), p[:, None]
+    if law is None:
+        return group.material.stress(gradients, p)
+    pressure = _pressure(group, law, gradients, p)[..., None, None]
+    return np.asarray(law.shear_stress(gradients, p) + pressure * law.dilatation_slope(gradients))
+
+
+@singledispatch
+def cell_forces(group: ElementGroup, positions: Array, p: Array) -> Array:
+    """Forces of the cells on their nodes in [N], shape (m, a, 3); arguments as for `cell_energy`."""
+    weighted = group.weights[..., None, None] * point_stress(group, positions, p)
+    return np.asarray(-(group.gradients @ np.swapaxes(weighted, -1, -2)).sum(axis=1))
+
+
+@singledispatch
+def cell_stiffness(
+    group: ElementGroup,
+    positions: Array,
+    p: Array,
+    positive: bool = False,
+    distant: bool = False,
+    moved: Array | None = None,
+    mean_share: float = 1.0,
+) -> Array:
+    """-df_a/dx_b of each cell in [N/m], shape (m, a, a, 3, 3).
+
+    Exact, or `positive` for a time step, or for statics `distant` from an equilibrium; see Material.
+
+    With `moved`, the displacement in [m] of all nodes by the last linear solve, shape (n, 3), cells with a
+    mean volume take the pressure that this solve found, to first order, instead of that of the positions it
+    led to. So one iteration is enough for a step, also where the material is nearly incompressible; nothing
+    is made positive then. Fibres and layers, which are stiff and thin, take the stress so; of a positive one
+    nothing that presses them. Source: Magisano, Leonetti, Garcea 2017, Advantages of the mixed format.
+
+    With a `mean_share` below 1, the answer to the mean volume has so much of its stiffness.
+    """
+    law, gradients = mean_volume_law(group), deformation_gradients(group, positions)
+    p, m, q, a = p[:, None], *group.gradients.shape[:3]
+    if law is None:
+        plain = group.material
+        if moved is not None and isinstance(plain, StrainMaterial):
+            before, change = (deformation_gradients(group, each) for each in (positions - moved, moved))
+            found = plain.extrapolated_stress(before, change, p)
+            return _blocks(
+                group, plain.tangent_at(gradients, p, without_pressing(found) if positive else found)
+            )
+        if positive and not distant and (modes := plain.positive_modes(gradients, p)) is not None:
+            return _blocks_of_modes(group, modes)
+        of = plain.distant_tangent if distant else plain.positive_tangent if positive else plain.tangent
+        return _blocks(group, of(gradients, p))
+    at_points, on_mean = split_bulk(law, p)
+    if moved is None:
+        pressure = _pressure(group, law, gradients, p)
+        at = law.positive_tangent_at if positive or distant else law.tangent_at
+    else:
+        pressure = _extrapolated_pressure(group, law, positions, moved, p)
+        at = law.tangent_at
+    blocks = _blocks(group, at(gradients, p, np.broadcast_to(at_points, (m, q)), pressure))
+    volume = _volume_gradient(group, law, gradients).reshape(m, 3 * a)
+    rank_one = (mean_share * on_mean / group.volumes[:, None] * volume)[:, :, None] * volume[:, None]
+    return blocks + rank_one.reshape(m, a, 3, a, 3).swapaxes(2, 3)
+
+
+def split_bulk(law: VolumetricMaterial, p: Array) -> tuple[Array, Array]:
+    """Bulk coefficients at the points and on the mean in [Pa], of parameters (..., k)."""
+    at_points = law.point_bulk(p)
+    return at_points, np.asarray(law.bulk(p) - at_points)
+
+
+def mean_over(group: ElementGroup, at_points: Array) -> Array:
+    """Mean over the volume of each cell of values at its points (m, q), shape (m, 1)."""
+    return np.asarray((group.weights * at_points).sum(axis=1) / group.volumes)[:, None]
+
+
+def _pressure(group: ElementGroup, law: VolumetricMaterial, gradients: Array, p: Array) -> Array:
+    """a_p theta + (a - a_p) times its mean, in [Pa], shape (m, q)."""
+    at_points, on_mean = split_bulk(law, p)
+    dilatation = law.dilatation(gradients)
+    return np.asarray(at_points * dilatation + on_mean * mean_over(group, dilatation))
+
+
+def _extrapolated_pressure(
+    group: ElementGroup, law: VolumetricMaterial, positions: Array, moved: Array, p: Array
+) -> Array:
+    """The pressure before the nodes `moved`, and to first order what they changed of it, shape (m, q)."""
+    before = deformation_gradients(group, positions - moved)
+    change = (law.dilatation_slope(before) * deformation_gradients(group, moved)).sum(axis=(-2, -1))
+    at_points, on_mean = split_bulk(law, p)
+    return _pressure(group, law, before, p) + at_points * change + on_mean * mean_over(group, change)
+
+
+def _volume_gradient(group: ElementGroup, law: VolumetricMaterial, gradients: Array) -> Array:
+    """Derivative of the volume integral of theta by the nodes in [m^2], shape (m, a, 3)."""
+    weighted = group.weights[..., None, None] * law.dilatation_slope(gradients)
+    return np.asarray((group.gradients @ np.swapaxes(weighted, -1, -2)).sum(axis=1))
+
+
+def mean_volume_answer(group: ElementGroup, positions: Array, p: Array, velocities: Array) -> Array:
+    """K v in [N/s] of the mean volume's part of the stiffness alone, at velocities (n, 3), shape (n, 3)."""
+    result, law = np.zeros_like(positions), mean_volume_law(group)
+    if law is not None:
+        p = p[:, None]
+        volume = _volume_gradient(group, law, deformation_gradients(group, positions))
+        rate = (volume * velocities[group.cells]).sum(axis=(1, 2)) / group.volumes
+        answer = (split_bulk(law, p)[1][:, 0] * rate)[:, None, None] * volume
+        np.add.at(result, group.cells, answer)
+    return result
+
+
+def _blocks(group: ElementGroup, tangent: Array) -> Array:
+    """Stiffness blocks (m, a, a, 3, 3) in [N/m] of tangents dP/dF (m, q, 3, 3, 3, 3) in [Pa]."""
+    m, q, a = group.gradients.shape[:3]
+    weighted = (group.weights[..., None, None] * tangent.reshape(m, q, 9, 9)).reshape(m, q, 27, 3)
+    right = weighted @ np.swapaxes(group.gradients, -1, -2)  # (i J k), b
+    right = right.reshape(m, q, 3, 3, 3 * a).swapaxes(2, 3).reshape(m, q, 3, 9 * a)  # J, (i k b)
+    blocks = (group.gradients @ right).sum(axis=1).reshape(m, a, 3, 3, a)
+    return np.ascontiguousarray(blocks.transpose(0, 1, 4, 2, 3))
+
+
+def _blocks_of_modes(group: ElementGroup, tangent: TangentModes) -> Array:
+    """As `_blocks`, of tangents at the points (m, q): some fifty products per pair of nodes less."""
+    m, q, a = group.gradients.shape[:3]
+    modes = tangent.modes.shape[-3]
+    moved = tangent.modes.reshape(m, q, 3 * modes, 3) @ np.swapaxes(group.gradients, -1, -2)  # (k i), a
+    moved = moved.reshape(m, q * modes, 3 * a)
+    weighted = (group.weights[..., None] * tangent.weights).reshape(m, q * modes, 1) * moved
+    blocks = (np.swapaxes(weighted, 1, 2) @ moved).reshape(m, 3, a, 3, a)
+    result = np.ascontiguousarray(blocks.transpose(0, 2, 4, 1, 3))
+    scaled = (group.weights * tangent.isotropic)[..., None, None] * group.gradients
+    alike = (scaled @ np.swapaxes(group.gradients, -1, -2)).sum(axis=1)
+    result[..., range(3), range(3)] += alike[..., None]
+    return result
+
+
+@singledispatch
+def cauchy_stress(group: ElementGroup, positions: Array, p: Array) -> Array:
+    """Stress in world axes at the points in [Pa], (m, q, 3, 3); arguments as for `cell_energy`."""
+    stress = point_stress(group, positions, p)
+    return group.material.cauchy_stress(deformation_gradients(group, positions), stress)
+
+
+def cell_von_mises(group: ElementGroup, positions: Array, p: Array) -> Array:
+    """Von Mises stress of each cell in [Pa], the mean over its volume, shape (m,)."""
+    return mean_over(group, von_mises(cauchy_stress(group, positions, p)))[:, 0]
+
+
+def inverted_cells(group: ElementGroup, positions: Array) -> Array:
+    """Which cells are flat or inside out somewhere, det F <= 0, shape (m,)."""
+    return np.asarray((np.linalg.det(deformation_gradients(group, positions)) <= 0.0).any(axis=1))
+
+
+def elastic_forces(
+    groups: Sequence[ElementGroup], positions: Array, materials: Sequence[Mapping[str, float]]
+) -> Array:
+    """Forces of all cells on the nodes in [N], shape (n, 3).
+
+    Args:
+        groups: All cells.
+        positions: Node positions in [m], shape (n, 3).
+        materials: Parameters of each body's law by name, behind them those of layers and fibres.
+    """
+    forces = np.zeros_like(positions)
+    for group in groups:
+        np.add.at(forces, group.cells, cell_forces(group, positions, group.values(materials)))
+    return forces
+
+
+class BlockPattern:
+    """Where the blocks of all pairs of nodes of cells stand in a sparse matrix; whoever keeps it sums faster.
+
+    Args:
+        count: Number of nodes n.
+        cells: Nodes of the cells of several kinds, shapes (m, a).
+    """
+
+    def __init__(self, count: int, cells: Sequence[IndexArray]) -> None:
+        pairs = [(count * nodes[:, :, None] + nodes[:, None, :]).ravel() for nodes in cells]
+        blocks = np.concatenate([np.zeros(0, dtype=np.int64), *pairs])
+        places, place = np.unique(blocks, return_inverse=True)
+        put = (np.ones(len(blocks)), (place.ravel(), np.arange(len(blocks))))
+        self._sum = sp.csr_matrix(put, shape=(len(places), len(blocks)))
+        rows, columns = np.divmod(places, count)
+        ends = np.searchsorted(rows, np.arange(count + 1))
+        numbers = np.arange(9 * len(places)).reshape(-1, 3, 3)
+        entries = sp.bsr_matrix((numbers, columns, ends), shape=(3 * count, 3 * count)).tocsr()
+        self._entry, self._columns, self._starts = entries.data, entries.indices, entries.indptr
+
+    def matrix(self, blocks: Sequence[Array]) -> sp.csr_matrix:
+        """Blocks of these cells (m, a, a, 3, 3), added up, sparse, shape (3 n, 3 n)."""
+        values = np.concatenate([np.zeros((0, 9)), *(each.reshape(-1, 9) for each in blocks)])
+        size = len(self._starts) - 1
+        sums = (self._sum @ values).ravel()[self._entry]
+        return sp.csr_matrix((sums, self._columns, self._starts), shape=(size, size))
+
+
+def stiffness_matrix(
+    groups: Sequence[ElementGroup],
+    positions: Array,
+    materials: Sequence[Mapping[str, float]],
+    positive: bool = False,
+    distant: bool = False,
+    moved: Array | None = None,
+    mean_share: float = 1.0,
+    pattern: BlockPattern | None = None,
+) -> sp.csr_matrix:
+    """Stiffness of all cells on the nodes in [N/m], sparse, shape (3 n, 3 n).
+
+    Arguments as above, and as for `cell_stiffness`; `pattern`, where it is kept, is that of the groups.
+    """
+    if pattern is None:
+        pattern = BlockPattern(len(positions), [group.cells for group in groups])
+    return pattern.matrix(
+        [
+            cell_stiffness(group, positions, group.values(materials), positive, distant, moved, mean_share)
+            for group in groups
+        ]
+    )
+
+
+def von_mises_stress(
+    groups: Sequence[ElementGroup], positions: Array, materials: Sequence[Mapping[str, float]]
+) -> Array:
+    """Von Mises stress of every cell in [Pa], in the order of their numbers; arguments as above.
+
+    Layers and fibres have none.
+    """
+    filling = [group for group in groups if group.fills]
+    result = np.zeros(sum(len(group.cells) for group in filling))
+    for group in filling:
+        result[group.numbers] = cell_von_mises(group, positions, group.values(materials))
+    return result
+
+
+def to_nodes(element: Element) -> Array:
+    """Values at the nodes of a cell from those at its points, shape (a, q): the linear field nearest to them.
+
+    With fewer than four points it is their mean.
+    """
+    if len(element.points) < 4:
+        return np.full((len(element.reference), len(element.points)), 1.0 / len(element.points))
+    at_points, at_nodes = (
+        np.column_stack([np.ones(len(each)), each]) for each in (element.points, element.reference)
+    )
+    return np.asarray(at_nodes @ np.linalg.pinv(at_points))
+
+
+def stress_at_nodes(
+    groups: Sequence[ElementGroup],
+    positions: Array,
+    materials: Sequence[Mapping[str, float]],
+) -> Array:
+    """Stress in world axes in [Pa], shape (n, 3, 3): the mean over the cells around each node; zero without.
+
+    A stress that is linear in space comes out exactly at the nodes of quadratic cells; at their corners it
+    is one order more accurate than a mean over the points.
+
+    Args:
+        groups: The cells, without layers and fibres.
+        positions: Node positions in [m], shape (n, 3).
+        materials: See fem.assembly.elastic_forces.
+
+    Source: Hinton and Campbell 1974, Local and global smoothing of discontinuous finite element functions.
+    """
+    total, around = np.zeros((len(positions), 3, 3)), np.zeros(len(positions))
+    for group in groups:
+        at_points = cauchy_stress(group, positions, group.values(materials))
+        of_nodes = np.einsum("aq,mqij->maij", to_nodes(group.element), at_points)
+        np.add.at(total, group.cells, of_nodes)
+        np.add.at(around, group.cells, 1.0)
+    return np.asarray(total / np.maximum(around, 1.0)[:, None, None])

@@ -1,0 +1,30 @@
+"""The known elements."""
+
+from __future__ import annotations
+
+from softsim_core.base.names import Registry
+from softsim_core.physics.fem.elements.element import Element, check_element
+from softsim_core.physics.fem.elements.tetrahedra import TET4, TET10
+
+_ELEMENTS: Registry[Element] = Registry("element", TET4, TET10)
+
+
+def register_element(element: Element) -> None:
+    """Make an element known to scenes by its name.
+
+    Raises:
+        SceneError: the name is one of the package's own.
+        ValueError: its arrays do not fit together; see Element.
+    """
+    check_element(element)
+    _ELEMENTS.register(element)
+
+
+def element(name: str) -> Element:
+    """The element of that name; SceneError names the known ones if there is none."""
+    return _ELEMENTS.get(name)
+
+
+def element_names() -> tuple[str, ...]:
+    """Names of all known elements."""
+    return _ELEMENTS.names()

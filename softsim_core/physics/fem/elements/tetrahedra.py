@@ -1,0 +1,84 @@
+"""Tetrahedra: linear with four nodes, quadratic with ten.
+
+With barycentric coordinates l of the corners, N_i = l_i (2 l_i - 1) at corners and 4 l_i l_j on edges. It
+bends as it should, and what is nearly incompressible does not lock on it: a little of the bulk acts at the
+four points, the rest on the mean volume of the cell.
+
+Sources: Keast 1986 (points); Hinton, Rock, Zienkiewicz 1976 (mass: the diagonal of the consistent mass
+matrix, scaled; row sums would be negative at corners).
+"""
+
+from __future__ import annotations
+
+from math import factorial, prod
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.physics.fem.elements.element import ElementData
+
+_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+TET4 = ElementData(
+    name="tet4",
+    reference=_CORNERS,
+    points=np.full((1, 3), 0.25),
+    weights=np.array([1.0 / 6.0]),
+    slopes=np.array([[[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]]),
+    edges=np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]),
+    faces=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+    mass_matrix=(np.ones((4, 4)) + np.eye(4)) / 20.0,
+)
+"""N_0 = 1 - xi - eta - zeta, N_1 = xi, N_2 = eta, N_3 = zeta. Nearly incompressible matter locks on it."""
+
+
+MIDDLES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+"""Corners of the edge on which each of the nodes 4 to 9 lies."""
+
+_INNER, _OUTER = (5.0 - 5.0**0.5) / 20.0, (5.0 + 3.0 * 5.0**0.5) / 20.0
+
+
+def _slopes(barycentric: Array) -> Array:
+    """Derivatives of the shape functions by the reference coordinates, shape (q, 10, 3), at l (q, 4)."""
+    by_l = np.zeros((len(barycentric), 10, 4))
+    corners, edges = np.arange(4), np.arange(4, 10)
+    by_l[:, corners, corners] = 4.0 * barycentric - 1.0
+    by_l[:, edges, MIDDLES[:, 0]] = 4.0 * barycentric[:, MIDDLES[:, 1]]
+    by_l[:, edges, MIDDLES[:, 1]] = 4.0 * barycentric[:, MIDDLES[:, 0]]
+    return np.asarray(by_l @ TET4.slopes[0])
+
+
+def _mass_matrix() -> Array:
+    """Integrals of N_a N_b over a cell of volume 1; those of monomials of l: 6 prod(k!) / (3 + sum(k))!."""
+    first, second = np.concatenate([np.stack([np.arange(4)] * 2, axis=1), MIDDLES]).T
+    shapes = []
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
+        powers = np.eye(4, dtype=int)
+        square, single = tuple((powers[i] + powers[j]).tolist()), tuple(powers[i].tolist())
+        shapes.append({square: 2.0, single: -1.0} if i == j else {square: 4.0})
+    result = np.zeros((10, 10))
+    for a, one in enumerate(shapes):
+        for b, other in enumerate(shapes):
+            for k, factor in one.items():
+                for m, weight in other.items():
+                    total = np.add(k, m).tolist()
+                    integral = 6.0 * prod(map(factorial, total)) / factorial(3 + sum(total))
+                    result[a, b] += factor * weight * integral
+    return result
+
+
+_POINTS = np.full((4, 4), _INNER) + (_OUTER - _INNER) * np.eye(4)
+
+TET10 = ElementData(
+    name="tet10",
+    reference=np.concatenate([TET4.reference, TET4.reference[MIDDLES].mean(axis=1)]),
+    points=_POINTS @ TET4.reference,
+    weights=np.full(4, 1.0 / 24.0),
+    slopes=_slopes(_POINTS),
+    edges=np.concatenate([[[a, 4 + n], [4 + n, b]] for n, (a, b) in enumerate(MIDDLES.tolist())]),
+    faces=np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]]),
+    shares=np.repeat([1.0 / 36.0, 4.0 / 27.0], [4, 6]),
+    mean_volume=True,
+    mass_matrix=_mass_matrix(),
+)
+"""Faces: three corners, then the middles of their edges in the same sense."""

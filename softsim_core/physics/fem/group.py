@@ -1,0 +1,149 @@
+"""Cells of one element and one law at rest, and whether they lock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.physics.fem.elements.element import Element, cell_axes, rest_quadrature
+from softsim_core.physics.fem.elements.surface import surface_quadrature
+from softsim_core.physics.fem.materials.material import Material
+
+LOCKING_RATIO = 0.49
+"""From this Poisson ratio on, linear tetrahedra are much too stiff."""
+
+
+def locking_warning(element: Element, values: Mapping[str, float]) -> str | None:
+    """A sentence if cells of this kind lock with these parameters of a law, else None."""
+    ratio = values.get("poisson_ratio", 0.0)
+    if len(element.reference) != 4 or ratio < LOCKING_RATIO:
+        return None
+    return (
+        f"poisson_ratio {ratio:g} is too stiff: nearly incompressible linear tetrahedra lock; "
+        f"take less than {LOCKING_RATIO:g}"
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElementGroup:
+    """Cells of all bodies that share an element and a law.
+
+    Attributes:
+        element: What a cell is.
+        material: Their law.
+        cells: Node indices, shape (m, a).
+        weights: Rest volume at each quadrature point in [m^3], shape (m, q).
+        gradients: Shape gradients at rest in [1/m], in the axes that the law asks for, shape (m, q, a, 3).
+        body: Index of each cell's body, shape (m,).
+        numbers: Number of each cell among those of all bodies in order, behind them reinforcements, (m,).
+        parameter_set: Index in Parameters.materials of each cell's values, shape (m,): that of its body, or
+            that of its layer or fibres.
+        fills: Whether the cells fill their bodies. Fibres and layers do not: they have no mass and no volume
+            of their own here.
+    """
+
+    element: Element
+    material: Material
+    cells: IndexArray
+    weights: Array
+    gradients: Array
+    body: IndexArray
+    numbers: IndexArray
+    parameter_set: IndexArray
+    fills: bool = True
+
+    per_cell: ClassVar = ("cells", "weights", "gradients", "body", "numbers", "parameter_set")
+
+    @property
+    def volumes(self) -> Array:
+        """Rest volume of each cell in [m^3], shape (m,)."""
+        return np.asarray(self.weights.sum(axis=1))
+
+    @property
+    def short(self) -> BoolArray:
+        """Which cells are far shorter than they are thick, as clamps of rods, shape (m,)."""
+        return np.zeros(len(self.cells), dtype=np.bool_)
+
+    def part(self, chosen: IndexArray) -> ElementGroup:
+        """The group of the chosen cells (k,) alone."""
+        return replace(self, **{name: getattr(self, name)[chosen] for name in self.per_cell})
+
+    def ordered(self, inside: IndexArray) -> ElementGroup:
+        """The group with the nodes of each cell in another order, shape (m, a)."""
+        return replace(self, **self.of_nodes(inside))
+
+    def of_nodes(self, inside: IndexArray) -> dict[str, Any]:
+        """What `ordered` changes, by name."""
+        return {
+            "cells": np.take_along_axis(self.cells, inside, axis=1),
+            "gradients": np.take_along_axis(self.gradients, inside[:, None, :, None], axis=2),
+        }
+
+    def values(self, parameters: Sequence[Mapping[str, float]]) -> Array:
+        """Values of the law's parameters for each cell, shape (m, k).
+
+        Args:
+            parameters: Those of each set by name; see Parameters.materials.
+        """
+        table = np.zeros((max(len(parameters), 1), len(self.material.parameters)))
+        for s in np.unique(self.parameter_set).tolist():
+            table[s] = [parameters[s][name] for name in self.material.names]
+        return np.asarray(table[self.parameter_set])
+
+
+def element_group(
+    element: Element,
+    material: Material,
+    points: Array,
+    cells: IndexArray,
+    body: IndexArray,
+    numbers: IndexArray,
+) -> ElementGroup:
+    """A group of cells (m, a) on rest positions `points` (n, 3) in [m]; the rest as in ElementGroup."""
+    corners = points[cells]
+    weights, gradients = rest_quadrature(element, corners)
+    if material.in_cell_axes:
+        gradients = np.ascontiguousarray(gradients @ cell_axes(corners)[:, None])
+    return ElementGroup(element, material, cells, weights, gradients, body, numbers, body)
+
+
+def fibre_group(
+    cells: ElementGroup, material: Material, points: Array, axes: Array, parameter_set: IndexArray
+) -> ElementGroup:
+    """Fibres in cells of bodies.
+
+    Args:
+        cells: The cells that they run through.
+        material: Their law.
+        points: Rest positions in [m], shape (n, 3).
+        axes: At each point a rotation whose first column is their direction, shape (m, q, 3, 3).
+        parameter_set: See ElementGroup.
+    """
+    gradients = np.ascontiguousarray(rest_quadrature(cells.element, points[cells.cells])[1] @ axes)
+    return replace(cells, material=material, gradients=gradients, parameter_set=parameter_set, fills=False)
+
+
+def layer_group(
+    element: Element,
+    material: Material,
+    points: Array,
+    faces: IndexArray,
+    thickness: Array,
+    body: IndexArray,
+    numbers: IndexArray,
+    parameter_set: IndexArray,
+) -> ElementGroup:
+    """Thin layers on faces (m, a) of bodies, of a thickness in [m], shape (m,); the rest as above."""
+    weights, gradients = surface_quadrature(element, points[faces], thickness)
+    return ElementGroup(element, material, faces, weights, gradients, body, numbers, parameter_set, False)
+
+
+def empty_group(element: Element, material: Material) -> ElementGroup:
+    """A group without cells."""
+    none = np.zeros(0, dtype=np.int64)
+    nodes = len(element.reference)
+    return element_group(element, material, np.zeros((nodes, 3)), np.zeros((0, nodes), np.int64), none, none)

@@ -1,0 +1,61 @@
+r"""Saint Venant-Kirchhoff elasticity: Hooke's law between Green's strain and its stress.
+
+.. math:: \Psi = \mu |E|^2 + \tfrac{\lambda}{2} tr(E)^2, \qquad E = \tfrac12 (F^T F - I), \qquad P = F S,
+    \qquad S = 2 \mu E + \lambda tr(E) I
+
+The law of MuJoCo's flexes, there to compare with them. Under tension it stiffens, under compression it gets
+softer: pressed to less than about half its length a cell snaps through, and a crushed one does not come back.
+
+Source: Bonet and Wood 2008, Nonlinear continuum mechanics for finite element analysis, section 6.4.2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.physics.fem.materials.material import HOOKE, Material, lame
+
+_UNIT = np.eye(3)
+
+
+class SaintVenantKirchhoff(Material):
+    """See the module."""
+
+    name = "saint_venant_kirchhoff"
+    parameters = HOOKE
+
+    def energy(self, deformation: Array, p: Array) -> Array:
+        """See Material."""
+        strain = _green(deformation)
+        lam, mu = lame(p)
+        return np.asarray(mu * (strain**2).sum(axis=(-2, -1)) + 0.5 * lam * _trace(strain) ** 2)
+
+    def stress(self, deformation: Array, p: Array) -> Array:
+        """See Material."""
+        return np.asarray(deformation @ _second(deformation, p))
+
+    def tangent(self, deformation: Array, p: Array) -> Array:
+        """See Material."""
+        lam, mu = (each[..., None, None, None, None] for each in lame(p))
+        result = lam * np.einsum("...ij,...kl->...ijkl", deformation, deformation)
+        left = deformation @ np.swapaxes(deformation, -1, -2)
+        result = result + mu * np.einsum("...ik,jl->...ijkl", left, _UNIT)
+        result = result + mu * np.einsum("...il,...kj->...ijkl", deformation, deformation)
+        return np.asarray(result + np.einsum("ik,...jl->...ijkl", _UNIT, _second(deformation, p)))
+
+
+def _green(deformation: Array) -> Array:
+    """Green's strain E, shape (..., 3, 3)."""
+    return np.asarray(0.5 * (np.swapaxes(deformation, -1, -2) @ deformation - _UNIT))
+
+
+def _trace(strain: Array) -> Array:
+    return np.asarray(np.trace(strain, axis1=-2, axis2=-1))
+
+
+def _second(deformation: Array, p: Array) -> Array:
+    """Second Piola stress S in [Pa], symmetric, shape (..., 3, 3)."""
+    strain = _green(deformation)
+    lam, mu = (each[..., None, None] for each in lame(p))
+    return np.asarray(2.0 * mu * strain + lam * _trace(strain)[..., None, None] * _UNIT)

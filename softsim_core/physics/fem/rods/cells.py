@@ -1,0 +1,478 @@
+"""Cells of rods: sections, strains, energy, forces, stiffness, damping and stress."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.physics.fem.cells import cauchy_stress, cell_energy, cell_forces, cell_stiffness
+from softsim_core.physics.fem.elements.element import ElementData
+from softsim_core.physics.fem.group import ElementGroup
+from softsim_core.physics.fem.materials.section import Section
+from softsim_core.physics.mesh.rods import RodMesh
+
+R, D1, D2, B1, B2 = range(5)
+"""Vectors of a cell at a point: r', d_1, d_2, d_1', d_2'."""
+
+
+def _forms(*entries: tuple[int, int, int, float], strains: int, vectors: int) -> Array:
+    """Matrices Q of products v^T Q_k v / 2, shape (strains, vectors, vectors)."""
+    forms = np.zeros((strains, vectors, vectors))
+    for k, f, g, value in entries:
+        forms[k, f, g] = forms[k, g, f] = value
+    return forms
+
+
+LINE_FORMS: Final = _forms(
+    (0, R, R, 1.0),
+    (1, R, D1, 1.0),
+    (2, R, D2, 1.0),
+    (3, R, B1, 1.0),
+    (4, R, B2, 1.0),
+    (5, B1, D2, 0.5),
+    (5, D1, B2, -0.5),
+    strains=6,
+    vectors=5,
+)
+SECTION_FORMS: Final = _forms((0, 0, 0, 1.0), (1, 1, 1, 1.0), (2, 0, 1, 1.0), strains=3, vectors=2)
+
+SHORTEST: Final = 0.05
+"""|r'| below which a rod is no longer told from a shorter one: it has been crushed."""
+
+BENDING: Final = (3, 4)
+"""Which of the strains along a rod are bending."""
+
+
+class Strains(NamedTuple):
+    """Strains at points.
+
+    Attributes:
+        values: Shape (m, q, k).
+        slopes: Their derivatives by the products, shape (m, q, k, k).
+    """
+
+    values: Array
+    slopes: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StrainPoints:
+    """Where a cell strains: the same number of points in each.
+
+    Attributes:
+        maps: From the nodes of a cell to its vectors, shape (m, q, f, a).
+        forms: Products of the vectors, shape (k, f, f); see `LINE_FORMS`.
+        natural: Strains without load, shape (m, q, k).
+        lengths: What the energy is integrated over, in [m], shape (m, q).
+        stiffness: Of strains, over the values of the law that `scales` names, shape (m, q, k, k).
+        along: Whether the strains are those along a rod; else they are the products themselves.
+    """
+
+    maps: Array
+    forms: Array
+    natural: Array
+    lengths: Array
+    stiffness: Array
+    along: bool
+
+    def part(self, chosen: IndexArray) -> StrainPoints:
+        """Of the chosen cells (k,) alone."""
+        each: dict[str, Any] = {
+            name: getattr(self, name)[chosen] for name in ("maps", "natural", "lengths", "stiffness")
+        }
+        return replace(self, **each)
+
+    def ordered(self, inside: IndexArray) -> StrainPoints:
+        """With the nodes of each cell in another order, shape (m, a)."""
+        return replace(self, maps=np.take_along_axis(self.maps, inside[:, None, None, :], axis=3))
+
+    @staticmethod
+    def joined(parts: Sequence[StrainPoints]) -> StrainPoints:
+        """Those of all cells of several; their strains are of one kind."""
+        names = ("maps", "natural", "lengths", "stiffness")
+        each: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+        }
+        return replace(parts[0], **each)
+
+    def vectors(self, nodal: Array, cells: IndexArray) -> Array:
+        """The vectors of nodal values (n, 3), shape (m, q, f, 3)."""
+        return np.asarray(self.maps @ nodal[cells][:, None])
+
+    def products(self, vectors: Array) -> Array:
+        """v^T Q_k v / 2 of vectors (m, q, f, 3), shape (m, q, k)."""
+        return np.asarray(0.5 * np.einsum("mqfi,kfg,mqgi->mqk", vectors, self.forms, vectors))
+
+    def strains(self, products: Array) -> Strains:
+        """Of products (m, q, k)."""
+        count = products.shape[-1]
+        slopes = np.broadcast_to(np.eye(count), (*products.shape, count))
+        if not self.along:
+            return Strains(products - self.natural, slopes)
+        values, slopes, by_length = products.copy(), slopes.copy(), 1.0 / _stretched(products)
+        values[..., 0] = 1.0 / by_length
+        slopes[..., 0, 0] = by_length
+        for k in BENDING:
+            values[..., k] *= by_length
+            slopes[..., k, k] = by_length
+            slopes[..., k, 0] = -products[..., k] * by_length**3
+        return Strains(values - self.natural, slopes)
+
+    def bent(self, products: Array, resultants: Array) -> Array:
+        """Second derivatives of the strains by products (m, q, k), times resultants, (m, q, k, k)."""
+        result = np.zeros((*products.shape, products.shape[-1]))
+        if self.along:
+            by_length = 1.0 / _stretched(products)
+            result[..., 0, 0] = -resultants[..., 0] * by_length**3
+            for k in BENDING:
+                result[..., 0, 0] += 3.0 * resultants[..., k] * products[..., k] * by_length**5
+                result[..., 0, k] = result[..., k, 0] = -resultants[..., k] * by_length**3
+        return result
+
+    def slopes(self, vectors: Array) -> Array:
+        """Derivatives of the products by the nodes, shape (m, q, k, a, 3)."""
+        by_vectors = np.einsum("kfg,mqgi->mqkfi", self.forms, vectors)
+        return np.asarray(np.swapaxes(self.maps, -1, -2)[:, :, None] @ by_vectors)
+
+
+def _stretched(products: Array) -> Array:
+    """|r'| of products (m, q, 6), shape (m, q)."""
+    return np.maximum(np.sqrt(2.0 * products[..., 0]), SHORTEST)
+
+
+SECTIONS: Final = 3
+"""Cross-sections of a cell: its ends and the one between them, in order along the rod."""
+
+_ANGLES = 2.0 * np.pi * np.arange(3) / 3.0
+CIRCLE: Final = np.sqrt(2.0) * np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+"""Where the nodes of a section stand, in its radii of gyration along d_1 and d_2, shape (3, 2)."""
+
+_GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3.0)
+_SHARES = np.array([1.0, 4.0, 1.0]) / 6.0
+_SHAPES = np.stack([0.5 * _GAUSS * (_GAUSS - 1.0), 1.0 - _GAUSS**2, 0.5 * _GAUSS * (_GAUSS + 1.0)], axis=1)
+_SLOPES = np.stack([_GAUSS - 0.5, -2.0 * _GAUSS, _GAUSS + 0.5], axis=1)
+
+STRAIGHT: Final = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+"""Strains of a straight rod, before those that it has without load are taken away."""
+
+_STIFF_SECTION = np.array([0.5, 0.5, 0.0])
+
+_REFERENCE = np.concatenate([np.column_stack([CIRCLE, np.full(3, z)]) for z in (-1.0, 0.0, 1.0)])
+
+
+def _solid_slopes() -> Array:
+    """Derivatives of a cell's shape functions by its coordinates (a, b, xi) on the centre line, (2, 9, 3)."""
+    across = np.linalg.pinv(np.column_stack([CIRCLE, np.ones(3)]))  # d_1, d_2, r of the nodes of a section
+    result = np.zeros((2, 9, 3))
+    for s in range(SECTIONS):
+        nodes = slice(3 * s, 3 * s + 3)
+        result[:, nodes, 0] = _SHAPES[:, s, None] * across[0]
+        result[:, nodes, 1] = _SHAPES[:, s, None] * across[1]
+        result[:, nodes, 2] = _SLOPES[:, s, None] * across[2]
+    return result
+
+
+ROD: Final = ElementData(
+    name="rod",
+    reference=_REFERENCE,
+    points=np.column_stack([np.zeros((2, 2)), _GAUSS]),
+    weights=np.ones(2),
+    slopes=_solid_slopes(),
+    edges=np.array([[0, 3], [1, 4], [2, 5], [3, 6], [4, 7], [5, 8], [0, 1], [1, 2], [2, 0]]),
+    faces=np.zeros((0, 3), np.int64),
+    shares=np.repeat(_SHARES / 3.0, 3),
+)
+"""Three nodes for each of three sections; F on the centre line has the columns d_1, d_2 and r'."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RodGroup(ElementGroup):
+    """Cells of rods; as ElementGroup, with the gradients of the solid on the centre line.
+
+    Attributes:
+        line: Stretch, shear, bending and twist at the Gauss points; see the package.
+        sections: What keeps the sections in shape, at the three of them.
+        own: Whether the stiffness of a cell is its own whatever the law says, as that of a clamp, shape (m,).
+        reach: How far the sections reach from their centres along d_1 and d_2 in [m], shape (m, 2).
+    """
+
+    line: StrainPoints
+    sections: StrainPoints
+    own: BoolArray
+    reach: Array
+
+    @property
+    def short(self) -> BoolArray:
+        """See ElementGroup."""
+        return self.own
+
+    def part(self, chosen: IndexArray) -> RodGroup:
+        """See ElementGroup."""
+        line, sections = self.line.part(chosen), self.sections.part(chosen)
+        own, reach = self.own[chosen], self.reach[chosen]
+        of_cells = {name: getattr(self, name)[chosen] for name in self.per_cell}
+        return replace(self, **of_cells, line=line, sections=sections, own=own, reach=reach)
+
+    def ordered(self, inside: IndexArray) -> RodGroup:
+        """See ElementGroup."""
+        line, sections = self.line.ordered(inside), self.sections.ordered(inside)
+        return replace(self, **self.of_nodes(inside), line=line, sections=sections)
+
+    def families(self, p: Array) -> tuple[tuple[StrainPoints, Array], tuple[StrainPoints, Array]]:
+        """Line and sections, each with its stiffness in [N], [N m] and [N m^2], shape (m, q, k, k)."""
+        assert isinstance(self.material, Section)
+        along, across = (np.where(self.own[:, None], 1.0, each) for each in self.material.scales(p))
+        return _scaled(self.line, along), _scaled(self.sections, across)
+
+
+def _scaled(points: StrainPoints, scales: Array) -> tuple[StrainPoints, Array]:
+    """Points, and their stiffness where the moduli of the strains are `scales`, shape (m, k)."""
+    root = np.sqrt(scales)[:, None]
+    return points, points.stiffness * root[..., None] * root[..., None, :]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RodSections:
+    """How stiff the cells of a rod are, over the values of the law that `Section.scales` tells.
+
+    Attributes:
+        lengths: Length of each cell without strain in [m], shape (m,).
+        area: Area at the Gauss points in [m^2], shape (m, 2).
+        line: Of stretch, shear, bending and twist there: with areas, second moments and the torsion constant
+            on its diagonal, shape (m, 2, 6, 6).
+        across: Of what strains the sections, at the three of them: with their areas, shape (m, 3, 3, 3).
+        curvature: Of the cell without load in [1/m] along both axes, and twist in [rad/m], beyond that of its
+            natural shape, shape (m, 3).
+        straight: Whether this is straight; else it is the one that is drawn, shape (m,).
+        own: See RodGroup.
+        reach: See RodGroup.
+    """
+
+    lengths: Array
+    area: Array
+    line: Array
+    across: Array
+    curvature: Array
+    straight: BoolArray
+    own: BoolArray
+    reach: Array
+
+
+def rod_group(
+    mesh: RodMesh, sections: RodSections, law: Section, first_node: int, body: int, first_number: int
+) -> RodGroup:
+    """The cells of a rod whose nodes begin at `first_node`; the rest as in ElementGroup."""
+    count = len(mesh.cells)
+    inverse = np.linalg.inv(np.concatenate([np.ones((len(mesh.spread), 3, 1)), mesh.spread], axis=2))
+    of_cells = inverse[mesh.cells[:, ::3] // 3]  # (m, 3, (r, d_1, d_2), 3)
+    slopes = 2.0 / sections.lengths[:, None, None] * _SLOPES
+    shapes = np.broadcast_to(_SHAPES, slopes.shape)
+    maps = [
+        np.einsum("mqs,msk->mqsk", along, of_cells[:, :, row]).reshape(count, 2, 9)
+        for along, row in ((slopes, 0), (shapes, 1), (shapes, 2), (slopes, 1), (slopes, 2))
+    ]
+    across = np.zeros((count, 3, 2, 9))
+    for s in range(SECTIONS):
+        across[:, s, :, 3 * s : 3 * s + 3] = of_cells[:, s, 1:]
+    line_maps, half = np.stack(maps, axis=2), 0.5 * sections.lengths[:, None]
+    for cell in np.flatnonzero(sections.own).tolist():
+        line_maps[cell] = _clamp_maps(of_cells[cell], float(half[cell, 0]), at_start=cell == 0)
+    drawn = line_maps @ mesh.points[mesh.cells][:, None]
+    nothing = np.zeros((count, 2, len(LINE_FORMS)))
+    line = StrainPoints(line_maps, LINE_FORMS, nothing, np.repeat(half, 2, axis=1), sections.line, along=True)
+    as_drawn = line.strains(line.products(drawn)).values
+    natural = np.where(sections.straight[:, None, None], STRAIGHT, as_drawn)
+    natural[..., 3:] += sections.curvature[:, None]
+    shares = np.multiply.outer(sections.lengths, _SHARES)
+    numbers = np.arange(count)
+    return RodGroup(
+        element=ROD,
+        material=law,
+        cells=mesh.cells + first_node,
+        weights=half * sections.area,
+        gradients=np.ascontiguousarray(np.swapaxes(line_maps[:, :, :3], 2, 3)),
+        body=np.full(count, body),
+        numbers=numbers + first_number,
+        parameter_set=np.full(count, body),
+        line=replace(line, natural=natural),
+        sections=StrainPoints(
+            across,
+            SECTION_FORMS,
+            np.broadcast_to(_STIFF_SECTION, (count, 3, 3)),
+            shares,
+            sections.across,
+            along=False,
+        ),
+        own=sections.own,
+        reach=sections.reach,
+    )
+
+
+def _clamp_maps(of_sections: Array, gap: float, at_start: bool) -> Array:
+    """From the nodes of a clamp's cell to its vectors, shape (2, 5, 9); see the package.
+
+    Args:
+        of_sections: From the nodes of each section to r, d_1, d_2, shape (3, 3, 3).
+        gap: Between sections, in [m].
+        at_start: Whether the clamp is at the rod's start; then its own last section is the rod's.
+    """
+    whole = np.zeros((SECTIONS, 3, 9))
+    for s in range(SECTIONS):
+        whole[s, :, 3 * s : 3 * s + 3] = of_sections[s]
+    outer, held, end = whole if at_start else whole[::-1]
+    along = (1.0 if at_start else -1.0) / gap
+    maps = np.zeros((2, 5, 9))
+    maps[0, R], maps[1, R] = along * (end[0] - held[0]), along * (held[0] - outer[0])
+    maps[:, [D1, D2]] = held[1:]
+    maps[0, [B1, B2]] = along * (held[1:] - outer[1:])
+    maps[1, [B1, B2]] = along * end[1:]
+    return maps
+
+
+def joined(groups: Sequence[RodGroup]) -> RodGroup:
+    """The cells of several rods of one law."""
+    parts: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in groups]) for name in RodGroup.per_cell
+    }
+    return replace(
+        groups[0],
+        **parts,
+        line=StrainPoints.joined([each.line for each in groups]),
+        sections=StrainPoints.joined([each.sections for each in groups]),
+        own=np.concatenate([each.own for each in groups]),
+        reach=np.concatenate([each.reach for each in groups]),
+    )
+
+
+@cell_energy.register
+def rod_energy(group: RodGroup, positions: Array, p: Array) -> Array:
+    """See fem.cells.cell_energy."""
+    total = np.zeros(len(group.cells))
+    for points, stiffness in group.families(p):
+        strain, _ = points.strains(points.products(points.vectors(positions, group.cells)))
+        total += 0.5 * np.einsum(
+            "mq,mqk,mqkl,mql->m", points.lengths, strain, stiffness, strain, optimize=True
+        )
+    return total
+
+
+@cell_forces.register
+def rod_forces(group: RodGroup, positions: Array, p: Array) -> Array:
+    """See fem.cells.cell_forces."""
+    total = np.zeros((*group.cells.shape, 3))
+    for points, stiffness in group.families(p):
+        vectors = points.vectors(positions, group.cells)
+        strain, by_products = points.strains(points.products(vectors))
+        resultants = points.lengths[..., None] * (stiffness @ strain[..., None])[..., 0]
+        pulling = (resultants[..., None, :] @ by_products)[..., 0, :]
+        total -= np.einsum("mqk,mqkai->mai", pulling, points.slopes(vectors))
+    return total
+
+
+@cell_stiffness.register
+def rod_stiffness(
+    group: RodGroup,
+    positions: Array,
+    p: Array,
+    positive: bool = False,
+    distant: bool = False,
+    moved: Array | None = None,
+    mean_share: float = 1.0,
+) -> Array:
+    """See fem.cells.cell_stiffness; a positive or distant one has of the resultants only what stretches."""
+    count, a = group.cells.shape
+    total = np.zeros((count, a, a, 3, 3))
+    for points, stiffness in group.families(p):
+        vectors = points.vectors(positions, group.cells)
+        slopes, products = points.slopes(vectors), points.products(vectors)
+        strain, by_products = points.strains(products)
+        if moved is not None:  # to first order, what the last linear solve found
+            second = points.products(points.vectors(moved, group.cells))
+            strain = strain - (by_products @ second[..., None])[..., 0]
+        resultants = points.lengths[..., None] * (stiffness @ strain[..., None])[..., 0]
+        pulling = (resultants[..., None, :] @ by_products)[..., 0, :]
+        moduli = np.swapaxes(by_products, -1, -2) @ stiffness @ by_products
+        moduli *= points.lengths[..., None, None]
+        if (positive or distant) and moved is None:
+            stretches = np.diagonal(points.forms, axis1=1, axis2=2).any(axis=1)
+            pulling = np.where(stretches, np.maximum(pulling, 0.0), 0.0)
+        else:
+            moduli += points.bent(products, resultants)
+        flat = slopes.reshape(*slopes.shape[:3], -1)
+        total += (
+            (np.swapaxes(flat, -1, -2) @ (moduli @ flat))
+            .sum(axis=1)
+            .reshape(count, a, 3, a, 3)
+            .swapaxes(2, 3)
+        )
+        turning = np.einsum(
+            "mqk,kfg,mqfa,mqgb->mab", pulling, points.forms, points.maps, points.maps, optimize=True
+        )
+        total += turning[..., None, None] * np.eye(3)
+    return total
+
+
+def rod_viscosity(group: RodGroup, positions: Array, p: Array) -> Array:
+    """-df_a/dv_b of the law's damping in [N s/m], shape (m, a, a, 3, 3): positive, and none for a turning."""
+    assert isinstance(group.material, Section)
+    count, a = group.cells.shape
+    total = np.zeros((count, 3 * a, 3 * a))
+    damping = group.material.damping(p)[:, None, None, None]
+    for points, stiffness in group.families(p):
+        by_places, weighted = (
+            _by_places(points, group, positions),
+            points.lengths[..., None, None] * stiffness,
+        )
+        total += (np.swapaxes(by_places, -1, -2) @ (damping * weighted) @ by_places).sum(axis=1)
+    return total.reshape(count, a, 3, a, 3).swapaxes(2, 3)
+
+
+def rod_drag(group: RodGroup, before: Array, positions: Array, p: Array, dt: float) -> Array:
+    """Forces of the law's damping in [N] where the strains at `before` became others in dt, (m, a, 3)."""
+    assert isinstance(group.material, Section)
+    total = np.zeros((*group.cells.shape, 3))
+    damping = group.material.damping(p)[:, None, None]
+    for points, stiffness in group.families(p):
+        old, new = (
+            points.strains(points.products(points.vectors(at, group.cells))).values
+            for at in (before, positions)
+        )
+        resultants = damping * points.lengths[..., None] * (stiffness @ ((new - old) / dt)[..., None])[..., 0]
+        by_places = _by_places(points, group, positions)
+        total -= np.einsum("mqk,mqkc->mc", resultants, by_places).reshape(total.shape)
+    return total
+
+
+def _by_places(points: StrainPoints, group: RodGroup, positions: Array) -> Array:
+    """Derivatives of the strains by the places of a cell's nodes, shape (m, q, k, 3 a)."""
+    vectors = points.vectors(positions, group.cells)
+    slopes = points.slopes(vectors)
+    return points.strains(points.products(vectors)).slopes @ slopes.reshape(*slopes.shape[:3], -1)
+
+
+@cauchy_stress.register
+def rod_stress(group: RodGroup, positions: Array, p: Array) -> Array:
+    """See fem.cells.cauchy_stress: that of the fibre that is stressed most, with the shear at its place.
+
+    Of clamps and of sections that are given by their stiffness it is what the shape that is drawn would have.
+    """
+    assert isinstance(group.material, Section)
+    line, _ = group.material.scales(p)
+    vectors = group.line.vectors(positions, group.cells)
+    strain, _ = group.line.strains(group.line.products(vectors))
+    reach = group.reach[:, None]
+    bending = np.abs(strain[..., 3:5] * reach).sum(axis=-1)
+    axial = line[:, None, 0] * (strain[..., 0] + np.where(strain[..., 0] < 0.0, -bending, bending))
+    twisting = strain[..., 5] * reach.min(axis=-1)
+    shear = line[:, 1, None] * np.hypot(np.hypot(strain[..., 1], strain[..., 2]), 2.0 * twisting)
+    frame = vectors[..., :2, :] / np.linalg.norm(vectors[..., :2, :], axis=-1, keepdims=True)
+    tangent, across = frame[..., 0, :], frame[..., 1, :]
+    mixed = tangent[..., :, None] * across[..., None, :]
+    return np.asarray(
+        axial[..., None, None] * tangent[..., :, None] * tangent[..., None, :]
+        + shear[..., None, None] * (mixed + np.swapaxes(mixed, -1, -2))
+    )

@@ -1,0 +1,60 @@
+"""What Numba makes of a kernel: one that kernels call, and one for Python, which another process compiles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from numba.core.registry import CPUDispatcher, cpu_target
+
+from softsim_core.physics.kernels.cache import KernelCache
+from softsim_core.physics.kernels.compile_process import Wanted, compile_process
+
+
+class Inside(CPUDispatcher):
+    """A kernel as other kernels call it: a call from Python goes to the one with a wrapper for Python."""
+
+    with_wrapper: Callable[[], Any]
+
+    def cache_in(self, folder: Path, content: str) -> None:
+        """Keep what is compiled in a folder, in checked files of these sources."""
+        self._cache = KernelCache(self.py_func, folder, content)
+
+    @cached_property
+    def for_python(self) -> Any:
+        """The one that Python calls."""
+        return self.with_wrapper()
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the one for Python."""
+        return self.for_python(*arguments)
+
+
+class ForPython(CPUDispatcher):
+    """A kernel that Python calls: what is missing in its cache is compiled by another process."""
+
+    def cache_in(self, folder: Path, content: str) -> None:
+        """Do the same, where another process compiles."""
+        self._cache = _CompiledElsewhere(self.py_func, folder, content)
+
+
+class _CompiledElsewhere(KernelCache):
+    def __init__(self, function: Callable[..., Any], folder: Path, content: str) -> None:
+        super().__init__(function, folder, content)
+        self._module, self._name = function.__module__, function.__name__
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None and compile_process.compile(Wanted(self._module, self._name, tuple(sig))):
+            found = super().load_overload(sig, target_context)
+            if found is None:  # a disk that is full keeps nothing
+                compile_process.compile_here()
+        return found
+
+
+def get_ready_to_load() -> None:
+    """Do what the first kernel that is loaded would wait for: Numba's tables of what it can compile."""
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()

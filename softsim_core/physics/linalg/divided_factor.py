@@ -1,0 +1,323 @@
+"""Factorisation by several threads: independent parts of the elimination tree, then what is above.
+
+The parts are subtrees of about the same cost, neighbours taken together; what stands above them is done
+supernode by supernode, large ones in pieces. All that depends on the tree alone, not on the threads.
+
+Of a large panel above the parts, the updates of its children are added in strips of rows. Then, as in
+`blocks`, a block of rows is factored, its further columns in strips of columns, and what it takes off all
+that comes later in strips of rows.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import replace
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.physics.linalg.cholesky import (
+    BLOCK,
+    FITS,
+    STRIP,
+    ZERO,
+    add_update,
+    copy_strips,
+    factor_part,
+    factor_rows,
+    gather_schur,
+    strips_length,
+    subtract_products,
+    subtract_strips,
+    subtract_tiles,
+)
+from softsim_core.physics.linalg.compile import kernel
+from softsim_core.physics.linalg.simd import LANES, ROWS, solve_rows
+from softsim_core.physics.linalg.symbolic import Factor, Numbers, Plan, Tree, padded, plan_stack
+from softsim_core.physics.linalg.threads import (
+    CLOSED,
+    await_others,
+    claim,
+    claim_or_leave,
+    order,
+    publish,
+    report,
+)
+
+PARTS = 24
+"""A subtree costs at most this part of the whole, unless it is a single supernode."""
+
+
+class Division(NamedTuple):
+    """See the module.
+
+    Attributes:
+        first, end: Supernodes of each part, shape (p,); the costly parts come first.
+        above: Supernodes above all parts, ascending, shape (a,).
+        first_row: Where the rows of each part begin in `row`; the last one ends them, shape (p + 1,).
+        row: Unknowns above that each part is coupled to.
+    """
+
+    first: IndexArray
+    end: IndexArray
+    above: IndexArray
+    first_row: IndexArray
+    row: IndexArray
+
+
+WORTHWHILE = 3e8
+"""Flops of a factorisation, some 10 ms, above which several threads are worth waking."""
+
+
+def undivided(plan: Plan) -> Division:
+    """The whole tree as one part."""
+    none = np.zeros(0, np.int64)
+    return Division(np.zeros(1, np.int64), np.array([len(plan.columns)]), none, np.zeros(2, np.int64), none)
+
+
+def factor_flops(plan: Plan) -> Array:
+    """Multiplications and additions of each supernode's elimination, shape (s,)."""
+    own, coupled = plan.columns.astype(float), plan.side - 1.0
+    return np.asarray(own * (own + 1.0) * (2.0 * own + 1.0) / 6.0 + own * coupled * (own + coupled))
+
+
+def divided(plan: Plan, worthwhile: float | None = None) -> Division:
+    """The parts of a plan's tree; of one with less to do, the whole. `worthwhile` None: WORTHWHILE."""
+    size = len(plan.columns)
+    first, whole = np.arange(size), factor_flops(plan)
+    if whole.sum() <= (WORTHWHILE if worthwhile is None else worthwhile):
+        return undivided(plan)
+    children: list[list[int]] = [[] for _ in range(size)]
+    roots = []
+    for s, p in enumerate(plan.parent.tolist()):  # children come before their parents
+        if p >= 0:
+            whole[p] += whole[s]
+            first[p] = min(first[p], first[s])
+            children[p].append(s)
+        else:
+            roots.append(s)
+    limit = whole[roots].sum() / PARTS
+    heap = [(-whole[s], s) for s in roots]
+    heapq.heapify(heap)
+    above, parts = [], []
+    while heap:
+        cost, s = heapq.heappop(heap)
+        if -cost > limit and children[s]:
+            above.append(s)
+            for c in children[s]:
+                heapq.heappush(heap, (-whole[c], c))
+        else:
+            parts.append((int(first[s]), s + 1, -cost))
+    joined: list[tuple[int, int, float]] = []
+    for low, high, cost in sorted(parts):
+        before = joined[-1] if joined else (0, -1, 0.0)
+        if before[1] == low and before[2] + cost <= limit:
+            joined[-1] = before[0], high, before[2] + cost
+        else:
+            joined.append((low, high, cost))
+    joined.sort(key=lambda part: (-part[2], part[0]))
+    rows = [_rows(plan, low, high) for low, high, _ in joined]
+    return Division(
+        np.array([part[0] for part in joined], np.int64),
+        np.array([part[1] for part in joined], np.int64),
+        np.array(sorted(above), np.int64),
+        np.cumsum([0] + [len(each) for each in rows]),
+        np.concatenate([np.zeros(0, np.int64), *rows]),
+    )
+
+
+def _rows(plan: Plan, first: int, end: int) -> IndexArray:
+    """Unknowns of free nodes beyond supernodes first .. end that these are coupled to."""
+    low = plan.first_column[end - 1] + plan.columns[end - 1]
+    rows = np.unique(plan.row_index[plan.first_row[first] : plan.first_row[end]])
+    return np.asarray(rows[(rows >= low) & (rows < 3 * len(plan.position))])
+
+
+def with_room_for(plan: Plan, division: Division, tile_rows: int) -> Plan:
+    """The plan with a stack in which the parts' updates lie apart; those above them use room that is left.
+
+    What a part leaves for supernodes above it, or for the unknowns after all of them, stays where it is.
+    """
+    needs, update, end = padded(plan.side, tile_rows) * (plan.width - plan.later), plan.update.copy(), 0
+    left = [np.zeros(0, np.int64)]
+    for low, high in zip(division.first.tolist(), division.end.tolist(), strict=True):
+        end = plan_stack(np.arange(low, high), needs, plan.parent, update, end)
+        above = plan.parent[low:high]
+        left.append(low + np.flatnonzero((above >= high) | (above < 0)))
+    beyond = plan_stack(division.above, needs, plan.parent, update, waiting=np.concatenate(left))
+    return replace(plan, update=update, stack_size=max(end, beyond))
+
+
+PART, GATHER, COLUMNS, LATER = (cast(int, np.int64(kind)) for kind in range(4))
+"""Kinds of phases."""
+
+LINES = 64
+"""Rows of a panel and its update that one task gathers."""
+
+WIDE = 8 * STRIP
+"""Columns of a block that one task factors."""
+
+DEEP = 4 * STRIP
+"""Later rows that one task subtracts from."""
+
+
+class Room(NamedTuple):
+    """What the threads share while they factor one panel.
+
+    Attributes:
+        coefficients: Of each ROWS rows of the block, see simd.solve_rows, shape (BLOCK / ROWS, ROWS^2).
+        strips: The block in strips of columns, see cholesky.copy_strips.
+    """
+
+    coefficients: Numbers
+    strips: Numbers
+
+
+def room_for(tree: Tree, division: Division, kind: type[np.floating[Any]]) -> Room:
+    """Room for the factor of a divided tree in numbers of one type."""
+    widest = int(tree.width[division.above].max(initial=0))
+    return Room(np.zeros((BLOCK // ROWS, ROWS * ROWS), kind), np.zeros(strips_length(widest), kind))
+
+
+@kernel
+def gather_lines(tree: Tree, store: Factor, s: int, low: int, high: int) -> None:
+    """Lines low .. high of a panel and its update, counted by panel columns, take what the children leave."""
+    own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+    pitch, top = width - later, tree.update[s]
+    lines = tree.side[s] + (-tree.side[s]) % ROWS
+    for i in range(pitch * max(0, low - later), pitch * min(lines, high - later)):
+        store.stack[top + i] = 0.0
+    for c in range(tree.first_child[s], tree.first_child[s + 1]):
+        add_update(
+            tree, tree.children[c], store.stack, own, later, width, store.panels, begin, store.stack, top,
+            pitch, low, high,
+        )  # fmt: skip
+
+
+@kernel
+def factor_triangle(
+    panels: Numbers, begin: int, width: int, low: int, high: int, coefficients: Numbers
+) -> None:
+    """Rows low .. high of a panel up to the column where they end."""
+    end, row = high + (-high) % LANES, begin + low * width
+    for i in range(low, high, ROWS):
+        subtract_products(panels, begin, width, i, panels, row, width, i - low, end)
+        factor_rows(panels, begin, width, i, end, coefficients[(i - low) // ROWS])
+
+
+@kernel
+def factor_columns(
+    panels: Numbers, begin: int, width: int, low: int, high: int, first: int, end: int, room: Room, goal: int
+) -> None:
+    """Columns first .. end of rows low .. high, and these as strips from `goal` on."""
+    row, strips, coefficients = begin + low * width, room.strips, room.coefficients
+    for i in range(low, high, ROWS):
+        place = begin + i * width + first
+        subtract_tiles(panels, place, width, panels, row + i, row + first, width, i - low, end - first)
+        solve_rows(panels, place, width, coefficients[(i - low) // ROWS], end - first)
+    copy_strips(panels, row + first, width, high - low, end - first, strips, goal)
+
+
+@kernel
+def subtract_later(tree: Tree, store: Factor, s: int, low: int, high: int, row: int, strips: Numbers) -> None:
+    """What rows low .. high take off DEEP lines from `row` on: of the panel after them, or of its update.
+
+    Lines count from `high` on up to the last row of the panel in whole tasks, then those of the update.
+    """
+    later, width, begin = tree.later[s], tree.width[s], tree.panel[s]
+    rows, pitch, count = tree.columns[s] + (-tree.columns[s]) % ROWS, width - later, high - low
+    own, left = later - high, rows - high
+    beyond = (own + STRIP - 1) // STRIP * STRIP * count
+    inside = (left + DEEP - 1) // DEEP * DEEP
+    if row < inside:
+        place, many = begin + (high + row) * width + high, min(DEEP, left - row)
+        a = row * count
+        subtract_strips(store.panels, place + row, width, many, strips, a, ZERO, a, own - row, count, True)
+        subtract_strips(store.panels, place + own, width, many, strips, a, ZERO, beyond, pitch, count, False)
+    else:
+        row -= inside
+        place, many = tree.update[s] + row * (pitch + 1), min(DEEP, tree.side[s] - 1 - row)
+        a = beyond + row * count
+        subtract_strips(store.stack, place, pitch, many, strips, a, ZERO, a, pitch - row, count, True)
+
+
+@kernel
+def factor_task(
+    tree: Tree, store: Factor, division: Division, room: Room, kind: int, s: int, low: int, task: int
+) -> None:
+    """One task of a phase; `s`: the supernode, `low`: first row of its block."""
+    if kind == PART:
+        factor_part(tree, store, division.first[task], division.end[task])
+    elif kind == GATHER:
+        gather_lines(tree, store, s, task * LINES, (task + 1) * LINES)
+    else:
+        later, width, begin = tree.later[s], tree.width[s], tree.panel[s]
+        rows = tree.columns[s] + (-tree.columns[s]) % ROWS
+        high = min(rows, low + BLOCK)
+        if kind == COLUMNS:
+            own = later - high if high < rows else 0
+            tasks = (own + WIDE - 1) // WIDE
+            if task < tasks:
+                first = high + task * WIDE
+                end, goal = min(first + WIDE, later), task * WIDE * (high - low)
+            else:
+                first = later + (task - tasks) * WIDE
+                end, goal = min(first + WIDE, width), (task - tasks) * WIDE * (high - low)
+                goal += (later - high + STRIP - 1) // STRIP * STRIP * (high - low)
+            factor_columns(store.panels, begin, width, low, high, first, end, room, goal)
+        else:
+            subtract_later(tree, store, s, low, high, task * DEEP, room.strips)
+
+
+@kernel
+def factor_phase(
+    tree: Tree, store: Factor, division: Division, room: Room, agenda: IndexArray, kind: int, s: int, low:
+        int,
+    count: int,
+) -> None:  # fmt: skip
+    """Have a phase done."""
+    publish(agenda, kind, s, low, count)
+    task = claim(agenda)
+    while task >= 0:
+        factor_task(tree, store, division, room, kind, s, low, task)
+        report(agenda)
+        task = claim(agenda)
+    await_others(agenda)
+
+
+@kernel
+def lead_factor(tree: Tree, store: Factor, division: Division, room: Room, agenda: IndexArray) -> None:
+    """See cholesky.factor: the thread that writes the agenda."""
+    factor_phase(tree, store, division, room, agenda, PART, ZERO, ZERO, len(division.first))
+    panels = store.panels
+    for a in range(len(division.above)):
+        s = division.above[a]
+        own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+        rows, side = own + (-own) % ROWS, tree.side[s]
+        if rows * width <= FITS:
+            factor_part(tree, store, s, s + 1)
+            continue
+        factor_phase(tree, store, division, room, agenda, GATHER, s, ZERO, (later + side + ROWS) // LINES + 1)
+        for i in range(own, rows):  # padding rows are those of the identity
+            panels[begin + i * width + i] = 1.0
+        for low in range(0, rows, BLOCK):
+            high = min(rows, low + BLOCK)
+            factor_triangle(panels, begin, width, low, high, room.coefficients)
+            beside = (later - high + WIDE - 1) // WIDE if high < rows else 0
+            beside += (width - later + WIDE - 1) // WIDE
+            factor_phase(tree, store, division, room, agenda, COLUMNS, s, low, beside)
+            below = (rows - high + DEEP - 1) // DEEP + (side - 1 + DEEP - 1) // DEEP
+            factor_phase(tree, store, division, room, agenda, LATER, s, low, below)
+    gather_schur(tree, store)
+
+
+@kernel
+def support_factor(tree: Tree, store: Factor, division: Division, room: Room, agenda: IndexArray) -> None:
+    """See cholesky.factor: a thread that helps."""
+    task = claim_or_leave(agenda)
+    while task != CLOSED:
+        kind, s, low = order(agenda)
+        factor_task(tree, store, division, room, kind, s, low, task)
+        report(agenda)
+        task = claim_or_leave(agenda)

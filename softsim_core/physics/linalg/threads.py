@@ -1,0 +1,289 @@
+"""Threads that share the work on large matrices: an agenda of tasks, and atomic counters.
+
+What the tasks are is planned once, whatever the number of threads, and who does a task changes nothing in
+it: results are the same bit by bit for any number of threads. The one who leads takes tasks like all others,
+and waits for tasks only that somebody has begun: helpers that come late, or never, delay nothing.
+
+An agenda serves one piece of work and is never used again, so that a helper that comes late finds it closed.
+
+A forked process has none of its parent's threads: it gets its own when it first asks for help. They are
+sent home when the interpreter ends.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from queue import SimpleQueue
+from threading import Lock, Thread
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils as numba_cgutils
+
+from softsim_core.base.arrays import IndexArray
+from softsim_core.physics.kernels import OneSignature
+from softsim_core.physics.linalg.compile import intrinsic, kernel
+from softsim_core.physics.linalg.simd import steady_seconds
+
+cgutils: Any = numba_cgutils
+_INT, _ALIGN = types.int64, 8
+
+
+def _address(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any:
+    return builder.gep(context.make_array(kind)(context, builder, array).data, [place])
+
+
+@intrinsic
+def atomic_load(typing: Any, numbers: Any, place: Any) -> Any:
+    """numbers[place]; what its writer wrote before it is seen by what comes after this."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        address = _address(context, builder, signature.args[0], args[0], args[1])
+        return builder.load_atomic(address, "acquire", _ALIGN)
+
+    return _INT(numbers, _INT), generate
+
+
+@intrinsic
+def atomic_store(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
+    """numbers[place] = value; whoever reads it sees what was written before."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        address = _address(context, builder, signature.args[0], args[0], args[1])
+        builder.store_atomic(args[2], address, "release", _ALIGN)
+        return context.get_dummy_value()
+
+    return types.void(numbers, _INT, _INT), generate
+
+
+@intrinsic
+def atomic_add(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
+    """numbers[place] += value; what it was before."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        address = _address(context, builder, signature.args[0], args[0], args[1])
+        return builder.atomic_rmw("add", address, args[2], "acq_rel")
+
+    return _INT(numbers, _INT, _INT), generate
+
+
+@intrinsic
+def atomic_exchange(typing: Any, numbers: Any, place: Any, expected: Any, value: Any) -> Any:
+    """numbers[place] = value if it was as expected; whether it was."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        address = _address(context, builder, signature.args[0], args[0], args[1])
+        result = builder.cmpxchg(address, args[2], args[3], "acq_rel", "acquire")
+        return builder.extract_value(result, 1)
+
+    return types.boolean(numbers, _INT, _INT, _INT), generate
+
+
+@intrinsic
+def give_way(typing: Any) -> Any:
+    """Let another thread have the core, if one waits for it (sched_yield)."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(32), [])
+        builder.call(cgutils.get_or_insert_function(builder.module, kind, "sched_yield"), [])
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+_LINE = 8
+"""Numbers in a cache line: what threads write stands in lines of its own."""
+
+_CLAIM, _DONE, _PHASE, _ORDER = 0, _LINE, 2 * _LINE, 3 * _LINE
+_BITS = 20
+_MOST = (1 << _BITS) - 1
+CLOSED, NONE = -2, -1
+"""Instead of a task: there will be no more, and there is none for now."""
+
+PATIENCE_S = 0.05
+"""A helper that has found nothing to do for so long leaves."""
+
+
+def open_agenda() -> IndexArray:
+    """An agenda without tasks."""
+    return np.zeros(4 * _LINE, np.int64)
+
+
+def close_agenda(agenda: IndexArray) -> None:
+    """Send all helpers away."""
+    agenda[_CLAIM] = CLOSED
+
+
+@kernel
+def publish(agenda: IndexArray, kind: int, subject: int, detail: int, count: int) -> None:
+    """Begin a phase of `count` tasks; the one before has to be done."""
+    agenda[_ORDER], agenda[_ORDER + 1], agenda[_ORDER + 2], agenda[_ORDER + 3] = kind, subject, detail, count
+    agenda[_PHASE] += 1
+    atomic_store(agenda, _DONE, 0)
+    phase = agenda[_PHASE] & _MOST
+    atomic_store(agenda, _CLAIM, (phase << (2 * _BITS)) | (count << _BITS))
+
+
+@kernel
+def order(agenda: IndexArray) -> tuple[int, int, int]:
+    """Kind, subject and detail of the phase; for those who have claimed a task of it."""
+    return agenda[_ORDER], agenda[_ORDER + 1], agenda[_ORDER + 2]
+
+
+@kernel
+def claim(agenda: IndexArray) -> int:
+    """The number of a task that nobody else has, or NONE, or CLOSED."""
+    while True:
+        word: int = atomic_load(agenda, _CLAIM)
+        if word < 0:
+            return CLOSED
+        task = word & _MOST
+        if task >= (word >> _BITS) & _MOST:
+            return NONE
+        if atomic_exchange(agenda, _CLAIM, word, word + 1):
+            return task
+
+
+@kernel
+def report(agenda: IndexArray) -> None:
+    """Tell that a claimed task is done."""
+    atomic_add(agenda, _DONE, 1)
+
+
+@kernel
+def await_others(agenda: IndexArray) -> None:
+    """Wait until all tasks of the phase are done; none is left to claim."""
+    while atomic_load(agenda, _DONE) < agenda[_ORDER + 3]:
+        give_way()
+
+
+@kernel
+def claim_or_leave(agenda: IndexArray) -> int:
+    """The number of a task for a helper, or CLOSED: it has to leave."""
+    task = claim(agenda)
+    if task != NONE:
+        return task
+    started = steady_seconds()
+    while steady_seconds() - started < PATIENCE_S:
+        give_way()
+        task = claim(agenda)
+        if task != NONE:
+            return task
+    return CLOSED
+
+
+VARIABLE = "OMP_NUM_THREADS"
+"""Environment variable of the threads of a process, as numeric libraries understand it."""
+
+MOST_THREADS = 8
+"""Chosen at most where nobody says a number: beyond, memory is the limit."""
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def usable_threads() -> int:
+    """Threads of this process where a scene names no number: OMP_NUM_THREADS, or the cores it may use."""
+    named = os.environ.get(VARIABLE, "").split(",")[0].strip()
+    if named.isascii() and named.isdigit() and int(named) > 0:
+        return int(named)
+    return min(usable_cores(), MOST_THREADS)
+
+
+class Crew:
+    """Threads that carry out calls; it may be asked from any thread.
+
+    Attributes:
+        resting: Nobody is asked.
+    """
+
+    def __init__(self) -> None:
+        self._threads: list[Thread] = []
+        self._calls: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
+        self._hiring = Lock()
+        self.resting = False
+
+    def ask(self, helpers: int, call: Callable[[], object]) -> None:
+        """Have so many threads make a call, as soon as they can; nobody waits for them."""
+        if self.resting:
+            return
+        if len(self._threads) < helpers:
+            with self._hiring:
+                while len(self._threads) < helpers:
+                    name = f"softsim helper {len(self._threads) + 1}"
+                    thread = Thread(target=self._serve, args=(self._calls,), name=name, daemon=True)
+                    thread.start()
+                    self._threads.append(thread)
+        for _ in range(min(helpers, 2 * len(self._threads) - self._calls.qsize())):  # no pile of late calls
+            self._calls.put(call)
+
+    def leave(self) -> None:
+        """End all threads; the next one who asks gets new ones."""
+        with self._hiring:
+            threads, self._threads = self._threads, []
+            for _ in threads:
+                self._calls.put(None)
+            for thread in threads:
+                thread.join()
+
+    def forget(self) -> None:
+        """Of a process that was forked: the threads are its parent's."""
+        self.__init__()  # type: ignore[misc]
+
+    @staticmethod
+    def _serve(calls: SimpleQueue[Callable[[], object] | None]) -> None:
+        while (call := calls.get()) is not None:
+            call()
+
+
+_crew = Crew()
+atexit.register(_crew.leave)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_crew.forget)
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """No thread gets help meanwhile, so that one can measure what help is worth."""
+    before, _crew.resting = _crew.resting, True
+    try:
+        yield
+    finally:
+        _crew.resting = before
+
+
+class Teamwork:
+    """A piece of work that one thread leads and others support.
+
+    Args:
+        threads: All of them, >= 1.
+        lead, support: Kernels of the same arguments, of which the agenda is the last; it says who does what.
+    """
+
+    def __init__(self, threads: int, lead: Callable[..., Any], support: Callable[..., Any]) -> None:
+        self._helpers = threads - 1
+        self._lead, self._support = OneSignature(lead), OneSignature(support)
+        self._compiled = False
+
+    def __call__(self, *arguments: Any) -> Any:
+        """What `lead` returns. A helper that comes late finds the agenda closed."""
+        agenda = open_agenda()
+        if self._helpers and not self._compiled:  # not in a helper, while the leader does all the work
+            nothing_to_do = open_agenda()
+            close_agenda(nothing_to_do)
+            self._support(*arguments, nothing_to_do)
+            self._compiled = True
+        try:
+            if self._helpers:
+                _crew.ask(self._helpers, partial(self._support, *arguments, agenda))
+            return self._lead(*arguments, agenda)
+        finally:
+            close_agenda(agenda)

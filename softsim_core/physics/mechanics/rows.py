@@ -1,0 +1,74 @@
+"""Constraint rows: what a unit of each force does to nodes, frames and joints.
+
+Row r says: (its value's rate) = sum of coefficient . velocity over its entries, and its transpose spreads the
+row's force. An entry below `nodes` is a node (three coefficients); one from `nodes` on is a reduced
+coordinate (the first coefficient counts), see Model.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from softsim_core.base.arrays import Array, IndexArray, float_array
+
+
+class Rows(NamedTuple):
+    """Rows in compressed form.
+
+    Attributes:
+        start: Where the entries of row r begin; the last one ends them, shape (r + 1,).
+        place: Node, or `nodes` + reduced coordinate, of each entry, shape (k,).
+        coefficient: Shape (k, 3).
+    """
+
+    start: IndexArray
+    place: IndexArray
+    coefficient: Array
+
+    @property
+    def height(self) -> int:
+        """Number of rows."""
+        return len(self.start) - 1
+
+    def checked(self) -> Rows:
+        """The same rows with the types that compiled kernels expect.
+
+        Raises:
+            ArrayError: shapes that do not fit together.
+        """
+        start, place = (np.ascontiguousarray(each, dtype=np.int64) for each in (self.start, self.place))
+        return Rows(start, place, float_array(self.coefficient, (len(place), 3), "coefficient"))
+
+
+def joined(parts: list[Rows]) -> Rows:
+    """Rows one behind the other."""
+    if len(parts) == 1:
+        return parts[0]
+    ends = np.cumsum([0] + [len(part.place) for part in parts])
+    return Rows(
+        np.concatenate(
+            [part.start[:-1] + end for part, end in zip(parts, ends[:-1], strict=True)] + [ends[-1:]]
+        ),
+        np.concatenate([np.zeros(0, np.int64)] + [part.place for part in parts]),
+        np.concatenate([np.zeros((0, 3))] + [part.coefficient for part in parts]),
+    )
+
+
+def sparse_rows(rows: Rows, nodes: int, reduced: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Rows as matrices on node coordinates (r, 3 nodes) and on reduced coordinates (r, reduced)."""
+    owner = np.repeat(np.arange(rows.height), np.diff(rows.start))
+    on_node = rows.place < nodes
+    columns = 3 * rows.place[on_node, None] + np.arange(3)
+    lines = np.repeat(owner[on_node], 3)
+    values = rows.coefficient[on_node].ravel()
+    first = sp.csr_matrix((values, (lines, columns.ravel())), shape=(rows.height, 3 * nodes))
+    values, columns = rows.coefficient[~on_node, 0], rows.place[~on_node] - nodes
+    return first, sp.csr_matrix((values, (owner[~on_node], columns)), shape=(rows.height, reduced))
+
+
+def no_rows() -> Rows:
+    """No constraint rows."""
+    return Rows(np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))

@@ -1,0 +1,299 @@
+"""Meshes from numbers, and tetrahedra of hexahedra, wedges and pyramids."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray, unique_pairs
+from softsim_core.base.errors import MeshError
+from softsim_core.physics.mesh.types import TetMesh
+
+FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
+    "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+"""Faces of each kind of cell that can be split, by VTK's numbers of its nodes, all turned the same way."""
+
+_TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+_FLAT = 1.0e-12  # six times the volume of a part over the cube of the cell's size: below it, it is round-off
+
+
+def split_cells(
+    points: Array, tets: IndexArray, cells: Mapping[str, IndexArray], file: Path
+) -> tuple[Array, dict[str, tuple[IndexArray, IndexArray]]]:
+    """Split cells into tetrahedra that share whole faces with their neighbours.
+
+    The diagonal of a quadrilateral face is that of two triangles beside it, where there are some, and else
+    begins at the node of the smallest number. A cell is the cone over its faces from a node at which all
+    diagonals of its own faces meet, or, where there is none, from a new node at its centre. Cells with
+    several corners in one node (a wedge written as a hexahedron) become fewer tetrahedra.
+
+    Args:
+        points: Node positions, shape (n, 3).
+        tets: Linear tetrahedra of the same mesh, shape (m, 4); may be empty.
+        cells: Node indices by kind, a key of `FACES`, in VTK's order.
+        file: Where the mesh came from, for messages.
+
+    Returns:
+        The points with new centres behind them, and of each kind its tetrahedra, shape (k, 4), and the cell
+        that each is a part of, shape (k,).
+
+    Raises:
+        MeshError: a cell is folded, so that a part of it has no or a negative volume.
+
+    Source: Dompierre, Labbé, Vallet, Camarero, How to subdivide pyramids, prisms, and hexahedra into
+        tetrahedra, 1999.
+    """
+    triangles = [tets[:, _TET_FACES].reshape(-1, 3)]
+    triangles += [block[:, face] for kind, block in cells.items() for face in FACES[kind] if len(face) == 3]
+    beside = {tuple(face) for face in np.sort(np.concatenate(triangles), axis=1).tolist()}
+    centres: list[Array] = []
+    parts: dict[str, tuple[IndexArray, IndexArray]] = {}
+    for kind, block in cells.items():
+        rows: list[tuple[int, ...]] = []
+        owners: list[int] = []
+        for number, cell in enumerate(block.tolist()):
+            faces = [[cell[corner] for corner in face] for face in FACES[kind]]
+            halves = [_triangles(face, beside) for face in faces]
+            apex = next(_apexes(faces, halves), None)
+            if apex is None:
+                apex = len(points) + len(centres)
+                centres.append(points[np.unique(cell)].mean(axis=0))
+            rows += [(*half, apex) for both in halves for half in both if apex not in half]
+            owners += [number] * (len(rows) - len(owners))
+        parts[kind] = (np.array(rows, dtype=np.int64).reshape(-1, 4), np.array(owners, dtype=np.int64))
+    if centres:
+        points = np.concatenate([points, centres])
+    for kind, (split, whole) in parts.items():
+        _refuse_folded(points, split, whole, kind, cells[kind], file)
+    return points, parts
+
+
+def _triangles(face: list[int], beside: set[tuple[int, ...]]) -> list[tuple[int, int, int]]:
+    """Return the triangles of a face with three or four corners, without those that use a node twice."""
+    if len(face) == 3:
+        halves = [(face[0], face[1], face[2])]
+    else:
+        a, b, c, d = face
+        from_a, from_b = [(a, b, c), (a, c, d)], [(a, b, d), (b, c, d)]
+        if any(tuple(sorted(half)) in beside for half in from_a):
+            halves = from_a
+        elif any(tuple(sorted(half)) in beside for half in from_b):
+            halves = from_b
+        else:
+            halves = from_a if min(face) in (a, c) else from_b
+    return [half for half in halves if len(set(half)) == 3]
+
+
+def _apexes(faces: list[list[int]], halves: list[list[tuple[int, int, int]]]) -> Iterator[int]:
+    """Nodes of a cell, smallest first, that are in all triangles of each face that they are in."""
+    for node in sorted({node for face in faces for node in face}):
+        own = (both for face, both in zip(faces, halves, strict=True) if node in face)
+        if all(node in half for both in own for half in both):
+            yield node
+
+
+def _refuse_folded(
+    points: Array, rows: IndexArray, owners: IndexArray, kind: str, block: IndexArray, file: Path
+) -> None:
+    """Refuse cells whose parts do not all have a volume of the same sign."""
+    corners = points[rows]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    size = np.ptp(points[block], axis=1).max(axis=1)
+    signs = np.where(np.abs(volumes) > _FLAT * size[owners] ** 3, np.sign(volumes), 0.0)
+    total = np.zeros(len(block))
+    np.add.at(total, owners, volumes)
+    folded = np.unique(owners[signs != np.sign(total)[owners]])
+    empty = np.setdiff1d(np.arange(len(block)), owners)
+    bad = np.union1d(folded, empty)
+    if len(bad):
+        raise MeshError(
+            file,
+            f"{len(bad)} of {len(block)} cells of kind {kind} are folded or have no volume, the first is "
+            f"number {bad[0]} with nodes {block[bad[0]].tolist()} (counted from 0); mesh the part again, or "
+            "export tetrahedra",
+        )
+
+
+_TIE = 1.0e-9  # relative; decides equal lengths the same way on every machine
+
+
+def stitch(points: Array, left: Sequence[int], right: Sequence[int]) -> list[tuple[int, int, int]]:
+    """Triangles of the strip between two lines of points, the shorter diagonal first.
+
+    Args:
+        points: Coordinates, shape (n, 2).
+        left: Indices of the points of one line, in the direction of travel, at its left hand.
+        right: Indices of the points of the other line, same direction; end points may be shared.
+
+    Returns:
+        Counter-clockwise index triples.
+    """
+    triangles = []
+    i = j = 0
+    while i + 1 < len(left) or j + 1 < len(right):
+        can_left, can_right = i + 1 < len(left), j + 1 < len(right)
+        if can_left and can_right:
+            ahead_left = np.linalg.norm(points[left[i + 1]] - points[right[j]])
+            ahead_right = np.linalg.norm(points[right[j + 1]] - points[left[i]])
+            can_left = bool(ahead_left < ahead_right * (1.0 - _TIE))
+        if can_left:
+            triangles.append((left[i], right[j], left[i + 1]))
+            i += 1
+        else:
+            triangles.append((left[i], right[j], right[j + 1]))
+            j += 1
+    return [triangle for triangle in triangles if len(set(triangle)) == 3]
+
+
+def flip_to_delaunay(points: Array, triangles: Sequence[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
+    """Interior edges flipped until opposite angles add up to at most 180 degrees (Lawson 1977)."""
+    current = [tuple(triangle) for triangle in triangles]
+    for _ in range(10 * len(current)):
+        pair = _first_illegal_edge(points, current)
+        if pair is None:
+            break
+        one, other, a, b, c, d = pair
+        current[one], current[other] = (a, d, c), (d, b, c)
+    return [(int(a), int(b), int(c)) for a, b, c in current]
+
+
+def _first_illegal_edge(
+    points: Array, triangles: Sequence[tuple[int, ...]]
+) -> tuple[int, int, int, int, int, int] | None:
+    """Triangles (one, other) and their edge a-b to flip, with apexes c (left of a-b) and d."""
+    owner: dict[tuple[int, int], tuple[int, int]] = {}
+    for index, (a, b, c) in enumerate(triangles):
+        for start, end, apex in ((a, b, c), (b, c, a), (c, a, b)):
+            owner[start, end] = (index, apex)
+    for (a, b), (one, c) in owner.items():
+        if a < b and (b, a) in owner:
+            other, d = owner[b, a]
+            if _angle(points, a, c, b) + _angle(points, a, d, b) > np.pi + 1.0e-6:
+                return one, other, a, b, c, d
+    return None
+
+
+def _angle(points: Array, a: int, apex: int, b: int) -> float:
+    u, v = points[a] - points[apex], points[b] - points[apex]
+    return float(np.arctan2(abs(u[0] * v[1] - u[1] * v[0]), u @ v))
+
+
+def smooth(points: Array, triangles: IndexArray, movable: Array, sweeps: int = 20) -> Array:
+    """Points moved towards the mean of their neighbours, each along its own projection (Laplace smoothing).
+
+    Args:
+        points: Coordinates, shape (n, 2).
+        triangles: Index triples, shape (k, 3).
+        movable: Projection of a point's motion, shape (n, 2, 2): identity for free points, zero for fixed
+            ones, t tᵀ for points that slide along the unit vector t.
+        sweeps: Number of passes over all points (all points move at once in a pass).
+
+    Returns:
+        New coordinates, shape (n, 2).
+    """
+    edges = unique_pairs(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1))
+    start = np.concatenate([edges[:, 0], edges[:, 1]])
+    end = np.concatenate([edges[:, 1], edges[:, 0]])
+    degree = np.bincount(start, minlength=len(points))[:, None]
+    for _ in range(sweeps):
+        mean = np.zeros_like(points)
+        np.add.at(mean, start, points[end])
+        points = points + 0.5 * np.einsum("nij,nj->ni", movable, mean / degree - points)
+    return points
+
+
+_KUHN_PATHS = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
+
+
+def oriented(points: Array, tets: IndexArray) -> IndexArray:
+    """The same tetrahedra, the last two nodes swapped where the signed volume is negative, shape (m, 4)."""
+    corners = points[tets]
+    edges = corners[:, 1:] - corners[:, :1]
+    negative = np.linalg.det(edges) < 0.0
+    result = np.array(tets, dtype=np.int64, order="C")
+    result[negative, 2], result[negative, 3] = tets[negative, 3], tets[negative, 2]
+    return result
+
+
+def extrude(
+    points: Array, triangles: IndexArray, labels: IndexArray, heights: Array
+) -> tuple[Array, IndexArray]:
+    """Tetrahedra of a plane triangulation swept along z: three for the prism of each triangle and layer.
+
+    A prism is cut along the diagonals that rise from the lower to the higher label (the other way round in
+    every second layer), so prisms that share a face agree on it, and triangles that are mirror images of each
+    other with equal labels are cut into mirror images.
+
+    Args:
+        points: Coordinates in [m], shape (n, 2).
+        triangles: Index triples, shape (k, 3).
+        labels: One integer a point, shape (n,); the three labels of a triangle differ.
+        heights: Rising z of the layers in [m], shape (layers + 1,).
+
+    Returns:
+        Points, shape ((layers + 1) n, 3), layer by layer; positively oriented tets, shape (3 k layers, 4).
+    """
+    n, layers = len(points), len(heights) - 1
+    solid = np.column_stack([np.tile(points, (layers + 1, 1)), np.repeat(heights, n)])
+    order = np.take_along_axis(triangles, np.argsort(labels[triangles], axis=1), axis=1)
+    tets = []
+    for layer in range(layers):
+        a, b, c = (order if layer % 2 == 0 else order[:, ::-1]).T + layer * n
+        for tet in ((a, b, c, c + n), (a, b, b + n, c + n), (a, a + n, b + n, c + n)):
+            tets.append(np.column_stack(tet))
+    return solid, oriented(solid, np.concatenate(tets))
+
+
+def box_mesh(
+    lengths: Sequence[float],
+    cells: Sequence[int],
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+    name: str = "box",
+) -> TetMesh:
+    """Structured box: every cell six tetrahedra around a space diagonal (Kuhn), mirrored from cell to cell.
+
+    With even numbers of cells the mesh is its own mirror image in the three middle planes.
+
+    Args:
+        lengths: Edge lengths along x, y, z in [m], > 0.
+        cells: Numbers of cells along x, y, z, >= 1.
+        origin: Corner with the smallest coordinates in [m].
+        name: Name of the mesh.
+
+    Returns:
+        Positively oriented mesh; node (i, j, k) has index (i (cells_y + 1) + j) (cells_z + 1) + k.
+
+    Raises:
+        MeshError: a length is not > 0 or a number of cells not >= 1.
+    """
+    if len(lengths) != 3 or not all(0.0 < length < np.inf for length in lengths):
+        raise MeshError(name, f"lengths {list(lengths)} must be three numbers > 0 m")
+    if len(cells) != 3 or not all(count >= 1 for count in cells):
+        raise MeshError(name, f"cells {list(cells)} must be three whole numbers >= 1")
+    axes = [
+        start + np.linspace(0.0, length, count + 1)
+        for start, length, count in zip(origin, lengths, cells, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    node = np.arange(len(points)).reshape([count + 1 for count in cells])
+    cell = np.stack(np.meshgrid(*[np.arange(count) for count in cells], indexing="ij"), axis=-1).reshape(
+        -1, 3
+    )
+    low, step = (
+        cell + cell % 2,
+        1 - 2 * (cell % 2),
+    )  # odd cells start at their far corner: neighbours are mirrored
+    tets = []
+    for path in _KUHN_PATHS:
+        corner = low.copy()
+        corners = [node[tuple(corner.T)]]
+        for axis in path:
+            corner[:, axis] += step[:, axis]
+            corners.append(node[tuple(corner.T)])
+        tets.append(np.column_stack(corners))
+    return TetMesh(points, oriented(points, np.stack(tets, axis=1).reshape(-1, 4)), name)

@@ -1,0 +1,490 @@
+"""Reading and writing mesh files; whatever is wrong in one is a MeshError."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import MeshError
+from softsim_core.base.files import write_file
+from softsim_core.physics.mesh.checks import check_arrays, drop_unused_nodes
+from softsim_core.physics.mesh.embedding import PlacementLike, place
+from softsim_core.physics.mesh.formats import (
+    GmshBlock,
+    drop_degenerate,
+    is_gid,
+    is_gmsh_41,
+    parse_gid,
+    parse_gmsh,
+    parse_obj,
+    parse_stl,
+    read_vtu,
+)
+from softsim_core.physics.mesh.generators import FACES, split_cells
+from softsim_core.physics.mesh.surface import boundary, triangle_normals
+from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh
+
+_MESHIO_MODULES = {
+    ".vtk": "vtk",
+    ".vtu": "vtu",
+    ".msh": "gmsh",
+    ".inp": "abaqus",
+    ".mesh": "medit",
+    ".meshb": "medit",
+    ".ply": "ply",
+    ".off": "off",
+    ".bdf": "nastran",
+    ".nas": "nastran",
+    ".vol": "netgen",
+    ".xdmf": "xdmf",
+    ".su2": "su2",
+}
+SUFFIXES = (".gidmsh", ".stl", ".obj", *_MESHIO_MODULES)
+"""Suffixes that can be read, in lower case (upper case is read as well)."""
+
+LONGEST_DETAIL = 150
+"""So many characters of a parser's own message are told."""
+
+_KINDS = (
+    ("vertex",),
+    ("line", "line3"),
+    ("triangle", "triangle6", "quad"),
+    ("tetra", "tetra10", *FACES),
+)
+_DIMENSIONS = {kind: dimension for dimension, kinds in enumerate(_KINDS) for kind in kinds}
+"""Of meshio's kinds of cells, as Gmsh counts them in the names of groups."""
+_GID_NAMES = {
+    "tetrahedra": "tetra",
+    "hexahedra": "hexahedron",
+    "triangle": "triangle",
+    "quadrilateral": "quad",
+}
+_NO_VOLUME = re.compile(r"vertex|line|triangle|quad|polygon|pixel|empty")
+"""Beginnings of the names of kinds of cells that enclose no volume."""
+_VTK_KINDS = ("UNSTRUCTURED_GRID", "STRUCTURED_POINTS", "STRUCTURED_GRID", "RECTILINEAR_GRID")
+"""Data sets of legacy VTK files that can be read."""
+_MAGIC = ((b"ply\n", ".ply"), (b"ply\r", ".ply"), (b"$MeshFormat", ".msh"))
+"""First bytes of formats that can be told by them alone."""
+_NOT_READ = (
+    (rb"ISO-10303-21;", "STEP"),
+    (rb"glTF", "binary glTF"),
+    (rb"PK\x03\x04", "zip, which 3MF and others are"),
+    (rb"\x89HDF", "HDF5, which MED, CGNS and others are"),
+    (rb"\x1f\x8b", "gzip"),
+    (rb"\(\d+ ", "ANSYS Fluent"),
+)
+"""First bytes of formats that are not read, as patterns, and their names."""
+_Cells = dict[str, list[IndexArray]]
+_Groups = tuple[dict[str, IndexArray], dict[str, IndexArray], dict[str, dict[str, IndexArray]]]
+
+
+class _Contents(NamedTuple):
+    """What is in a mesh file.
+
+    Attributes:
+        points: Shape (n, 3).
+        cells: Index blocks by meshio's name of their kind ("tetra", "triangle", "quad", ...).
+        surfaces: Corners (k, 3) of triangles by the name of the group that they are in.
+        groups: Nodes by the name of the group that points, lines, faces or cells of theirs are in, ascending.
+        cell_groups: Cells by the name of the group that they are in and by their kind: their numbers among
+            all of that kind, ascending.
+    """
+
+    points: Array
+    cells: _Cells
+    surfaces: dict[str, IndexArray]
+    groups: dict[str, IndexArray]
+    cell_groups: dict[str, dict[str, IndexArray]]
+
+
+def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None) -> TetMesh:
+    """Return the tetrahedra of a mesh file, linear or quadratic.
+
+    Linear hexahedra, wedges and pyramids are split into tetrahedra, see `split_cells`. Points, lines and
+    faces are skipped. Nodes that no cell uses are dropped with a warning.
+
+    Args:
+        path: File in one of the formats of SUFFIXES.
+        placement: From file units and axes to [m] in the world; None: the file is in metres already.
+
+    Returns:
+        The mesh, nodes and elements in file order, those that were split behind the others, named after the
+        file.
+
+    Raises:
+        MeshError: the file is missing, unreadable, damaged, of an unknown format, has no cells with a volume,
+            both linear and quadratic ones, or some of a kind that is not read.
+    """
+    file = Path(path)
+    with _one_error(file):
+        return _tets(file, placement)
+
+
+def _tets(file: Path, placement: PlacementLike | None) -> TetMesh:
+    mesh = _tet_mesh(_read(file), file)
+    return replace(mesh, points=place(mesh.points, placement))
+
+
+def _tet_mesh(contents: _Contents, file: Path) -> TetMesh:
+    points, cells, surfaces, groups, cell_groups = contents
+    known = ("tetra", "tetra10", *FACES)
+    unknown = [kind for kind in cells if kind not in known and not _NO_VOLUME.match(kind)]
+    if unknown:
+        raise MeshError(
+            file,
+            f"holds cells of kinds that are not read: {', '.join(unknown)} ({_found(cells)}); export linear "
+            "cells or quadratic tetrahedra",
+        )
+    blocks = {kind: np.concatenate(cells[kind]).astype(np.int64) for kind in known if kind in cells}
+    if not blocks:
+        raise MeshError(file, f"holds no tetrahedra ({_found(cells)}); export a tetrahedral volume mesh")
+    if "tetra10" in blocks and len(blocks) > 1:
+        raise MeshError(file, f"mixes linear and quadratic cells ({_found(cells)}); export all of one order")
+    corners = 10 if "tetra10" in blocks else 4
+    tets = blocks.pop("tetra10", blocks.pop("tetra", np.empty((0, 4), dtype=np.int64)))
+    for kind, block in blocks.items():
+        check_arrays(points, block, block.shape[1], str(file), f"cells of kind {kind}")
+    if len(tets):
+        check_arrays(points, tets, corners, str(file))
+    owners = {"tetra": np.arange(len(tets)), "tetra10": np.arange(len(tets))}
+    first = {"tetra": 0, "tetra10": 0}
+    if blocks:
+        points, parts = split_cells(points, tets, blocks, file)
+        for kind, (rows, owner) in parts.items():
+            owners[kind], first[kind] = owner, len(tets)
+            tets = np.concatenate([tets, rows])
+    volumes = {
+        name: np.concatenate(
+            [first[kind] + np.flatnonzero(np.isin(owners[kind], numbers)) for kind, numbers in found.items()]
+        )
+        for name, found in cell_groups.items()
+    }
+    mesh = TetMesh(points, np.ascontiguousarray(tets), str(file), surfaces, groups, volumes)
+    return drop_unused_nodes(mesh)
+
+
+def read_surface(path: str | PathLike[str], placement: PlacementLike | None = None) -> SurfaceMesh:
+    """Triangles of a mesh file, or the boundary of its tetrahedra; faces with more corners are split.
+
+    Points that no triangle uses are left out. Triangles with two corners in one point are dropped with a
+    warning.
+
+    Args:
+        path: File in one of the formats of SUFFIXES.
+        placement: From file units and axes to [m] in the world; None: the file is in metres already.
+
+    Returns:
+        The surface, vertices in file order (STL: in order of first appearance), named after the file.
+
+    Raises:
+        MeshError: the file is missing, unreadable, damaged, of an unknown format, or has no faces.
+    """
+    file = Path(path)
+    with _one_error(file):
+        return _surface(file, placement)
+
+
+def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
+    contents = _read(file)
+    points, cells = contents.points, contents.cells
+    faces = [_fans(block) for kind in ("triangle", "quad", "polygon") for block in cells.get(kind, [])]
+    if faces:
+        triangles = np.ascontiguousarray(np.concatenate(faces), dtype=np.int64)
+    elif any(not _NO_VOLUME.match(kind) for kind in cells):
+        mesh = _tet_mesh(contents, file)
+        points, triangles = mesh.points, boundary(mesh)
+    else:
+        raise MeshError(file, f"holds no triangles ({_found(cells)}); export a surface mesh")
+    check_arrays(points, triangles, 3, str(file))
+    triangles = drop_degenerate(triangles, file)
+    if not len(triangles):
+        raise MeshError(file, "holds only triangles with two corners in one point; the file is damaged")
+    used, renumbered = np.unique(triangles, return_inverse=True)
+    return SurfaceMesh(
+        place(points[used], placement),
+        np.ascontiguousarray(renumbered.reshape(-1, 3), dtype=np.int64),
+        str(file),
+    )
+
+
+def _read(file: Path) -> _Contents:
+    suffix = file.suffix.lower()
+    if suffix not in (*SUFFIXES, ".vtp"):
+        if file.is_file():
+            with file.open("rb") as stream:
+                _refuse_other_formats(stream.read(64), file)
+        raise MeshError(
+            file, f"suffix {file.suffix!r} names no known format; known are {', '.join(SUFFIXES)}"
+        )
+    if not file.exists():
+        raise MeshError(file, "does not exist; check the path and the folder it is relative to")
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise MeshError(file, f"cannot be read: {error.strerror or error}") from error
+    if not data.strip():
+        raise MeshError(file, "is empty; export the mesh again")
+    _refuse_other_formats(data, file)
+    suffix = _suffix_of_content(data, file) or suffix
+    if suffix == ".stl":
+        points, triangles = parse_stl(data, file)
+        return _Contents(points, {"triangle": [triangles]}, {}, {}, {})
+    if suffix == ".obj":
+        points, triangles = parse_obj(data, file)
+        return _Contents(points, {"triangle": [triangles]}, {}, {}, {})
+    if suffix == ".gidmsh" or (suffix == ".msh" and is_gid(data)):
+        points, elements = parse_gid(data, file)
+        blocks = {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
+        return _Contents(points, blocks, {}, {}, {})
+    if suffix == ".msh" and is_gmsh_41(data):
+        return _gmsh_contents(*parse_gmsh(data, file))
+    if suffix == ".ply" and not re.search(rb"^\s*end_header\s*$", data, re.MULTILINE):
+        raise MeshError(file, "has no line end_header; the file is cut off")  # meshio would read on for ever
+    contents = _read_with_meshio(file, _MESHIO_MODULES[suffix], data)
+    _refuse_cut_off(data, suffix, contents.cells, file)
+    return contents
+
+
+def _refuse_other_formats(data: bytes, file: Path) -> None:
+    name = next((name for pattern, name in _NOT_READ if re.match(pattern, data)), None)
+    if name is not None:
+        raise MeshError(
+            file,
+            f"is a file of the format {name}, which is not read; export a surface as STL, OBJ or PLY, "
+            "a volume mesh for Gmsh or VTK",
+        )
+
+
+def _suffix_of_content(data: bytes, file: Path) -> str | None:
+    """Return the suffix of the format that the first bytes show, or None where they show none.
+
+    Raises:
+        MeshError: a VTK file of a kind that is not read, such as polygons.
+    """
+    start = data[:4096].lstrip()
+    if start.startswith(b"# vtk DataFile"):
+        found = re.search(rb"^\s*DATASET\s+(\w+)", start, re.MULTILINE)
+        kind = found[1].decode() if found else None
+        known: tuple[str, ...] = _VTK_KINDS
+        suffix = ".vtk"
+    elif start.startswith(b"<") and (xml := re.search(rb"<VTKFile\b[^>]*?\btype\s*=\s*[\"'](\w+)", start)):
+        kind, known, suffix = xml[1].decode(), ("UnstructuredGrid",), ".vtu"
+    else:
+        return next((suffix for magic, suffix in _MAGIC if start.startswith(magic)), None)
+    if kind is not None and kind not in known:
+        raise MeshError(
+            file,
+            f"is a VTK file of kind {kind}, which is not read; allowed are {', '.join(known)}; save a "
+            "surface as STL, OBJ or PLY",
+        )
+    return suffix
+
+
+@contextlib.contextmanager
+def _one_error(file: Path) -> Iterator[None]:
+    """Any failure inside becomes one MeshError: parsers fail in their own ways on damaged files."""
+    try:
+        yield
+    except MeshError:
+        raise
+    except ImportError as error:
+        suffix = file.suffix.lower()
+        raise MeshError(file, f"a {suffix} file needs the Python package {error.name or 'meshio'}") from error
+    except (Exception, SystemExit) as error:
+        detail = " ".join(str(error).split())[:LONGEST_DETAIL]
+        reason = f"{type(error).__name__}: {detail}" if detail else type(error).__name__
+        what = f"is no valid {file.suffix.lower()} file, or damaged or cut off ({reason})"
+        raise MeshError(file, what) from error
+
+
+def _read_with_meshio(file: Path, module: str, data: bytes) -> _Contents:
+    # The format's own reader, not meshio.read: that one prints, and ends the process with sys.exit on a
+    # damaged file. Readers print warnings about fields we do not use; NumPy warns where text data end early,
+    # which is an error here.
+    reader = importlib.import_module(f"meshio.{module}")
+    sink = io.StringIO()
+    with contextlib.redirect_stdout(sink), contextlib.redirect_stderr(sink), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.filterwarnings("error", message="string or file could not be read to its end")
+        mesh = read_vtu(file, data) if module == "vtu" else reader.read(str(file))
+    cells: _Cells = {}
+    for block in mesh.cells:
+        cells.setdefault(block.type, []).append(np.asarray(block.data, dtype=np.int64))
+    # Legacy VTK is big-endian and STL-like formats are float32: the core gets native float64.
+    return _Contents(np.ascontiguousarray(mesh.points, dtype=np.float64), cells, *_groups(mesh))
+
+
+def _gmsh_contents(points: Array, blocks: list[GmshBlock]) -> _Contents:
+    cells: _Cells = {}
+    members: list[_Member] = []
+    for block in blocks:
+        first = sum(map(len, cells.get(block.kind, [])))
+        numbers = np.arange(first, first + len(block.cells))
+        cells.setdefault(block.kind, []).append(block.cells)
+        members += [_Member(name, block.kind, block.cells, numbers) for name in block.groups]
+    return _Contents(points, cells, *_named(members))
+
+
+class _Member(NamedTuple):
+    """Elements of one kind (k, nodes) in a group, and their numbers (k,) among all of that kind."""
+
+    group: str
+    kind: str
+    cells: IndexArray
+    numbers: IndexArray
+
+
+def _groups(mesh: Any) -> _Groups:
+    """The physical groups of a Gmsh file, by their names, or else their numbers; see `_named`."""
+    names = {(dimension, tag): name for name, (tag, dimension) in mesh.field_data.items()}
+    members: list[_Member] = []
+    count: dict[str, int] = {}
+    for block, tags in zip(mesh.cells, mesh.cell_data.get("gmsh:physical", ()), strict=False):
+        dimension, first = _DIMENSIONS.get(block.type, -1), count.get(block.type, 0)
+        count[block.type] = first + len(block.data)
+        for tag in np.unique(tags[tags > 0]).tolist():
+            inside = np.flatnonzero(tags == tag)
+            cells = np.asarray(block.data[inside], dtype=np.int64)
+            members.append(_Member(names.get((dimension, tag), str(tag)), block.type, cells, first + inside))
+    return _named(members)
+
+
+def _named(members: list[_Member]) -> _Groups:
+    """Of each group: corners of its triangles (k, 3), its nodes, and the numbers of its cells by kind."""
+    faces: dict[str, list[IndexArray]] = {}
+    nodes: dict[str, list[IndexArray]] = {}
+    solids: dict[str, dict[str, list[IndexArray]]] = {}
+    for name, kind, cells, numbers in members:
+        nodes.setdefault(name, []).append(cells.reshape(-1))
+        if kind in ("triangle", "triangle6"):
+            faces.setdefault(name, []).append(cells[:, :3])
+        if kind in ("tetra", "tetra10", *FACES):
+            solids.setdefault(name, {}).setdefault(kind, []).append(numbers)
+    return (
+        {name: np.concatenate(blocks) for name, blocks in faces.items()},
+        {name: np.unique(np.concatenate(blocks)) for name, blocks in nodes.items()},
+        {
+            name: {kind: np.unique(np.concatenate(blocks)) for kind, blocks in kinds.items()}
+            for name, kinds in solids.items()
+        },
+    )
+
+
+def _refuse_cut_off(data: bytes, suffix: str, cells: _Cells, file: Path) -> None:
+    """Refuse files that end early where meshio does not notice: in the last section of VTK and Gmsh."""
+    if suffix == ".vtk":
+        declared = re.findall(rb"^CELL_TYPES\s+(\d+)", data, re.MULTILINE)
+        found = sum(len(block) for blocks in cells.values() for block in blocks)
+        if declared and int(declared[-1]) != found:
+            raise MeshError(
+                file, f"declares {int(declared[-1])} cells but holds {found}; the file is cut off"
+            )
+    elif suffix == ".msh" and b"$EndElements" not in data:
+        raise MeshError(file, "ends without $EndElements; the file is cut off")
+
+
+def _fans(faces: IndexArray) -> IndexArray:
+    """Triangles (a, b, c), (a, c, d), ... of faces with any number of corners, shape (k, 3)."""
+    corners = faces.shape[1]
+    fans = [faces[:, [0, second, second + 1]] for second in range(1, corners - 1)]
+    return np.stack(fans, axis=1).reshape(-1, 3)
+
+
+def _found(cells: _Cells) -> str:
+    kinds = [f"{sum(len(block) for block in blocks)} {kind}" for kind, blocks in cells.items()]
+    return f"found {', '.join(kinds)}" if kinds else "found no elements"
+
+
+_VTK_TETRAHEDRON, _VTK_QUADRATIC_TETRAHEDRON = 10, 24
+_GMSH_TETRAHEDRON, _GMSH_QUADRATIC_TETRAHEDRON, _GMSH_POINT = 4, 11, 15
+
+
+def write_tets(path: str | PathLike[str], mesh: TetMesh) -> Path:
+    """Write tetrahedra; the suffix chooses the format, both lossless.
+
+    `.msh` is Gmsh 2.2 as text, with the groups of the mesh as physical groups of points; anything else a
+    binary legacy VTK 2.0 unstructured grid (big-endian float64 and int32), without groups.
+
+    Returns:
+        The path.
+
+    Raises:
+        MeshError: the file cannot be written.
+    """
+    path = Path(path)
+    _write(path, *(_gmsh_text(mesh) if path.suffix.lower() == ".msh" else _vtk_text(mesh)))
+    return path
+
+
+def _vtk_text(mesh: TetMesh) -> list[bytes]:
+    n, (m, corners) = len(mesh.points), mesh.tets.shape
+    kind = _VTK_TETRAHEDRON if mesh.order == 1 else _VTK_QUADRATIC_TETRAHEDRON
+    cells = np.column_stack([np.full(m, corners), mesh.tets]).astype(">i4")
+    title = mesh.name.encode("ascii", "replace").splitlines()[0] if mesh.name else b"mesh"
+    return [
+        b"# vtk DataFile Version 2.0\n" + title[:255] + b"\nBINARY\nDATASET UNSTRUCTURED_GRID\n",
+        f"POINTS {n} double\n".encode() + mesh.points.astype(">f8").tobytes(),
+        f"\nCELLS {m} {cells.size}\n".encode() + cells.tobytes(),
+        f"\nCELL_TYPES {m}\n".encode() + np.full(m, kind, ">i4").tobytes() + b"\n",
+    ]
+
+
+def _gmsh_text(mesh: TetMesh) -> list[bytes]:
+    """Points of the groups, then cells of one volume; Gmsh has the last two nodes the other way."""
+    kind = _GMSH_TETRAHEDRON if mesh.order == 1 else _GMSH_QUADRATIC_TETRAHEDRON
+    cells = (mesh.tets if mesh.order == 1 else mesh.tets[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]) + 1
+    nodes = (f"{k} {x!r} {y!r} {z!r}" for k, (x, y, z) in enumerate(mesh.points.tolist(), start=1))
+    names = [f'0 {g} "{name}"' for g, name in enumerate(mesh.groups, start=1)]
+    points = [
+        f"{_GMSH_POINT} 2 {g} {node + 1} {node + 1}"
+        for g, members in enumerate(mesh.groups.values(), start=1)
+        for node in members.tolist()
+    ]
+    solids = [f"{kind} 2 0 1 {' '.join(map(str, cell))}" for cell in cells.tolist()]
+    elements = [f"{k} {each}" for k, each in enumerate((*points, *solids), start=1)]
+    lines = [
+        *("$MeshFormat", "2.2 0 8", "$EndMeshFormat"),
+        *(("$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames") if names else ()),
+        *("$Nodes", str(len(mesh.points)), *nodes, "$EndNodes"),
+        *("$Elements", str(len(elements)), *elements, "$EndElements", ""),
+    ]
+    return ["\n".join(lines).encode()]
+
+
+def write_surface(path: str | PathLike[str], surface: SurfaceMesh, unit: str = "metres") -> Path:
+    """Write triangles as binary STL (float32), whose header names the unit of the points.
+
+    Returns:
+        The path.
+
+    Raises:
+        MeshError: the file cannot be written.
+    """
+    path = Path(path)
+    normals = triangle_normals(surface.points, surface.triangles)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    facets = np.zeros(len(normals), np.dtype([("vectors", "<f4", (4, 3)), ("attribute", "<u2")]))
+    facets["vectors"][:, 0] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
+    facets["vectors"][:, 1:] = surface.points[surface.triangles]
+    header = f"binary STL, lengths in {unit}".encode().ljust(80, b"\0")
+    _write(path, header, np.uint32(len(normals)).astype("<u4").tobytes(), facets.tobytes())
+    return path
+
+
+def _write(path: Path, *parts: bytes) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, b"".join(parts))
+    except OSError as error:
+        raise MeshError(path, f"cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,128 @@
+"""Surfaces: the boundary of tetrahedra, normals, closedness, Euler number, volume."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray, unique_pairs
+from softsim_core.base.errors import MeshError
+from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh, subdivided
+
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+"""Faces opposite nodes 0..3 of a positively oriented tetrahedron, seen from outside counter-clockwise."""
+
+
+def boundary(mesh: TetMesh) -> IndexArray:
+    """Faces that belong to one tetrahedron only.
+
+    Args:
+        mesh: Tetrahedra of either orientation. Each face of a quadratic one gives four triangles, which
+            follow it where it is curved.
+
+    Returns:
+        Node indices of the triangles, outward by the right-hand rule, shape (k, 3), in element order.
+
+    Raises:
+        MeshError: a face is shared by more than two tetrahedra.
+    """
+    tets = subdivided(mesh).tets
+    corners = mesh.points[tets]
+    inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
+    faces = tets[:, FACES]
+    faces[inverted] = faces[inverted][:, :, ::-1]
+    faces = faces.reshape(-1, 3)
+    return np.ascontiguousarray(faces[alone(faces, mesh.name)], dtype=np.int64)
+
+
+def alone(faces: IndexArray, mesh: str) -> BoolArray:
+    """Which faces, by their corners (k, 3), belong to one tetrahedron only, of a mesh of that name.
+
+    Raises:
+        MeshError: a face is shared by more than two tetrahedra.
+    """
+    _, inverse, counts = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
+    if len(counts) and counts.max() > 2:
+        face = int(np.flatnonzero(counts[inverse.reshape(-1)] > 2)[0])
+        raise MeshError(
+            mesh,
+            f"face {faces[face].tolist()} belongs to {counts.max()} tetrahedra, at most 2 can share one; "
+            "remove overlapping or duplicate elements",
+        )
+    return np.asarray(counts[inverse.reshape(-1)] == 1)
+
+
+def closest_point(point: Array, corners: Array) -> Array:
+    """Return the point of triangles that is nearest to a point.
+
+    Args:
+        point: A place in [m], shape (3,).
+        corners: Corners of the triangles in [m], shape (k, 3, 3).
+
+    Returns:
+        The nearest place on them, shape (3,).
+    """
+    edges = corners[:, [1, 2, 0]] - corners
+    lengths = np.maximum((edges**2).sum(axis=2), np.finfo(float).tiny)
+    along = np.clip(((point - corners) * edges).sum(axis=2) / lengths, 0.0, 1.0)
+    on_edges = (corners + along[..., None] * edges).reshape(-1, 3)
+    normals = np.cross(edges[:, 0], -edges[:, 2])
+    squares = np.maximum((normals**2).sum(axis=1), np.finfo(float).tiny)
+    heights = ((point - corners[:, 0]) * normals).sum(axis=1) / squares
+    feet = point - heights[:, None] * normals
+    inside = (np.cross(edges, feet[:, None] - corners) * normals[:, None]).sum(axis=2) >= 0.0
+    candidates = np.concatenate([on_edges, feet[inside.all(axis=1)]])
+    return np.asarray(candidates[np.argmin(((candidates - point) ** 2).sum(axis=1))])
+
+
+def boundary_surface(mesh: TetMesh) -> SurfaceMesh:
+    """The boundary as a surface of its own, with only the points it uses, in node order."""
+    triangles = boundary(mesh)
+    used, renumbered = np.unique(triangles, return_inverse=True)
+    return SurfaceMesh(mesh.points[used], renumbered.reshape(-1, 3).astype(np.int64), mesh.name)
+
+
+def triangle_normals(points: Array, triangles: IndexArray) -> Array:
+    """Normal times area in [m^2], shape (k, 3), of triangles (k, 3) over points (n, 3)."""
+    corners = points[triangles]
+    return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+
+def vertex_normals(points: Array, triangles: IndexArray) -> Array:
+    """Unit normals at vertices: the area-weighted mean of the adjacent triangles' normals.
+
+    Args:
+        points: Vertex positions in [m], shape (n, 3).
+        triangles: Vertex indices, shape (k, 3).
+
+    Returns:
+        Unit vectors, shape (n, 3); zero at vertices without a triangle.
+    """
+    area_vectors = np.repeat(triangle_normals(points, triangles), 3, axis=0)
+    sums = np.column_stack(  # without any triangle bincount counts in integers
+        [
+            np.bincount(triangles.reshape(-1), area_vectors[:, axis], minlength=len(points))
+            for axis in range(3)
+        ]
+    ).astype(np.float64)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
+
+
+def is_closed(triangles: IndexArray) -> bool:
+    """Whether every directed edge is met exactly once in each direction: closed and wound consistently."""
+    start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
+    forward = np.column_stack([start, end])
+    unique, counts = np.unique(forward, axis=0, return_counts=True)
+    return bool((counts == 1).all() and np.array_equal(unique, np.unique(forward[:, ::-1], axis=0)))
+
+
+def euler_number(triangles: IndexArray) -> int:
+    """Vertices minus edges plus faces; 2 for a ball, 0 for a piece with one hole."""
+    edges = unique_pairs(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1))
+    return len(np.unique(triangles)) - len(edges) + len(triangles)
+
+
+def enclosed_volume(points: Array, triangles: IndexArray) -> float:
+    """Volume in [m^3] inside a closed outward surface (divergence theorem); meaningless for an open one."""
+    corners = points[triangles] - points.mean(axis=0)
+    return float(np.linalg.det(corners).sum() / 6.0)

@@ -1,0 +1,130 @@
+"""Meshes as immutable arrays in [m], of linear and quadratic tetrahedra.
+
+Nodes of a quadratic cell stand as in VTK: four corners, then the middles of `MIDDLES`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TetMesh:
+    """A mesh of linear or quadratic tetrahedra.
+
+    Attributes:
+        points: Node positions in [m], shape (n, 3).
+        tets: Node indices, shape (m, 4), or (m, 10) with nodes on the edges, see mesh.quadratic; positively
+            oriented or not (the volume is taken absolute).
+        name: Where it came from, for messages.
+        surfaces: Faces by the names that the file gives them, by the indices of their corners, shapes (k, 3).
+        groups: Nodes by the names that the file gives to what they belong to: points, lines, faces or cells.
+        cell_groups: Cells by the names that the file gives to volumes: rows of `tets`, ascending.
+        around: How far outside, in heights of a cell, a point may lie that an actuator binds to it.
+    """
+
+    points: Array
+    tets: IndexArray
+    name: str = "mesh"
+    surfaces: Mapping[str, IndexArray] = field(default_factory=dict)
+    groups: Mapping[str, IndexArray] = field(default_factory=dict)
+    cell_groups: Mapping[str, IndexArray] = field(default_factory=dict)
+    around: float = 0.02
+
+    @property
+    def order(self) -> int:
+        """1 for linear cells, 2 for quadratic ones."""
+        return 2 if self.tets.shape[1:] == (10,) else 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceMesh:
+    """A mesh of triangles, outward where closed.
+
+    Attributes:
+        points: Vertex positions in [m], shape (n, 3).
+        triangles: Vertex indices, shape (k, 3).
+        name: Where it came from, for messages.
+    """
+
+    points: Array
+    triangles: IndexArray
+    name: str = "surface"
+
+
+MIDDLES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+"""The corners on whose edge each of the nodes 4 to 9 lies."""
+
+_REFERENCE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+_AT_CORNERS = np.array([[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]])
+_AROUND = {(4, 9): (5, 6, 7, 8), (5, 7): (4, 6, 9, 8), (6, 8): (4, 5, 9, 7)}
+"""The octahedron between them, around each of its three diagonals: the other four nodes in order."""
+
+
+def _inner() -> IndexArray:
+    """The four parts of the octahedron for each diagonal, oriented as the cell, shape (3, 4, 4)."""
+    nodes = np.concatenate([_REFERENCE, _REFERENCE[MIDDLES].mean(axis=1)])
+    parts = np.array(
+        [[[*pair, ring[k], ring[(k + 1) % 4]] for k in range(4)] for pair, ring in _AROUND.items()]
+    )
+    wrong = np.linalg.det(nodes[parts[..., 1:]] - nodes[parts[..., :1]]) < 0.0
+    parts[wrong] = parts[wrong][:, [0, 1, 3, 2]]
+    return parts
+
+
+_DIAGONALS, _INNER = np.array(list(_AROUND)), _inner()
+
+
+def quadratic(mesh: TetMesh) -> TetMesh:
+    """The same cells with a node in the middle of each edge, behind the nodes that were there.
+
+    A new node is in the groups that both ends of its edge are in. A mesh of order 2 is returned as it is.
+    """
+    if mesh.order == 2:
+        return mesh
+    edges = np.sort(mesh.tets[:, MIDDLES].reshape(-1, 2), axis=1)
+    unique, numbers = np.unique(edges, axis=0, return_inverse=True)
+    points = np.concatenate([mesh.points, mesh.points[unique].mean(axis=1)])
+    middles = len(mesh.points) + numbers.reshape(-1, 6)
+    tets = np.concatenate([mesh.tets, middles], axis=1).astype(np.int64)
+    groups = {
+        name: np.concatenate([own, len(mesh.points) + np.flatnonzero(np.isin(unique, own).all(axis=1))])
+        for name, own in mesh.groups.items()
+    }
+    return replace(mesh, points=points, tets=tets, groups=groups)
+
+
+def linear(mesh: TetMesh) -> TetMesh:
+    """The cells on their corners alone, without the nodes on edges; a mesh of order 1 as it is."""
+    if mesh.order == 1:
+        return mesh
+    used, numbers = np.unique(mesh.tets[:, :4], return_inverse=True)
+    return replace(
+        mesh,
+        points=mesh.points[used],
+        tets=numbers.reshape(-1, 4).astype(np.int64),
+        surfaces={name: np.searchsorted(used, faces) for name, faces in mesh.surfaces.items()},
+        groups={name: np.flatnonzero(np.isin(used, own)) for name, own in mesh.groups.items()},
+    )
+
+
+def subdivided(mesh: TetMesh) -> TetMesh:
+    """Linear tetrahedra over the same nodes: eight for each quadratic cell, in its place; else as it is.
+
+    Four lie at the corners, and four around the shortest diagonal of the octahedron between them, all
+    oriented as the cell. Their boundary follows curved faces, with four triangles for each.
+    """
+    if mesh.order == 1:
+        return mesh
+    ends = mesh.points[mesh.tets[:, _DIAGONALS]]
+    shortest = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).argmin(axis=1)
+    corners = np.broadcast_to(_AT_CORNERS, (len(ends), 4, 4))
+    parts = np.concatenate([corners, _INNER[shortest]], axis=1).reshape(len(ends), -1)
+    groups = {name: (8 * own[:, None] + np.arange(8)).reshape(-1) for name, own in mesh.cell_groups.items()}
+    tets = np.take_along_axis(mesh.tets, parts, axis=1).reshape(-1, 4)
+    return replace(mesh, tets=tets, cell_groups=groups)

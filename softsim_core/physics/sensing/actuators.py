@@ -1,0 +1,127 @@
+"""Sensors of actuators: length and tension of a cable, volume and pressure of a chamber."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.physics.actuation.cable.cables import CableView
+from softsim_core.physics.actuation.chamber.chamber import ChamberView
+from softsim_core.physics.sensing.description import (
+    Reference,
+    Scenery,
+    SensorKind,
+    SimulatedSensorDescription,
+)
+from softsim_core.physics.sensing.sensor import Seen, Sensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CableSensorDescription(SimulatedSensorDescription):
+    """Length in [m] and tension in [N] of a cable.
+
+    Attributes:
+        joint: Name of the joint of kind `cable`.
+        length_noise: Standard deviation of a sample in [m].
+        tension_noise: The same in [N].
+        length_bias: In [m].
+        tension_bias: In [N].
+    """
+
+    kind: ClassVar[str] = "cable"
+    joint: str
+    length_noise: float = 0.0
+    tension_noise: float = 0.0
+    length_bias: float = 0.0
+    tension_bias: float = 0.0
+
+    def check(self) -> None:
+        """See SimulatedSensorDescription."""
+        self.need_noise(length_noise=self.length_noise, tension_noise=self.tension_noise)
+        self.need_bias(length_bias=self.length_bias, tension_bias=self.tension_bias)
+
+    def references(self) -> tuple[Reference, ...]:
+        """See SimulatedSensorDescription."""
+        return (Reference("joint", self.joint, "cable"),)
+
+
+class ActuatorSensor(Sensor):
+    """Where an actuator is, as a coordinate that grows or shrinks with its joint, and what it acts with.
+
+    Args:
+        joint: Number of its joint.
+        sign: By how much the coordinate grows where the joint's position grows by one: 1 or -1.
+        zero: The coordinate at the joint's position 0.
+        noise, bias: Of coordinate and multiplier, shape (2,).
+    """
+
+    def __init__(self, joint: int, sign: float, zero: float, noise: Array, bias: Array) -> None:
+        super().__init__(noise, bias)
+        self._joint, self._sign, self._zero = joint, sign, zero
+
+    def measure(self, seen: Seen) -> Array:
+        """Coordinate, then multiplier, shape (2,)."""
+        state, j = seen.state, self._joint
+        return np.array([self._zero + self._sign * state.joint_positions[j], state.joint_efforts[j]])
+
+
+def _cable_sensor(described: CableSensorDescription, scenery: Scenery) -> ActuatorSensor:
+    view = scenery.actuators[described.joint]
+    assert isinstance(view, CableView)  # checked by the scene
+    return ActuatorSensor(
+        scenery.soft.joint(described.joint),
+        -1.0,  # what it is shortened by
+        view.length + view.value,
+        np.array([described.length_noise, described.tension_noise]),
+        np.array([described.length_bias, described.tension_bias]),
+    )
+
+
+CABLE_SENSOR = SensorKind(CableSensorDescription, _cable_sensor)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChamberSensorDescription(SimulatedSensorDescription):
+    """Volume in [m^3] of a chamber's hollow and pressure in it against the air around in [Pa].
+
+    Attributes:
+        joint: Name of the joint of kind `chamber`.
+        volume_noise: Standard deviation of a sample in [m^3].
+        pressure_noise: The same in [Pa].
+        volume_bias: In [m^3].
+        pressure_bias: In [Pa].
+    """
+
+    kind: ClassVar[str] = "chamber"
+    joint: str
+    volume_noise: float = 0.0
+    pressure_noise: float = 0.0
+    volume_bias: float = 0.0
+    pressure_bias: float = 0.0
+
+    def check(self) -> None:
+        """See SimulatedSensorDescription."""
+        self.need_noise(volume_noise=self.volume_noise, pressure_noise=self.pressure_noise)
+        self.need_bias(volume_bias=self.volume_bias, pressure_bias=self.pressure_bias)
+
+    def references(self) -> tuple[Reference, ...]:
+        """See SimulatedSensorDescription."""
+        return (Reference("joint", self.joint, "chamber"),)
+
+
+def _chamber_sensor(described: ChamberSensorDescription, scenery: Scenery) -> ActuatorSensor:
+    view = scenery.actuators[described.joint]
+    assert isinstance(view, ChamberView)  # checked by the scene
+    return ActuatorSensor(
+        scenery.soft.joint(described.joint),
+        1.0,
+        view.volume - view.value,
+        np.array([described.volume_noise, described.pressure_noise]),
+        np.array([described.volume_bias, described.pressure_bias]),
+    )
+
+
+CHAMBER_SENSOR = SensorKind(ChamberSensorDescription, _chamber_sensor)

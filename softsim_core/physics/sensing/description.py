@@ -1,0 +1,170 @@
+"""The description of a sensor in a scene, and how it becomes a sensor of the compiled scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, NamedTuple
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.base.names import known_names
+from softsim_core.base.values import FieldError, Vector, need_finite
+from softsim_core.physics.actuation.actuators import ActuatorView
+from softsim_core.physics.actuation.building import Surroundings
+from softsim_core.physics.contact.surfaces import CollisionSurface
+from softsim_core.physics.sensing.sensor import Place, Sensor
+
+ANY_BODY: Final = "body"
+"""What a reference may name: a body, deformable or rigid."""
+SOFT_BODY: Final = "deformable body"
+"""A deformable body."""
+PLACE: Final = "frame"
+"""What moves rigidly: the world, an attachment, a joint with a frame, a rigid body."""
+
+
+class Reference(NamedTuple):
+    """A name in a sensor's description: the field that holds it, the name, what it must be the name of.
+
+    `among` is ANY_BODY, SOFT_BODY, PLACE, or the kind of an actuator, such as "cable".
+    """
+
+    field: str
+    name: str
+    among: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedSensorDescription:
+    """A sensor of a simulated scene; each kind derives its own, a frozen dataclass.
+
+    Attributes:
+        kind: Name of the kind, in files under the key `kind`.
+        name: Unique among the sensors of a scene.
+        rate: Samples a second in [Hz], at most one a step; None: one a step.
+        seed: Of its noise, >= 0; another name gives other noise, too.
+    """
+
+    kind: ClassVar[str]
+    name: str
+    rate: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise FieldError("sensor", "name", repr(self.name), "a text")
+        if self.rate is not None and not 0.0 < self.rate < math.inf:
+            raise FieldError(self.owner, "rate", self.rate, "> 0 Hz")
+        if self.seed < 0:
+            raise FieldError(self.owner, "seed", self.seed, ">= 0")
+        self.check()
+
+    def check(self) -> None:
+        """Refuse values of the kind's own fields that cannot be.
+
+        Raises:
+            FieldError: one of them.
+        """
+
+    @property
+    def owner(self) -> str:
+        """What messages call it."""
+        return f"sensor {self.name}"
+
+    def references(self) -> tuple[Reference, ...]:
+        """The parts of the scene that it names."""
+        return ()
+
+    def need_noise(self, **deviations: float) -> None:
+        """Refuse standard deviations, by the names of their fields, that are negative or not finite."""
+        for field, value in deviations.items():
+            if not 0.0 <= value < math.inf:
+                raise FieldError(self.owner, field, value, ">= 0")
+
+    def need_bias(self, **biases: Vector | float) -> None:
+        """Refuse biases, by the names of their fields, that are not finite."""
+        for field, value in biases.items():
+            need_finite(self.owner, field, value if isinstance(value, tuple) else (value,))
+
+
+def need_sensors(
+    scene: str,
+    dt: float,
+    sensors: Sequence[SimulatedSensorDescription],
+    known: Mapping[str, Sequence[str]],
+) -> None:
+    """Refuse sensors that name what a scene has not, or are quicker than its steps.
+
+    Args:
+        scene: Name of the scene, for messages.
+        dt: Its time step in [s].
+        sensors: Its sensors.
+        known: Names of what there is, by what a Reference may be among.
+
+    Raises:
+        SceneError: one does.
+    """
+    for sensor in sensors:
+        for field, name, among in sensor.references():
+            if name not in known.get(among, ()):
+                raise SceneError(
+                    f"scene {scene}: unknown {among} {name!r} ({field} of {sensor.owner}); "
+                    f"{known_names(name, known.get(among, ()))}"
+                )
+        if sensor.rate is not None and sensor.rate * dt > 1.0 + 1e-9:
+            raise SceneError(
+                f"scene {scene}: {sensor.owner}: rate must be <= {1.0 / dt:g} Hz, one sample a step of "
+                f"{dt:g} s, not {sensor.rate:g}; remove it or give a smaller one"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scenery:
+    """What sensors are built into.
+
+    Attributes:
+        soft: The model, and how points are bound to its deformable bodies.
+        body_names: Names of all bodies, by the numbers that contacts give them.
+        places: What moves rigidly, by the names that a scene gives it.
+        surfaces: Collision surfaces.
+        points: Where their vertices are at the start in [m], shape (v, 3).
+        actuators: Every actuator at the start, by the name of its joint.
+    """
+
+    soft: Surroundings
+    body_names: tuple[str, ...]
+    places: Mapping[str, Place]
+    surfaces: tuple[CollisionSurface, ...]
+    points: Array
+    actuators: Mapping[str, ActuatorView]
+
+    def surfaces_of(self, body: str) -> list[CollisionSurface]:
+        """The collision surfaces of a body that have triangles."""
+        number = self.body_names.index(body)
+        return [each for each in self.surfaces if each.owner == number and len(each.triangles)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorKind:
+    """A kind of sensor.
+
+    Attributes:
+        description: Type of its description.
+        build: From a description to a sensor.
+    """
+
+    description: type[SimulatedSensorDescription]
+    build: Callable[[Any, Scenery], Sensor]
+
+    @property
+    def name(self) -> str:
+        """The name that scene files use."""
+        return self.description.kind
+
+
+def both(first: object, second: object) -> Array:
+    """Two triples, or numbers that stand for three equal ones, one behind the other, shape (6,)."""
+    return np.concatenate([np.broadcast_to(np.asarray(each, dtype=float), 3) for each in (first, second)])

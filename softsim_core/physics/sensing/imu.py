@@ -1,0 +1,140 @@
+r"""An inertial measurement unit: specific force and angular rate of a frame.
+
+Over a step from :math:`k-1` to :math:`k` of length h, with the velocity v of its origin,
+
+.. math:: f = R^T \Bigl(\frac{v_k - v_{k-1}}{h} - g\Bigr)
+
+where R is its rotation in the middle of the step, half a step's spin back: the mean of the step, of second
+order in h for what turns evenly. The angular rate is the frame's spin in its own axes.
+
+Source: Titterton, Weston 2004, Strapdown inertial navigation technology.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import LOCAL, Placement, Vector
+from softsim_core.physics.mechanics.pose import quaternion_of, rotation_exp, rotation_of
+from softsim_core.physics.sensing.description import (
+    PLACE,
+    Reference,
+    Scenery,
+    SensorKind,
+    SimulatedSensorDescription,
+    both,
+)
+from softsim_core.physics.sensing.sensor import Place, Seen, Sensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImuDescription(SimulatedSensorDescription):
+    """Accelerometer and gyroscope on something that moves rigidly: specific force [m/s^2], rate [rad/s].
+
+    The specific force is the acceleration less gravity: at rest it points up. It is the mean over the last
+    step, in the unit's own axes. A unit that works out its orientation tells it behind, as a quaternion
+    (x, y, z, w).
+
+    Attributes:
+        on: What it sits on: an attachment (a free frame, or what its region is attached to), a joint with a
+            frame (the frame that it moves), a rigid body (with mass: its centre of mass), "world".
+        pose: Where it sits in that frame (its scale is not used).
+        accelerometer_noise: Standard deviation of a sample in [m/s^2].
+        gyroscope_noise: The same in [rad/s].
+        accelerometer_bias: In [m/s^2].
+        gyroscope_bias: In [rad/s].
+        orientation_noise: Standard deviation in [rad], about each axis, of the orientation in the world that
+            it tells; None: it tells none.
+    """
+
+    kind: ClassVar[str] = "imu"
+    on: str
+    pose: Placement = field(default=Placement(), metadata=LOCAL)
+    accelerometer_noise: float = 0.0
+    gyroscope_noise: float = 0.0
+    accelerometer_bias: Vector = (0.0, 0.0, 0.0)
+    gyroscope_bias: Vector = (0.0, 0.0, 0.0)
+    orientation_noise: float | None = None
+
+    def check(self) -> None:
+        """See SimulatedSensorDescription."""
+        self.need_noise(accelerometer_noise=self.accelerometer_noise, gyroscope_noise=self.gyroscope_noise)
+        self.need_noise(orientation_noise=self.orientation_noise or 0.0)
+        self.need_bias(accelerometer_bias=self.accelerometer_bias, gyroscope_bias=self.gyroscope_bias)
+
+    def references(self) -> tuple[Reference, ...]:
+        """See SimulatedSensorDescription."""
+        return (Reference("on", self.on, PLACE),)
+
+
+def inertial(
+    before: Array, velocity: Array, spin: Array, rotation: Array, gravity: Array, dt: float
+) -> tuple[Array, Array]:
+    """Return what a perfect unit in each of k frames measures over a step; see the module.
+
+    Args:
+        before: Velocity of the origin in [m/s] before the step, shape (k, 3).
+        velocity: The same after it, shape (k, 3).
+        spin: Angular velocity after it in [rad/s], world axes, shape (k, 3).
+        rotation: Rotations after it, shape (k, 3, 3).
+        gravity: In [m/s^2], shape (3,) or (k, 3).
+        dt: Length of the step in [s].
+
+    Returns:
+        Specific force in [m/s^2] and angular rate in [rad/s], in the axes of the frames, shape (k, 3) each.
+    """
+    middle = np.array([rotation_exp(-0.5 * dt * each) for each in spin]) @ rotation
+    force = (velocity - before) / dt - gravity
+    return np.einsum("kj,kji->ki", force, middle), np.einsum("kj,kji->ki", spin, rotation)
+
+
+class Imu(Sensor):
+    """See the module.
+
+    Args:
+        place: The frame.
+        noise, bias: Of specific force and angular rate, shape (6,).
+        turning: Noise of the orientation in [rad]; None: it tells none.
+    """
+
+    def __init__(self, place: Place, noise: Array, bias: Array, turning: float | None = None) -> None:
+        super().__init__(noise, bias)
+        self._place, self._turning = place, turning
+
+    @property
+    def random(self) -> bool:
+        """See Sensor."""
+        return bool(self.noise.any() or self._turning)
+
+    def measure(self, seen: Seen) -> Array:
+        """Specific force, angular rate, and the orientation where it is measured, shape (6,) or (10,)."""
+        model, place = seen.model, self._place
+        (velocity, spin), (earlier, _) = (place.twist(model, each) for each in (seen.state, seen.before))
+        now = place.pose(model, seen.state)[1]
+        force, rate = inertial(earlier[None], velocity[None], spin[None], now[None], model.gravity, model.dt)
+        motion = (force[0], rate[0])
+        return np.concatenate(motion if self._turning is None else (*motion, quaternion_of(now)))
+
+    def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
+        """See Sensor; an orientation is turned a little further, about axes of the unit."""
+        told = super().disturbed(value[:6], generator)
+        if self._turning is None or generator is None:
+            return np.concatenate([told, value[6:]])
+        turn = rotation_exp(self._turning * generator.standard_normal(3))
+        return np.concatenate([told, quaternion_of(rotation_of(value[6:]) @ turn)])
+
+
+def _built(described: ImuDescription, scenery: Scenery) -> Imu:
+    return Imu(
+        scenery.places[described.on].within(described.pose),
+        both(described.accelerometer_noise, described.gyroscope_noise),
+        both(described.accelerometer_bias, described.gyroscope_bias),
+        described.orientation_noise,
+    )
+
+
+IMU = SensorKind(ImuDescription, _built)

@@ -1,0 +1,120 @@
+"""Markers on bodies, as a camera sees them: places with noise, and now and then one is not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.base.values import POINT, FieldError, Vector, need_finite
+from softsim_core.physics.actuation.building import Points
+from softsim_core.physics.sensing.description import (
+    SOFT_BODY,
+    Reference,
+    Scenery,
+    SensorKind,
+    SimulatedSensorDescription,
+)
+from softsim_core.physics.sensing.sensor import Seen, Sensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkersDescription(SimulatedSensorDescription):
+    """Where markers on deformable bodies are in the world, in [m]; what is not seen is NaN.
+
+    Attributes:
+        points: Where they are at the start in [m], in the world.
+        body: The deformable body that carries all of them; None: each sits on the nearest one.
+        noise: Standard deviation of each coordinate in [m]; with a `camera`, of those across the line of
+            sight.
+        camera: Where a camera stands in [m], in the world; None: no direction is worse than another.
+        depth_noise: Standard deviation along the line of sight of the camera in [m].
+        dropout: Probability that a marker is not seen in a sample, each by itself, 0 to 1.
+    """
+
+    kind: ClassVar[str] = "markers"
+    points: tuple[Vector, ...] = field(metadata=POINT)
+    body: str | None = None
+    noise: float = 0.0
+    camera: Vector | None = None
+    depth_noise: float = 0.0
+    dropout: float = 0.0
+
+    def check(self) -> None:
+        """See SimulatedSensorDescription."""
+        if not self.points:
+            raise FieldError(self.owner, "points", "none", "at least one point")
+        for point in (*self.points, *(() if self.camera is None else (self.camera,))):
+            need_finite(self.owner, "points and camera", point)
+        self.need_noise(noise=self.noise, depth_noise=self.depth_noise)
+        if self.depth_noise and self.camera is None:
+            raise SceneError(
+                f"{self.owner}: depth_noise needs a camera; give its place, or remove depth_noise"
+            )
+        if not 0.0 <= self.dropout <= 1.0:
+            raise FieldError(self.owner, "dropout", self.dropout, "in 0 to 1")
+
+    def references(self) -> tuple[Reference, ...]:
+        """See SimulatedSensorDescription."""
+        return () if self.body is None else (Reference("body", self.body, SOFT_BODY),)
+
+
+class Markers(Sensor):
+    """See the module.
+
+    Args:
+        points: What carries the markers.
+        described: Noise, camera, dropout.
+    """
+
+    def __init__(self, points: Points, described: MarkersDescription) -> None:
+        super().__init__(described.noise)
+        self._points, self._described = points, described
+
+    @property
+    def random(self) -> bool:
+        """See Sensor."""
+        described = self._described
+        return max(described.noise, described.depth_noise, described.dropout) > 0.0
+
+    def measure(self, seen: Seen) -> Array:
+        """Places in [m], shape (k, 3)."""
+        carried = seen.state.positions[self._points.nodes]
+        return np.asarray(np.einsum("pa,pai->pi", self._points.weights, carried))
+
+    def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
+        """See Sensor."""
+        if generator is None:
+            return value
+        described, away = self._described, generator.standard_normal(value.shape)
+        told = value + described.noise * away
+        if described.camera is not None:
+            sight = value - np.array(described.camera)
+            sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+            along = np.einsum("pi,pi->p", away, sight)
+            told += (described.depth_noise - described.noise) * along[:, None] * sight
+        told[generator.random(len(value)) < described.dropout] = np.nan
+        return told
+
+
+def _built(described: MarkersDescription, scenery: Scenery) -> Markers:
+    points = np.array(described.points)
+    if described.body is not None:
+        return Markers(scenery.soft.bind(described.owner, described.body, points), described)
+    found = []
+    for number, point in enumerate(points):
+        on = scenery.soft.bind_near(point)
+        if on is None:
+            raise SceneError(
+                f"{described.owner}: no deformable body is at point {number}, {point.tolist()} m; give where "
+                "it sits on the robot at the start"
+            )
+        found.append(on)
+    nodes, weights = (np.concatenate(each) for each in zip(*found, strict=True))
+    return Markers(Points(nodes, weights), described)
+
+
+MARKERS = SensorKind(MarkersDescription, _built)

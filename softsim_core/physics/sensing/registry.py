@@ -1,0 +1,56 @@
+"""The kinds of sensors there are: those of the package, and what users register."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from softsim_core.base.errors import SceneError
+from softsim_core.base.names import Registry
+from softsim_core.physics.sensing.actuators import CABLE_SENSOR, CHAMBER_SENSOR
+from softsim_core.physics.sensing.description import Scenery, SensorKind, SimulatedSensorDescription
+from softsim_core.physics.sensing.force_torque import FORCE_TORQUE
+from softsim_core.physics.sensing.imu import IMU
+from softsim_core.physics.sensing.markers import MARKERS
+from softsim_core.physics.sensing.sensor import Sensor
+from softsim_core.physics.sensing.strain import STRAIN
+from softsim_core.physics.sensing.tactile import TACTILE
+from softsim_core.physics.sensing.wrench import WRENCH
+
+_kinds: Registry[SensorKind] = Registry(
+    "sensor kind", WRENCH, FORCE_TORQUE, TACTILE, STRAIN, IMU, MARKERS, CABLE_SENSOR, CHAMBER_SENSOR
+)
+
+
+def register_sensor(
+    description: type[SimulatedSensorDescription], build: Callable[[Any, Scenery], Sensor]
+) -> None:
+    """Make a kind of sensors known under the `kind` of its description.
+
+    Args:
+        description: A frozen dataclass derived from SimulatedSensorDescription; scene files give its fields.
+        build: From a description, and what is around, to the sensor.
+
+    Raises:
+        SceneError: the name is none, or one of the package's own.
+    """
+    if not isinstance(description.kind, str) or not description.kind.isidentifier():
+        raise SceneError(
+            f"sensor kind {description.__name__} refused: give it `kind: ClassVar[str]`, a word of letters, "
+            "digits and underscores"
+        )
+    _kinds.register(SensorKind(description, build))
+
+
+def sensor_kinds() -> tuple[str, ...]:
+    """Names of all kinds."""
+    return _kinds.names()
+
+
+def sensor_kind(name: str) -> SensorKind:
+    """The kind of a name.
+
+    Raises:
+        SceneError: there is none.
+    """
+    return _kinds.get(name)

@@ -1,0 +1,130 @@
+"""The seam of sensors: where one sits, what it reads of a step, the sample it makes, reproducible noise.
+
+A counter-based generator (Philox) with a key from a sensor's seed and name and a counter from the sample's
+number. So noise depends on no other sensor, is the same again after a reset, and goes on in the same way from
+a snapshot, without any state of its own.
+
+Source: Salmon et al. 2011, Parallel random numbers: as easy as 1, 2, 3.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Placement
+from softsim_core.physics.dynamics.report import ContactReport, StepReport
+from softsim_core.physics.mechanics.carrier import Carrier
+from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.physics.mechanics.state import State
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """A frame in a carrier.
+
+    Attributes:
+        carrier: What carries it.
+        position: Its origin in the carrier's frame in [m], shape (3,).
+        rotation: Its rotation there, shape (3, 3).
+    """
+
+    carrier: Carrier
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+
+    def within(self, placement: Placement) -> Place:
+        """The frame at a placement in this one (its scale is not used)."""
+        shift = np.array(placement.translation, dtype=float)
+        turn = rotation_euler(np.radians(placement.rotation_deg))
+        return Place(self.carrier, self.position + self.rotation @ shift, self.rotation @ turn)
+
+    def pose(self, model: Model, state: State) -> tuple[Array, Array]:
+        """Origin (3,) in [m] and rotation (3, 3) in the world."""
+        origin, rotation = self.carrier.pose(model, state)
+        return origin + rotation @ self.position, rotation @ self.rotation
+
+    def twist(self, model: Model, state: State) -> tuple[Array, Array]:
+        """Velocity (3,) of the origin in [m/s] and spin (3,) in [rad/s], world axes."""
+        return self.carrier.twist(model, state, self.pose(model, state)[0])
+
+
+class SampleNoise:
+    """The random numbers of one sensor.
+
+    Args:
+        seed: Its seed.
+        name: Its name.
+    """
+
+    def __init__(self, seed: int, name: str) -> None:
+        key = np.frombuffer(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], dtype="<u8")
+        self._bits = np.random.Philox(key=key)
+        self._generator = np.random.Generator(self._bits)
+        self._state = self._bits.state
+
+    def of_sample(self, number: int) -> np.random.Generator:
+        """The generator at the start of what a sample draws; the next call takes it back there."""
+        self._state["state"]["counter"][3] = number  # counts up from the other end
+        self._bits.state = self._state
+        return self._generator
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """What sensors see at the end of a step.
+
+    Attributes:
+        model: The model.
+        before: The state at the start of the step; where none was done it is `state`.
+        state: The state now.
+        report: What the step told.
+        forces: External forces on the nodes in the step in [N], shape (n, 3).
+        drag: Damping per mass in the step in [1/s].
+    """
+
+    model: Model
+    before: State
+    state: State
+    report: StepReport
+    forces: Array
+    drag: float = 0.0
+
+    @property
+    def contacts(self) -> ContactReport:
+        """What touched in the step."""
+        return self.report.contacts
+
+
+class Sensor(ABC):
+    """What one sensor measures.
+
+    Args:
+        noise: Standard deviations of what it measures, in its units, of a shape that fits it.
+        bias: What it measures too much, likewise.
+    """
+
+    def __init__(self, noise: ArrayLike = 0.0, bias: ArrayLike = 0.0) -> None:
+        self.noise, self.bias = np.asarray(noise, dtype=float), np.asarray(bias, dtype=float)
+
+    @property
+    def random(self) -> bool:
+        """Whether `disturbed` draws from its generator."""
+        return bool(self.noise.any())
+
+    @abstractmethod
+    def measure(self, seen: Seen) -> Array:
+        """The true value, of a shape that is always the same."""
+
+    def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
+        """What it tells where `value` is true; without a generator nothing is random."""
+        told = value + self.bias
+        if generator is not None:
+            told = told + self.noise * generator.standard_normal(value.shape)
+        return np.asarray(told)

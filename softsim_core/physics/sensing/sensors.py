@@ -1,0 +1,74 @@
+"""All sensors of a scene: what each told last, and when it tells anew."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SceneError
+from softsim_core.base.names import known_names
+from softsim_core.physics.sensing.description import SimulatedSensorDescription
+from softsim_core.physics.sensing.sensor import SampleNoise, Seen, Sensor
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorReading:
+    """What a sensor told last.
+
+    Attributes:
+        description: What the scene says of it.
+        value: What it measured, with its noise and bias; shape and units are those of its kind.
+        time: Simulated time of the sample in [s].
+        number: Number of the sample since the start.
+    """
+
+    description: SimulatedSensorDescription
+    value: Array
+    time: float
+    number: int
+
+
+class Sensors:
+    """What every sensor told last: `sensors["tip"].value`; iterating gives the names.
+
+    Args:
+        built: Descriptions with their sensors.
+        dt: Time step in [s].
+    """
+
+    def __init__(self, built: Sequence[tuple[SimulatedSensorDescription, Sensor]], dt: float) -> None:
+        self._built, self._dt = tuple(built), dt
+        self._noise = [SampleNoise(each.seed, each.name) for each, _ in built]
+        self._told: dict[str, SensorReading] = {}
+
+    def sample(self, step: int, seen: Seen, *, anew: bool = False) -> None:
+        """Have those measure that are due after so many steps since the start; `anew`: all of them."""
+        for (description, sensor), noise in zip(self._built, self._noise, strict=True):
+            number = self._number(description, step)
+            if anew or number != self._number(description, step - 1):
+                generator = noise.of_sample(number) if sensor.random else None
+                value = sensor.disturbed(sensor.measure(seen), generator)
+                value.flags.writeable = False
+                self._told[description.name] = SensorReading(description, value, step * self._dt, number)
+
+    def _number(self, description: SimulatedSensorDescription, step: int) -> int:
+        """How many samples are due within so many steps, the one at the start left out."""
+        return step if description.rate is None else math.floor(step * self._dt * description.rate + 1e-6)
+
+    def __getitem__(self, name: str) -> SensorReading:
+        """What a sensor told last.
+
+        Raises:
+            SceneError: there is none of that name.
+        """
+        if name not in self._told:
+            raise SceneError(f"unknown sensor {name!r}; {known_names(name, self._told)}")
+        return self._told[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._told)
+
+    def __len__(self) -> int:
+        return len(self._built)

@@ -1,0 +1,98 @@
+"""What contacts do to a body in all: a force and a moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.values import Vector
+from softsim_core.physics.mechanics.pose import cross
+from softsim_core.physics.sensing.description import (
+    ANY_BODY,
+    PLACE,
+    Reference,
+    Scenery,
+    SensorKind,
+    SimulatedSensorDescription,
+    both,
+)
+from softsim_core.physics.sensing.sensor import Place, Seen, Sensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrenchSensorDescription(SimulatedSensorDescription):
+    """The resultant of the contact forces on a body: force in [N] and moment in [N m].
+
+    Attributes:
+        body: The body that is touched, deformable or rigid.
+        other: The body that touches it; None: all others together.
+        on: The frame in whose axes, and about whose origin, the wrench is told: "world", an attachment, a
+            joint with a frame (the frame that it moves), a rigid body.
+        force_noise: Standard deviation in [N] of each component.
+        moment_noise: The same in [N m].
+        force_bias: In [N].
+        moment_bias: In [N m].
+    """
+
+    kind: ClassVar[str] = "wrench"
+    body: str
+    other: str | None = None
+    on: str = "world"
+    force_noise: float = 0.0
+    moment_noise: float = 0.0
+    force_bias: Vector = (0.0, 0.0, 0.0)
+    moment_bias: Vector = (0.0, 0.0, 0.0)
+
+    def check(self) -> None:
+        """See SimulatedSensorDescription."""
+        self.need_noise(force_noise=self.force_noise, moment_noise=self.moment_noise)
+        self.need_bias(force_bias=self.force_bias, moment_bias=self.moment_bias)
+
+    def references(self) -> tuple[Reference, ...]:
+        """See SimulatedSensorDescription."""
+        others = () if self.other is None else (Reference("other", self.other, ANY_BODY),)
+        return (Reference("body", self.body, ANY_BODY), *others, Reference("on", self.on, PLACE))
+
+
+class WrenchSensor(Sensor):
+    """See the module.
+
+    Args:
+        body: Number of the body.
+        other: Number of the one that touches it, or -1: any.
+        place: The frame.
+        noise, bias: Of force and moment, shape (6,).
+    """
+
+    def __init__(self, body: int, other: int, place: Place, noise: Array, bias: Array) -> None:
+        super().__init__(noise, bias)
+        self._body, self._other, self._place = body, other, place
+
+    def measure(self, seen: Seen) -> Array:
+        """Force, then moment, shape (6,)."""
+        touching = seen.contacts
+        own = touching.bodies == self._body
+        if self._other >= 0:
+            own &= (touching.bodies == self._other)[:, ::-1]
+        sign = own[:, 0].astype(float) - own[:, 1]
+        forces = sign[:, None] * touching.forces
+        origin, rotation = self._place.pose(seen.model, seen.state)
+        moment = cross(touching.points - origin, forces).sum(axis=0)
+        return np.concatenate([forces.sum(axis=0) @ rotation, moment @ rotation])
+
+
+def _built(described: WrenchSensorDescription, scenery: Scenery) -> WrenchSensor:
+    number = scenery.body_names.index
+    return WrenchSensor(
+        number(described.body),
+        -1 if described.other is None else number(described.other),
+        scenery.places[described.on],
+        both(described.force_noise, described.moment_noise),
+        both(described.force_bias, described.moment_bias),
+    )
+
+
+WRENCH = SensorKind(WrenchSensorDescription, _built)

@@ -1,0 +1,1 @@
+"""From the description of a scene to the mechanical model."""

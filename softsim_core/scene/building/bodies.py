@@ -1,0 +1,483 @@
+"""Deformable bodies of a scene, compiled: cells by material, layers, fibres, rods."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import SceneError
+from softsim_core.base.names import known_names
+from softsim_core.physics.fem.elements import Element
+from softsim_core.physics.fem.elements.surface import TRI3, TRI6
+from softsim_core.physics.fem.group import ElementGroup, fibre_group, layer_group
+from softsim_core.physics.fem.mass import volume_shares
+from softsim_core.physics.fem.materials.section import SECTION
+from softsim_core.physics.fem.materials.strain import FIBRES, MEMBRANE
+from softsim_core.physics.fem.rods import CIRCLE, RodSections
+from softsim_core.physics.mesh import Embedding, SurfaceMesh, TetMesh
+from softsim_core.physics.mesh.embedding import place, rotation_matrix
+from softsim_core.physics.mesh.faces import boundary_faces
+from softsim_core.physics.mesh.rods import RodMesh, SweptMesh, along_curve, carried_axes, rod_mesh, swept_mesh
+from softsim_core.scene.deformable import BodyDescription, MaterialRegionDescription, nodes_in
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.rod import (
+    AxisDescription,
+    FibresDescription,
+    LayerDescription,
+    RodClampDescription,
+    RodDescription,
+    RodSectionDescription,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A body within the model: its nodes and elements are contiguous.
+
+    Attributes:
+        name: Name of the body.
+        nodes: Slice of the model's nodes.
+        mesh: Its tetrahedra, or the sections of a rod, with its own node numbers.
+        boundary: Boundary triangles with the model's node numbers, shape (k, 3).
+        surface: Visual surface at rest.
+        embedding: How the visual surface follows the body's nodes.
+        sections: How stiff the sections of a rod are; None: it is none.
+        unloaded: Where the nodes of its tetrahedra are without load in [m], shape (n, 3); None: as in `mesh`.
+        ends: Nodes of the ends of a slender body, with its own numbers; None: it has none.
+    """
+
+    name: str
+    nodes: slice
+    mesh: TetMesh | RodMesh
+    boundary: IndexArray
+    surface: SurfaceMesh
+    embedding: Embedding
+    sections: RodSections | None = None
+    unloaded: Array | None = None
+    ends: tuple[IndexArray, IndexArray] | None = None
+
+    @property
+    def cells(self) -> IndexArray:
+        """Nodes of its cells, with its own numbers, shape (m, a)."""
+        return self.mesh.cells if isinstance(self.mesh, RodMesh) else self.mesh.tets
+
+    @property
+    def outside(self) -> SurfaceMesh:
+        """What others touch at rest: the boundary of its tetrahedra, or the surface of a rod."""
+        if isinstance(self.mesh, RodMesh):
+            return self.surface
+        return SurfaceMesh(self.mesh.points, self.boundary - self.nodes.start, self.name)
+
+    @property
+    def solid(self) -> TetMesh:
+        """Tetrahedra that points are bound to: its cells, or those between the nodes of a rod."""
+        return self.mesh.solid if isinstance(self.mesh, RodMesh) else self.mesh
+
+    @property
+    def region_points(self) -> Array:
+        """Where each node is at rest for regions that choose nodes, in [m]: of a rod its section's centre."""
+        return self.mesh.region_points if isinstance(self.mesh, RodMesh) else self.mesh.points
+
+
+def material_parts(
+    description: BodyDescription, body: Body
+) -> Iterator[tuple[str, MaterialDescription, IndexArray]]:
+    """Owner in SceneDescription.materials, material and cells of the body, then of each of its regions.
+
+    Raises:
+        SceneError: a region has no cell, shares one with another region, or leaves none to the body.
+    """
+    owner = np.full(len(body.cells), -1)
+    for k, region in enumerate(description.regions):
+        inside = _cells_in(region, description, body)
+        if len(inside) == 0:
+            low, high = body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)
+            raise SceneError(
+                f"material region {region.name} of body {description.name}: no cell's middle lies inside it; "
+                f"move or enlarge it (the body spans {low} to {high} m)"
+            )
+        shared = owner[inside]
+        if (shared >= 0).any():
+            other = description.regions[int(shared.max())].name
+            raise SceneError(
+                f"body {description.name}: material regions {other} and {region.name} share "
+                f"{int((shared >= 0).sum())} cells; move or shrink one of them"
+            )
+        owner[inside] = k
+    if not (owner < 0).any():
+        raise SceneError(
+            f"body {description.name}: its material regions cover it whole; make one of them its `material`"
+        )
+    yield description.name, description.material, np.flatnonzero(owner < 0)
+    for k, region in enumerate(description.regions):
+        yield f"{description.name}.{region.name}", region.material, np.flatnonzero(owner == k)
+
+
+def _cells_in(region: MaterialRegionDescription, description: BodyDescription, body: Body) -> IndexArray:
+    if region.group is not None:
+        groups = body.mesh.cell_groups if isinstance(body.mesh, TetMesh) else {}
+        if region.group not in groups:
+            raise SceneError(
+                f"material region {region.name} of body {description.name}: its mesh has no group of volumes "
+                f"{region.group!r}; {known_names(region.group, groups, 'it has')}"
+            )
+        return np.asarray(groups[region.group])
+    shape = region.box or region.sphere
+    assert shape is not None  # checked by the description
+    return nodes_in(shape, body.mesh.points[body.cells[:, :4]].mean(axis=1))
+
+
+class _Parts:
+    """Groups of one element and one law each, gathered part by part."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, str], list[ElementGroup]] = {}
+
+    def add(self, group: ElementGroup) -> None:
+        self._found.setdefault((group.element.name, group.material.name), []).append(group)
+
+    def joined(self, first_number: int) -> tuple[ElementGroup, ...]:
+        """The groups, their cells numbered on from a number."""
+        groups = []
+        for parts in self._found.values():
+            count = sum(len(part.cells) for part in parts)
+            arrays = [
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("cells", "weights", "gradients", "body", "parameter_set")
+            ]
+            cells, weights, gradients, body, parameter_set = arrays
+            numbers = np.arange(first_number, first_number + count)
+            first_number += count
+            groups.append(
+                ElementGroup(
+                    parts[0].element, parts[0].material, cells, weights, gradients, body, numbers,
+                    parameter_set, fills=False,
+                )
+            )  # fmt: skip
+        return tuple(groups)
+
+
+def reinforcements(
+    scene: SceneDescription, bodies: Sequence[Body], filling: Sequence[ElementGroup], rest: Array
+) -> tuple[tuple[ElementGroup, ...], Array]:
+    """The groups of all layers and fibres, and the mass that layers give the nodes in [kg], shape (n,).
+
+    Args:
+        scene: Whose.
+        bodies: Its bodies.
+        filling: The groups that fill them.
+        rest: Rest positions of all nodes in [m], shape (n, 3).
+
+    Raises:
+        SceneError: one covers nothing.
+    """
+    parts, mass = _Parts(), np.zeros(len(rest))
+    owners = [owner for owner, _ in scene.materials]
+    for b, (body, description) in enumerate(zip(bodies, scene.bodies, strict=True)):
+        for each in description.reinforcements:
+            number = owners.index(f"{description.name}.{each.name}")
+            if isinstance(each, LayerDescription):
+                group = _layer(each, description, body, b, number, rest)
+                mass += each.density * volume_shares(group, len(rest))
+            else:
+                group = _fibres(each, description, b, number, filling, rest)
+            parts.add(group)
+    return parts.joined(sum(len(group.cells) for group in filling)), mass
+
+
+def _layer(
+    layer: LayerDescription, description: BodyDescription, body: Body, b: int, number: int, rest: Array
+) -> ElementGroup:
+    faces = boundary_faces(body.solid)
+    region = layer.box or layer.sphere
+    assert region is not None  # checked by the description
+    inside = np.isin(faces, nodes_in(region, body.solid.points)).all(axis=1)
+    faces = faces[inside] + body.nodes.start
+    if not len(faces):
+        low, high = body.solid.points.min(axis=0), body.solid.points.max(axis=0)
+        raise SceneError(
+            f"layer {layer.name} of body {description.name}: no face of the body lies inside its region; "
+            f"move or enlarge it (the body spans {low} to {high} m)"
+        )
+    one = np.ones(len(faces), dtype=np.int64)
+    element: Element = TRI6 if faces.shape[1] == 6 else TRI3
+    thickness = np.full(len(faces), layer.thickness)
+    return layer_group(element, MEMBRANE, rest, faces, thickness, b * one, 0 * one, number * one)
+
+
+def _fibres(
+    fibres: FibresDescription,
+    description: BodyDescription,
+    b: int,
+    number: int,
+    filling: Sequence[ElementGroup],
+    rest: Array,
+) -> ElementGroup:
+    group = next(each for each in filling if (each.body == b).any())
+    own = np.flatnonzero(group.body == b)
+    region = fibres.box or fibres.sphere
+    if region is not None:
+        own = own[nodes_in(region, rest[group.cells[own]].mean(axis=1))]
+    if fibres.radii is not None:
+        distance = _distance(fibres, rest[group.cells[own]].mean(axis=1))
+        own = own[(fibres.radii[0] <= distance) & (distance <= fibres.radii[1])]
+    if not len(own):
+        raise SceneError(
+            f"fibres {fibres.name} of body {description.name}: no cell of the body has its middle inside "
+            "their region or radii; move or enlarge them"
+        )
+    part = group.part(own)
+    axes = _axes(_directions(fibres, description.name, part, rest))
+    return fibre_group(part, FIBRES, rest, axes, np.full(len(own), number))
+
+
+def _directions(fibres: FibresDescription, body: str, group: ElementGroup, rest: Array) -> Array:
+    """Unit vectors along the fibres at the points of a group, shape (m, q, 3)."""
+    if fibres.direction is not None:
+        direction = np.array(fibres.direction, dtype=float)
+        return np.broadcast_to(direction / np.linalg.norm(direction), (*group.weights.shape, 3))
+    axis = fibres.around
+    assert isinstance(axis, AxisDescription)  # checked by the description
+    along = np.array(axis.direction, dtype=float)
+    along /= np.linalg.norm(along)
+    circle = np.cross(along, _places(group, rest) - np.array(axis.through))
+    radius = np.linalg.norm(circle, axis=-1, keepdims=True)
+    if not (radius > 1e-9).all():
+        raise SceneError(
+            f"fibres {fibres.name} of body {body}: their axis goes through a point of a cell, where they "
+            "have no direction; move it or give them a region around it"
+        )
+    angle = np.radians(fibres.angle_deg)
+    return np.asarray(np.cos(angle) * circle / radius + np.sin(angle) * along)
+
+
+def _distance(fibres: FibresDescription, points: Array) -> Array:
+    """Distance of points (m, 3) from the axis that fibres are wound around, in [m], shape (m,)."""
+    axis = fibres.around
+    assert axis is not None  # checked by the description
+    along = np.array(axis.direction) / np.linalg.norm(axis.direction)
+    return np.asarray(np.linalg.norm(np.cross(along, points - np.array(axis.through)), axis=1))
+
+
+def _places(group: ElementGroup, rest: Array) -> Array:
+    """Where the points of a group's cells lie in [m], shape (m, q, 3); cells are taken as straight."""
+    nodes = group.element.reference
+    from_nodes = np.linalg.pinv(np.column_stack([nodes, np.ones(len(nodes))]))
+    points = group.element.points
+    weights = np.column_stack([points, np.ones(len(points))]) @ from_nodes
+    return np.asarray(weights @ rest[group.cells])
+
+
+def _axes(directions: Array) -> Array:
+    """Rotations whose first column is a direction (..., 3), shape (..., 3, 3)."""
+    away = np.zeros_like(directions)
+    np.put_along_axis(away, np.abs(directions).argmin(axis=-1)[..., None], 1.0, axis=-1)
+    second = np.cross(directions, away)
+    second /= np.linalg.norm(second, axis=-1, keepdims=True)
+    return np.stack([directions, second, np.cross(directions, second)], axis=-1)
+
+
+SHEAR_SHARE = {"rectangle": 5.0 / 6.0, "ellipse": 0.9}
+"""Part of the area that carries shear."""
+
+ROUND = 12
+"""Corners of the outline of an ellipse, for surfaces."""
+
+CLAMP_SHARE = 1e-3
+"""Length of a compliant clamp over that of its rod."""
+
+STIFFER = 10.0
+"""How much stiffer the rigid parts of a clamp are than the rod of their length."""
+
+_GAUSS = 0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnRod:
+    """A rod compiled: where its sections begin, and how stiff they are."""
+
+    mesh: RodMesh
+    sections: RodSections
+
+
+def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> DrawnRod:
+    """Compile a rod.
+
+    Args:
+        rod: The rod.
+        name: Of its body, for messages.
+        values: Parameters of its material, which is of the law `rod`.
+
+    Raises:
+        MeshError: its centreline or first axis cannot be used.
+    """
+    moduli, holding = (each[0] for each in SECTION.scales(np.array([list(values.values())])))
+    centres, axes, length = _laid(rod, name)
+    at_points = (np.arange(rod.elements)[:, None] + _GAUSS) / rod.elements
+    at_sections = (np.arange(rod.elements)[:, None] + np.array([0.0, 0.5, 1.0])) / rod.elements
+    area, line = _stiffness(rod.section, at_points, moduli)
+    held, _ = _stiffness(rod.section, at_sections, moduli)
+    sections = RodSections(
+        lengths=np.full(rod.elements, length / rod.elements),
+        area=area,
+        line=line,
+        across=held[..., None, None] * np.eye(3),
+        curvature=np.broadcast_to(np.array(rod.curvature, dtype=float), (rod.elements, 3)),
+        straight=np.full(rod.elements, rod.natural == "straight"),
+        own=np.zeros(rod.elements, dtype=np.bool_),
+        reach=0.5 * _sizes(rod.section, at_points.mean(axis=1)),
+    )
+    along = np.linspace(0.0, 1.0, len(centres))
+    for clamp, end in ((rod.start_clamp, 0), (rod.end_clamp, -1)):
+        if clamp is None:
+            continue
+        reach = clamp.length or CLAMP_SHARE * length
+        sections = _with_clamp(sections, clamp, end, reach, moduli, holding)
+        tangent = axes[end][:, 0]
+        steps = np.array([1.0, 0.5]) * reach
+        if end == 0:
+            centres = np.concatenate([centres[0] - steps[:, None] * tangent, centres])
+            axes, along = np.concatenate([axes[:1], axes[:1], axes]), np.concatenate([[0.0, 0.0], along])
+        else:
+            centres = np.concatenate([centres, centres[-1] + steps[::-1, None] * tangent])
+            axes, along = np.concatenate([axes, axes[-1:], axes[-1:]]), np.concatenate([along, [1.0, 1.0]])
+    spread = _gyration(rod.section, along)[:, None] * CIRCLE
+    outlines = 0.5 * _sizes(rod.section, along)[:, None] * _OUTLINES[rod.section.shape]
+    return DrawnRod(rod_mesh(centres, axes, spread, outlines, name), sections)
+
+
+def draw_tetrahedra(rod: RodDescription, name: str, order: int) -> tuple[SweptMesh, Array]:
+    """Compile a rod that is tetrahedra of order 1 or 2: its mesh, and where its nodes are without load.
+
+    Args:
+        rod: The rod.
+        name: Of its body, for messages.
+        order: Of the tetrahedra.
+
+    Returns:
+        The mesh, and places in [m], shape (n, 3).
+
+    Raises:
+        MeshError: its centreline or first axis cannot be used.
+    """
+    centres, axes, length = _laid(rod, name)
+    sizes = _sizes(rod.section, np.linspace(0.0, 1.0, len(centres)))
+    swept = swept_mesh(centres, axes, sizes, length, rod.across, order, name)
+    return swept, swept.straight if rod.natural == "straight" else swept.mesh.points
+
+
+def _laid(rod: RodDescription, name: str) -> tuple[Array, Array, float]:
+    """Centres and axes of the sections of a rod as it is drawn, and its length without load in [m]."""
+    turn = rotation_matrix(rod.placement.rotation_deg)
+    ends = [
+        None if each is None else turn @ np.array(each, dtype=float)
+        for each in (rod.start_direction, rod.end_direction)
+    ]
+    points = place(np.array(rod.centreline, dtype=float), rod.placement)
+    centres, tangents, drawn = along_curve(points, 2 * rod.elements + 1, name, (ends[0], ends[1]))
+    axes = carried_axes(tangents, turn @ np.array(rod.first_axis, dtype=float), name)
+    return centres, axes, rod.length or drawn
+
+
+def _with_clamp(
+    sections: RodSections, clamp: RodClampDescription, end: int, length: float, moduli: Array, holding: Array
+) -> RodSections:
+    """With a further cell at an end, 0 or -1, for what gives way there; see fem.rods."""
+    gap, rigid = 0.5 * length, np.isinf(clamp.stiffness)
+    beside = STIFFER * np.diagonal(sections.line[end, end] * np.sqrt(np.multiply.outer(moduli, moduli)))
+    own = np.tile(np.diag(beside), (2, 1, 1))
+    given = np.diag(np.where(rigid, beside, clamp.stiffness * gap))
+    own[0, :3, :3], own[1, 3:, 3:] = given[:3, :3], given[3:, 3:]
+    own[1, :3, :3] += beside[3:5].max() / gap**2 * np.eye(3)  # t carries moments as forces over the gap
+    across = sections.across[end, end] * holding
+    cell = RodSections(
+        lengths=np.array([length]),
+        area=np.tile(sections.area[end, end], (1, 2)),
+        line=own[None],
+        across=np.tile(across, (1, 3, 1, 1)),
+        curvature=np.zeros((1, 3)),
+        straight=np.array([True]),
+        own=np.array([True]),
+        reach=sections.reach[[end]],
+    )
+    order = (cell, sections) if end == 0 else (sections, cell)
+    names = [each.name for each in fields(RodSections)]
+    return RodSections(**{name: np.concatenate([getattr(each, name) for each in order]) for name in names})
+
+
+def _sizes(section: RodSectionDescription, along: Array) -> Array:
+    """Full extent along both axes in [m] at parts of the length, shape (..., 2)."""
+    start, end = np.array(section.size), np.array(section.end_size or section.size)
+    return np.asarray(start + along[..., None] * (end - start))
+
+
+def _moments(section: RodSectionDescription, along: Array) -> tuple[Array, Array, Array]:
+    """Area in [m^2], shape (...), second moments in [m^4] along both axes, (..., 2), and twist's, (...)."""
+    outer = _sizes(section, along)
+    area, second, twist = _solid(section.shape, outer)
+    if section.wall is None:
+        return area, second, twist
+    inner = _solid(section.shape, outer - 2.0 * section.wall)
+    if section.shape == "ellipse":
+        return area - inner[0], second - inner[1], twist - inner[2]
+    middle = outer - section.wall  # closed thin-walled section, Bredt 1896
+    bredt = 2.0 * section.wall * middle.prod(axis=-1) ** 2 / middle.sum(axis=-1)
+    return area - inner[0], second - inner[1], bredt
+
+
+def _solid(shape: str, size: Array) -> tuple[Array, Array, Array]:
+    """See `_moments`; torsion as Saint-Venant 1855."""
+    first, second = size[..., 0], size[..., 1]
+    if shape == "ellipse":
+        area = 0.25 * math.pi * first * second
+        twist = math.pi / 16.0 * (first * second) ** 3 / (first**2 + second**2)
+        return area, area[..., None] * size**2 / 16.0, twist
+    area, narrow, wide = first * second, np.minimum(first, second), np.maximum(first, second)
+    odd = np.arange(1, 40, 2)
+    series = (np.tanh(0.5 * math.pi * odd * (wide / narrow)[..., None]) / odd**5).sum(axis=-1)
+    twist = wide * narrow**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * narrow / wide * series)
+    return area, area[..., None] * size**2 / 12.0, twist
+
+
+def _gyration(section: RodSectionDescription, along: Array) -> Array:
+    """Radii of gyration along both axes in [m], shape (..., 2)."""
+    area, second, _ = _moments(section, along)
+    return np.asarray(np.sqrt(second / area[..., None]))
+
+
+def _stiffness(section: RodSectionDescription, along: Array, moduli: Array) -> tuple[Array, Array]:
+    """Area in [m^2], shape (...), and stiffness over the moduli, shape (..., 6, 6); see RodSections."""
+    area, second, twist = _moments(section, along)
+    carrying = SHEAR_SHARE[section.shape] * area
+    line = np.zeros((*along.shape, 6, 6))
+    for k, each in enumerate((area, carrying, carrying, second[..., 0], second[..., 1], twist)):
+        line[..., k, k] = each
+    if section.stiffness is not None:
+        start = _moments(section, np.zeros(()))
+        taper = [area / start[0]] * 3 + [second[..., k] / start[1][k] for k in (0, 1)] + [twist / start[2]]
+        for k, (given, ratio) in enumerate(zip(section.stiffness, taper, strict=True)):
+            line[..., k, k] = given / moduli[k] * ratio
+    if section.layers:
+        shares = np.array([each.share for each in section.layers])
+        ratios = np.array([each.modulus_ratio for each in section.layers])
+        thick, wide = (_sizes(section, along)[..., k] for k in (0, 1))
+        edges = np.concatenate([[0.0], np.cumsum(shares)]) / shares.sum() - 0.5
+        for power, (k, m) in enumerate(((0, 0), (0, 3), (3, 3)), start=1):
+            part = (ratios * np.diff(edges**power)).sum() / power
+            line[..., k, m] = line[..., m, k] = part * wide * thick**power
+        mean = float((ratios * shares).sum())
+        for k in (1, 2, 4, 5):
+            line[..., k, k] *= mean
+    return area, line
+
+
+_RING = 2.0 * math.pi * np.arange(ROUND) / ROUND
+_OUTLINES = {
+    "rectangle": np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]),
+    "ellipse": np.column_stack([np.cos(_RING), np.sin(_RING)]),
+}

@@ -1,0 +1,544 @@
+"""From a scene description to the mechanical model, its actuators, its sensors and its surfaces."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import SceneError
+from softsim_core.base.names import known_names
+from softsim_core.base.values import MeshFile, Placement
+from softsim_core.physics.actuation.actuators import Actuators
+from softsim_core.physics.actuation.building import Placed, Surroundings
+from softsim_core.physics.actuation.registry import actuator_kinds
+from softsim_core.physics.contact.collision_model import CollisionModel
+from softsim_core.physics.contact.settings import ContactLimits
+from softsim_core.physics.dynamics.substeps import torn_by_rough_steps
+from softsim_core.physics.fem.cells import takes_found_stress
+from softsim_core.physics.fem.elements import element
+from softsim_core.physics.fem.group import ElementGroup, element_group, locking_warning
+from softsim_core.physics.fem.mass import MassCoupling, mass_coupling, volume_shares
+from softsim_core.physics.fem.materials.relaxing import Relaxing
+from softsim_core.physics.fem.materials.section import SECTION
+from softsim_core.physics.fem.prony import memory_shape
+from softsim_core.physics.fem.rods import joined, rod_group
+from softsim_core.physics.mechanics.carrier import Carrier
+from softsim_core.physics.mechanics.control import Parameters
+from softsim_core.physics.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
+from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.physics.mechanics.state import (
+    ACCELERATION,
+    COMMANDED,
+    EFFORT_CHANGE,
+    HOLDING,
+    KEPT,
+    MOVED,
+    REDUCED_ACCELERATION,
+    held_name,
+    memory_name,
+)
+from softsim_core.physics.mesh import (
+    SurfaceMesh,
+    TetMesh,
+    boundary,
+    check_tets,
+    drop_unused_nodes,
+    embed,
+    linear,
+    quadratic,
+    read_surface,
+    read_tets,
+)
+from softsim_core.physics.mesh.rods import RodMesh, node_triangles, rod_surface
+from softsim_core.physics.sensing.description import Scenery
+from softsim_core.physics.sensing.registry import sensor_kind
+from softsim_core.physics.sensing.sensor import Place
+from softsim_core.physics.sensing.sensors import Sensors
+from softsim_core.scene.building.bodies import Body, draw_rod, draw_tetrahedra, material_parts, reinforcements
+from softsim_core.scene.building.contact_builder import RigidBody, contact_limits, rigid_bodies, rigid_objects
+from softsim_core.scene.building.plausibility import implausible
+from softsim_core.scene.deformable import (
+    AddedMassDescription,
+    AttachmentDescription,
+    BodyDescription,
+    nodes_in,
+)
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
+
+
+def surroundings(model: Model, bodies: tuple[Body, ...]) -> Surroundings:
+    """What actuators and sensors are built into."""
+    return Surroundings(
+        model, {body.name: body.solid for body in bodies}, {body.name: body.nodes.start for body in bodies}
+    )
+
+
+def actuators(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -> Actuators:
+    """All actuators that joints of a scene have; kinds in the order of the registry.
+
+    Raises:
+        SceneError: an actuator does not fit its surroundings.
+        ConfigError: a file that an actuator names cannot be read.
+    """
+    around = surroundings(model, bodies)
+    groups = []
+    for kind in actuator_kinds().values():
+        placed = [
+            Placed(joint.name, j, joint.actuator)
+            for j, joint in enumerate(scene.joints)
+            if joint.actuator is not None and joint.kind == kind.name
+        ]
+        if placed:
+            groups.append(kind.build(placed, around))
+    return Actuators(groups)
+
+
+ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
+"""Element of bodies that name none, by the nodes of a cell of their mesh."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BuiltScene:
+    """A scene ready to run: model, tunable parameters at their first values, and what is in it."""
+
+    model: Model
+    parameters: Parameters
+    bodies: tuple[Body, ...]
+    rigid: tuple[RigidBody, ...]
+    actuators: Actuators
+    contact: ContactLimits
+
+
+def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]] = ()) -> BuiltScene:
+    """Compile a scene.
+
+    Args:
+        scene: What to compile.
+        shaped: See `rest_bodies`.
+
+    Raises:
+        SceneError: names or regions do not fit together.
+        MeshError: a mesh cannot be used.
+    """
+    bodies = rest_bodies(scene, shaped)
+    rest = np.concatenate([body.mesh.points for body in bodies]) if bodies else np.zeros((0, 3))
+    joints = tuple(_joint(joint, scene.joint_names) for joint in scene.joints)
+    region_of_node, spring, moving = _assign_nodes(scene, bodies, joints, rest)
+    frames = _frames(moving, region_of_node, rest)
+    frame_rest = (
+        np.array([frame.translation for frame in frames.values()], dtype=float).reshape(-1, 3),
+        np.array([_rotation(frame.rotation_deg) for frame in frames.values()]).reshape(-1, 3, 3),
+    )
+    filling = _groups(scene, bodies)
+    rigid = rigid_objects(scene)
+    for message in implausible(scene, bodies, filling, rigid):
+        warnings.warn(message, stacklevel=3)
+    reinforcing, mass_of_layers = reinforcements(scene, bodies, filling, rest)
+    groups = (*filling, *reinforcing)
+    model = Model(
+        rest=rest,
+        groups=groups,
+        mass=_masses(scene, bodies, filling) + mass_of_layers,
+        spring=spring,
+        gravity=np.array(scene.gravity, dtype=float),
+        dt=scene.dt,
+        region_of_node=region_of_node,
+        regions=_regions(moving, scene, joints, frame_rest, region_of_node, rest),
+        frame_names=tuple(frames),
+        frame_rest=frame_rest,
+        joints=joints,
+        rigid=rigid_bodies(scene),
+        coupling=_coupling(scene, bodies, filling),
+    )
+    acting = actuators(scene, model, bodies)
+    model = replace(model, extra_state=_extra_state(scene, model, acting))
+    parameters = Parameters(
+        materials=[dict(values) for _, values in scene.materials],
+        rayleigh_stiffness=scene.solver.rayleigh_stiffness,
+        rayleigh_mass=scene.solver.rayleigh_mass,
+    )
+    return BuiltScene(model, parameters, bodies, rigid, acting, contact_limits(scene, bodies, rigid))
+
+
+def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> dict[str, tuple[int, ...]]:
+    """Shapes of what the scene's elements, actuators and its step keep beside places and velocities."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    if any(map(takes_found_stress, model.groups)):
+        shapes[MOVED] = model.rest.shape
+    if scene.solver.time_integration == "bossak":
+        shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,), HOLDING: (1,)}
+    if model.joints and scene.solver.substeps > 1 and torn_by_rough_steps(model.groups):
+        shapes |= {COMMANDED: (len(model.joints),), EFFORT_CHANGE: (len(model.joints),)}
+    if acting.keeps:
+        shapes[KEPT] = (acting.keeps,)
+    for k, group in enumerate(model.groups):
+        if isinstance(group.material, Relaxing):
+            shapes[memory_name(k)] = memory_shape(group)
+            shapes[held_name(k)] = (*group.weights.shape, 3, 3)
+    return shapes
+
+
+def with_rest_frames(scene: SceneDescription) -> SceneDescription:
+    """Return the same scene with the frame of every free attachment given.
+
+    The bodies are read or drawn only where an attachment leaves its frame out.
+
+    Raises:
+        SceneError, MeshError: see `build`.
+    """
+    if all(each.to != "free" or each.frame is not None for each in scene.attachments):
+        return scene
+    bodies = rest_bodies(scene)
+    rest = np.concatenate([body.mesh.points for body in bodies])
+    joints = tuple(_joint(joint, scene.joint_names) for joint in scene.joints)
+    region_of_node, _, moving = _assign_nodes(scene, bodies, joints, rest)
+    frames = _frames(moving, region_of_node, rest)
+    attachments = [replace(each, frame=frames.get(each.name, each.frame)) for each in scene.attachments]
+    return replace(scene, attachments=tuple(attachments))
+
+
+def _frames(
+    moving: Sequence[AttachmentDescription], region_of_node: IndexArray, rest: Array
+) -> dict[str, Placement]:
+    """Place every free frame at rest, by name: as described, else in the mean of its nodes."""
+    frames = {}
+    for number, attachment in enumerate(moving):
+        if attachment.to == "free":
+            x, y, z = rest[region_of_node == number].mean(axis=0).tolist()
+            frames[attachment.name] = attachment.frame or Placement(translation=(x, y, z))
+    return frames
+
+
+def rest_bodies(
+    scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]] = ()
+) -> tuple[Body, ...]:
+    """The deformable bodies at rest, with their nodes numbered one body after the other.
+
+    Args:
+        scene: What they are described in.
+        shaped: Bodies of another scene, used again where the same mesh begins at the same node.
+
+    Raises:
+        MeshError: a mesh cannot be used.
+    """
+    bodies, start = list[Body](), 0
+    for description in scene.bodies:
+        body = next(
+            (each for other, each in shaped if each.nodes.start == start and _same_mesh(other, description)),
+            None,
+        )
+        if body is None:
+            body = _rod(description, start) if description.is_rod else _tetrahedra(description, start)
+        bodies.append(body)
+        start = body.nodes.stop
+    return tuple(bodies)
+
+
+def _same_mesh(one: BodyDescription, other: BodyDescription) -> bool:
+    """Whether two bodies have one name and one mesh from files; those of arrays and rods are not compared."""
+    if not (isinstance(one.mesh, MeshFile) and isinstance(other.mesh, MeshFile)):
+        return False
+    return (one.name, one.mesh, one.surface, one.order) == (
+        other.name,
+        other.mesh,
+        other.surface,
+        other.order,
+    )
+
+
+def _rod(description: BodyDescription, start: int) -> Body:
+    """A body of cross-sections, whose nodes begin at `start`."""
+    assert description.rod is not None  # checked by the description
+    drawn = draw_rod(description.rod, f"rod {description.name}", description.material.values)
+    surface, embedding = rod_surface(drawn.mesh)
+    nodes = slice(start, start + len(drawn.mesh.points))
+    outside = node_triangles(drawn.mesh) + start
+    ends = drawn.mesh.end_nodes(True), drawn.mesh.end_nodes(False)
+    return Body(description.name, nodes, drawn.mesh, outside, surface, embedding, drawn.sections, None, ends)
+
+
+def _tetrahedra(description: BodyDescription, start: int) -> Body:
+    """A body of tetrahedra, whose nodes begin at `start`."""
+    mesh, unloaded, ends = description.mesh, None, None
+    if description.rod is not None:
+        order = 1 if len(element(description.element or "").reference) == 4 else 2
+        swept, unloaded = draw_tetrahedra(description.rod, f"rod {description.name}", order)
+        mesh, ends = swept.mesh, swept.ends
+    assert mesh is not None  # checked by the description
+    if not isinstance(mesh, TetMesh):
+        mesh = read_tets(mesh.file, mesh.placement)
+    else:
+        mesh = drop_unused_nodes(mesh)
+    if description.order is not None:
+        mesh = linear(mesh) if description.order == 1 else quadratic(mesh)
+    for sentence in check_tets(mesh).warnings:
+        warnings.warn(f"body {description.name}: {sentence}", stacklevel=5)
+    triangles = boundary(mesh)
+    if description.surface is None:
+        used, numbered = np.unique(triangles, return_inverse=True)
+        surface = SurfaceMesh(mesh.points[used], numbered.reshape(-1, 3).astype(np.int64), mesh.name)
+    else:
+        surface = read_surface(description.surface.file, description.surface.placement)
+    nodes = slice(start, start + len(mesh.points))
+    embedding = embed(surface.points, mesh)
+    return Body(description.name, nodes, mesh, triangles + start, surface, embedding, None, unloaded, ends)
+
+
+def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[ElementGroup, ...]) -> Array:
+    """Masses of all nodes in [kg], shape (n,)."""
+    count = bodies[-1].nodes.stop if bodies else 0
+    shares = sum((volume_shares(group, count) for group in groups), np.zeros(count))
+    mass = np.zeros(count)
+    for body, description in zip(bodies, scene.bodies, strict=True):
+        own = shares[body.nodes]
+        total = description.total_mass
+        if total is None:
+            assert description.density is not None  # checked by the description
+            total = description.density * float(own.sum())
+        if description.mass_distribution == "equal":
+            mass[body.nodes] = total / len(own)
+        else:
+            mass[body.nodes] = total / own.sum() * own
+        for added in description.added_masses:
+            nodes = chosen_nodes(body, added, body.region_points)
+            if len(nodes) == 0:
+                raise SceneError(
+                    f"body {body.name}: no node of it lies inside the region of an added mass; move or "
+                    f"enlarge it (the body spans {body.mesh.points.min(0)} to {body.mesh.points.max(0)} m)"
+                )
+            mass[nodes] += added.mass / len(nodes)
+    return mass
+
+
+def _coupling(
+    scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[ElementGroup, ...]
+) -> MassCoupling | None:
+    """What bodies of consistent mass have beyond lumped mass; None: there are none."""
+    consistent = [each.mass_distribution == "consistent" for each in scene.bodies]
+    if not any(consistent):
+        return None
+    volumes = np.zeros(len(bodies))
+    for group in groups:
+        volumes += np.bincount(group.body, group.volumes, minlength=len(bodies))
+    density = np.array(
+        [
+            each.density if each.density is not None else (each.total_mass or 0.0) / volume
+            for each, volume in zip(scene.bodies, volumes.tolist(), strict=True)
+        ]
+    )
+    chosen = [group.part(np.flatnonzero(np.array(consistent)[group.body])) for group in groups]
+    chosen = [group for group in chosen if len(group.cells)]
+    for group in chosen:
+        if group.element.mass_matrix is None:
+            raise SceneError(
+                f"body {bodies[group.body[0]].name}: element {group.element.name} tells no mass_matrix, "
+                "which mass_distribution consistent needs; set it to volume"
+            )
+    return mass_coupling(chosen, [density[group.body] for group in chosen], bodies[-1].nodes.stop)
+
+
+def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementGroup, ...]:
+    """The cells of all bodies, one group for each pair of element and law that occurs."""
+    unloaded = [body.mesh.points if body.unloaded is None else body.unloaded for body in bodies]
+    points = np.concatenate([np.zeros((0, 3)), *unloaded])
+    ends = np.cumsum([len(body.cells) for body in bodies])
+    owners = [owner for owner, _ in scene.materials]
+    laws = scene.laws
+    members: dict[tuple[str, str], list[tuple[int, int, IndexArray]]] = {}
+    for b, description in enumerate(scene.bodies):
+        if description.is_rod:
+            continue
+        nodes = bodies[b].cells.shape[1]
+        cell = element(description.element or ELEMENT_OF_NODES[nodes])
+        if len(cell.reference) != nodes:
+            raise SceneError(
+                f"body {description.name}: the element {cell.name} has {len(cell.reference)} nodes, and the "
+                f"cells of its mesh have {nodes}; choose another element or mesh"
+            )
+        for owner, made_of, inside in material_parts(description, bodies[b]):
+            for sentence in (locking_warning(cell, made_of.values), made_of.warning):
+                if sentence:
+                    warnings.warn(f"body {owner}: {sentence}", stacklevel=4)
+            number = owners.index(owner)
+            members.setdefault((cell.name, laws[number].name), []).append((b, number, inside))
+    groups = []
+    for (cell_name, _), parts in members.items():
+        cells = [bodies[b].cells[inside] + bodies[b].nodes.start for b, _, inside in parts]
+        numbers = [ends[b] - len(bodies[b].cells) + inside for b, _, inside in parts]
+        counts = [len(inside) for *_, inside in parts]
+        group = element_group(
+            element(cell_name),
+            laws[parts[0][1]],
+            points,
+            np.concatenate(cells),
+            np.repeat([b for b, *_ in parts], counts),
+            np.concatenate(numbers),
+        )
+        sets = np.repeat([number for _, number, _ in parts], counts)
+        groups.append(replace(group, parameter_set=sets))
+    rods = []
+    for b, each in enumerate(bodies):
+        if isinstance(each.mesh, RodMesh):
+            assert each.sections is not None  # as all rods have
+            first = int(ends[b]) - len(each.cells)
+            rods.append(rod_group(each.mesh, each.sections, SECTION, each.nodes.start, b, first))
+    return (*groups, joined(rods)) if rods else tuple(groups)
+
+
+def _rotation(rotation_deg: tuple[float, float, float]) -> Array:
+    return rotation_euler(np.radians(rotation_deg))
+
+
+def _joint(joint: JointDescription, names: tuple[str, ...]) -> Joint:
+    return Joint(
+        name=joint.name,
+        revolute=joint.kind == "revolute",
+        base_position=np.array(joint.base.translation, dtype=float),
+        base_rotation=_rotation(joint.base.rotation_deg),
+        axis=np.array(joint.axis, dtype=float),
+        slide_axis=np.array(joint.slide_axis, dtype=float),
+        limits=joint.limits,
+        rest=joint.rest,
+        stiffness=joint.stiffness,
+        inertia=joint.inertia,
+        parent=-1 if joint.parent is None else names.index(joint.parent),
+        moves_frame=joint.moves_frame,
+    )
+
+
+def _assign_nodes(
+    scene: SceneDescription, bodies: tuple[Body, ...], joints: tuple[Joint, ...], rest: Array
+) -> tuple[IndexArray, Array, list[AttachmentDescription]]:
+    """RigidRegion number and fixing spring of each node, and the attachments that move, in region order."""
+    region_of_node = np.full(len(rest), FREE, dtype=np.int64)
+    spring = np.zeros(len(rest))
+    owner: dict[int, str] = {}
+    moving: list[AttachmentDescription] = []
+    for attachment in scene.attachments:
+        body = next(body for body in bodies if body.name == attachment.body)
+        points = body.region_points
+        if attachment.relative_to is not None:
+            base = joints[scene.joint_names.index(attachment.relative_to)]
+            points = (points - base.base_position) @ base.base_rotation
+        nodes = chosen_nodes(body, attachment, points)
+        if len(nodes) == 0:
+            raise SceneError(
+                f"attachment {attachment.name}: no node of body {body.name} lies inside its region; "
+                f"move or enlarge it (the body spans {points.min(0)} to {points.max(0)} m there)"
+            )
+        if attachment.stiffness is not None:
+            spring[nodes] += attachment.stiffness
+            continue
+        taken = [node for node in nodes.tolist() if node in owner]
+        if taken:
+            raise SceneError(
+                f"attachments {owner[taken[0]]} and {attachment.name} share {len(taken)} nodes; "
+                "move or shrink one of their regions"
+            )
+        owner.update(dict.fromkeys(nodes.tolist(), attachment.name))
+        if attachment.to == "world":
+            region_of_node[nodes] = FIXED
+        else:
+            region_of_node[nodes] = len(moving)
+            moving.append(attachment)
+    return region_of_node, spring, moving
+
+
+def chosen_nodes(
+    body: Body, chosen: AttachmentDescription | AddedMassDescription, points: Array
+) -> IndexArray:
+    """Nodes in a region of a body whose nodes are at `points` (n, 3) for it, at an end, or in a group."""
+    if chosen.end is not None:
+        assert body.ends is not None  # checked by the description
+        return np.asarray(body.nodes.start + body.ends[chosen.end == "end"])
+    if chosen.group is not None:
+        groups = body.mesh.groups if isinstance(body.mesh, TetMesh) else {}
+        if chosen.group not in groups:
+            known = known_names(chosen.group, groups, "its groups are")
+            raise SceneError(f"body {body.name}: its mesh has no group {chosen.group!r}; {known}")
+        return np.asarray(groups[chosen.group] + body.nodes.start)
+    region = chosen.box or chosen.sphere
+    assert region is not None  # checked by the description
+    return np.asarray(nodes_in(region, points) + body.nodes.start)
+
+
+def _regions(
+    moving: list[AttachmentDescription],
+    scene: SceneDescription,
+    joints: tuple[Joint, ...],
+    frame_rest: tuple[Array, Array],
+    region_of_node: IndexArray,
+    rest: Array,
+) -> tuple[RigidRegion, ...]:
+    frames = [attachment.name for attachment in moving if attachment.to == "free"]
+    regions = []
+    for number, attachment in enumerate(moving):
+        nodes = np.flatnonzero(region_of_node == number)
+        frame = attachment.name if attachment.to == "free" else attachment.to
+        if frame in frames:
+            f, j = frames.index(frame), -1
+            origin, rotation = frame_rest[0][f], frame_rest[1][f]
+            reduced = 6 * f + np.arange(6)
+            if (
+                attachment.to == "free"
+                and np.linalg.matrix_rank(rest[nodes] - rest[nodes].mean(axis=0), tol=1e-9) < 2
+            ):
+                raise SceneError(
+                    f"attachment {attachment.name}: the {len(nodes)} nodes of a free frame lie on one line, "
+                    "so its rotation is not determined; enlarge its region"
+                )
+        else:
+            f, j = -1, scene.joint_names.index(attachment.to)
+            origin, rotation = joints[j].frame(joints[j].rest, joints[j].base_position, 0.0)
+            chain = [j]
+            while joints[chain[0]].parent >= 0:
+                chain.insert(0, joints[chain[0]].parent)
+            reduced = 6 * len(frames) + np.array(chain)
+        regions.append(RigidRegion(attachment.name, f, j, nodes, (rest[nodes] - origin) @ rotation, reduced))
+    return tuple(regions)
+
+
+def sensors(scene: SceneDescription, built: BuiltScene, collisions: CollisionModel | None) -> Sensors:
+    """All sensors of a scene; none has told anything yet.
+
+    Raises:
+        SceneError: one does not fit the scene.
+    """
+    if not scene.sensors:
+        return Sensors((), scene.dt)
+    model, rest = built.model, built.model.rest_state()
+    built.actuators.measure(model, rest)
+    scenery = Scenery(
+        soft=surroundings(model, built.bodies),
+        body_names=scene.body_names,
+        places=_places(scene, built),
+        surfaces=() if collisions is None else collisions.surfaces,
+        points=np.zeros((0, 3)) if collisions is None else collisions.points(rest),
+        actuators={view.name: view for view in built.actuators.views(model, rest)},
+    )
+    found = [(each, sensor_kind(each.kind).build(each, scenery)) for each in scene.sensors]
+    return Sensors(found, scene.dt)
+
+
+def _places(scene: SceneDescription, built: BuiltScene) -> dict[str, Place]:
+    """What moves rigidly, by name; of equal names an attachment comes before a joint, that before a body."""
+    frames = {name: Carrier(frame=f) for f, name in enumerate(built.model.frame_names)}
+    horns = {joint.name: Carrier(joint=j) for j, joint in enumerate(scene.joints) if joint.moves_frame}
+    bases = {
+        f"{joint.name}_base": Carrier(base=j) for j, joint in enumerate(scene.joints) if joint.moves_frame
+    }
+    carriers = {"world": Carrier(), **bases, **horns, **frames}
+    places = {body.name: _of_body(body, carriers) for body in built.rigid}
+    places |= {name: Place(carrier) for name, carrier in carriers.items()}
+    return places | {each.name: Place(carriers[each.to]) for each in scene.attachments if each.to != "free"}
+
+
+def _of_body(body: RigidBody, carriers: dict[str, Carrier]) -> Place:
+    if body.free >= 0:
+        return Place(Carrier(rigid=body.free))
+    return Place(carriers[body.on], body.position, body.rotation)

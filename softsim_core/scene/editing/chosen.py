@@ -1,0 +1,180 @@
+"""Which nodes the parts of a proposed scene choose: what a person sees at once while a region is moved."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import SceneError, SoftSimError, listing
+from softsim_core.physics.actuation.chamber.chamber import closed_hollow
+from softsim_core.physics.actuation.chamber.description import ChamberDescription
+from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.scene.building.bodies import Body
+from softsim_core.scene.building.builder import chosen_nodes, rest_bodies
+from softsim_core.scene.building.contact_builder import triangles_in
+from softsim_core.scene.deformable import AttachmentDescription, BodyDescription, nodes_in
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.joint import JointDescription
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chosen:
+    """The nodes that a part chooses.
+
+    Attributes:
+        part: Which part, as in `regions_of` without a number: "attachments/base", "joints/air".
+        body: Name of the body.
+        nodes: Their numbers within the body, ascending, shape (k,).
+        points: Where they are at rest in [m], shape (k, 3).
+        problem: Why the scene cannot run so; "": it can, as far as this part is concerned.
+    """
+
+    part: str
+    body: str
+    nodes: IndexArray
+    points: Array
+    problem: str = ""
+
+
+class RestShapes:
+    """Bodies of proposed scenes at rest; a body is made anew only where its shape has changed."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, tuple[tuple[Any, ...], Body]] = {}
+
+    def take(self, description: BodyDescription, body: Body) -> None:
+        """Know a body that has been made already."""
+        start = body.nodes.start
+        nodes = slice(0, body.nodes.stop - start)
+        own = replace(body, nodes=nodes, boundary=body.boundary - start)
+        self._made[description.name] = (_shape(description), own)
+
+    def body(self, description: BodyDescription) -> Body:
+        """A body, with its nodes numbered from 0.
+
+        Raises:
+            MeshError: its mesh cannot be used.
+        """
+        shape = _shape(description)
+        known = self._made.get(description.name)
+        if known is None or known[0] != shape:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                (body,) = rest_bodies(SceneDescription(name="rest", bodies=(description,)))
+            known = self._made[description.name] = (shape, body)
+        return known[1]
+
+
+def chosen_by(scene: SceneDescription, shapes: RestShapes) -> list[Chosen]:
+    """What every attachment, added mass, collision surface and chamber of a scene chooses.
+
+    Raises:
+        MeshError: a mesh cannot be used.
+    """
+    bodies = {each.name: each for each in scene.bodies}
+    found = list(_of_attachments(scene, bodies, shapes))
+    for description in scene.bodies:
+        body = shapes.body(description)
+        for number, added in enumerate(description.added_masses):
+            part = f"bodies/{body.name}/added_masses#{number}"
+            found.append(_chosen(part, body, partial(chosen_nodes, body, added, body.region_points)))
+    for collision in scene.collisions:
+        if collision.body in bodies and collision.surface is None:
+            body = shapes.body(bodies[collision.body])
+            find = partial(_touching, body, collision.boxes, collision.faces)
+            found.append(_chosen(f"collisions/{collision.name}", body, find))
+    for joint in scene.joints:
+        if isinstance(joint.actuator, ChamberDescription):
+            body = shapes.body(bodies[joint.actuator.body])
+            found.append(_chosen(f"joints/{joint.name}", body, partial(_hollow, body, joint)))
+    return found
+
+
+def _of_attachments(
+    scene: SceneDescription, bodies: dict[str, BodyDescription], shapes: RestShapes
+) -> Iterator[Chosen]:
+    owners: dict[tuple[str, int], str] = {}
+    for attachment in scene.attachments:
+        body = shapes.body(bodies[attachment.body])
+        points = _seen_by(scene, attachment, body.region_points)
+        find = partial(chosen_nodes, body, attachment, points)
+        chosen = _chosen(f"attachments/{attachment.name}", body, find)
+        if attachment.stiffness is None and not chosen.problem:
+            keys = [(body.name, node) for node in chosen.nodes.tolist()]
+            shared = [owners[key] for key in keys if key in owners]
+            owners |= dict.fromkeys(keys, attachment.name)
+            if shared:
+                sentence = f"shares {len(shared)} nodes with {shared[0]}; move or shrink one of them"
+                chosen = replace(chosen, problem=sentence)
+            elif attachment.to == "free" and _on_a_line(chosen.points):
+                chosen = replace(chosen, problem="its nodes lie on one line; enlarge it")
+        yield chosen
+
+
+def _seen_by(scene: SceneDescription, attachment: AttachmentDescription, points: Array) -> Array:
+    """Points (n, 3) in the frame in which an attachment's region is given."""
+    for joint in scene.joints:
+        if joint.name == attachment.relative_to:
+            turn = rotation_euler(np.radians(joint.base.rotation_deg))
+            return np.asarray((points - np.array(joint.base.translation)) @ turn)
+    return points
+
+
+def _chosen(part: str, body: Body, find: Callable[[], Any]) -> Chosen:
+    try:
+        nodes, problem = np.asarray(find(), dtype=np.int64), ""
+    except SoftSimError as error:
+        nodes, problem = np.zeros(0, np.int64), str(error)
+    if not problem and not len(nodes):
+        problem = "chooses no node; move or enlarge it"
+    return Chosen(part, body.name, nodes, body.mesh.points[nodes], problem)
+
+
+def _touching(body: Body, boxes: Any, faces: str | None) -> IndexArray:
+    """Corners of triangles of a body's boundary: in one of some boxes, of a group of faces, or all."""
+    triangles, points = triangles_in(faces, body), body.mesh.points
+    if not boxes:
+        return np.unique(triangles)
+    keep = np.zeros(len(triangles), dtype=bool)
+    for box in boxes:
+        inside = np.zeros(len(points), dtype=bool)
+        inside[nodes_in(box, points)] = True
+        keep |= inside[triangles].all(axis=1)
+    return np.unique(triangles[keep])
+
+
+def _hollow(body: Body, joint: JointDescription) -> IndexArray:
+    """Nodes around a chamber."""
+    described, mesh = joint.actuator, body.mesh
+    assert isinstance(described, ChamberDescription)
+    if not isinstance(mesh, TetMesh):
+        raise SceneError(f"body {body.name} is a rod, which has no hollow")
+    if described.surface is None:
+        return np.unique(closed_hollow(joint.name, described, mesh))
+    if described.surface not in mesh.surfaces:
+        raise SceneError(f"its mesh has no surface {described.surface!r}; it has {listing(mesh.surfaces)}")
+    return np.unique(mesh.surfaces[described.surface])
+
+
+def _on_a_line(points: Array) -> bool:
+    return bool(np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-9) < 2)
+
+
+def _shape(description: BodyDescription) -> tuple[Any, ...]:
+    """All that the nodes of a body depend on."""
+    material = description.material.values if description.rod is not None else None
+    return (
+        description.mesh,
+        description.rod,
+        description.order,
+        description.element,
+        description.surface,
+        material,
+    )

@@ -1,0 +1,200 @@
+"""Single edits of a scene's file: a value put somewhere, or a key or an item taken out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Protocol, TypeAlias
+
+from softsim_core.base.errors import ConfigError, listing
+from softsim_core.scene.io.catalog import shortened
+from softsim_core.scene.io.yaml_loader import Item, Steps
+from softsim_core.scene.io.yaml_source import KeyPath, key_path
+
+EDITED_KEYS: Final = (
+    "dt",
+    "gravity",
+    "solver",
+    "bodies",
+    "joints",
+    "attachments",
+    "rigid_bodies",
+    "collisions",
+    "contact",
+    "effector",
+    "sensors",
+    "poses",
+    "keys",
+)
+"""Keys at the top of a scene's file that edits may change; name, board and the like are the file's own."""
+
+MOST_STEPS: Final = 12
+MOST_DEPTH: Final = 8
+"""Values are nested no deeper."""
+
+
+@dataclass(frozen=True, slots=True)
+class Put:
+    """A value put in the place of another one, or where there is none; see `carried_out`.
+
+    Attributes:
+        steps: From the scene to the value; an `Item` that a list does not have is added at its end.
+        value: Plain data as a file holds them.
+    """
+
+    steps: Steps
+    value: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Remove:
+    """A key of a mapping, or an item of a list, taken out.
+
+    Attributes:
+        steps: From the scene to it.
+    """
+
+    steps: Steps
+
+
+Edit: TypeAlias = "Put | Remove"
+
+
+class Maker(Protocol):
+    """What makes parts of a tree."""
+
+    def made(self, value: Any) -> Any:
+        """Plain data as a part of the tree."""
+
+    def own(self, at: Any, key: Any) -> Any:
+        """What a mapping or list holds under a key, and nothing else does: no alias shares it."""
+
+
+def carried_out(tree: Any, edit: Edit, maker: Maker) -> None:
+    """Change a file's data, in place.
+
+    What stays keeps its own objects, and with them its comments: mappings are changed key by key and lists
+    item by item, not replaced.
+
+    Args:
+        tree: Mapping of the file, plain or of a reader that keeps comments.
+        edit: What to change.
+        maker: Makes what goes into the tree.
+
+    Raises:
+        ConfigError: the steps lead through something else, or to nothing that could be taken out.
+    """
+    steps = edit.steps
+    _check_steps(steps)
+    if isinstance(edit, Put):
+        _check_value(edit.value, _written(steps), MOST_DEPTH)
+    at = tree
+    for number, step in enumerate(steps[:-1]):
+        at = _below(at, step, steps[number + 1], _written(steps[: number + 1]), maker)
+    last, where = steps[-1], _written(steps)
+    if isinstance(edit, Put):
+        _put(at, last, edit.value, where, maker)
+    else:
+        _remove(at, last, where)
+
+
+def _check_steps(steps: Steps) -> None:
+    if not 0 < len(steps) <= MOST_STEPS or steps[0] not in EDITED_KEYS:
+        raise ConfigError(
+            "edit", _written(steps), f"is nothing that edits change; they change {listing(EDITED_KEYS)}"
+        )
+
+
+def _check_value(value: Any, where: str, depth: int) -> None:
+    """Refuse what no file holds, and numbers that are none."""
+    if depth > 0 and isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        for key, each in value.items():
+            _check_value(each, f"{where}.{key}", depth - 1)
+    elif depth > 0 and isinstance(value, list | tuple):
+        for number, each in enumerate(value):
+            _check_value(each, f"{where}[{number}]", depth - 1)
+    elif not (value is None or isinstance(value, str | bool | int | float)) or value != value:  # not a number
+        raise ConfigError(
+            "edit", where, "is no value that a file can hold; give text, numbers, lists or mappings"
+        )
+
+
+def _below(at: Any, step: str | Item, following: str | Item, where: str, maker: Maker) -> Any:
+    """What lies a step further; made where there is nothing yet."""
+    if isinstance(step, Item):
+        index = index_of(at, step.name, where)
+        if index is None:
+            at.append(maker.made({"name": step.name}))
+            index = len(at) - 1
+        return maker.own(at, index)
+    _need_mapping(at, where)
+    if at.get(step) is None:
+        at[step] = [] if isinstance(following, Item) else {}
+    return maker.own(at, step)
+
+
+def _put(at: Any, last: str | Item, value: Any, where: str, maker: Maker) -> None:
+    if isinstance(last, Item):
+        index = index_of(at, last.name, where)
+        if index is None:
+            at.append(maker.made(value))
+        else:
+            at[index] = laid(maker.own(at, index), value, maker)
+        return
+    _need_mapping(at, where)
+    at[last] = laid(maker.own(at, last), value, maker) if last in at else maker.made(value)
+
+
+def _remove(at: Any, last: str | Item, where: str) -> None:
+    if isinstance(last, Item):
+        index = index_of(at, last.name, where)
+        if index is not None:
+            del at[index]
+            return
+    else:
+        _need_mapping(at, where)
+        if last in at:
+            del at[last]
+            return
+    raise ConfigError("edit", where, "is not written in this file, so it cannot be taken out of it")
+
+
+def laid(old: Any, new: Any, maker: Maker) -> Any:
+    """`old` changed in place to hold `new`; what cannot be changed so is replaced."""
+    if isinstance(old, dict) and isinstance(new, Mapping):
+        for key in [key for key in old if key not in new]:
+            del old[key]
+        for key, value in new.items():
+            old[key] = laid(maker.own(old, key), value, maker) if key in old else maker.made(value)
+        return old
+    if isinstance(old, list) and isinstance(new, list | tuple):
+        for index, value in enumerate(new[: len(old)]):
+            old[index] = laid(maker.own(old, index), value, maker)
+        del old[len(new) :]
+        old.extend(maker.made(value) for value in new[len(old) :])
+        return old
+    return old if type(new) is not bool and old == new and not isinstance(old, bool) else maker.made(new)
+
+
+def index_of(items: Any, name: str, where: str) -> int | None:
+    """Place of the item of this name in a list; None: there is none.
+
+    Raises:
+        ConfigError: it is no list.
+    """
+    if not isinstance(items, list):
+        raise ConfigError("edit", where, "is no list of items with names")
+    named = [each.get("name") if isinstance(each, dict) else None for each in items]
+    return named.index(name) if name in named else None
+
+
+def _need_mapping(at: Any, where: str) -> None:
+    if not isinstance(at, dict):
+        raise ConfigError("edit", where, "lies in something that is no mapping")
+
+
+def _written(steps: Sequence[str | Item]) -> str:
+    """Steps as people write them: joints.cable.limits."""
+    names = (step.name if isinstance(step, Item) else step for step in steps[:MOST_STEPS])
+    path: KeyPath = tuple(shortened(name) for name in names)
+    return key_path(path)

@@ -1,0 +1,182 @@
+"""Scenes that others may ask a running process for: by known names only, and whose code may run."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from softsim_core.base.errors import ConfigError, listing
+from softsim_core.base.names import known_names
+from softsim_core.scene.io.files import SUFFIXES, known_scenes
+from softsim_core.scene.io.programs import ANY_PROGRAM, ProgramRule, limited_to
+from softsim_core.scene.io.python_loader import load_python
+from softsim_core.scene.io.yaml_loader import load_yaml
+from softsim_core.scene.robot import RobotDescription
+
+MOST_NAMES: Final = 10
+"""A message lists at most so many names."""
+
+MOST_FILES: Final = 200
+"""Of a folder at most so many scenes are known."""
+
+MOST_ENTRIES: Final = 20000
+"""Of a folder at most so many entries are looked at."""
+
+LONGEST_NAME: Final = 60
+"""So many characters of a name are shown in a message."""
+
+HEAD_BYTES: Final = 65536
+_MARKS: Final = {
+    True: re.compile(rb"^def create_scene\(", re.MULTILINE),
+    False: re.compile(rb"^(arm|bodies|rigid_bodies|extends)\s*:", re.MULTILINE),
+}
+"""What tells a scene from another file of an allowed folder: in Python files, and in YAML files."""
+
+
+class SceneCatalog:
+    """The scenes that can be asked for over ROS, by a bag or from a page: names, never paths.
+
+    Known are the scenes of the config roots, those that the start command named, and those that lie in a
+    folder whose code it allowed; what else lies where it was given is not looked at. A Python scene is a
+    program, and so is a xacro file that a scene names: they run where the scene belongs to the installation,
+    was named by the start command, or lies in a folder whose code is allowed.
+
+    Args:
+        named: Names and files of the scenes that the start command named.
+        code_folders: Folders whose Python scenes may run, with all below them.
+        start_folder: Where the process was started; None: the working directory.
+
+    Attributes:
+        start_folder: That folder, into which copies are written; None: it was removed.
+    """
+
+    def __init__(
+        self,
+        named: Mapping[str, Path] | None = None,
+        code_folders: Iterable[str | os.PathLike[str]] = (),
+        start_folder: Path | None = None,
+    ) -> None:
+        self._named = {name: file.absolute() for name, file in (named or {}).items()}
+        self._code_folders = tuple(code_folder(each) for each in code_folders)
+        self.start_folder = _working_directory() if start_folder is None else start_folder.absolute()
+
+    def scenes(self) -> dict[str, Path]:
+        """Names and files of every known scene, sorted by name."""
+        known = known_scenes()
+        for name, file in self._named.items():
+            known.setdefault(name, file)
+        for folder in self._code_folders:
+            _add(known, folder, folder.rglob("*"))
+        return dict(sorted(known.items()))
+
+    def names(self) -> tuple[str, ...]:
+        """Names of the scenes that can be loaded."""
+        return tuple(name for name, file in self.scenes().items() if self.rule_of(file).allows(file))
+
+    def find(self, name: str) -> Path:
+        """The file of a known scene.
+
+        Raises:
+            ConfigError: no scene of that name is known, or its code may not run.
+        """
+        known = self.scenes()
+        if name not in known:
+            near = known_names(name, map(shortened, known), "known are")
+            raise ConfigError(
+                shortened(name),
+                "",
+                f"no known scene has this name; {near}; another "
+                "file must be named when the simulator is started",
+            )
+        if not self.rule_of(known[name]).allows(known[name]):
+            raise ConfigError(
+                name,
+                "",
+                "is a Python scene, which runs code; name it when the simulator is started, or allow the "
+                "code of its folder there (--allow-code DIR, parameter allow_code)",
+            )
+        return known[name].absolute()
+
+    def load(self, name: str, overrides: Mapping[str, Any] | None = None) -> RobotDescription:
+        """A known scene, with overrides as `load_scene` takes them.
+
+        Raises:
+            ConfigError: as `find`, and any problem in the file.
+        """
+        file = self.find(name)
+        with limited_to(self.rule_of(file)):
+            return load_python(file, overrides) if file.suffix == ".py" else load_yaml(file, overrides)
+
+    def rule_of(self, file: Path) -> ProgramRule:
+        """Which programs run with a known scene: all that it names, if its own file is trusted."""
+        rule = ProgramRule(self._code_folders)
+        return ANY_PROGRAM if file.absolute() in self._named.values() or rule.trusts(file) else rule
+
+
+def folders_of(text: str) -> list[str]:
+    """The folders of a list that is written as $PATH is; empty text is none."""
+    return [each for each in text.split(os.pathsep) if each]
+
+
+def shortened(text: str, most: int = LONGEST_NAME) -> str:
+    """Text of others for a message: without control characters, of at most `most` characters."""
+    plain = "".join(each if each.isprintable() else "?" for each in text[: most + 1])
+    return plain if len(plain) <= most else f"{plain[: most - 3]}..."
+
+
+def names_up_to(most: int, names: Iterable[str]) -> str:
+    """Names for a message: the first ones, and how many there are besides."""
+    every = [shortened(name) for name in names]
+    more = f" and {len(every) - most} more" if len(every) > most else ""
+    return f"{listing(every[:most])}{more}"
+
+
+def _working_directory() -> Path | None:
+    """The working directory; None where it was removed."""
+    try:
+        return Path.cwd()
+    except OSError:
+        return None
+
+
+def code_folder(path: str | os.PathLike[str]) -> Path:
+    """A folder whose code is allowed.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    try:
+        folder = Path(path).expanduser().absolute()
+        if folder.is_dir():
+            return folder
+    except (OSError, RuntimeError, ValueError):
+        pass
+    raise ConfigError(shortened(os.fspath(path)), "", "is no folder; allow the code of an existing one")
+
+
+def _add(known: dict[str, Path], folder: Path, files: Iterable[Path]) -> None:
+    """Add the scenes among some files of a folder, where their names are free."""
+    try:
+        entries = itertools.islice(files, MOST_ENTRIES)
+        found = sorted(each for each in entries if each.suffix in SUFFIXES and each.name[0] != "_")
+    except OSError:
+        return
+    for file in found[:MOST_FILES]:
+        name = file.relative_to(folder).with_suffix("").as_posix()
+        if name not in known and _is_scene(file):
+            known[name] = file
+
+
+def _is_scene(file: Path) -> bool:
+    """Whether an ordinary file looks like a scene from its beginning."""
+    try:
+        if not file.is_file():
+            return False
+        with file.open("rb") as stream:
+            return _MARKS[file.suffix == ".py"].search(stream.read(HEAD_BYTES)) is not None
+    except OSError:
+        return False

@@ -1,0 +1,208 @@
+"""Files of robots and scenes: how they are found, which values name files, what is generated."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import os
+import sys
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+
+from softsim_core.base.errors import ConfigError, listing
+from softsim_core.base.names import known_names
+from softsim_core.base.values import SceneName
+from softsim_core.physics.actuation.building import ActuatorDescription
+from softsim_core.physics.actuation.registry import described_kinds
+from softsim_core.physics.sensing.description import SimulatedSensorDescription
+from softsim_core.physics.sensing.registry import sensor_kind, sensor_kinds
+from softsim_core.scene.arm.description import ArmDescription
+from softsim_core.scene.file_keys import is_absent, is_beside
+from softsim_core.scene.robot import RobotDescription
+
+Kind: TypeAlias = Literal["robots", "scenes"]
+KINDS: tuple[Kind, ...] = ("robots", "scenes")
+SUFFIXES = (".yaml", ".yml", ".py")
+"""File types a scene may have, in order of preference."""
+
+
+def config_roots() -> list[Path]:
+    """Existing `configs` folders, best first: the entries of $SOFTSIM_CONFIG_PATH, then `installed_roots`."""
+    own = [root for root in _paths_of("SOFTSIM_CONFIG_PATH") if root.is_dir()]
+    return list(dict.fromkeys([*own, *installed_roots()]))
+
+
+def installed_roots() -> list[Path]:
+    """Existing `configs` folders that came with the suite, best first.
+
+    `configs/` beside the package (a checkout, also through symlinked packages);
+    `share/softsim_bringup/configs` under every prefix of $AMENT_PREFIX_PATH;
+    `<sys.prefix>/share/softsim/configs`.
+    """
+    checkout = Path(__file__).resolve().parents[3] / "configs"
+    candidates = [checkout] if (checkout / "robots").is_dir() else []
+    candidates += [
+        prefix / "share" / "softsim_bringup" / "configs" for prefix in _paths_of("AMENT_PREFIX_PATH")
+    ]
+    candidates.append(Path(sys.prefix) / "share" / "softsim" / "configs")
+    return list(dict.fromkeys(root for root in candidates if root.is_dir()))
+
+
+def config_file(relative: str | os.PathLike[str]) -> Path:
+    """A file below one of the config roots, such as `meshes/tripod_low.vtk`.
+
+    Raises:
+        ConfigError: no root holds it.
+    """
+    roots = config_roots()
+    for root in roots:
+        if (root / relative).is_file():
+            return root / relative
+    raise ConfigError(
+        relative, "", f"no such file; looked in {listing(roots)}; set SOFTSIM_CONFIG_PATH to your configs"
+    )
+
+
+def known_scenes(kind: Kind | None = None) -> dict[str, Path]:
+    """Names and files of the robots and scenes that can be loaded by name, sorted by name.
+
+    Args:
+        kind: Only robots or only scenes; None lists both (a robot hides a scene of the same name).
+    """
+    known: dict[str, Path] = {}
+    for each in KINDS if kind is None else (kind,):
+        for root in config_roots():
+            folder = root / each
+            for suffix in SUFFIXES:
+                for path in folder.rglob(f"*{suffix}"):
+                    if not path.name.startswith("_"):
+                        known.setdefault(path.relative_to(folder).with_suffix("").as_posix(), path)
+    return dict(sorted(known.items()))
+
+
+def find_config(name_or_path: str | os.PathLike[str], kind: Kind | None = None) -> Path:
+    """The file of a robot or scene.
+
+    Args:
+        name_or_path: A path to a .yaml, .yml or .py file, or a name ("tripod", "parts/servo").
+        kind: Where a name is looked up; None: robots, then scenes.
+
+    Returns:
+        Absolute path of an existing file.
+
+    Raises:
+        ConfigError: nothing found, or a path that is not a scene file; names what is known.
+    """
+    text = os.fspath(name_or_path)
+    try:
+        path = Path(text).expanduser()
+        is_file = path.is_file()
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a zero in it
+        raise ConfigError(f"{text:.60}", "", f"is neither a name nor a path ({error!s:.100})") from error
+    if path.suffix in SUFFIXES and is_file:
+        return path.absolute()
+    if is_file and (path.is_absolute() or path.suffix or len(path.parts) > 1):
+        raise ConfigError(text, "", f"a scene file ends in {listing(SUFFIXES)}, not in {path.suffix!r}")
+    known = known_scenes(kind)
+    name = path.with_suffix("").as_posix() if path.suffix in SUFFIXES else text
+    if name in known and (path.suffix in ("", known[name].suffix) or name == text):
+        return known[name].absolute()
+    what = "robot" if kind == "robots" else "scene" if kind == "scenes" else "robot or scene"
+    near = known_names(name, known, lists_all="softsim scenes")
+    raise ConfigError(text, "", f"no such file, and no {what} of that name; {near}")
+
+
+def _paths_of(variable: str) -> list[Path]:
+    return [Path(entry).expanduser() for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
+
+
+KEYS_OF_FILES: dict[str, Any] = {"extends": SceneName, "arm": ArmDescription}
+"""Keys at the top of a scene's file that are no field of its description, with their types."""
+
+
+def file_names(data: Any, kind: Any = RobotDescription) -> Iterator[str]:
+    """Texts that name files in what a file gives for a description.
+
+    Args:
+        data: Plain data, whole or a part; what does not fit its type is left to who makes descriptions of it.
+        kind: Type of the description.
+    """
+    if kind in (Path, SceneName):
+        if isinstance(data, str | Path):
+            yield str(data)
+    elif isinstance(kind, type) and is_dataclass(kind):
+        for key, each in _keys(kind) if isinstance(data, Mapping) else ():
+            if key in data:
+                yield from file_names(data[key], each)
+    elif typing.get_origin(kind) in (typing.Union, types.UnionType):
+        for each in typing.get_args(kind):
+            yield from file_names(data, each)
+    elif typing.get_args(kind):
+        items = data.values() if isinstance(data, Mapping) else data if isinstance(data, list | tuple) else ()
+        for item in items:
+            for each in typing.get_args(kind):
+                yield from file_names(item, each)
+
+
+def named_files(value: Any) -> set[Path]:
+    """Every file that a description names: all paths in it, wherever they stand."""
+    if isinstance(value, Path):
+        return {value}
+    if is_dataclass(value) and not isinstance(value, type):
+        parts = [getattr(value, each.name) for each in fields(value) if not is_absent(each)]
+    elif isinstance(value, Mapping):
+        parts = list(value.values())
+    elif isinstance(value, tuple | list):
+        parts = list(value)
+    else:
+        return set()
+    return {file for part in parts for file in named_files(part)}
+
+
+def _keys(kind: type) -> Iterator[tuple[str, Any]]:
+    """Keys of a description in a file, each with its type, or with several where it is of several kinds."""
+    if kind is RobotDescription:
+        yield from KEYS_OF_FILES.items()
+    if kind is SimulatedSensorDescription:
+        for name in sensor_kinds():
+            yield from _keys(sensor_kind(name).description)
+    hints = _hints(kind)
+    for each in fields(kind):
+        if is_absent(each):
+            continue
+        held = hints[each.name]
+        if is_beside(each):
+            yield from _keys(held)
+        elif ActuatorDescription in typing.get_args(held):
+            yield from described_kinds().items()
+        else:
+            yield each.name, held
+
+
+_hints = functools.cache(typing.get_type_hints)
+
+
+LONGEST: Final = 500
+"""Characters of a line of a comment at most."""
+
+
+def comment(*lines: str) -> str:
+    """Lines of a comment of YAML, Python or CSV files, whatever the texts hold."""
+    return "".join(f"# {on_one_line(line)[:LONGEST]}\n" for line in lines)
+
+
+def on_one_line(text: str) -> str:
+    """Text without line breaks and other characters that are not printable."""
+    return "".join(each if each.isprintable() else " " for each in text)
+
+
+def scalar(text: str) -> str:
+    """Text as YAML reads it back where a value or a key stands, on one line."""
+    yaml = importlib.import_module("yaml")
+    style = None if text.isprintable() else '"'
+    dumped: str = yaml.safe_dump([text], default_flow_style=True, default_style=style, width=float("inf"))
+    return dumped.strip()[1:-1]

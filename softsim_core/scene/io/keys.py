@@ -1,0 +1,243 @@
+"""Values of the keys of scene files: single values, materials, sensors."""
+
+from __future__ import annotations
+
+import math
+import numbers
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softsim_core.base.errors import SceneError, listing
+from softsim_core.base.names import known_names, one_of
+from softsim_core.base.values import FieldError
+from softsim_core.physics.fem.materials import material, material_names
+from softsim_core.physics.fem.materials.elastomers import DEFAULT_FIT, elastomer
+from softsim_core.physics.sensing.registry import sensor_kind, sensor_kinds
+from softsim_core.scene.io.yaml_source import KeyPath, SourcedMapping
+from softsim_core.scene.material import DEFAULT_LAW, MaterialDescription, law_parameters
+
+Hook = Callable[[Any, Any], Any]
+"""What makes of plain data, and of the type that is wanted, a value."""
+
+
+class RefusedValue(Exception):  # noqa: N818  # no user meets it: it becomes a ConfigError
+    """A value that does not fit its key; `below` is the rest of the key path."""
+
+    def __init__(self, problem: str, below: KeyPath = ()) -> None:
+        self.problem, self.below = problem, below
+        super().__init__(problem)
+
+
+def shown(value: Any) -> str:
+    """A value as a message shows it."""
+    if value is None:
+        return "empty"
+    if isinstance(value, Mapping):
+        return "a mapping"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def as_number(value: Any, _: Any) -> float:
+    """A number, and not NaN."""
+    if isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.nan
+        if not math.isnan(number):
+            return number
+    raise RefusedValue(f"must be a number, not {shown(value)}{_number_hint(value)}")
+
+
+def _number_hint(value: Any) -> str:
+    if not isinstance(value, str):
+        return ""
+    try:
+        number = float(value)
+    except ValueError:
+        return ""
+    mantissa, _, exponent = repr(number).partition("e")
+    if exponent:  # YAML 1.1 wants a point and a signed exponent
+        mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
+        exponent = f"e{exponent}" if exponent[0] in "+-" else f"e+{exponent}"
+    return f", which YAML reads as text; write {mantissa}{exponent}"
+
+
+def as_whole_number(value: Any, _: Any) -> int:
+    """A whole number."""
+    if isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_):
+        return int(value)
+    raise RefusedValue(f"must be a whole number, not {shown(value)}")
+
+
+def as_boolean(value: Any, _: Any) -> bool:
+    """True or false."""
+    if isinstance(value, bool):
+        return value
+    raise RefusedValue(f"must be true or false, not {shown(value)}")
+
+
+def as_text(value: Any, _: Any) -> str:
+    """A text."""
+    if isinstance(value, str):
+        return value
+    raise RefusedValue(f"must be text, not {shown(value)}" + ("" if value is None else "; quote it"))
+
+
+def as_path(value: Any, _: Any) -> Path:
+    """A path, whether or not there is such a file."""
+    if isinstance(value, str | Path) and str(value):
+        return Path(value)
+    raise RefusedValue(f"must be a file path, not {shown(value)}")
+
+
+def as_instance(value: Any, cls: type) -> Any:
+    """An object as it is, which no file can give."""
+    if isinstance(value, cls):
+        return value
+    raise RefusedValue(f"comes from Python scenes only, not {shown(value)}")
+
+
+def as_one_of(literal: Any) -> Hook:
+    """One of the values of a Literal."""
+    allowed = typing.get_args(literal)
+
+    def structure(value: Any, _: Any) -> Any:
+        for each in allowed:
+            if type(value) is type(each) and value == each:
+                return each
+        raise RefusedValue(f"must be {one_of(value, allowed)}, not {shown(value)}")
+
+    return structure
+
+
+def as_threads(value: Any, _: Any) -> Any:
+    """A number of threads, or auto."""
+    if value != "auto" and (isinstance(value, bool) or not isinstance(value, int)):
+        raise RefusedValue(f"must be auto or a whole number, not {value!r}")
+    return value
+
+
+def refuse_unknown(value: Mapping[Any, Any], known: list[str], read_before: Sequence[str] = ()) -> None:
+    """Refuse a mapping with a key that is not known; the message lists those that were read before, too."""
+    for key in value:
+        if key not in known:
+            allowed = known_names(key, [*known, *read_before], "known keys:", whole=True)
+            raise RefusedValue(f"unknown key; {allowed}", (str(key),))
+
+
+def material_structure(value: Any, _: Any) -> MaterialDescription:
+    """A material from the keys of its law, or from the name of a preset and what differs from it."""
+    if isinstance(value, str):
+        value = {"preset": value}
+    if not isinstance(value, Mapping):
+        raise RefusedValue(f"must be the name of a preset or a mapping of parameters, not {shown(value)}")
+    law, preset = value.get("law"), value.get("preset")
+    if preset is not None:
+        law = _preset_law(preset, law)
+    try:
+        parameters = law_parameters(law)
+    except FieldError as error:
+        raise RefusedValue(f"must be {error.allowed}, not {shown(law)}", ("law",)) from None
+    except SceneError as error:
+        raise RefusedValue(str(error), ("law",)) from None
+    known = ["law", "preset", "prony", *(each.name for each in parameters)]
+    for key in value:
+        if key in known:
+            continue
+        laws = [each for each in material_names() if key in material(each).names]
+        misspelt = [
+            each
+            for each in value
+            if each not in known and not any(each in material(name).names for name in material_names())
+        ]
+        if laws and not misspelt:
+            problem = f"is no parameter of the law {law or DEFAULT_LAW}, but of {listing(laws)}; set `law`"
+            raise RefusedValue(problem, (str(key),))
+    refuse_unknown(value, known)
+    values = {}
+    for parameter in parameters:
+        name = parameter.name
+        if name not in value:
+            if parameter.default is None and preset is None:
+                raise RefusedValue("is missing; it has no default", (name,))
+            continue
+        try:
+            values[name] = as_number(value[name], float)
+        except RefusedValue as error:
+            raise RefusedValue(error.problem, (name,)) from None
+    return MaterialDescription(law=law, preset=preset, prony=_prony(value.get("prony", ())), **values)
+
+
+def _prony(value: Any) -> tuple[tuple[float, float], ...]:
+    """Shares and times of Prony terms."""
+    if not isinstance(value, list | tuple):
+        raise RefusedValue(f"must be a list of terms with share and time, not {shown(value)}", ("prony",))
+    terms = []
+    for i, term in enumerate(value):
+        where = ("prony", i)
+        if not isinstance(term, Mapping):
+            raise RefusedValue(f"must have share and time, not {shown(term)}", where)
+        try:
+            refuse_unknown(term, ["share", "time"])
+        except RefusedValue as error:
+            raise RefusedValue(error.problem, (*where, *error.below)) from None
+        numbers = {}
+        for name in ("share", "time"):
+            if name not in term:
+                raise RefusedValue("is missing; it has no default", (*where, name))
+            try:
+                numbers[name] = as_number(term[name], float)
+            except RefusedValue as error:
+                raise RefusedValue(error.problem, (*where, name)) from None
+        terms.append((numbers["share"], numbers["time"]))
+    return tuple(terms)
+
+
+def _preset_law(preset: Any, law: Any) -> str:
+    """The law of a preset's constants."""
+    if not isinstance(preset, str):
+        raise RefusedValue(f"must be the name of a material, not {shown(preset)}", ("preset",))
+    if law is not None and not isinstance(law, str):
+        raise RefusedValue(f"must be the name of a material law, not {shown(law)}", ("law",))
+    try:
+        elastomer(preset)
+    except SceneError as error:
+        raise RefusedValue(str(error)) from None
+    try:
+        elastomer(preset).fit(law or DEFAULT_FIT)
+    except SceneError as error:
+        raise RefusedValue(str(error), ("law",)) from None
+    return law or DEFAULT_FIT
+
+
+KIND = "kind"
+
+
+def sensor_structure(structure: Callable[[Any, type], Any]) -> Callable[[Any, type], Any]:
+    """How the description of a sensor is made of plain data.
+
+    Args:
+        structure: Makes a description of a type of plain data.
+    """
+
+    def made(value: Any, base: type) -> Any:
+        if not isinstance(value, Mapping):
+            return structure(value, sensor_kind(sensor_kinds()[0]).description)
+        kind = value.get(KIND)
+        try:
+            description = sensor_kind(str(kind)).description
+        except SceneError:
+            given = "absent" if kind is None else repr(kind)
+            raise FieldError("sensor", KIND, given, one_of(kind, sensor_kinds())) from None
+        own = SourcedMapping({key: each for key, each in value.items() if key != KIND}, None)
+        for key in own:
+            own.put(key, own[key], value.file_of(key) if isinstance(value, SourcedMapping) else None)
+        return structure(own, description)
+
+    return made

@@ -1,0 +1,106 @@
+"""Where a part of a scene is written: file and line."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+from softsim_core.scene.io.yaml_loader import Item, Steps
+from softsim_core.scene.io.yaml_source import relative_to_file
+
+MOST_PLACES: Final = 5000
+"""Of larger files not every part is found."""
+
+Place: TypeAlias = tuple[str, int]
+"""A file, and a line in it from 1 on."""
+
+
+def places_of(file: Path) -> dict[str, Place]:
+    """Where every part of a scene's file is written, by its steps: "joints/servo_0/base"; "" is the scene.
+
+    Args:
+        file: The scene's file; those that it extends belong to it. Of a Python file only the scene itself is
+            found, at its `create_scene`.
+    """
+    if file.suffix == ".py":
+        return {"": (str(file), _line_of_function(file))}
+    found: dict[str, Place] = {"": (str(file), 1)}
+    seen, at = set[Path](), file
+    while at not in seen:
+        seen.add(at)
+        root = _root(at)
+        _note(root, "", at, found)
+        target = _values(root).get("extends")
+        if target is None:
+            break
+        at = relative_to_file(str(target[1].value), at)
+    return found
+
+
+def place_of(places: Mapping[str, Place], steps: Steps) -> Place | None:
+    """The place that says most of a part, of what `places_of` found; None: nothing was found."""
+    names = [step.name if isinstance(step, Item) else step for step in steps]
+    for count in range(len(names), -1, -1):
+        if (place := places.get("/".join(names[:count]))) is not None:
+            return place
+    return None
+
+
+def locate(file: Path, steps: Steps) -> tuple[Path, int]:
+    """File and line, from 1 on, where a part stands.
+
+    Args:
+        file: The scene's file.
+        steps: From the scene to the part.
+
+    Returns:
+        The file that says most of it: this one, or one that it extends. A Python file at its `create_scene`;
+        line 1 where nothing of it is found.
+    """
+    found = place_of(places_of(file), steps)
+    assert found is not None  # the scene itself is always found
+    return Path(found[0]), found[1]
+
+
+def _note(node: Any, path: str, file: Path, found: dict[str, Place]) -> None:
+    """Add the parts of a node of YAML's that are not found yet: keys of mappings, named items of lists."""
+    if len(found) > MOST_PLACES:
+        return
+    if getattr(node, "id", "") == "sequence":
+        items = [
+            (_values(each)["name"][1].value, each, each) for each in node.value if "name" in _values(each)
+        ]
+        parts = [(name, key, value) for name, key, value in items if isinstance(name, str)]
+    else:
+        parts = [(name, key, value) for name, (key, value) in _values(node).items()]
+    for name, key, value in parts:
+        below = f"{path}/{name}" if path else name
+        found.setdefault(below, (str(file), key.start_mark.line + 1))
+        _note(value, below, file, found)
+
+
+def _values(node: Any) -> dict[str, tuple[Any, Any]]:
+    """Keys and values of a mapping node, by the keys' text; of another node none."""
+    pairs = node.value if getattr(node, "id", "") == "mapping" else []
+    return {key.value: (key, value) for key, value in pairs if isinstance(key.value, str)}
+
+
+def _root(file: Path) -> Any:
+    """The root node of a YAML file; None where it cannot be read."""
+    yaml = importlib.import_module("yaml")
+    try:
+        return yaml.compose(file.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except (OSError, ValueError, yaml.YAMLError):
+        return None
+
+
+def _line_of_function(file: Path) -> int:
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (OSError, ValueError, SyntaxError):
+        return 1
+    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+    return next((each.lineno for each in functions if each.name == "create_scene"), 1)

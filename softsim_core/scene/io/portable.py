@@ -1,0 +1,151 @@
+"""Descriptions as plain data in the form of YAML files, and a whole scene as one text."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softsim_core.base.errors import ConfigError, SceneError
+from softsim_core.physics.actuation.registry import FRAME_KINDS, described_kinds
+from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.physics.sensing.description import SimulatedSensorDescription
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.file_keys import is_absent, is_beside
+from softsim_core.scene.io.keys import KIND
+from softsim_core.scene.io.structure import structure_scene
+from softsim_core.scene.io.yaml_source import SourcedMapping, parse_yaml
+from softsim_core.scene.joint import JointDescription
+from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.size import check_size
+
+
+def unstructure_scene(
+    robot: RobotDescription, file: Path | None = None, *, given_only: bool = False
+) -> SourcedMapping:
+    """A robot and its scene as plain data, in the form of the YAML files (without controllers and source).
+
+    Args:
+        robot: Any robot; meshes given as arrays stay arrays.
+        file: The file that relative paths are relative to.
+        given_only: Leave out what is as by default.
+    """
+    data = _plain(robot, file, given_only)
+    assert isinstance(data, SourcedMapping)
+    return data
+
+
+def sourced(value: Any, file: Path | None) -> Any:
+    """Plain data with its mappings marked as coming from `file`."""
+    return _plain(value, file)
+
+
+def _plain(value: Any, file: Path | None, given_only: bool = False) -> Any:
+    if isinstance(value, TetMesh):
+        return value
+    if isinstance(value, MaterialDescription):
+        return SourcedMapping(value.plain(), file)
+    if is_dataclass(value) and not isinstance(value, type):
+        data = SourcedMapping({}, file)
+        for each in fields(value):
+            held = getattr(value, each.name)
+            if not is_absent(each) and not (given_only and _is_default(each, held)):
+                plain = _plain(held, file, given_only)
+                data.update(plain if is_beside(each) else {each.name: plain})
+        if isinstance(value, JointDescription):
+            actuator = data.pop("actuator", None)
+            if value.actuator is not None:
+                data[value.actuator.kind] = actuator
+        if isinstance(value, SimulatedSensorDescription):
+            data[KIND] = value.kind
+        return data
+    if isinstance(value, Mapping):
+        return SourcedMapping({key: _plain(item, file, given_only) for key, item in value.items()}, file)
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item, file, given_only) for item in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def _is_default(field: Field[Any], value: Any) -> bool:
+    usual = field.default_factory() if field.default_factory is not MISSING else field.default
+    return bool(usual is not MISSING and value == usual)
+
+
+ORIGIN = Path("scene")
+"""What messages name instead of a file."""
+
+_DRIVEN = ("name", "dt", "joints", "poses", "commands", "start", "keys", "board")
+"""Keys that are enough to drive a robot."""
+
+
+def write_description(robot: RobotDescription, *, given_only: bool = False) -> str:
+    """A robot and its scene as YAML text; meshes made in Python are named by their size.
+
+    Args:
+        robot: The robot.
+        given_only: Leave out values that are as by default, for people; else it holds every value.
+    """
+    yaml = importlib.import_module("yaml")
+    data = _for_yaml(unstructure_scene(robot, given_only=given_only))
+    return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110))
+
+
+def read_description(text: str) -> RobotDescription:
+    """The robot and scene of `write_description`; no file is looked for, no code runs.
+
+    A law or an actuator that only the scene's own code knows is unknown here, and a scene may take more
+    memory than allowed (see size): then it is a robot with its joints alone, or with nothing but its name.
+
+    Raises:
+        ConfigError: no YAML, or a description without a name.
+    """
+    data = parse_yaml(text, ORIGIN)
+    driven = SourcedMapping({key: data[key] for key in _DRIVEN if key in data}, ORIGIN)
+    if isinstance(driven.get("joints"), list):
+        driven["joints"] = [_frame_joint(joint) for joint in driven["joints"]]
+    for some in (data, driven):
+        try:
+            robot = structure_scene(some, ORIGIN, find_files=False)
+            check_size(robot.scene, read_files=False)
+        except (ConfigError, SceneError):
+            continue
+        return robot
+    return structure_scene(SourcedMapping({"name": data.get("name")}, ORIGIN), ORIGIN, find_files=False)
+
+
+def without_contents(name: str) -> RobotDescription:
+    """A robot of which nothing but the name is known.
+
+    Raises:
+        FieldError: the name cannot be a robot's.
+    """
+    robot = RobotDescription(scene=SceneDescription(name=name))
+    _ = robot.namespace
+    return robot
+
+
+def _frame_joint(joint: Any) -> Any:
+    """A joint without the actuator that only the scene's own code knows."""
+    kinds = {*FRAME_KINDS, *described_kinds()}
+    if not isinstance(joint, Mapping) or joint.get("kind", "revolute") in kinds:
+        return joint
+    kept = {key: value for key, value in joint.items() if key != joint["kind"]}
+    return SourcedMapping({**kept, "kind": "prismatic"}, ORIGIN)
+
+
+def _for_yaml(value: Any) -> Any:
+    """What YAML can hold."""
+    if isinstance(value, Mapping):
+        return {key: _for_yaml(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_for_yaml(item) for item in value]
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    return {"file": f"made in Python: {len(value.points)} nodes, {len(value.tets)} tetrahedra"}

@@ -1,0 +1,167 @@
+"""Work handed to another thread: a queue for the thread that owns an object, and background workers."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, wait
+from typing import TypeVar
+
+from softsim_core.base.errors import SoftSimError
+from softsim_node.ending import LOOK_S, ending
+
+REQUEST_TIMEOUT_S = 30.0
+"""A request waits this long for the work in progress, in [s]; the first may compile kernels."""
+
+Result = TypeVar("Result")
+
+
+class WorkQueue:
+    """A queue of actions for a thread.
+
+    Args:
+        owner: Whose thread it is, for messages, such as "the physics".
+        work: What a request waits for, for messages, such as "a physics step".
+        is_alive: Whether the thread runs.
+    """
+
+    def __init__(self, owner: str, work: str, is_alive: Callable[[], bool]) -> None:
+        self._owner, self._work, self._is_alive = owner, work, is_alive
+        self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+
+    def ask(self, action: Callable[[], Result]) -> Result:
+        """Have the thread run an action and wait for its result; what it raises is raised here.
+
+        What is given up before the thread has begun it is never done.
+
+        Raises:
+            SoftSimError: the thread has ended, the process shall end, or the thread is busy for longer than
+                REQUEST_TIMEOUT_S.
+        """
+        future: Future[Result] = Future()
+
+        def run() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
+            try:
+                future.set_result(action())
+            except BaseException as error:
+                future.set_exception(error)
+
+        self._queue.put(run)
+        end = time.monotonic() + REQUEST_TIMEOUT_S
+        while not wait((future,), LOOK_S).done:
+            why = ""
+            if ending.asked:
+                why = "request given up: this program ends"
+            elif not self._is_alive():
+                why = f"request refused: {self._owner} has ended"
+            elif time.monotonic() > end:
+                why = f"request given up: {self._work} takes more than {REQUEST_TIMEOUT_S:g} s"
+            if why and future.cancel():
+                raise SoftSimError(f"{why}; it is not done later")
+            if why and future.running():
+                raise SoftSimError(f"{why}; it has begun, and may still be done")
+        return future.result()
+
+    def ask_to_end(self) -> None:
+        """Have `serve` return False after the requests before this."""
+        self._queue.put(None)
+
+    def serve(self, delay_s: float | None, mode: Callable[[], object]) -> bool:
+        """In the thread: run what is asked for `delay_s` in [s] (None: without end), or until `mode` changes.
+
+        Returns:
+            False: the thread shall end.
+        """
+        due = None if delay_s is None else time.monotonic() + delay_s
+        while True:
+            left = None if due is None else due - time.monotonic()
+            try:
+                run = self._queue.get(block=left is None or left > 0.0, timeout=left)
+            except queue.Empty:
+                return True
+            if run is None:
+                return False
+            before = mode()
+            run()
+            if mode() != before:
+                return True
+
+
+MOST_WAITING = 3
+"""So many pieces of work wait for the one that is being done; more are refused."""
+
+ANSWER_LOOK_S = 0.02
+"""A look at whether the work is done blocks the executor for at most this long, in [s]."""
+
+
+class Aside:
+    """One piece of work after the other; to be awaited in a callback that is a coroutine.
+
+    Args:
+        what: What is being done, for the refusal of too many pieces, such as "a scene is being loaded".
+    """
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._line: deque[object] = deque()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether work is being done."""
+        return bool(self._line)
+
+    async def run(self, work: Callable[[], Result]) -> Result:
+        """The result of `work`, done once all that was asked for before is; what it raises is raised here.
+
+        Raises:
+            SoftSimError: too much is waiting already.
+        """
+        if len(self._line) > MOST_WAITING:
+            raise SoftSimError(f"{self._what}, and {MOST_WAITING} more wait; ask again later")
+        place = object()
+        self._line.append(place)
+        try:
+            while self._line[0] is not place:
+                await self._look()
+            return await self._done(work)
+        finally:
+            self._line.remove(place)
+
+    def close(self) -> None:
+        """Wait for the end of the work that is being done, if there is any; see `ending.wait_for`."""
+        thread = self._thread
+        if thread is not None:
+            ending.wait_for(thread)
+
+    async def _done(self, work: Callable[[], Result]) -> Result:
+        done: Future[Result] = Future()
+
+        def carry_out() -> None:
+            try:
+                done.set_result(work())
+            except BaseException as error:
+                done.set_exception(error)
+
+        self._thread = threading.Thread(target=carry_out, name="aside", daemon=True)
+        self._thread.start()
+        while self._thread.is_alive():
+            await self._look()
+        return done.result()
+
+    async def _look(self) -> None:
+        if self._thread is not None:
+            self._thread.join(ANSWER_LOOK_S)
+        await _Turn()
+
+
+class _Turn:
+    """Awaited, it lets the executor serve somebody else."""
+
+    def __await__(self) -> Generator[None, None, None]:
+        yield

@@ -1,1 +1,0 @@
-"""The checks of `softsim doctor`: each a function that returns its findings."""

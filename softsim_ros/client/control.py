@@ -1,0 +1,185 @@
+"""Inverse control and the closed loop as a client sees them: switches, goal, reference, reports."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rclpy.node import Node
+
+from softsim_core.base.units import MILLIMETRE
+from softsim_node.topics import MEASURED, NEWEST_ONLY
+from softsim_ros.client.services import Done, Outcome, Switch, unheeded
+from softsim_ros.client.state import (
+    STALE_AFTER_S,
+    EffectorPose,
+    Known,
+    RobotState,
+    Tilt,
+    known_effector,
+    with_inverse,
+)
+from softsim_ros.listeners import StateListener
+from softsim_ros.messages import pose_stamped
+
+
+def moved_goal(state: RobotState, shift: Sequence[float], now: float) -> EffectorPose | None:
+    """The goal given from here, or else the effector's place, moved by `shift` (3,) in [m]; None: unknown."""
+    start = state.goal or known_effector(state, now)
+    if start is None:
+        return None
+    x, y, z = (round(value + by, 9) for value, by in zip(start.position, shift, strict=True))
+    return EffectorPose((x, y, z), start.quaternion_xyzw)
+
+
+def format_point(pose: EffectorPose) -> str:
+    """A position as "x 0.0 y -2.0 z 31.5", in mm."""
+    values = (round(value / MILLIMETRE, 1) + 0.0 for value in pose.position)  # + 0.0: no "-0.0"
+    return " ".join(f"{axis} {value:.1f}" for axis, value in zip("xyz", values, strict=True))
+
+
+class ClosedLoop:
+    """Follows `closed_loop` of the node's namespace and gives it references by `tilt_reference`.
+
+    Args:
+        node: The node whose executor delivers the messages.
+        known: Where its reference is kept.
+    """
+
+    def __init__(self, node: Node, known: Known) -> None:
+        self._known, self._clock = known, node.get_clock()
+        self._references = node.create_publisher(Vector3Stamped, "tilt_reference", NEWEST_ONLY)
+        self._enabled = StateListener(node, "closed_loop/enabled", self._on_change)
+        self._reference = StateListener(node, "closed_loop/reference", self._on_change)
+
+    def refer(self, reference: Tilt, done: Done = unheeded) -> None:
+        """Give the loop a reference; refused while it is off."""
+        if self._known.state.tilt is None:
+            self._known.say("reference not given: the closed loop is off")
+            done(Outcome(False, "reference not given: the closed loop is off"))
+            return
+        self._known.change(tilt=reference)
+        message = Vector3Stamped()
+        message.header.stamp, message.header.frame_id = self._clock.now().to_msg(), "world"
+        message.vector.x, message.vector.y = reference
+        self._references.publish(message)
+        done(Outcome(True, ""))
+
+    def _on_change(self, _: object) -> None:
+        """References go on from the one that the loop had when it was seen to go on."""
+        told = self._reference.value
+        is_on = bool(self._enabled.value) and told is not None
+        if is_on != (self._known.state.tilt is not None):
+            self._known.change(tilt=Tilt(told.x, told.y) if is_on else None)
+
+
+class Inverse:
+    """Follows `inverse_controller` of the node's namespace and gives it goals.
+
+    The effector is the measured one; where nobody measures it, the controller's model. Topics:
+    `effector_goal` out, and in again to see the goals of others; `effector_pose` and
+    `inverse_controller/model_pose` in.
+
+    Args:
+        node: The node whose executor delivers the messages.
+        known: Where effector, goal and switch are kept.
+    """
+
+    def __init__(self, node: Node, known: Known) -> None:
+        self._known, self._clock = known, node.get_clock()
+        self._enable = Switch(node, "inverse_controller/enable", "inverse control", known.say)
+        self._goals = node.create_publisher(PoseStamped, "effector_goal", NEWEST_ONLY)
+        self._measured_at, self._tells_why = -math.inf, False
+        StateListener(node, "inverse_controller/enabled", self._on_enabled)
+        for topic, callback, quality in (
+            ("effector_pose", self._on_measured, MEASURED),
+            ("inverse_controller/model_pose", self._on_model, NEWEST_ONLY),
+            ("effector_goal", self._on_goal, NEWEST_ONLY),
+        ):
+            node.create_subscription(PoseStamped, topic, callback, quality)
+
+    # --- actions --------------------------------------------------------------------------------------
+
+    def enable(self, enabled: bool, done: Done = unheeded) -> None:
+        """Switch it on or off."""
+
+        def switched() -> str:
+            self._known.put(with_inverse(self._known.state, enabled))
+            return f"inverse control is {'on' if enabled else 'off'}"
+
+        self._enable.set(enabled, done, switched)
+
+    def toggle(self, done: Done = unheeded) -> None:
+        """Switch it on while it is off, and off while it is on."""
+        self.enable(self._enable.opposite(self._known.state.inverse), done)
+
+    def give_goal(self, goal: EffectorPose, done: Done = unheeded) -> None:
+        """Give it a goal; nothing while it is off."""
+        if not self._known.state.inverse:
+            self._end(Outcome(False, "goal not given: inverse control is off"), done)
+            return
+        self._known.change(goal=goal, heard_goal=goal)
+        stamp = self._clock.now().to_msg()
+        self._goals.publish(pose_stamped(stamp, "world", goal.position, goal.quaternion_xyzw))
+        self._end(Outcome(True, ""), done)
+
+    def move_goal(self, shift: Sequence[float], done: Done = unheeded) -> None:
+        """Move the goal; the first one is the effector's present pose, moved.
+
+        Args:
+            shift: How far along world x, y, z in [m].
+            done: Called with the end.
+        """
+        goal = moved_goal(self._known.state, shift, time.monotonic())
+        if goal is None:
+            self._end(Outcome(False, "goal not moved: no effector pose received yet"), done)
+        else:
+            self._known.say(f"goal {format_point(goal)} mm")
+            self.give_goal(goal, done)
+
+    def _end(self, end: Outcome, done: Done) -> None:
+        if end.sentence:
+            self._known.say(end.sentence)
+        done(end)
+
+    # --- what it does ---------------------------------------------------------------------------------
+
+    def poll(self, now: float) -> None:
+        """Give up calls that have waited too long; `now` is a steady clock in [s]."""
+        self._enable.expire(now)
+
+    def take_sentence(self, sentence: str) -> None:
+        """Take how the controller fares; after somebody else's switch it is said."""
+        if self._tells_why and sentence:
+            self._tells_why = False
+            self._known.say(sentence)
+        self._known.change(inverse_note=sentence if self._known.state.inverse else "")
+
+    def _on_enabled(self, enabled: bool | None) -> None:
+        if bool(enabled) == self._known.state.inverse:
+            return
+        self._known.put(with_inverse(self._known.state, bool(enabled)))
+        if enabled is None:
+            self._known.say("inverse control has ended; the keys drive the joints again")
+        else:
+            self._tells_why = not self._enable.is_busy
+
+    def _on_measured(self, message: PoseStamped) -> None:
+        self._measured_at = time.monotonic()
+        self._known.change(effector=_pose(message), effector_at=self._measured_at)
+
+    def _on_model(self, message: PoseStamped) -> None:
+        now = time.monotonic()
+        if now - self._measured_at > STALE_AFTER_S:
+            self._known.change(effector=_pose(message), effector_at=now)
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        if self._known.state.inverse:
+            self._known.change(heard_goal=_pose(message))
+
+
+def _pose(message: PoseStamped) -> EffectorPose:
+    place, turn = message.pose.position, message.pose.orientation
+    return EffectorPose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))

@@ -1,0 +1,184 @@
+"""Layouts for RViz and Foxglove.
+
+Topics are relative: RViz runs in the robot's namespace.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Final, NamedTuple
+
+import yaml
+
+from softsim_core import RobotDescription
+from softsim_node.frames import WORLD
+from softsim_ros.description.links import links_of
+from softsim_ros.topic_names import chambers_of
+
+
+class Shown(NamedTuple):
+    """A topic that is shown.
+
+    Attributes:
+        topic: Its name in the robot's namespace.
+        type_name: Its type, such as "visualization_msgs/msg/Marker".
+        kind: RViz's display for it.
+        name: What people call it.
+        enabled: Whether it is shown from the start.
+        latched: Whether it is sent once, to late joiners too.
+        options: More settings of the display.
+    """
+
+    topic: str
+    type_name: str
+    kind: str
+    name: str
+    enabled: bool = True
+    latched: bool = False
+    options: dict[str, Any] = {}  # noqa: RUF012  (a NamedTuple's default; never changed)
+
+
+_AXES: Final = {"Shape": "Axes", "Axes Length": 0.02, "Axes Radius": 0.001}
+_MARKERS: Final = "visualization_msgs/msg/MarkerArray"
+_POSE: Final = "geometry_msgs/msg/PoseStamped"
+_CLOUD: Final = {
+    "Channel Name": "von_mises", "Color Transformer": "Intensity", "Size (Pixels)": 3, "Style": "Points",
+}  # fmt: skip
+
+SHOWN: Final = (
+    Shown("mesh/marker", "visualization_msgs/msg/Marker", "Marker", "Silicone"),
+    Shown(
+        "mesh/points", "sensor_msgs/msg/PointCloud2", "PointCloud2", "Stress", enabled=False, options=_CLOUD
+    ),
+    Shown("cables", _MARKERS, "MarkerArray", "Cables"),
+    Shown("chambers", _MARKERS, "MarkerArray", "Pressure chambers"),
+    Shown("bodies/topology", _MARKERS, "MarkerArray", "Rigid bodies", latched=True),
+    Shown("contacts", _MARKERS, "MarkerArray", "Contacts"),
+    Shown("collisions", _MARKERS, "MarkerArray", "Collision surfaces", enabled=False),
+    Shown("effector_pose", _POSE, "Pose", "Effector", options=_AXES),
+    Shown("effector_goal", _POSE, "Pose", "Goal", options={"Color": "255; 25; 0", **_AXES}),
+)
+
+
+def rviz_config(robot: RobotDescription, frame_prefix: str) -> str:
+    """The text of an .rviz file.
+
+    Args:
+        robot: What is shown.
+        frame_prefix: Of its frames, such as "left/".
+    """
+    at_rest = [link.name for link in links_of(robot) if link.part.startswith("bodies/")]
+    displays = [
+        {"Class": "rviz_default_plugins/Grid", "Name": "Grid", "Enabled": True, "Cell Size": 0.02},
+        {"Class": "rviz_default_plugins/TF", "Name": "Frames", "Enabled": True, "Marker Scale": 0.08},
+        {
+            "Class": "rviz_default_plugins/RobotModel",
+            "Name": "Robot",
+            "Enabled": True,
+            "Description Source": "Topic",
+            "Description Topic": _topic("robot_description", latched=True),
+            "TF Prefix": frame_prefix.rstrip("/"),
+            "Links": {name: {"Value": False} for name in at_rest},  # the moving silicone is a marker
+        },
+        *(
+            {
+                "Class": f"rviz_default_plugins/{each.kind}",
+                "Name": each.name,
+                "Enabled": each.enabled,
+                "Topic": _topic(each.topic, latched=each.latched),
+                **each.options,
+            }
+            for each in SHOWN
+        ),
+    ]
+    view = {"Class": "rviz_default_plugins/Orbit", "Name": "Current View", "Distance": 0.45}
+    view |= {"Focal Point": {"X": 0, "Y": 0, "Z": 0.02}, "Pitch": 0.5, "Yaw": 0.8}
+    config = {
+        "Panels": [{"Class": "rviz_common/Displays", "Name": "Displays"}],
+        "Visualization Manager": {
+            "Class": "",
+            "Global Options": {"Background Color": "48; 48; 48", "Fixed Frame": WORLD, "Frame Rate": 30},
+            "Displays": displays,
+            "Tools": [{"Class": f"rviz_default_plugins/{name}"} for name in ("MoveCamera", "FocusCamera")],
+            "Transformation": {"Current": {"Class": "rviz_default_plugins/TF"}},
+            "Views": {"Current": view},
+        },
+        "Window Geometry": {"Height": 900, "Width": 1400},
+    }
+    return yaml.safe_dump(config, sort_keys=False)
+
+
+def _topic(name: str, *, latched: bool) -> dict[str, Any]:
+    return {
+        "Value": name,
+        "Depth": 1,
+        "Durability Policy": "Transient Local" if latched else "Volatile",
+        "History Policy": "Keep Last",
+        "Reliability Policy": "Reliable",
+    }
+
+
+def foxglove_layout(robot: RobotDescription, namespace: str, frame_prefix: str) -> str:
+    """The text of a layout file.
+
+    Args:
+        robot: What is shown.
+        namespace: Of its topics.
+        frame_prefix: Of its frames, such as "left/".
+    """
+    start = f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
+    panels: dict[str, Any] = {
+        "3D!robot": {
+            "followTf": WORLD,
+            "topics": {f"{start}{each.topic}": {"visible": each.enabled} for each in SHOWN},
+            "layers": {
+                "robot": {
+                    "layerId": "foxglove.Urdf",
+                    "sourceType": "topic",
+                    "topic": f"{start}robot_description",
+                    "framePrefix": frame_prefix,
+                    "visible": True,
+                }
+            },
+        },
+        "Plot!position": _curves(robot, f"{start}joint_states", "position"),
+        "Plot!effort": _curves(robot, f"{start}joint_states", "effort"),
+        "Publish!command": {
+            "topicName": f"{start}position_controller/commands",
+            "datatype": "std_msgs/msg/Float64MultiArray",
+            "value": json.dumps({"data": list(robot.start_joints)}),
+            "buttonText": "start pose",
+            "editingMode": False,
+        },
+        "DiagnosticSummary!nodes": {"topicToRender": "/diagnostics"},
+    }
+    below = {"direction": "column", "first": "Publish!command", "second": "DiagnosticSummary!nodes"}
+    curves: dict[str, Any] = {"direction": "column", "first": "Plot!position", "second": "Plot!effort"}
+    if pressures := _pressures(robot, start):
+        panels["Plot!pressure"] = pressures
+        curves = {"direction": "column", "first": curves, "second": "Plot!pressure", "splitPercentage": 67}
+    side = {"direction": "column", "first": curves, "second": below, "splitPercentage": 60}
+    layout = {"direction": "row", "first": "3D!robot", "second": side, "splitPercentage": 60}
+    rest: dict[str, Any] = {"globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}}
+    return json.dumps({"configById": panels, **rest, "layout": layout}, indent=2) + "\n"
+
+
+def _curves(robot: RobotDescription, topic: str, field: str) -> dict[str, Any]:
+    paths = [
+        {"value": f"{topic}.{field}[{index}]", "label": name, "enabled": True}
+        for index, name in enumerate(robot.joint_names)
+    ]
+    return _plot(field, paths)
+
+
+def _pressures(robot: RobotDescription, start: str) -> dict[str, Any]:
+    """Curves of the chambers in [Pa] against vacuum; empty for a robot without."""
+    paths = [
+        {"value": f"{start}{topic}.fluid_pressure", "label": robot.joint_names[index], "enabled": True}
+        for index, topic in chambers_of(robot.joints).items()
+    ]
+    return _plot("pressure", paths) if paths else {}
+
+
+def _plot(title: str, paths: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"title": title, "paths": paths, "showLegend": True, "followingViewWidth": 20}

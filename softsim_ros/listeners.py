@@ -1,0 +1,149 @@
+"""Listeners: the newest value of a latched state topic, and joint states in the order of commands."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from softsim_core.base.arrays import Array
+from softsim_core.scene.joint import JointDescription
+from softsim_node.topics import MEASURED, STATE_QOS, STATE_TOPICS
+
+GID_PREFIX = 12
+"""Bytes of an endpoint's identifier that name its participant (DDS interoperability protocol, 8.2.4)."""
+
+
+class StateListener:
+    """Follows one of STATE_TOPICS in a node's namespace.
+
+    Args:
+        node: Its executor delivers the messages.
+        topic: Name in STATE_TOPICS, such as "simulator/paused".
+        changed: Called with the new `value` whenever that is another one.
+
+    Attributes:
+        value: The fact: True or False, a text, or the message of topics of another type. None while no
+            publisher lives: none was found yet, it has ended, or its process has been dead for LEASE_S.
+        is_matched: Whether a publisher is known, alive or silent; one that has ended is not.
+    """
+
+    def __init__(self, node: Node, topic: str, changed: Callable[[Any], None] = lambda value: None) -> None:
+        self.value: Any = None
+        self.is_matched = False
+        self._node, self._newest, self._changed = node, None, changed
+        self._alive = 0
+        events = SubscriptionEventCallbacks(liveliness=self._on_liveliness, matched=self._on_matched)
+        self._topic = node.create_subscription(
+            STATE_TOPICS[topic], topic, self._on_message, STATE_QOS, event_callbacks=events
+        ).topic_name
+
+    def _on_message(self, message: Any) -> None:
+        self._newest = getattr(message, "data", message)
+        self._take(self._newest)
+
+    def _on_liveliness(self, status: Any) -> None:
+        """A publisher began, ended, or was silent for LEASE_S; one told of only at its end counts -1."""
+        self._alive = max(self._alive + status.alive_count_change, 0)
+        self._take(self._newest if self._alive or self._lives_here() else None)
+
+    def _on_matched(self, status: Any) -> None:
+        """The last publisher has ended, which the graph may not show yet when liveliness tells of it."""
+        self.is_matched = status.current_count > 0
+        if not self.is_matched:
+            self._alive = 0
+            self._take(None)
+
+    def _lives_here(self) -> bool:
+        """Whether a publisher shares this node's context, where Fast DDS may tell nobody that it is alive."""
+        own = {
+            _participant(each)
+            for each in self._node.get_subscriptions_info_by_topic(self._topic)
+            if (each.node_name, each.node_namespace) == (self._node.get_name(), self._node.get_namespace())
+        }
+        found = self._node.get_publishers_info_by_topic(self._topic)
+        return any(_participant(each) in own for each in found)
+
+    def _take(self, value: Any) -> None:
+        if value != self.value:
+            self.value = value
+            self._changed(value)
+
+
+def _participant(endpoint: Any) -> bytes:
+    """What the identifiers of all endpoints of one context begin with."""
+    return bytes(endpoint.endpoint_gid[:GID_PREFIX])
+
+
+class JointReader:
+    """Takes joint states that name all joints of a robot, in any order, among others or not.
+
+    Args:
+        joints: Of the robot, in command order.
+        refuse: Called with one sentence when a message begins to name other joints.
+    """
+
+    def __init__(self, joints: Sequence[JointDescription], refuse: Callable[[str], None]) -> None:
+        self._joints, self._refuse = joints, refuse
+        self._order: tuple[tuple[str, ...], list[int] | None] = ((), None)
+
+    def read(self, message: JointState) -> Array | None:
+        """Positions in [rad] or [m], efforts where these are commanded, (j,); None: of another robot."""
+        names = tuple(message.name)
+        if names != self._order[0]:
+            self._order = (names, self._order_of(names))
+        order = self._order[1]
+        if order is None or len(message.position) != len(names):
+            return None
+        told = len(message.effort) == len(names)
+        return np.array(
+            [
+                message.effort[index] if told and joint.by_effort else message.position[index]
+                for index, joint in zip(order, self._joints, strict=True)
+            ]
+        )
+
+    def efforts(self, message: JointState) -> Array | None:
+        """Efforts in [N m] or [N], (j,), of a message that `read` has read; None: it has none."""
+        order = self._order[1]
+        if order is None or len(message.effort) != len(self._order[0]):
+            return None
+        return np.array([message.effort[index] for index in order])
+
+    def _order_of(self, names: tuple[str, ...]) -> list[int] | None:
+        missing = [joint.name for joint in self._joints if joint.name not in names]
+        if missing:
+            self._refuse(
+                f"joint states of another robot ignored: {', '.join(missing)} not in {', '.join(names)}"
+            )
+            return None
+        return [names.index(joint.name) for joint in self._joints]
+
+
+class JointStates:
+    """Hears where the joints are: what is measured, and while nobody measures what a bridge has sent.
+
+    Args:
+        node: Owner of the subscriptions.
+        silent_after: Nobody measures once nothing came for so long, in [s].
+        take: Called in the node's executor with each message.
+    """
+
+    def __init__(self, node: Node, silent_after: float, take: Callable[[JointState], None]) -> None:
+        self._silent_after, self._take = silent_after, take
+        self._measured_at = -np.inf
+        node.create_subscription(JointState, "joint_states", self._on_measured, MEASURED)
+        node.create_subscription(JointState, "applied_joint_states", self._on_applied, MEASURED)
+
+    def _on_measured(self, message: JointState) -> None:
+        self._measured_at = time.monotonic()
+        self._take(message)
+
+    def _on_applied(self, message: JointState) -> None:
+        if time.monotonic() - self._measured_at > self._silent_after:  # a bare robot
+            self._take(message)

@@ -1,0 +1,336 @@
+"""Messages about a scene: its structure, and edits with the scene they propose; both sides checked."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import CommandError
+from softsim_core.scene.editing import Edit, Put, Remove
+from softsim_core.scene.io.location import Place
+from softsim_core.scene.io.portable import read_description
+from softsim_core.scene.io.yaml_loader import Item, Steps
+from softsim_core.scene.robot import RobotDescription
+
+MOST_NAMES: Final = 5000
+LONGEST_NAME: Final = 300
+
+
+def listed(value: Any) -> list[Any]:
+    """A list of at most MOST_NAMES."""
+    if not isinstance(value, list) or len(value) > MOST_NAMES:
+        raise TypeError(f"a list of at most {MOST_NAMES}")
+    return value
+
+
+def text_of(value: Any) -> str:
+    """Any text."""
+    if not isinstance(value, str):
+        raise TypeError("text")
+    return value
+
+
+def name_of(value: Any) -> str:
+    """A name that can be one of viser's nodes and options, too."""
+    found = text_of(value)
+    if not 0 < len(found) <= LONGEST_NAME or not found.isprintable() or ".." in found:
+        raise ValueError("name")
+    return found
+
+
+def whole(value: Any) -> int:
+    """A whole number >= 0."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < math.inf:
+        raise TypeError("a whole number")
+    return value
+
+
+LONGEST_TEXT: Final = 8_000_000
+
+
+@dataclass(frozen=True)
+class SceneMessage:
+    """What `scene/structure` tells, see `softsim_ros.nodes.simulator.scene_topics`.
+
+    Attributes:
+        generation: Number of the scene; another one is another scene, or the same one loaded anew.
+        robot: The scene; its `source` is the name of its file, which is not read here.
+        overrides: YAML text of what is laid over its file.
+        frames: Names in the order of the topic `frames`.
+        bodies: `name`, `points`, `triangles`, `nodes`, `colour` of each.
+        regions: `name` and `nodes` of each rigid region.
+        scenes: Names of the scenes that the simulator can load.
+        places: Where the parts of the scene are written, see `places_of`.
+        checksums: Of the meshes that belong to this scene, by their topics, see `mesh_checksum`.
+    """
+
+    generation: int
+    robot: RobotDescription
+    overrides: str = ""
+    frames: tuple[str, ...] = ()
+    bodies: tuple[Mapping[str, Any], ...] = ()
+    regions: tuple[Mapping[str, Any], ...] = ()
+    scenes: tuple[str, ...] = ()
+    places: Mapping[str, Place] = field(default_factory=dict)
+    checksums: Mapping[str, int] = field(default_factory=dict)
+
+    def owns(self, topic: str, checksum: int) -> bool:
+        """Whether a mesh on a topic is this scene's; one of an older simulator, which tells none, may be."""
+        return self.checksums.get(topic, checksum) == checksum
+
+
+def read_scene_message(text: str) -> SceneMessage:
+    """The scene that a message tells.
+
+    Raises:
+        CommandError: it is no message of a simulator.
+        ConfigError: its description cannot be read.
+    """
+    if len(text) > LONGEST_TEXT:
+        raise CommandError(f"scene refused: longer than {LONGEST_TEXT} characters")
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise CommandError(f"scene refused: no JSON ({type(error).__name__})") from error
+    try:
+        places = {text_of(key): _place(place) for key, place in dict(data["places"]).items()}
+        source = Path(places[""][0]) if "" in places else None
+        return SceneMessage(
+            generation=whole(data["generation"]),
+            robot=replace(read_description(text_of(data["description"])), source=source),
+            overrides=text_of(data["overrides"]),
+            frames=tuple(map(name_of, listed(data["frames"]))),
+            bodies=tuple(map(_body, listed(data["bodies"]))),
+            regions=tuple(map(_region, listed(data["regions"]))),
+            scenes=tuple(map(name_of, listed(data["scenes"]))),
+            places=places,
+            checksums={
+                text_of(key): whole(number) for key, number in dict(data.get("checksums", {})).items()
+            },
+        )
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        if isinstance(error, CommandError):
+            raise
+        raise CommandError(
+            f"scene refused: no message of this version's simulator ({type(error).__name__}: {error!s:.80})"
+        ) from error
+
+
+def _body(data: Any) -> dict[str, Any]:
+    colour = [float(channel) for channel in data["colour"]]
+    if len(colour) != 4 or not all(0.0 <= channel <= 1.0 for channel in colour):
+        raise ValueError("colour")
+    spans = {key: _span(data[key]) for key in ("points", "triangles", "nodes")}
+    return {"name": name_of(data["name"]), "colour": tuple(colour), **spans}
+
+
+def _region(data: Any) -> dict[str, Any]:
+    return {"name": name_of(data["name"]), "nodes": [whole(node) for node in data["nodes"]]}
+
+
+def _span(value: Any) -> tuple[int, int]:
+    """First and end index."""
+    begin, end = map(whole, value)
+    if end < begin:
+        raise ValueError("span")
+    return begin, end
+
+
+def _place(value: Any) -> Place:
+    file, line = value
+    return text_of(file), whole(line)
+
+
+LONGEST_EDIT: Final = 100_000
+MOST_EDITS: Final = 200
+LONGEST_PROPOSAL: Final = 8_000_000
+MOST_POINTS: Final = 2000
+"""So many of the nodes that a part chooses are told."""
+
+
+@dataclass(frozen=True)
+class ChosenPoints:
+    """Nodes that a part of the proposed scene chooses.
+
+    Attributes:
+        part: Such as "attachments/base".
+        count: How many.
+        points: Where they are at rest in [m], shape (k, 3), k at most MOST_POINTS.
+        problem: Why the scene cannot run so; "": nothing.
+    """
+
+    part: str
+    count: int
+    points: Array
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What `scene/proposal` tells.
+
+    Attributes:
+        revision: A number that grows with every message.
+        robot: The scene as it is proposed; None: it cannot be edited, and `sentence` says why.
+        file: The file that it would be saved to.
+        unsaved: Why it cannot be saved there; "": it can.
+        undoable, redoable: How many changes can be undone, and done again.
+        is_changed: Whether it differs from the file.
+        is_applied: Whether it is what runs.
+        sentence: What came of the last request.
+        chosen: What its parts choose.
+        routes: Points of its cables in the world in [m], shapes (k, 3), by their joints.
+    """
+
+    revision: int
+    robot: RobotDescription | None = None
+    file: str = ""
+    unsaved: str = ""
+    undoable: int = 0
+    redoable: int = 0
+    is_changed: bool = False
+    is_applied: bool = True
+    sentence: str = ""
+    chosen: tuple[ChosenPoints, ...] = ()
+    routes: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong with parts of it, each with the name of the part."""
+        return tuple(f"{each.part}: {each.problem}" for each in self.chosen if each.problem)
+
+
+# --- edits -----------------------------------------------------------------------------------------------
+
+
+def write_edits(edits: Sequence[Edit], stroke: str = "") -> str:
+    """Edits that belong together, as the topic `scene/edit` takes them."""
+    return json.dumps({"edits": [_plain(edit) for edit in edits], "stroke": stroke})
+
+
+def read_edits(text: str) -> tuple[tuple[Edit, ...], str]:
+    """The edits of `write_edits`, and their stroke.
+
+    Raises:
+        CommandError: they are none.
+    """
+    if len(text) > LONGEST_EDIT:
+        raise CommandError(f"edit refused: longer than {LONGEST_EDIT} characters")
+    try:
+        data = json.loads(text)
+        edits, stroke = data["edits"], data.get("stroke", "")
+        if set(data) - {"edits", "stroke"} or not isinstance(edits, list) or len(edits) > MOST_EDITS:
+            raise TypeError(f"`edits`, a list of at most {MOST_EDITS}, and `stroke`")
+        return tuple(map(_edit, edits)), text_of(stroke)
+    except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
+        raise CommandError(
+            f"edit refused: not of the form that docs/edit.md tells ({type(error).__name__}: {error!s:.80})"
+        ) from error
+
+
+def _plain(edit: Edit) -> dict[str, Any]:
+    at = [{"name": step.name} if isinstance(step, Item) else step for step in edit.steps]
+    return {"at": at, "put": edit.value} if isinstance(edit, Put) else {"at": at, "remove": True}
+
+
+def _edit(data: Any) -> Edit:
+    steps: Steps = tuple(_step(step) for step in data["at"])
+    if set(data) == {"at", "put"}:
+        return Put(steps, data["put"])
+    if set(data) == {"at", "remove"} and data["remove"] is True:
+        return Remove(steps)
+    raise TypeError("`at`, and `put` or `remove`")
+
+
+def _step(data: Any) -> str | Item:
+    if isinstance(data, dict) and set(data) == {"name"}:
+        return Item(text_of(data["name"]))
+    return text_of(data)
+
+
+# --- the proposal ----------------------------------------------------------------------------------------
+
+
+def write_proposal(told: Proposal, description: str) -> str:
+    """A proposal as the topic carries it; `description` is its scene as YAML text, "" without one."""
+    return json.dumps(
+        {
+            "revision": told.revision,
+            "description": description,
+            "file": told.file,
+            "unsaved": told.unsaved,
+            "undoable": told.undoable,
+            "redoable": told.redoable,
+            "changed": told.is_changed,
+            "applied": told.is_applied,
+            "sentence": told.sentence,
+            "chosen": [
+                {
+                    "part": each.part,
+                    "count": each.count,
+                    "points": _rows(each.points),
+                    "problem": each.problem,
+                }
+                for each in told.chosen
+            ],
+            "routes": {name: _rows(points) for name, points in told.routes.items()},
+        }
+    )
+
+
+def read_proposal(text: str) -> Proposal:
+    """The proposal of `write_proposal`; no file is looked for, no code runs.
+
+    Raises:
+        CommandError: it is no message of a simulator.
+        ConfigError: its description cannot be read.
+    """
+    if len(text) > LONGEST_PROPOSAL:
+        raise CommandError(f"proposal refused: longer than {LONGEST_PROPOSAL} characters")
+    try:
+        data = json.loads(text)
+        description = text_of(data["description"])
+        return Proposal(
+            revision=whole(data["revision"]),
+            robot=read_description(description) if description else None,
+            file=text_of(data["file"]),
+            unsaved=text_of(data["unsaved"]),
+            undoable=whole(data["undoable"]),
+            redoable=whole(data["redoable"]),
+            is_changed=data["changed"] is True,
+            is_applied=data["applied"] is True,
+            sentence=text_of(data["sentence"]),
+            chosen=tuple(map(_chosen, listed(data["chosen"]))),
+            routes={name_of(name): _points(rows) for name, rows in dict(data["routes"]).items()},
+        )
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
+        if isinstance(error, CommandError):
+            raise
+        raise CommandError(
+            f"proposal refused: not of this version's form ({type(error).__name__}: {error!s:.70})"
+        ) from error
+
+
+def _chosen(data: Any) -> ChosenPoints:
+    points = _points(data["points"])
+    return ChosenPoints(name_of(data["part"]), whole(data["count"]), points, text_of(data["problem"]))
+
+
+def _rows(points: Array) -> list[list[float]]:
+    """Rows (k, 3) in [m], to a micrometre."""
+    rows: list[list[float]] = np.round(points, 6).tolist()
+    return rows
+
+
+def _points(rows: Any) -> Array:
+    points = np.array(rows, dtype=float).reshape(-1, 3)
+    if len(points) > MOST_POINTS or not np.isfinite(points).all():
+        raise ValueError("points")
+    return points

@@ -1,0 +1,357 @@
+"""Inverse control in a thread of its own: one tick per model step on the steady clock."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from array import array
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias, TypeVar
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import CommandError, SoftSimError, listing
+from softsim_core.control.inverse.controller import InverseController, InverseReport
+from softsim_core.physics.mechanics.pose import Pose
+from softsim_core.scene.control import InverseSettings
+from softsim_core.scene.joint import JointDescription
+from softsim_node.background import WorkQueue
+from softsim_node.ending import ending
+from softsim_node.topics import NEWEST_ONLY
+from softsim_ros.nodes.inverse.plant import SILENT_AFTER_S, Feedback, Plant, off_command
+from softsim_ros.nodes.simulator.monitor import Pacer, RateGate, SpeedMeter
+
+STUCK_AFTER_S: Final = 1.0
+"""Joints away from their command for this long, in [s], do not follow."""
+
+
+class Following:
+    """Watches the joints of a robot under control.
+
+    Args:
+        joints: Their limits.
+        now: Steady clock in [s].
+    """
+
+    def __init__(self, joints: Sequence[JointDescription], now: float) -> None:
+        self._joints = joints
+        self._followed_at = now
+        self._stuck = ""
+
+    def trouble(self, plant: Plant, command: Array | None, now: float) -> str:
+        """Why the command must be held at `now`; empty while the robot follows.
+
+        Args:
+            plant: What is heard of the robot.
+            command: The newest command in [rad] or [m], shape (j,); None before the first.
+            now: Steady clock in [s].
+        """
+        if plant.is_silent(now) or plant.joints is None:
+            self._followed_at = now  # once heard of again they get their time to follow
+            return f"holding: no joint states for more than {SILENT_AFTER_S:g} s; is the robot running?"
+        off = [] if command is None else off_command(self._joints, plant.joints, command)
+        if not off:
+            self._followed_at, self._stuck = now, ""
+        elif self._stuck or now - self._followed_at > STUCK_AFTER_S:
+            self._stuck = f"holding: {listing(off)} not following the command; is the robot stopped?"
+        return self._stuck
+
+
+def has_moved(shift: float, plant: Plant) -> bool:
+    """Whether the joint bases are no longer at the `shift` [m] that the model was started with."""
+    return plant.base_shift is not None and not math.isclose(plant.base_shift, shift, abs_tol=1e-6)
+
+
+TOPIC: Final = "position_controller/commands"
+REMEMBERED: Final = 256
+"""Own commands that may still come back, newest last: some seconds of them."""
+
+
+class CommandsOut:
+    """Publishes commands and listens to those of others.
+
+    Args:
+        node: Owner of the publisher and the subscription.
+        writer: The controller, as a sentence names it.
+        is_on: Whether it is on.
+        refuse: Called in the node's executor with one sentence for every command of others while it is on.
+
+    Attributes:
+        foreign: How many these were.
+    """
+
+    def __init__(
+        self, node: Node, writer: str, is_on: Callable[[], bool], refuse: Callable[[str], None]
+    ) -> None:
+        self._writer, self._is_on, self._refuse = writer, is_on, refuse
+        self.foreign = 0
+        self._own: deque[bytes] = deque(maxlen=REMEMBERED)
+        self._publisher = node.create_publisher(Float64MultiArray, TOPIC, NEWEST_ONLY)
+        all_of_them = QoSProfile(depth=REMEMBERED)  # ours come back: they must not push out one of another's
+        node.create_subscription(Float64MultiArray, TOPIC, self._on_command, all_of_them, raw=True)
+
+    def publish(self, command: Array) -> None:
+        """Send one position per joint, in [rad] or [m], shape (j,)."""
+        data = serialize_message(Float64MultiArray(data=array("d", command)))
+        if not self._own or self._own[-1] != data:
+            self._own.append(data)
+        self._publisher.publish(data)
+
+    def _on_command(self, data: bytes) -> None:
+        if data not in tuple(self._own) and self._is_on():
+            self.foreign += 1
+            self._refuse(
+                f"somebody else writes {TOPIC} while {self._writer} is on: one writer at a time; stop it, or "
+                f"disable {self._writer}"
+            )
+
+
+Mode: TypeAlias = Literal["off", "on", "holding"]
+Result = TypeVar("Result")
+
+DISABLED = "goal ignored: inverse control is off; call ~/enable first"
+
+
+@dataclass(frozen=True)
+class ControlStatus:
+    """What the thread did lately.
+
+    Attributes:
+        mode: "off", "on", or "holding" the command because the robot does not follow.
+        sentence: What a person should know; empty where there is nothing.
+        fault: Whether it went off by itself.
+        report: The newest tick since it was enabled.
+        measured: Whether a measured pose corrected the model in that tick.
+        rate: Ticks a second, of the last second or so.
+        stages_ms: Mean times of that second in [ms].
+        late_s: Wall time in [s] given up because ticks took too long, in all.
+    """
+
+    mode: Mode = "off"
+    sentence: str = ""
+    fault: bool = False
+    report: InverseReport | None = None
+    measured: bool = False
+    rate: float = 0.0
+    stages_ms: tuple[tuple[str, float], ...] = ()
+    late_s: float = 0.0
+
+
+class ControlThread:
+    """Owns an inverse controller once started: nothing else may touch it, except through `call`.
+
+    Args:
+        controller: The model and its control law.
+        joints: Of the robot, in command order.
+        dt: Time from tick to tick in [s].
+        publish: Called in the thread with every command, shape (j,), and with the model's pose.
+        warn: Called in the thread with one sentence when the robot stops to follow, and when it is back.
+        ended: Called in the thread with one sentence when control goes off by itself.
+    """
+
+    def __init__(
+        self,
+        controller: InverseController,
+        joints: Sequence[JointDescription],
+        dt: float,
+        publish: Callable[[Array, Pose], None],
+        warn: Callable[[str], None],
+        ended: Callable[[str], None],
+    ) -> None:
+        self._controller, self._joints, self._dt = controller, joints, dt
+        self._publish, self._warn, self._ended = publish, warn, ended
+        self.plant = Plant()
+        self.feedback: Feedback = "none"
+        self.settings = controller.settings
+        self._goal: Pose | None = None
+        self._goal_lock = threading.Lock()
+        self._requests = WorkQueue("inverse control", "one tick", lambda: self.is_alive)
+        self._pacer, self._gate = Pacer(), RateGate(1.0)
+        self._meter = SpeedMeter(dt, time.monotonic())
+        self._mode: Mode = "off"
+        self._foreign = ""
+        self._base_shift = 0.0
+        self._following = Following(joints, 0.0)
+        self._command: Array | None = None
+        self._rate = 0.0
+        self._stages_ms: tuple[tuple[str, float], ...] = ()
+        self._report: InverseReport | None = None
+        self.status = ControlStatus()
+        self._thread = threading.Thread(target=self._run, name="inverse control", daemon=True)
+
+    # --- from any thread ------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Begin to serve; control is off."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End after the tick in progress and join, see `ending.wait_for`; a second call does nothing."""
+        self._requests.ask_to_end()
+        ending.wait_for(self._thread)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the thread runs."""
+        return self._thread.is_alive()
+
+    def set_goal(self, goal: Pose) -> None:
+        """Give a goal for the next tick; the newest wins.
+
+        Raises:
+            CommandError: control is off.
+        """
+        if self._mode == "off":
+            raise CommandError(DISABLED)
+        with self._goal_lock:
+            self._goal = goal
+
+    def call(self, action: Callable[[InverseController], Result]) -> Result:
+        """Run an action on the controller between two ticks and wait for its result.
+
+        Args:
+            action: Gets the controller; what it raises is raised here.
+
+        Raises:
+            SoftSimError: the thread has ended, or is stuck in one tick for longer than REQUEST_TIMEOUT_S.
+        """
+        return self._requests.ask(lambda: action(self._controller))
+
+    def enable(self, base_shift: float) -> None:
+        """Start control from the joints as they are; the goal is where the effector is then.
+
+        Args:
+            base_shift: Of the joint bases in [m], where the robot does not say it itself.
+
+        Raises:
+            CommandError: no joint states are known, or the robot is not the model's.
+            SoftSimError: the model cannot be brought there.
+        """
+
+        def begin(controller: InverseController) -> None:
+            if self._mode != "off":
+                return
+            if self._foreign:
+                raise CommandError(f"inverse control stays off: {self._foreign}")
+            now, plant = time.monotonic(), self.plant
+            if plant.joints is None or plant.is_silent(now):
+                what = "yet" if plant.joints is None else f"for {now - plant.joints_at:.0f} s"
+                raise CommandError(
+                    f"not enabled: no joint states received {what}; start the simulator, or on a bare robot "
+                    "the servo bridge (it must be sending)"
+                )
+            self._base_shift = base_shift if plant.base_shift is None else plant.base_shift
+            controller.start(plant.joints, self._base_shift)
+            with self._goal_lock:
+                self._goal = None
+            self._command = self._report = None
+            self._following = Following(self._joints, time.monotonic())
+            self._pacer.start()
+            self._meter.take(time.monotonic())
+            self._mode = "on"
+            self._show()
+
+        self.call(begin)
+
+    def tune(self, settings: InverseSettings) -> None:
+        """Take other weights, gains and tolerances; limits stay what they were at start."""
+
+        def change(controller: InverseController) -> None:
+            controller.settings = self.settings = settings
+
+        self.call(change)
+
+    def set_foreign(self, sentence: str) -> None:
+        """Stay off while the robot is not the one of the model, as a sentence says; empty: it is again."""
+
+        def stay_off(_: InverseController) -> None:
+            self._foreign = sentence
+            if sentence and self._mode != "off":
+                self._end(f"inverse control is off: {sentence}")
+
+        self.call(stay_off)
+
+    def disable(self) -> None:
+        """Stop control: nothing is published any more."""
+        self.call(lambda _: self._stop(""))
+
+    # --- in the thread --------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        delay: float | None = None
+        while self._requests.serve(delay, lambda: self._mode):
+            if self._mode == "off":
+                delay = None
+                continue
+            delay = self._pacer.wait_s(time.monotonic(), self._dt) if self._try_tick() else None
+
+    def _try_tick(self) -> bool:
+        """Tick; False: control went off."""
+        try:
+            self._tick()
+        except SoftSimError as error:
+            self._fail(str(error))
+        except Exception as error:  # whatever it is, the node must live on and the topic be free
+            self._fail(f"{type(error).__name__}: {error}")
+        return self._mode != "off"
+
+    def _tick(self) -> None:
+        now, plant = time.monotonic(), self.plant
+        if has_moved(self._base_shift, plant):
+            self._fail("the robot was reset, or its start animation played: its bases have moved")
+            return
+        trouble = self._following.trouble(plant, self._command, now)
+        if bool(trouble) != (self._mode == "holding"):
+            self._mode = "holding" if trouble else "on"
+            self._warn(trouble or "the robot follows again: inverse control goes on")
+        measured = plant.measured_pose(self.feedback, self._model_pose(), now)
+        if not trouble:
+            with self._goal_lock:
+                goal, self._goal = self._goal, None
+            if goal is not None:
+                self._controller.set_goal(goal)
+            report = self._controller.tick(measured)
+            self._report, self._command = report, np.asarray(report.command)
+            self._meter.add_step({"qp": report.qp_ms, "tick": report.tick_ms})
+        if self._report is not None and self._command is not None:
+            self._publish(self._command, self._report.model_pose)
+        self._show(trouble, measured is not None)
+
+    def _model_pose(self) -> Pose | None:
+        return None if self._report is None else self._report.model_pose
+
+    def _fail(self, reason: str) -> None:
+        self._end(f"inverse control is off: {reason}; enable it again to go on from there")
+
+    def _end(self, sentence: str) -> None:
+        self._stop(sentence)
+        self._ended(sentence)
+
+    def _stop(self, sentence: str) -> None:
+        self._mode = "off"
+        self._show(sentence)
+
+    def _show(self, sentence: str = "", measured: bool = False) -> None:
+        now = time.monotonic()
+        if self._mode != "off" and self._gate.passes(now):
+            speed = self._meter.take(now)
+            self._rate, self._stages_ms = speed.steps_per_second, tuple(speed.stages_ms.items())
+        report = self._report if self._mode != "off" else None
+        self.status = ControlStatus(
+            mode=self._mode,
+            sentence=sentence or ("" if report is None else report.sentence),
+            fault=self._mode == "off" and bool(sentence),
+            report=report,
+            measured=measured,
+            rate=self._rate if self._mode != "off" else 0.0,
+            stages_ms=self._stages_ms,
+            late_s=self._pacer.late_s,
+        )

@@ -1,0 +1,249 @@
+"""The robot that inverse control drives as topics report it, and pose messages as checked goals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Quaternion as QuaternionMessage
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import CommandError, SoftSimError, listing
+from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
+from softsim_core.scene.description import SceneDescription
+from softsim_core.scene.io.catalog import shortened
+from softsim_core.scene.joint import JointDescription
+from softsim_core.scene.robot import RobotDescription
+from softsim_node.topics import LATCHED
+from softsim_ros.messages.scene import SceneMessage, read_scene_message
+
+
+def trigger(action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    """Callback of a Trigger service; an error of the suite comes back as success = false."""
+
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return _filled(response, action)
+
+    return answer
+
+
+def switch(action: Callable[[bool], str]) -> Callable[[SetBool.Request, SetBool.Response], SetBool.Response]:
+    """Callback of a SetBool service; an error of the suite comes back as success = false."""
+
+    def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        return _filled(response, lambda: action(bool(request.data)))
+
+    return answer
+
+
+def _filled(response: Any, action: Callable[[], str]) -> Any:
+    try:
+        response.success, response.message = True, action()
+    except SoftSimError as error:
+        response.success, response.message = False, str(error)
+    return response
+
+
+FARTHEST_M = 1000.0
+"""A goal further from the origin than this, in [m], is none that somebody meant."""
+
+NORM_TOLERANCE = 0.1
+"""A quaternion whose length is further from 1 than this is no rotation somebody meant."""
+
+
+def checked_pose(message: PoseStamped, frames: Sequence[str], what: str) -> Pose:
+    """The pose that a message tells, in the world.
+
+    Args:
+        message: Position in [m] and quaternion; a quaternion of four zeros stands for no rotation.
+        frames: Allowed frames; all of them coincide with the world.
+        what: What the pose is, for the sentence of a refusal.
+
+    Raises:
+        CommandError: unknown frame, a position that is not finite or too far away, or no rotation.
+    """
+    frame = message.header.frame_id
+    if frame not in frames:
+        raise CommandError(
+            f"{what} refused: unknown frame_id {shortened(frame)!r}; allowed: {listing(frames)}"
+        )
+    place = message.pose.position
+    position = np.array([place.x, place.y, place.z])
+    if not (np.abs(position) <= FARTHEST_M).all():  # also catches NaN
+        raise CommandError(
+            f"{what} refused: position {position.tolist()} is not finite or beyond {FARTHEST_M:g} m"
+        )
+    return Pose(position, unit_quaternion(message.pose.orientation, what))
+
+
+def unit_quaternion(message: QuaternionMessage, what: str) -> Array:
+    """Unit quaternion (x, y, z, w), shape (4,), of a message; four zeros stand for no rotation.
+
+    Raises:
+        CommandError: not finite, or not a rotation.
+    """
+    turn = np.array([message.x, message.y, message.z, message.w])
+    if not turn.any():
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    norm = float(np.linalg.norm(turn))
+    if not abs(norm - 1.0) <= NORM_TOLERANCE:  # also catches NaN
+        raise CommandError(f"{what} refused: orientation {turn.tolist()} is no unit quaternion (x, y, z, w)")
+    return np.asarray(turn / norm)
+
+
+_NO_COLOUR = (0.0, 0.0, 0.0, 0.0)
+
+
+class SimulatedRobot:
+    """Follows `scene/structure` of a node's namespace; on a bare robot it stays silent.
+
+    The scene that is heard of first counts as the model's: a model may be coarser than what is simulated.
+
+    Args:
+        node: Its executor delivers the messages.
+        changed: Told a sentence when another robot has come, and an empty text when the first one is back.
+        refuse: Told a sentence for a message that cannot be read.
+    """
+
+    def __init__(self, node: Node, changed: Callable[[str], None], refuse: Callable[[str], None]) -> None:
+        self._changed, self._refuse = changed, refuse
+        self._generation = 0
+        self._first: SceneDescription | None = None
+        self._sentence = ""
+        node.create_subscription(String, "scene/structure", self._on_scene, LATCHED)
+
+    def _on_scene(self, message: String) -> None:
+        try:
+            told = read_scene_message(message.data)
+        except SoftSimError as error:
+            self._refuse(str(error))
+            return
+        if told.generation <= self._generation:
+            return
+        self._generation = told.generation
+        mechanics = mechanics_of(told.robot)
+        if self._first is None:
+            self._first = mechanics
+        before, self._sentence = self._sentence, "" if mechanics == self._first else _other(told)
+        if self._sentence != before:
+            self._changed(self._sentence)
+
+
+def mechanics_of(robot: RobotDescription) -> SceneDescription:
+    """What a model of the robot alone is made of: no name, no looks, nothing that it touches."""
+    alone = robot.robot_alone().scene
+    bodies = tuple(replace(body, surface=None, colour=_NO_COLOUR) for body in alone.bodies)
+    return replace(alone, name="robot", bodies=bodies, contact=ContactSettings())
+
+
+def _other(told: SceneMessage) -> str:
+    source = told.robot.source
+    return (
+        f"the simulator runs another robot now ({told.robot.name if source is None else source.stem}) than "
+        "the one that the model was made of; load that again, or start inverse control anew"
+    )
+
+
+Feedback: TypeAlias = Literal["none", "effector_pose", "imu"]
+FEEDBACKS: Final[tuple[Feedback, ...]] = ("none", "effector_pose", "imu")
+
+SILENT_AFTER_S: Final = 1.0
+"""Joints not heard of for this long, in [s], have stopped."""
+
+FEEDBACK_WITHIN_S: Final = 0.2
+"""A measured pose older than this, in [s], corrects nothing."""
+
+FOLLOWS_WITHIN: Final = 0.1
+"""Joints follow when this near to the command: a part of their range, or of 1 rad or m without one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """The robot as heard of at some time; immutable.
+
+    Attributes:
+        joints: Measured joint positions in [rad] or [m], efforts where these are commanded, shape (j,); None
+            before the first message.
+        joints_at: When, steady clock in [s].
+        base_shift: Shift in [m] of the joint bases as the simulator says; None: nobody says.
+        effector: Measured pose of the effector; None before the first message.
+        effector_at: When, in [s].
+        imu: Measured orientation, quaternion (x, y, z, w); None before the first message.
+        imu_at: When, in [s].
+    """
+
+    joints: Array | None = None
+    joints_at: float = -math.inf
+    base_shift: float | None = None
+    effector: Pose | None = None
+    effector_at: float = -math.inf
+    imu: Array | None = None
+    imu_at: float = -math.inf
+
+    def with_joints(self, positions: Array, now: float) -> Plant:
+        """The plant after a measurement of its joints; one that is not finite is not used."""
+        return replace(self, joints=positions, joints_at=now) if np.isfinite(positions).all() else self
+
+    def with_base_shift(self, shift: float) -> Plant:
+        """The plant after the simulator said where its joint bases are, in [m]."""
+        return replace(self, base_shift=shift)
+
+    def with_effector(self, pose: Pose, now: float) -> Plant:
+        """The plant after a measurement of its effector at `now` [s]."""
+        return replace(self, effector=pose, effector_at=now)
+
+    def with_imu(self, quaternion_xyzw: Array, now: float) -> Plant:
+        """The plant after a measurement of the effector's orientation at `now` [s]."""
+        return replace(self, imu=quaternion_xyzw, imu_at=now)
+
+    def is_silent(self, now: float) -> bool:
+        """Whether the joints were not heard of lately, at `now` in [s]."""
+        return now - self.joints_at > SILENT_AFTER_S
+
+    def measured_pose(self, feedback: Feedback, model: Pose | None, now: float) -> Pose | None:
+        """What corrects the model, or None where nothing fresh is known.
+
+        Args:
+            feedback: Where it comes from. An IMU tells the tilt only: position and heading are the model's.
+            model: The model's pose.
+            now: Steady clock in [s].
+        """
+        if feedback == "effector_pose" and now - self.effector_at <= FEEDBACK_WITHIN_S:
+            return self.effector
+        if feedback == "imu" and now - self.imu_at <= FEEDBACK_WITHIN_S and model is not None:
+            assert self.imu is not None
+            return _with_tilt(model, self.imu)
+        return None
+
+
+def off_command(joints: Sequence[JointDescription], positions: Array, command: Array) -> list[str]:
+    """Names of the joints that are not near their command.
+
+    Args:
+        joints: Their limits.
+        positions: Measured, in [rad] or [m], shape (j,).
+        command: Sent, same shape and unit.
+    """
+    off = []
+    for joint, position, wanted in zip(joints, positions, command, strict=True):
+        span = joint.limits.upper - joint.limits.lower
+        reach = FOLLOWS_WITHIN * (span if math.isfinite(span) else 1.0)
+        if abs(position - wanted) > reach:
+            off.append(joint.name)
+    return off
+
+
+def _with_tilt(model: Pose, measured: Array) -> Pose:
+    """The model's pose, tilted as measured; the turn about the world's vertical stays the model's."""
+    rotation = rotation_of(model.quaternion_xyzw)
+    error = rotation_log(rotation_of(measured) @ rotation.T)
+    error[2] = 0.0
+    return Pose(model.position, quaternion_of(rotation_exp(error) @ rotation))

@@ -1,0 +1,371 @@
+"""The node `policy`: a robot's topics in, a trained policy's joint commands out."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from geometry_msgs.msg import PoseArray, PoseStamped
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Bool, Float64
+from std_srvs.srv import SetBool
+
+from softsim_core import RobotDescription
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import CommandError, ConfigError, PolicyError
+from softsim_core.lab.learning.policy import load_policy
+from softsim_core.physics.mechanics.pose import Pose, rotation_of
+from softsim_node.parameters import Program, declare, parameter
+from softsim_node.process import run_node
+from softsim_node.topics import LATCHED, MEASURED, NEWEST_ONLY, StateTopics
+from softsim_ros.listeners import JointReader, JointStates, StateListener
+from softsim_ros.messages.types import OK, WARN
+from softsim_ros.nodes.inverse import plant
+from softsim_ros.nodes.inverse.control_thread import CommandsOut
+from softsim_ros.nodes.inverse.plant import SimulatedRobot, checked_pose
+from softsim_ros.nodes.inverse.robot import check_frame, world_frames
+from softsim_ros.robot_node import FrameSettings, RobotNode, RobotSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyParameters(RobotSettings):
+    """Values of the parameters."""
+
+    policy: str = parameter("", "ONNX file of the policy", fixed=True)
+    enabled: bool = parameter(False, "Switch it on as soon as all that it looks at was heard", fixed=True)
+    measure_timeout: float = parameter(
+        0.2,
+        "What is older is not used: the command stays what it was",
+        unit="s",
+        within=(0.01, 60.0),
+        fixed=True,
+    )
+
+
+class Heard:
+    """Senses of one robot, with the time when each was heard.
+
+    Args:
+        asks: Names of what is looked at, see Senses.
+        goal_size: Numbers of a goal.
+    """
+
+    def __init__(self, asks: Sequence[str], goal_size: int) -> None:
+        self._asks = asks
+        self._values: dict[str, Array] = {}
+        self._at: dict[str, float] = {}
+        self._goal_size = goal_size
+        self._goal: Array | None = None
+        self.commands = np.zeros((1, 0))
+
+    def take(self, name: str, value: Array, now: float) -> bool:
+        """Keep a value, heard at `now` in [s]; False: it is not used, for it is not finite."""
+        if not np.isfinite(value).all():
+            return False
+        self._values[name], self._at[name] = value[None], now
+        return True
+
+    def take_pose(self, pose: Pose, now: float) -> None:
+        """Keep the effector's pose."""
+        self.take("effector_position", pose.position, now)
+        self.take("effector_rotation", rotation_of(pose.quaternion_xyzw), now)
+
+    def aim(self, goal: Array | None) -> None:
+        """Keep what is wanted, shape (g,); None: nothing yet."""
+        self._goal = goal
+
+    def missing(self, now: float, timeout: float) -> list[str]:
+        """Names of what was not heard within `timeout` before `now`, in [s]."""
+        return [name for name in self._asks if not now - self._at.get(name, -np.inf) <= timeout]
+
+    @property
+    def has_goal(self) -> bool:
+        """Whether it is known what is wanted."""
+        return self._goal is not None or not self._goal_size
+
+    # --- Senses ---------------------------------------------------------------------------------------
+
+    @property
+    def joint_positions(self) -> Array:
+        """See Senses."""
+        return self._values["joint_positions"]
+
+    @property
+    def joint_efforts(self) -> Array:
+        """See Senses."""
+        return self._values["joint_efforts"]
+
+    @property
+    def effector_position(self) -> Array:
+        """See Senses."""
+        return self._values["effector_position"]
+
+    @property
+    def effector_rotation(self) -> Array:
+        """See Senses."""
+        return self._values["effector_rotation"]
+
+    @property
+    def effector_rate(self) -> Array:
+        """See Senses."""
+        return self._values["effector_rate"]
+
+    @property
+    def effector_force(self) -> Array:
+        """See Senses."""
+        return self._values["effector_force"]
+
+    @property
+    def thing_position(self) -> Array:
+        """See Senses."""
+        return self._values["thing_position"]
+
+    @property
+    def goals(self) -> Array:
+        """See Senses."""
+        return np.zeros((1, 0)) if self._goal is None else self._goal[None]
+
+
+NODE_NAME: Final = "policy"
+SHIFTED_M: Final = 1e-3
+"""Joint bases shifted by more than this make another robot than the one of the environment."""
+
+TOPIC_OF: Final = {
+    "joint_positions": "joint_states",
+    "joint_efforts": "joint_states (efforts)",
+    "effector_position": "effector_pose",
+    "effector_rotation": "effector_pose",
+    "effector_rate": "imu",
+    "effector_force": "imu",
+    "thing_position": "bodies/poses",
+}
+"""Where each of the senses comes from, for people."""
+
+
+class PolicyNode(RobotNode):
+    """Drives one robot by a policy; in front of the simulator and of the real robot alike.
+
+    Made as RobotNode says. The observation and the command are the Gymnasium environment's own code.
+
+    Raises:
+        SoftSimError: robot or policy are not known or do not fit, or a parameter is not allowed.
+    """
+
+    node_name = NODE_NAME
+
+    def _begin(self, robot: RobotDescription) -> None:
+        values = declare(self, PolicyParameters(robot=self.robot_parameter))
+        if not values.policy:
+            raise ConfigError(NODE_NAME, "parameter policy", "no file is named: give -p policy:=FILE.onnx")
+        self._policy = load_policy(values.policy)
+        self._thing = self._policy.check_robot(robot)
+        self._robot_shift = self._policy.task.description().start_shift  # where its episodes begin
+        task = self._policy.task
+        self._heard = Heard(task.asks, task.goal_size)
+        self._timeout = values.measure_timeout
+        self._wanted, self._enabled, self._problem, self._said = values.enabled, False, "", ""
+        self._sent = 0
+        self._held = False
+        self._other_robot = ""
+        self._base_shift = self._robot_shift
+        self._joint_reader = JointReader(robot.joints, self.refuse)
+        self._goal_frames = world_frames(self.frames)
+        self._commands = CommandsOut(self, "the policy", lambda: self._enabled, self.refuse)
+        self._subscribe(task.asks, bool(task.goal_size))
+        self._inverse = StateListener(self, "inverse_controller/enabled")
+        self.create_service(SetBool, "~/enable", plant.switch(self.enable))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        simulated = bool(self.get_parameter("use_sim_time").value)
+        clock = self.get_clock() if simulated else steady
+        self.create_timer(1.0 / self._policy.rate, self._tick, clock=clock)
+        self.create_timer(1.0, self._report, clock=steady)
+        self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self._enabled))})
+        self.get_logger().info(
+            f"{self._policy.name} at {self._policy.rate:g} Hz for {robot.name}; "
+            + ("on as soon as everything is heard" if self._wanted else f"call {NODE_NAME}/enable")
+        )
+
+    def _subscribe(self, asks: Sequence[str], has_goal: bool) -> None:
+        JointStates(self, self._timeout, self._take_joints)
+        self.create_subscription(Float64, "base_shift", self._on_base_shift, LATCHED)
+        SimulatedRobot(self, self._on_other_robot, self.refuse)
+        if "effector_position" in asks:
+            self.create_subscription(PoseStamped, "effector_pose", self._on_effector, MEASURED)
+        if "effector_rate" in asks:
+            self.create_subscription(Imu, "imu", self._on_imu, MEASURED)
+        if "thing_position" in asks:
+            self.create_subscription(PoseArray, "bodies/poses", self._on_bodies, MEASURED)
+        if has_goal:
+            self.create_subscription(PoseStamped, "effector_goal", self._on_goal, NEWEST_ONLY)
+
+    # --- services -------------------------------------------------------------------------------------
+
+    def enable(self, enabled: bool) -> str:
+        """Drive the robot from the next tick on, or free the command topic; returns a sentence.
+
+        Raises:
+            CommandError: not all that it looks at was heard lately, or somebody else drives the robot.
+        """
+        self._wanted = False
+        if not enabled:
+            self._stop("")
+            return "off: the command topic is free"
+        if not self._enabled:
+            if obstacle := self._obstacle():
+                raise CommandError(f"not switched on: {obstacle}")
+            self._begin_driving()
+        waits = "" if self._heard.has_goal else "; the robot stays where it is until a goal comes"
+        return f"on: {self._policy.name} at {self._policy.rate:g} Hz{waits}"
+
+    def _begin_driving(self) -> None:
+        self._heard.commands = self._heard.joint_positions.copy()
+        self._held = False
+        self._enabled, self._wanted, self._problem = True, False, ""
+        self._state_topics.refresh()
+
+    def _stop(self, sentence: str) -> None:
+        self._enabled, self._problem = False, sentence
+        if sentence:
+            self.get_logger().error(sentence)
+        self._state_topics.refresh()
+
+    def _obstacle(self) -> str:
+        """Why it may not drive this robot now, or not yet; empty: it may."""
+        return self._another() or self._unheard()
+
+    def _another(self) -> str:
+        """Why the robot is not, or not as, the one that it drives; empty: it is."""
+        if self._other_robot:
+            return self._other_robot
+        if abs(self._base_shift - self._robot_shift) > SHIFTED_M:
+            return (
+                f"the joint bases are shifted by {1e3 * self._base_shift:g} mm, the policy has learned with "
+                f"{1e3 * self._robot_shift:g} mm; play the start move (key A, simulator/start)"
+            )
+        if self._inverse.value:
+            return "inverse control is on, and there is one writer at a time; disable it"
+        return ""
+
+    def _unheard(self) -> str:
+        """What was not heard lately, in words; empty: all was."""
+        missing = self._heard.missing(time.monotonic(), self._timeout)
+        if missing:
+            topics = ", ".join(dict.fromkeys(TOPIC_OF[name] for name in missing))
+            return f"nothing was heard within {self._timeout:g} s on {topics}"
+        return ""
+
+    # --- messages -------------------------------------------------------------------------------------
+
+    def _take_joints(self, message: JointState) -> None:
+        now = time.monotonic()
+        for name, read in (
+            ("joint_positions", self._joint_reader.read),
+            ("joint_efforts", self._joint_reader.efforts),
+        ):
+            found = read(message)
+            if found is not None and not self._heard.take(name, found, now):
+                self.refuse(f"joint states with {name} that are not finite are not used")
+
+    def _on_effector(self, message: PoseStamped) -> None:
+        try:
+            pose = checked_pose(message, self._goal_frames, "effector_pose")
+        except CommandError as error:
+            self.refuse(str(error))
+        else:
+            self._heard.take_pose(pose, time.monotonic())
+
+    def _on_imu(self, message: Imu) -> None:
+        rate, force, now = message.angular_velocity, message.linear_acceleration, time.monotonic()
+        for name, value in (("effector_rate", rate), ("effector_force", force)):
+            if not self._heard.take(name, np.array([value.x, value.y, value.z]), now):
+                self.refuse("imu refused: it has a number that is not finite")
+
+    def _on_bodies(self, message: PoseArray) -> None:
+        try:
+            check_frame("bodies/poses", message.header.frame_id, self.frames)
+        except CommandError as error:
+            self.refuse(str(error))
+            return
+        if self._thing < len(message.poses):
+            place = message.poses[self._thing].position
+            self._heard.take("thing_position", np.array([place.x, place.y, place.z]), time.monotonic())
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        try:
+            self._heard.aim(checked_pose(message, self._goal_frames, "goal").position)
+        except CommandError as error:
+            self.refuse(str(error))
+
+    def _on_base_shift(self, message: Float64) -> None:
+        if np.isfinite(message.data):
+            self._base_shift = message.data
+
+    def _on_other_robot(self, sentence: str) -> None:
+        self._other_robot = sentence
+
+    # --- time -----------------------------------------------------------------------------------------
+
+    def _tick(self) -> None:
+        if not (self._enabled or self._wanted):
+            return
+        if self._enabled and (another := self._another()):
+            self._stop(f"the policy is off: {another}; then call {NODE_NAME}/enable")
+            return
+        obstacle = self._obstacle()
+        self._say(f"waiting: {obstacle}" if obstacle else "")
+        if not obstacle:
+            if not self._enabled:
+                self._begin_driving()
+            if not self._heard.has_goal:
+                return
+            try:
+                self._heard.commands = self._policy.command(self._heard)
+            except PolicyError as error:
+                self._stop(f"the policy is off: {error}")
+                return
+            self._held = True
+        if self._enabled and self._held:  # blind, it says again what it said last: the servos stay
+            self._commands.publish(self._heard.commands[0])
+            self._sent += 1
+
+    def _say(self, sentence: str) -> None:
+        """Warn of what is in the way, once; it ends with an empty sentence."""
+        if sentence and not self._said:
+            self.get_logger().warning(sentence)
+        self._said = sentence
+
+    def _report(self) -> None:
+        state = "waiting" if self._said else "on" if self._enabled else "off"
+        values: dict[str, object] = {
+            "state": state,
+            "task": self._policy.name,
+            "rate_hz": self._policy.rate,
+            "commands": self._sent,
+            "foreign_commands": self._commands.foreign,
+        }
+        trouble = self._problem or self._said
+        self._publish_health(WARN if trouble else OK, trouble or state, values)
+
+
+PROGRAM = Program(
+    name="policy",
+    about="Drives a robot by a trained policy in an ONNX file.",
+    settings=(PolicyParameters(), FrameSettings()),
+    more="What it hears besides joint states depends on the policy's task: effector_pose, effector_goal, imu,"
+    " bodies/poses.",
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the policy as a process; returns the exit code."""
+    return run_node(PROGRAM, lambda _: PolicyNode(), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

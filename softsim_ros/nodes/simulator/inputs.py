@@ -1,0 +1,263 @@
+"""Inputs on topics: commands of joints, pulls on the body, moved joint bases.
+
+And where joints are followed that somebody else moves.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from geometry_msgs.msg import Wrench, WrenchStamped
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState, MultiDOFJointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import CommandError, SoftSimError
+from softsim_core.physics.mechanics.pose import rotation_of
+from softsim_core.scene.io.catalog import MOST_NAMES, names_up_to, shortened
+from softsim_core.simulation import Simulation
+from softsim_node.frames import RobotFrames
+from softsim_node.guards import GuardedNode
+from softsim_node.parameters import LiveParameters, ParameterError, parameter
+from softsim_ros.messages import read_base_target
+from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
+from softsim_ros.nodes.simulator.setpoints import (
+    named_command,
+    position_command,
+    seconds,
+    trajectory_command,
+    trajectory_delay,
+)
+from softsim_ros.nodes.simulator.trajectory_action import TrajectoryAction
+
+ROUND_OFF = 1e-9
+LOOK_PERIOD_S = 0.1
+"""Whether a pull has timed out is looked at this often, in [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PullSettings:
+    """Values of the parameters."""
+
+    pull_timeout: float = parameter(
+        0.5, "A pull is let go when it was not sent again for so long", unit="s", within=(0.01, 60.0)
+    )
+    pull_limit: float = parameter(
+        10.0, "Largest force of a pull; a stronger one is shortened", unit="N", within=(0.0, 1.0e6)
+    )
+
+
+class Pulls:
+    """Subscribes to `external_wrench` and puts its force on the simulation; the newest message holds.
+
+    Parameters: `pull_timeout` in [s], after which a force that is not sent again is let go; `pull_limit` in
+    [N], to which a force is shortened.
+
+    Args:
+        node: Owner of the subscription and parameters.
+        physics: The thread that owns the simulation.
+        frames: Names of the robot's frames.
+        warn: Told the sentence of a refused message.
+    """
+
+    def __init__(
+        self, node: Node, physics: PhysicsThread, frames: RobotFrames, warn: Callable[[str], None]
+    ) -> None:
+        self._physics, self._frames, self._warn = physics, frames, warn
+        self._live = LiveParameters(node, PullSettings())
+        self._heard_at: float | None = None
+        node.create_subscription(WrenchStamped, "external_wrench", self._on_wrench, 1)
+        node.create_timer(LOOK_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        force = message.wrench.force
+        limit = self._live.values.pull_limit
+
+        def pull(simulation: Simulation) -> None:
+            if is_turned(message.wrench):
+                raise CommandError("pull refused: only forces pull; leave the torque 0; nothing is pulled")
+            wanted = limited_force((force.x, force.y, force.z), limit)
+            frame = message.header.frame_id
+            place = simulation.scene.effector or frame if frame == self._frames.effector else frame
+            simulation.forces[:] = pulled_nodes(simulation, place, wanted)
+
+        try:
+            self._physics.call(pull, shows=False)
+        except CommandError as error:
+            self._warn(str(error))
+        except SoftSimError:  # the physics has ended
+            return
+        else:
+            self._heard_at = time.monotonic()
+
+    def _look(self) -> None:
+        timeout = self._live.values.pull_timeout
+        if self._heard_at is not None and time.monotonic() - self._heard_at > timeout:
+            self._heard_at = None
+            with suppress(SoftSimError):
+                self._physics.call(let_go, shows=False)
+
+
+def is_turned(wrench: Wrench) -> bool:
+    """Whether a wrench has a torque beyond the round-off of its force times a lever of 1 m."""
+    force, torque = wrench.force, wrench.torque
+    turn = math.hypot(torque.x, torque.y, torque.z)
+    return math.isnan(turn) or turn > ROUND_OFF * math.hypot(force.x, force.y, force.z)
+
+
+def let_go(simulation: Simulation) -> None:
+    """End all pulls."""
+    simulation.forces[:] = 0.0
+
+
+def limited_force(force: tuple[float, float, float], limit: float) -> Array:
+    """A force in [N], shape (3,), no longer than `limit`.
+
+    Raises:
+        CommandError: it is not finite.
+    """
+    if not all(map(math.isfinite, force)):
+        raise CommandError(f"pull refused: the force must be finite, not {list(force)}; nothing is pulled")
+    size = math.hypot(*force)
+    return np.array(force) * (min(1.0, limit / size) if size > 0.0 else 1.0)
+
+
+def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
+    """Forces on all nodes in [N], shape (n, 3), of a force at one place.
+
+    Args:
+        simulation: Whose nodes.
+        frame: "mesh_point/INDEX", a vertex of the visible surface as in mesh/points, or the name of a free
+            frame, whose nodes share the force.
+        force: In [N], in the axes of that frame; those of a vertex are the world's. Shape (3,).
+
+    Raises:
+        CommandError: there is no such place.
+    """
+    forces = np.zeros_like(simulation.forces)
+    if match := re.fullmatch(r"mesh_point/([0-9]{1,9})", frame):
+        index = int(match[1])
+        for body in simulation.bodies:
+            if index < len(body.surface.points):
+                nodes = body.nodes.start + body.embedding.nodes[index]
+                np.add.at(forces, nodes, body.embedding.weights[index][:, None] * force)
+                return forces
+            index -= len(body.surface.points)
+    for region in simulation.model.regions:
+        if region.frame >= 0 and region.name == frame:
+            turn = rotation_of(simulation.frames()[region.name].quaternion_xyzw)
+            forces[region.nodes] = turn @ force / len(region.nodes)
+            return forces
+    points = sum(len(body.surface.points) for body in simulation.bodies)
+    raise CommandError(
+        f"pull refused: no place {shortened(frame)!r}; known: mesh_point/0 to mesh_point/{points - 1}, "
+        f"free frames {names_up_to(MOST_NAMES, simulation.model.frame_names)}; nothing is pulled"
+    )
+
+
+class BaseTargets:
+    """Subscribes to `base_target`: where in `world` the base of a joint goes, see messages.base_target.
+
+    Args:
+        node: Owner of the subscription.
+        physics: The thread that owns the simulation.
+        warn: Told the sentence of a refused message.
+    """
+
+    def __init__(self, node: Node, physics: PhysicsThread, warn: Callable[[str], None]) -> None:
+        self._physics, self._warn = physics, warn
+        node.create_subscription(MultiDOFJointState, "base_target", self._on_target, 1)
+
+    def _on_target(self, message: MultiDOFJointState) -> None:
+        try:
+            joint, position = read_base_target(message)
+            self._physics.call(lambda simulation: simulation.move_base(joint, position), shows=False)
+        except CommandError as error:
+            self._warn(str(error))
+        except SoftSimError:  # the physics has ended
+            return
+
+
+NAMED_DEPTH: Final = 10
+"""Commands by name that may wait: each may be for other joints."""
+
+
+class CommandInputs:
+    """Hands commands to the physics; the newest of all of them wins.
+
+    Args:
+        node: Owner of the subscriptions.
+        physics: The thread that owns the simulation.
+        joint_names: Tells the joints that there are.
+        now_s: The time now in [s], on the clock of the stamps.
+        followed: Topic of joint states that joints of the same names follow; empty: none.
+
+    Attributes:
+        action: FollowJointTrajectory.
+    """
+
+    def __init__(
+        self,
+        node: GuardedNode,
+        physics: PhysicsThread,
+        joint_names: Callable[[], Sequence[str]],
+        now_s: Callable[[], float],
+        followed: str = "",
+    ) -> None:
+        self._node, self._physics, self._joint_names, self._now_s = node, physics, joint_names, now_s
+        node.create_subscription(Float64MultiArray, "position_controller/commands", self._on_positions, 1)
+        node.create_subscription(JointState, "joint_commands", self._on_named, NAMED_DEPTH)
+        node.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
+        if followed:
+            self._follow(followed)
+        self.action = TrajectoryAction(node, physics, now_s)
+
+    def _follow(self, topic: str) -> None:
+        if self._node.resolve_topic_name(topic) == self._node.resolve_topic_name("joint_states"):
+            raise ParameterError(
+                f"parameter follow_joint_states = {topic} is refused: the simulator sends that itself; name "
+                "the topic of the arm's driver"
+            )
+        self._node.create_subscription(JointState, topic, self._on_followed, qos_profile_sensor_data)
+
+    def _on_followed(self, message: JointState) -> None:
+        """Names that the robot has not, and what is no number, are left out."""
+        known = self._joint_names()
+        positions = {
+            name: float(position)
+            for name, position in zip(message.name, message.position, strict=False)
+            if name in known and math.isfinite(position)
+        }
+        if positions:
+            self._physics.led.hear(positions, seconds(message.header.stamp))
+
+    def _on_positions(self, message: Float64MultiArray) -> None:
+        try:
+            self._physics.command(position_command(message, self._joint_names()))
+        except CommandError as error:
+            self._node.refuse(str(error))
+
+    def _on_named(self, message: JointState) -> None:
+        try:
+            self._physics.command_named(named_command(message, self._joint_names(), self._now_s()))
+        except CommandError as error:
+            self._node.refuse(str(error))
+
+    def _on_trajectory(self, message: JointTrajectoryMessage) -> None:
+        try:
+            delay = trajectory_delay(message, self._now_s())
+            self._physics.command(trajectory_command(message, self._joint_names()), delay)
+        except CommandError as error:
+            self._node.refuse(str(error))

@@ -1,0 +1,288 @@
+"""Observation of the simulation: its pace on the steady clock, statistics of steps and contacts."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from softsim_core.base.arrays import Array
+from softsim_core.physics.dynamics.report import ContactReport, StepReport
+
+
+class Pacer:
+    """Due times of fixed steps: every dt / speed seconds, moved to now when the steps fall behind.
+
+    A late step is followed at once by the next one; behind by more than `tolerance_s` the schedule starts
+    anew from now. No step is ever left out: simulated time then runs slower, and `late_s` says by how much.
+
+    Args:
+        tolerance_s: How far steps may fall behind and still catch up, in [s].
+
+    Attributes:
+        late_s: Time given up so far by starting the schedule anew, in [s].
+        restarts: How often that happened.
+    """
+
+    def __init__(self, tolerance_s: float = 0.1) -> None:
+        self.tolerance_s = tolerance_s
+        self.late_s, self.restarts = 0.0, 0
+        self._due: float | None = None
+
+    def start(self) -> None:
+        """Begin a new schedule with the next call of `wait_s` (after a pause, or a change of speed)."""
+        self._due = None
+
+    def wait_s(self, now: float, period_s: float) -> float:
+        """How long to wait after a step that ended at `now`.
+
+        Args:
+            now: Steady clock in [s].
+            period_s: Time from step to step in [s]; 0 means as fast as possible.
+
+        Returns:
+            Seconds until the next step is due, >= 0.
+        """
+        if period_s <= 0.0:
+            self._due = None
+            return 0.0
+        self._due = now + period_s if self._due is None else self._due + period_s
+        behind = now - self._due
+        if behind > self.tolerance_s:
+            self.late_s += behind
+            self.restarts += 1
+            self._due = now
+        return max(0.0, -behind)
+
+
+@dataclass
+class RateGate:
+    """Lets something through at most every `period_s` seconds, without drift.
+
+    Attributes:
+        period_s: Shortest mean time from one passage to the next, in [s].
+    """
+
+    period_s: float
+    _due: float = field(default=-float("inf"), init=False)
+
+    def passes(self, now: float) -> bool:
+        """Whether it is time at `now` (steady clock in [s]); True books the passage."""
+        if now < self._due:
+            return False
+        late = now - self._due > self.period_s  # after a gap: no burst to catch up
+        self._due = (now if late else self._due) + self.period_s
+        return True
+
+
+@dataclass(frozen=True)
+class StageTime:
+    """Times of one stage of the step over a stretch of wall time, in [ms].
+
+    Attributes:
+        calls: How many there were.
+        minimum, mean, maximum: Of one call.
+        squares: Sum of squared distances from the mean, in [ms^2].
+    """
+
+    calls: int
+    minimum: float
+    mean: float
+    maximum: float
+    squares: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Of all calls."""
+        return self.calls * self.mean
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of one call."""
+        return math.sqrt(self.squares / self.calls)
+
+    def with_call(self, time_ms: float) -> StageTime:
+        """The same after one more call."""
+        calls, away = self.calls + 1, time_ms - self.mean
+        mean = self.mean + away / calls
+        squares = self.squares + away * (time_ms - mean)  # Welford 1962
+        return StageTime(calls, min(self.minimum, time_ms), mean, max(self.maximum, time_ms), squares)
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What the physics did in one stretch of wall time.
+
+    Attributes:
+        real_time_factor: Simulated over wall time, [-]; 0 while paused.
+        steps_per_second: Steps done per second of wall time.
+        cpu_ms: Mean processor time of a step in [ms]: what other programs and threads take is not in it.
+        stages: Times of each stage of a step.
+    """
+
+    real_time_factor: float = 0.0
+    steps_per_second: float = 0.0
+    cpu_ms: float = 0.0
+    stages: dict[str, StageTime] = field(default_factory=dict)
+
+    @property
+    def stages_ms(self) -> dict[str, float]:
+        """Mean time of each stage in [ms]."""
+        return {name: time.mean for name, time in self.stages.items()}
+
+
+class SpeedMeter:
+    """Gathers steps and their stage times over stretches of about a second."""
+
+    def __init__(self, dt: float, now: float) -> None:
+        self._dt, self._since = dt, now
+        self._steps, self._cpu_s = 0, 0.0
+        self._stages: dict[str, StageTime] = {}
+
+    def add_step(self, stages_ms: dict[str, float], cpu_s: float = 0.0) -> None:
+        """Count one step with the time of each of its stages in [ms], and its processor time in [s]."""
+        self._steps += 1
+        self._cpu_s += cpu_s
+        for stage, time_ms in stages_ms.items():
+            known = self._stages.get(stage)
+            self._stages[stage] = (
+                StageTime(1, time_ms, time_ms, time_ms) if known is None else known.with_call(time_ms)
+            )
+
+    def take(self, now: float) -> Speed:
+        """The stretch up to `now` (steady clock in [s]); the next one begins."""
+        elapsed = max(now - self._since, 1e-9)
+        steps = self._steps
+        cpu_ms = 1e3 * self._cpu_s / max(steps, 1)
+        speed = Speed(steps * self._dt / elapsed, steps / elapsed, cpu_ms, self._stages)
+        self._since, self._steps, self._cpu_s, self._stages = now, 0, 0.0, {}
+        return speed
+
+
+@dataclass(frozen=True)
+class ContactQuality:
+    """Contacts of one stretch of steps.
+
+    Attributes:
+        contacts: How many there were in the last step, open ones within the alarm distance too.
+        residual: Largest residual of a step in [m]: how far its forces were from the contact law.
+        sweeps: Most sweeps of the contact solver in a step.
+        unsolved: Steps that stopped above the tolerance of the scene.
+    """
+
+    contacts: int = 0
+    residual: float = 0.0
+    sweeps: int = 0
+    unsolved: int = 0
+
+    def with_step(self, report: ContactReport, tolerance: float) -> ContactQuality:
+        """The same after one more step; `tolerance` in [m] is what the scene asks for."""
+        return ContactQuality(
+            contacts=len(report.points),
+            residual=max(self.residual, report.residual),
+            sweeps=max(self.sweeps, report.sweeps),
+            unsolved=self.unsolved + (report.residual > tolerance),
+        )
+
+    @property
+    def complaint(self) -> str:
+        """What is wrong where steps stopped above the tolerance."""
+        return (
+            f"contacts solved only to {self.residual:.1e} m in {self.unsolved} of the last steps: allow "
+            "more contact.iterations, a larger contact.tolerance or a shorter dt"
+        )
+
+    def as_values(self) -> dict[str, object]:
+        """Values for the diagnostics."""
+        return {
+            "contacts": self.contacts,
+            "contact_residual_m": self.residual,
+            "contact_sweeps": self.sweeps,
+            "unsolved_contact_steps": self.unsolved,
+        }
+
+
+@dataclass(frozen=True)
+class Fallbacks:
+    """Steps of one stretch by StepReport.fallback.
+
+    Attributes:
+        steps: How many there were.
+        unpressed: Without the stiffness of what actuators press on.
+        clamped: With the negative stiffness of each cell taken as zero.
+    """
+
+    steps: int = 0
+    unpressed: int = 0
+    clamped: int = 0
+
+    def with_step(self, report: StepReport) -> Fallbacks:
+        """The same after one more step."""
+        return Fallbacks(
+            self.steps + 1, self.unpressed + (report.fallback == 1), self.clamped + (report.fallback == 2)
+        )
+
+    def __bool__(self) -> bool:
+        return self.unpressed + self.clamped > 0
+
+    @property
+    def complaint(self) -> str:
+        """What is wrong where there were some."""
+        return (
+            f"{self.unpressed + self.clamped} of the last {self.steps} steps did without a part of their "
+            "stiffness, as the body is about to buckle or to be torn: change commands more slowly, or "
+            "shorten dt"
+        )
+
+    def as_values(self) -> dict[str, object]:
+        """Values for the diagnostics."""
+        return {
+            "steps_without_pressed_stiffness": self.unpressed,
+            "steps_with_clamped_stiffness": self.clamped,
+        }
+
+
+LENGTH: Final = 1000
+"""Steps that are kept."""
+
+
+class StepHistory:
+    """Filled from one thread, read from any.
+
+    Args:
+        length: Steps that are kept, >= 1.
+    """
+
+    def __init__(self, length: int = LENGTH) -> None:
+        self._length, self._count = length, 0
+        self._stages: tuple[str, ...] = ()
+        self._rows = np.zeros((length, 0))
+        self._lock = threading.Lock()
+
+    def add(self, step: int, time_s: float, stages_ms: Mapping[str, float]) -> None:
+        """Keep one more step; stages of other names, or an earlier step, begin a new history.
+
+        Args:
+            step: Its number.
+            time_s: Simulated time at its end in [s].
+            stages_ms: Time of each stage in [ms].
+        """
+        stages = tuple(stages_ms)
+        with self._lock:
+            last = self._rows[(self._count - 1) % self._length, 0] if self._count else -1
+            if stages != self._stages or step <= last:
+                self._stages, self._count = stages, 0
+                self._rows = np.zeros((self._length, 2 + len(stages)))
+            self._rows[self._count % self._length] = (step, time_s, *stages_ms.values())
+            self._count += 1
+
+    def steps(self) -> tuple[tuple[str, ...], Array]:
+        """Names of the stages, and a row a step, oldest first: number, time in [s], stages in [ms]."""
+        with self._lock:
+            kept = min(self._count, self._length)
+            order = np.arange(self._count - kept, self._count) % self._length
+            return self._stages, self._rows[order]

@@ -1,0 +1,316 @@
+"""Parameters of the simulator, those of the physics included."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.simulation import Simulation
+from softsim_node.parameters import About, ParameterError, checked, declare_value, parameter
+from softsim_node.text import sentence_of
+from softsim_ros.nodes.simulator.snapshot_folder import default_folder
+from softsim_ros.robot_node import RobotSettings
+
+BACKENDS = ("auto", "numba", "scipy")
+OUT_OF_RANGE = ("clamp", "refuse")
+SLOWEST = 1.0e-3
+"""Least speed but 0, in simulated seconds per wall second; at slower ones a step comes after minutes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneSettings(RobotSettings):
+    """Which scene is simulated: what has to be known before the defaults of the others are."""
+
+    robot: str = parameter(
+        "tripod", "Robot or scene: a name such as tripod; at the start also the path of a .yaml or .py file"
+    )
+    overrides: str = parameter(
+        "",
+        "Values laid over the scene's file, as YAML text: 'gravity: [0, 0, -1.6]'; it begins anew with them",
+    )
+    allow_code: str = parameter(
+        "",
+        "Folders whose scenes may be loaded by name at run time, separated as in PATH; they may run code",
+        fixed=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatorSettings(SceneSettings):
+    """Values of the parameters."""
+
+    backend: str = parameter("auto", "Implementation of the step", choices=BACKENDS, fixed=True)
+    out_of_range: str = parameter(
+        "clamp",
+        "What happens to a command beyond the limits: it is clamped, or refused whole",
+        choices=OUT_OF_RANGE,
+        fixed=True,
+    )
+    follow_joint_states: str = parameter(
+        "",
+        "Topic of joint states that joints of the same names follow, as those of a real arm; empty: none",
+        fixed=True,
+    )
+    enforce_limits: bool = parameter(
+        True, "Keep joint limits (position and speed); false allows full turns, in simulation only"
+    )
+    snapshot_folder: str = parameter(
+        str(default_folder()), "Folder of the snapshots, which lie there under their names", fixed=True
+    )
+    snapshot: str = parameter("", "Name of the snapshot that ~/save writes and ~/load reads")
+    editing: bool = parameter(
+        True,
+        "Let others propose changes of the scene's file, apply and save them; see docs/edit.md",
+        fixed=True,
+    )
+    watch: bool = parameter(False, "Load the scene anew whenever one of its files is saved", fixed=True)
+    publish_clock: bool = parameter(False, "Send simulated time on /clock and stamp with it", fixed=True)
+    speed: float = parameter(
+        1.0,
+        f"Simulated seconds per wall second, at least {SLOWEST:g}; 0.0 is as fast as possible",
+        within=(0.0, 1000.0),
+    )
+    mesh_rate: float = parameter(
+        30.0, "Messages per second on mesh/points; 0.0 sends none", unit="Hz", within=(0.0, 1000.0)
+    )
+    marker_stress: float = parameter(
+        0.0,
+        "Stress of the last colour of mesh/marker; 0.0 takes the largest of each message",
+        unit="Pa",
+        within=(0.0, 1.0e12),
+    )
+
+    @classmethod
+    def of(cls, robot: RobotDescription, first: SceneSettings, snapshot: str) -> SimulatorSettings:
+        """As a robot's file says.
+
+        Args:
+            robot: The robot.
+            first: What was asked for.
+            snapshot: Name of its snapshot.
+        """
+        return cls(
+            robot=first.robot,
+            overrides=first.overrides,
+            allow_code=first.allow_code,
+            backend=robot.scene.solver.backend,
+            out_of_range=robot.commands.out_of_range,
+            enforce_limits=robot.commands.enforce_limits,
+            snapshot=snapshot,
+        )
+
+    def over(self, robot: RobotDescription) -> RobotDescription:
+        """The robot with the limits of its commands as the parameters say."""
+        refuses = self.out_of_range == "refuse"
+        commands = replace(
+            robot.commands,
+            enforce_limits=self.enforce_limits,
+            out_of_range="refuse" if refuses else "clamp",
+        )
+        return replace(robot, commands=commands)
+
+
+def check_speed(speed: float) -> None:
+    """Raise where a simulation would stand still: slower than SLOWEST, but not 0.
+
+    Raises:
+        ParameterError: it would.
+    """
+    if 0.0 < speed < SLOWEST:
+        raise ParameterError(f"parameter speed = {speed:g} is refused; allowed: 0.0, {SLOWEST:g} to 1000")
+
+
+RANGES = {"young_modulus": (1.0, 1.0e12), "poisson_ratio": (-0.99, 0.4999)}
+"""Ranges of material parameters as ROS parameters; of others it is the interval of the law."""
+
+LARGEST = 1.0e12
+"""End of a range that a law leaves open."""
+
+SCENE = {"robot", "overrides"}
+"""Parameters that bring another scene, and with it other parameters of the physics."""
+
+
+class Tunable(NamedTuple):
+    """A physical parameter: its value in the scene's file, and how a running simulation is asked and told."""
+
+    value: float
+    about: About
+    read: Callable[[Simulation], float]
+    write: Callable[[Simulation, float], None]
+
+
+def tunables(robot: RobotDescription) -> dict[str, Tunable]:
+    """Parameters of laws, as `young_modulus`, and damping; of several bodies `BODY.young_modulus`.
+
+    Those of a layer, fibres or a region are `LAYER.young_modulus` or `BODY.LAYER.young_modulus`.
+    """
+    scene, found = robot.scene, dict[str, Tunable]()
+    for number, ((owner, values), law) in enumerate(zip(scene.materials, scene.laws, strict=True)):
+        prefix = scene.parameter_prefix(owner)
+        for each in law.parameters:
+            ends = (max(each.lower, -LARGEST), min(each.upper, LARGEST))
+            about = About(
+                text=f"{each.description} of {owner}",
+                unit="" if each.unit == "-" else each.unit,
+                within=RANGES.get(each.name, ends),
+            )
+            read_and_write = _of_material(number, owner, each.name)
+            found[f"{prefix}{each.name}"] = Tunable(values[each.name], about, *read_and_write)
+    found["rayleigh_stiffness"] = Tunable(
+        scene.solver.rayleigh_stiffness,
+        About(text="Damping per stiffness", unit="s", within=(0.0, 10.0)),
+        lambda simulation: simulation.parameters.rayleigh_stiffness,
+        lambda simulation, value: simulation.set_damping(rayleigh_stiffness=value),
+    )
+    found["rayleigh_mass"] = Tunable(
+        scene.solver.rayleigh_mass,
+        About(text="Damping per mass", unit="1/s", within=(0.0, 1.0e4)),
+        lambda simulation: simulation.parameters.rayleigh_mass,
+        lambda simulation, value: simulation.set_damping(rayleigh_mass=value),
+    )
+    return found
+
+
+def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDescription:
+    """The robot with other values of its tunables, by their names.
+
+    Raises:
+        SoftSimError: a law does not allow them.
+    """
+    scene, bodies = robot.scene, []
+
+    def given(owner: str, known: Mapping[str, float]) -> dict[str, float]:
+        prefix = scene.parameter_prefix(owner)
+        return {name: values[f"{prefix}{name}"] for name in known if f"{prefix}{name}" in values}
+
+    for body in scene.bodies:
+        of_parts = {each.name: given(f"{body.name}.{each.name}", each.values) for each in body.parts}
+        changed = replace(
+            body,
+            material=body.material.changed(**given(body.name, body.material.values)),
+            layers=tuple(each.changed(of_parts[each.name]) for each in body.layers),
+            fibres=tuple(each.changed(of_parts[each.name]) for each in body.fibres),
+            regions=tuple(each.changed(of_parts[each.name]) for each in body.regions),
+        )
+        bodies.append(changed)
+    solver = replace(
+        scene.solver,
+        rayleigh_stiffness=values.get("rayleigh_stiffness", scene.solver.rayleigh_stiffness),
+        rayleigh_mass=values.get("rayleigh_mass", scene.solver.rayleigh_mass),
+    )
+    return robot.with_scene(bodies=tuple(bodies), solver=solver)
+
+
+class TuningParameters:
+    """The parameters of the physics that runs; checked as a whole, then written between two steps.
+
+    Args:
+        node: Whose parameters they are.
+        write: Has the physics thread carry out a change of the simulation.
+    """
+
+    def __init__(self, node: Node, write: Callable[[Callable[[Simulation], None]], object]) -> None:
+        self._node, self._write = node, write
+        self._robot: RobotDescription | None = None
+        self._tunables: dict[str, Tunable] = {}
+        self._is_quiet = False
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._post_set)
+
+    def declare(self, robot: RobotDescription, *, given: bool = True) -> RobotDescription:
+        """Declare the parameters of a robot in place of those of the one before.
+
+        Args:
+            robot: The robot.
+            given: Values given at the start of the node count, not only those of the file.
+
+        Returns:
+            The robot with the values that the parameters have now.
+
+        Raises:
+            ParameterError: a value given at the start is out of range; no parameter of the physics is left.
+        """
+        with self._quietly():
+            for name in self._tunables:
+                self._node.undeclare_parameter(name)
+            self._tunables, values = {}, {}
+            for name, tunable in tunables(robot).items():
+                values[name] = declare_value(self._node, name, tunable.value, tunable.about, given=given)
+                self._tunables[name] = tunable
+        self._robot = with_values(robot, values)
+        return self._robot
+
+    def tune(self, simulation: Simulation) -> None:
+        """Write what differs from the robot's file to a simulation that was built from that."""
+        for name, tunable in self._tunables.items():
+            value = float(self._node.get_parameter(name).value)
+            if value != tunable.value:
+                tunable.write(simulation, value)
+
+    def read(self, simulation: Simulation) -> dict[str, float]:
+        """What a simulation has, by name."""
+        return {name: tunable.read(simulation) for name, tunable in self._tunables.items()}
+
+    def store(self, values: Mapping[str, float]) -> None:
+        """Let the parameters tell what a simulation has already."""
+        with self._quietly():
+            self._node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
+
+    @contextmanager
+    def _quietly(self) -> Iterator[None]:
+        self._is_quiet = True
+        try:
+            yield
+        finally:
+            self._is_quiet = False
+
+    def _values(self, changes: list[Parameter]) -> dict[str, float]:
+        values = {}
+        for change in changes:
+            tunable = self._tunables.get(change.name)
+            if tunable is not None:
+                values[change.name] = checked(change.name, change.value, tunable.value, tunable.about)
+        return values
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            values = {} if self._is_quiet else self._values(changes)
+            if values and self._robot is not None:
+                if SCENE & {change.name for change in changes}:
+                    raise ParameterError("set robot or overrides first, and then what the physics has there")
+                with_values(self._robot, values)
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=sentence_of(error))
+        return SetParametersResult(successful=True)
+
+    def _post_set(self, changes: list[Parameter]) -> None:
+        values = {} if self._is_quiet else self._values(changes)
+        if not values or self._robot is None:
+            return
+        self._robot = with_values(self._robot, values)
+        told = {name: self._tunables[name].write for name in values}
+
+        def write(simulation: Simulation) -> None:
+            for name, value in values.items():
+                told[name](simulation, value)
+
+        self._write(write)
+
+
+def _of_material(
+    number: int, owner: str, name: str
+) -> tuple[Callable[[Simulation], float], Callable[[Simulation, float], None]]:
+    def read(simulation: Simulation) -> float:
+        return simulation.parameters.materials[number][name]
+
+    def write(simulation: Simulation, value: float) -> None:
+        simulation.set_material(owner, **{name: value})
+
+    return read, write

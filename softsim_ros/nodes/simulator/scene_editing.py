@@ -1,0 +1,391 @@
+"""Edits of the scene's file over ROS: proposed, applied to the running simulation, saved.
+
+`scene/edit` (std_msgs/String) takes edits, see `messages.proposal`; `scene/proposal` (std_msgs/String,
+latched) tells the scene that they propose. Services: `~/edit/begin`, `undo`, `redo`, `discard`, `apply`,
+`save`, `copy` (std_srvs/Trigger). The document lives here, beside the file; whoever edits opens no file.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import time
+from collections.abc import Awaitable, Callable, Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from rclpy.callback_groups import ReentrantCallbackGroup
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import ConfigError, SceneError, SoftSimError
+from softsim_core.base.files import write_file
+from softsim_core.scene.building.bodies import Body
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.editing import SceneDocument
+from softsim_core.scene.editing.chosen import RestShapes, chosen_by
+from softsim_core.scene.editing.document import rebased
+from softsim_core.scene.editing.parts import routed_points
+from softsim_core.scene.io.files import installed_roots, named_files
+from softsim_core.scene.io.portable import write_description
+from softsim_core.scene.io.programs import limited_to
+from softsim_core.scene.robot import RobotDescription
+from softsim_node.text import one_line, sentence_of
+from softsim_node.topics import EVERY_ONE, LATCHED
+from softsim_ros.messages.scene import MOST_POINTS, ChosenPoints, Proposal, read_edits, write_proposal
+from softsim_ros.nodes.simulator.scene_files import NextScene, SceneBuilder, SceneFiles, files_of, reason
+
+MOST_BYTES: Final = 4_000_000
+SUFFIXES: Final = (".yaml", ".yml")
+
+
+class SceneWriter:
+    """Reads and writes scene files for the edit mode.
+
+    Written is the file that the start command named, if it is the user's own; besides, a copy of a scene into
+    the start folder, where no file of that name is.
+
+    Args:
+        named: The files that the start command named.
+        start_folder: Where copies go; None: nowhere.
+    """
+
+    def __init__(self, named: Iterable[Path], start_folder: Path | None) -> None:
+        self._own = {file.absolute() for file in named}
+        self._start_folder = start_folder
+
+    def refusal(self, file: Path) -> str:
+        """Why a file is not written, in one sentence; "": it may be."""
+        if any(file.resolve().is_relative_to(root.resolve()) for root in installed_roots()):
+            return f"{file.name} came with softsim and is not overwritten; save a copy"
+        if file.absolute() not in self._own:
+            return f"{file.name} was not named by the start command, so it is not written; save a copy"
+        try:
+            status = file.lstat()
+        except OSError as error:
+            return f"{file} cannot be looked at ({error.strerror})"
+        if not stat.S_ISREG(status.st_mode):
+            return f"{file} is a link or no ordinary file, so it is not written; start with the file itself"
+        if not os.access(file, os.W_OK) or not os.access(file.parent, os.W_OK):
+            return f"{file} must not be written by this user; change its rights, or save a copy"
+        return ""
+
+    def read(self, file: Path) -> str:
+        """The text of a file.
+
+        Raises:
+            ConfigError: it cannot be edited.
+        """
+        if file.suffix not in SUFFIXES:
+            raise ConfigError(file, "", "is a program, which is edited by hand; the page edits YAML files")
+        try:
+            with file.open("rb") as stream:
+                data = stream.read(MOST_BYTES + 1)
+            if len(data) > MOST_BYTES:
+                raise ConfigError(file, "", f"is longer than {MOST_BYTES} bytes; edit it by hand")
+            if b"\r" in data:
+                raise ConfigError(file, "", "has lines that end as under Windows; save it with those of Unix")
+            return data.decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise ConfigError(file, "", f"is not UTF-8 text (byte {error.start})") from error
+        except OSError as error:
+            raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
+
+    def write(self, file: Path, text: str, before: str) -> None:
+        """Write a file that still holds the text `before`.
+
+        Raises:
+            ConfigError: it must not be written, cannot be, or has changed.
+        """
+        if sentence := self.refusal(file):
+            raise ConfigError(file, "", f"not saved: {sentence}")
+        if self.read(file) != before:
+            raise ConfigError(
+                file,
+                "",
+                "not saved: it was changed on the disk since it was read; discard the proposal to take that, "
+                "or save a copy",
+            )
+        try:
+            write_file(file, text)
+        except OSError as error:
+            raise ConfigError(file, "", f"not saved: {error.strerror}") from error
+
+    def copy(self, name: str, text: str) -> Path:
+        """Write a new file NAME.yaml in the start folder, which may be written again from then on.
+
+        Raises:
+            ConfigError: there is one already, or it cannot be written.
+        """
+        if self._start_folder is None:
+            raise ConfigError(f"{name}.yaml", "", "not saved: the folder of the start command is gone")
+        file = self._start_folder / f"{name}.yaml"
+        try:
+            write_file(file, text, replaces=False)
+        except FileExistsError as error:
+            raise ConfigError(file, "", "not saved: there is a file of this name; move it away") from error
+        except OSError as error:
+            raise ConfigError(file, "", f"not saved: {error.strerror}") from error
+        self._own.add(file.absolute())
+        return file
+
+
+OFF = "nothing is edited yet; begin first (service simulator/edit/begin)"
+
+
+class Running(NamedTuple):
+    """What edits are applied to.
+
+    Attributes:
+        files: Gives those of the scene that runs.
+        bodies: Gives its bodies, described and made.
+        aside: Does work that takes long beside what runs.
+        go_on_with: Runs another scene.
+    """
+
+    files: Callable[[], SceneFiles]
+    bodies: Callable[[], list[tuple[BodyDescription, Body]]]
+    aside: Callable[[Callable[[], NextScene]], Awaitable[NextScene]]
+    go_on_with: Callable[[NextScene], None]
+
+
+class SceneEditing:
+    """Topics and services of the edit mode.
+
+    Args:
+        node: Owner of topics and services; it refuses with a sentence.
+        running: What runs.
+        builder: Builds what is applied.
+        writer: Reads and writes the file.
+    """
+
+    def __init__(self, node: Any, running: Running, builder: SceneBuilder, writer: SceneWriter) -> None:
+        self._node, self._running, self._builder, self._writer = node, running, builder, writer
+        self._document: SceneDocument | None = None
+        self._source: Path | None = None
+        self._runs = ""
+        self._shapes = RestShapes()
+        self._revision = time.time_ns()
+        self._proposal = node.create_publisher(String, "scene/proposal", LATCHED)
+        node.create_subscription(String, "scene/edit", self._on_edit, EVERY_ONE)
+        for name, action in (
+            ("begin", self.begin),
+            ("undo", self.undo),
+            ("redo", self.redo),
+            ("discard", self.discard),
+            ("save", self.save),
+            ("copy", self.copy),
+        ):
+            node.create_service(Trigger, f"~/edit/{name}", self._answering(action))
+        waiting = ReentrantCallbackGroup()
+        node.create_service(Trigger, "~/edit/apply", self._on_apply, callback_group=waiting)
+
+    # --- requests -------------------------------------------------------------------------------------
+
+    def begin(self) -> str:
+        """Read the file of the scene that runs, unless it is being edited already.
+
+        Raises:
+            SoftSimError: it cannot be edited.
+        """
+        document = self._document
+        if document is not None and (
+            document.is_changed or self._writer.read(document.file) == document.saved
+        ):
+            return f"editing {document.file.name}"
+        return self._open()
+
+    def undo(self) -> str:
+        """Take the last change back."""
+        return "undone" if self._open_document().undo() else "nothing is left to undo"
+
+    def redo(self) -> str:
+        """Do again what was undone."""
+        return "done again" if self._open_document().redo() else "nothing is left to do again"
+
+    def discard(self) -> str:
+        """Forget the proposal and take the file as it is now."""
+        self._open_document()
+        return f"proposal discarded; {self._open()}"
+
+    def save(self) -> str:
+        """Write the proposal into its file.
+
+        Raises:
+            ConfigError: it must not be written, cannot be, or has changed.
+        """
+        document = self._open_document()
+        self._writer.write(document.file, document.text, document.saved)
+        document.note_saved()
+        if self._is_applied(document):
+            self._running.files().note_saved()
+        return f"saved to {document.file}" + (
+            "" if self._is_applied(document) else "; apply it to see it run"
+        )
+
+    def copy(self) -> str:
+        """Write the proposal into a new file of the start folder.
+
+        Raises:
+            ConfigError: it cannot be.
+        """
+        document = self._open_document()
+        known = {*files_of(document.robot), *named_files(document.robot)} - {document.file}
+        text = rebased(document.text, document.file, known)
+        file = self._writer.copy(document.robot.name, text)
+        applied = self._is_applied(document)
+        self._document = self._made(file, text)
+        self._runs = text if applied else self._runs
+        return f"saved as {file}, which is edited from now on; start it with: softsim up {file}"
+
+    async def apply(self) -> str:
+        """Go on with the proposal.
+
+        Raises:
+            SoftSimError: it cannot be built.
+        """
+        document, files = self._open_document(), self._running.files()
+        text = document.text
+        try:
+            built = await self._running.aside(lambda: self._builder.proposed(files, text))
+        except Exception as error:
+            raise SceneError(f"not applied: {reason(error)}") from error
+        self._running.go_on_with(built)
+        self._runs = text
+        return "applied: the scene begins anew as it is proposed"
+
+    def scene_replaced(self) -> None:
+        """Another scene runs, or the same one loaded anew."""
+        files, document = self._running.files(), self._document
+        if document is None:
+            return
+        if files.scene.source is None or files.scene.source != self._source:
+            self._document = None
+            self._tell("another scene runs; begin anew to edit it")
+        elif files.text is None:
+            self._tell(self._done(self._follow))
+
+    # --- what is told ---------------------------------------------------------------------------------
+
+    def _tell(self, sentence: str) -> None:
+        self._revision += 1
+        sentence = one_line(sentence)
+        document = self._document
+        told = Proposal(self._revision, sentence=sentence)
+        description = ""
+        if document is not None:
+            description = write_description(document.robot)
+            told = Proposal(
+                self._revision,
+                robot=document.robot,
+                file=str(document.file),
+                unsaved=self._writer.refusal(document.file),
+                undoable=document.undoable,
+                redoable=document.redoable,
+                is_changed=document.is_changed,
+                is_applied=self._is_applied(document),
+                sentence=sentence,
+                chosen=self._chosen(document.robot),
+                routes=_routes(document.robot),
+            )
+        self._proposal.publish(String(data=write_proposal(told, description)))
+
+    def _chosen(self, robot: RobotDescription) -> tuple[ChosenPoints, ...]:
+        found = []
+        try:
+            every = chosen_by(robot.scene, self._shapes)
+        except Exception as error:  # such as a mesh that cannot be used; it would not be applied either
+            return (ChosenPoints("scene", 0, np.zeros((0, 3)), sentence_of(error)),)
+        for each in every:
+            stride = -(-len(each.points) // MOST_POINTS) or 1
+            found.append(ChosenPoints(each.part, len(each.points), each.points[::stride], each.problem))
+        return tuple(found)
+
+    # --- the document ---------------------------------------------------------------------------------
+
+    def _open(self) -> str:
+        """Read the file of the scene that runs."""
+        self._document = None
+        source = self._running.files().scene.source
+        if source is None:
+            raise SceneError("this scene came from no file, so there is none to edit")
+        text = self._writer.read(source)
+        self._document, self._source = self._made(source, text), source
+        self._runs = self._running.files().text or text
+        for description, body in self._running.bodies():
+            self._shapes.take(description, body)
+        return f"editing {source.name}"
+
+    def _made(self, file: Path, text: str) -> SceneDocument:
+        """A document whose programs, such as the xacro file of an arm, are those that run with the scene."""
+        with limited_to(self._running.files().programs):
+            return SceneDocument(file, text)
+
+    def _follow(self) -> str:
+        """Know what the files hold that were loaded anew; a proposal that changes nothing follows them."""
+        document = self._open_document()
+        assert self._source is not None  # as every document has
+        self._runs = self._writer.read(self._source)
+        if document.file == self._source and not document.is_changed and document.saved != self._runs:
+            return self._open()
+        return ""
+
+    def _open_document(self) -> SceneDocument:
+        if self._document is None:
+            raise SceneError(OFF)
+        return self._document
+
+    def _is_applied(self, document: SceneDocument) -> bool:
+        return document.text == self._runs
+
+    def _on_edit(self, message: String) -> None:
+        def change() -> str:
+            document, files = self._open_document(), self._running.files()
+            edits, stroke = read_edits(message.data)
+            document.take(files.proposed(document, edits), stroke)
+            return ""
+
+        self._tell(self._done(change))
+
+    def _done(self, action: Callable[[], str]) -> str:
+        """Do something and return its sentence, or why not, which is logged, too."""
+        try:
+            return action()
+        except Exception as error:  # what others send may go wrong anywhere
+            sentence = sentence_of(error)
+            self._node.refuse(sentence)
+            return sentence
+
+    def _answering(
+        self, action: Callable[[], str]
+    ) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+        def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            try:
+                response.success, response.message = True, action()
+            except SoftSimError as error:
+                response.success, response.message = False, str(error)
+            self._tell(response.message)
+            return response
+
+        return answer
+
+    async def _on_apply(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.success, response.message = True, await self.apply()
+        except SoftSimError as error:
+            response.success, response.message = False, str(error)
+        self._tell(response.message)
+        return response
+
+
+def _routes(robot: RobotDescription) -> dict[str, Array]:
+    """Pull point and points of each cable in the world."""
+    routes: dict[str, Array] = {}
+    for joint in robot.joints:
+        if joint.kind == "cable":
+            with suppress(SoftSimError):  # its points' file is gone
+                routes[joint.name] = np.array(routed_points(robot, joint.name))[:MOST_POINTS]
+    return routes

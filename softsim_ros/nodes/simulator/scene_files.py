@@ -1,0 +1,483 @@
+"""Loading scenes while the simulator runs: files and their changes, the next scene, compilation beside it."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from softsim_core import RobotDescription, Simulation, load_scene
+from softsim_core.base.errors import ConfigError, SceneError, SoftSimError, SolverDivergedError
+from softsim_core.base.processes import python_command, start_process
+from softsim_core.base.values import MeshFile
+from softsim_core.physics.dynamics.backends import has_compiled_step
+from softsim_core.scene import SceneCatalog
+from softsim_core.scene.editing import Put, SceneDocument
+from softsim_core.scene.editing.document import Proposal
+from softsim_core.scene.editing.edits import Edit
+from softsim_core.scene.io.catalog import names_up_to
+from softsim_core.scene.io.files import file_names, named_files
+from softsim_core.scene.io.programs import ANY_PROGRAM, ProgramRule, limited_to
+from softsim_core.scene.io.yaml_loader import Item, load_yaml, read_overrides
+from softsim_core.scene.io.yaml_source import read_yaml, relative_to_file
+from softsim_core.scene.size import check_size
+from softsim_core.simulation.warmup import get_ready_to_load, kernels_ready
+from softsim_node.ending import ending
+from softsim_ros.nodes.simulator.parameters import SimulatorSettings
+from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
+from softsim_ros.nodes.simulator.spawning import Spawnings, exchanged
+
+LOOK_S: Final = 0.1
+
+BEGINS: Final = "the robot begins on the SciPy path while kernels compile beside it, once, one to two minutes"
+
+
+class CompiledLater:
+    """Compiles, then has a physics thread step by the compiled kernels; waits for nobody.
+
+    What the scene steps by comes first, then what other scenes need, then what large meshes need more.
+
+    Args:
+        physics: Whose simulation.
+        scene: File of the scene that runs; None: it is not as its file says, and waits for all kernels.
+        logger: The node's.
+    """
+
+    def __init__(self, physics: PhysicsThread, scene: str | os.PathLike[str] | None, logger: Any) -> None:
+        self._physics, self._logger = physics, logger
+        self._scene = scene
+        own = [["--only", "--scene", os.fspath(scene)]] if scene is not None else []
+        self._stages: list[list[str]] = [*own, ["--small"], []]
+        self._ended = threading.Event()
+        self._child: subprocess.Popen[bytes] | None = None
+        self._changes = threading.Lock()  # of the child: none begins once all has ended
+        self._thread = threading.Thread(target=self._run, name="compiled later", daemon=True)
+
+    def start(self) -> None:
+        """Begin to compile."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the process if it still compiles: what is in the cache stays, the next start goes on there."""
+        with self._changes:
+            self._ended.set()
+            child = self._child
+        if child is not None and child.poll() is None:
+            with suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+        if self._thread.ident is not None:
+            ending.wait_for(self._thread)
+
+    def _run(self) -> None:
+        for words in self._stages:
+            if not self._compile(words):
+                continue  # the scene's file may be gone; all other kernels hold its own
+            try:
+                self._go_over()
+            except SoftSimError as error:
+                if not self._ended.is_set():
+                    self._logger.warning(f"the SciPy path goes on: {error}")
+
+    def _compile(self, words: list[str]) -> bool:
+        """Have a process compile, and wait for it; False where it failed, which is told, or all has ended."""
+        with self._changes:
+            if self._ended.is_set():
+                return False
+            self._child = start_process(
+                python_command("softsim_core.simulation.warmup", "--beside", *words),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                start_new_session=True,  # Ctrl-C is for the robot, which ends this process
+            )
+        _, errors = self._child.communicate()
+        if self._child.returncode and not self._ended.is_set():
+            last = (errors.decode(errors="replace").strip().splitlines() or ["no reason was given"])[-1]
+            self._logger.warning(f"kernels were not compiled ({last:.200}); the SciPy path goes on")
+        return self._child.returncode == 0
+
+    def _go_over(self) -> None:
+        """Until the simulation that runs steps by the kernels, or needs some that are not compiled yet."""
+        while not self._ended.is_set():
+            running = self._physics.call(lambda simulation: simulation, shows=False)
+            if running.compiled or not (kernels_ready() or running.robot.source == self._scene):
+                return
+            loaded = _compiled(running)
+            if not loaded.compiled:
+                return
+            step = self._physics.call(_goes_over(running, loaded), shows=False)
+            if step is not None:
+                self._logger.info(f"kernels compiled: from step {step} on the simulation runs on them")
+                return
+
+
+def _compiled(running: Simulation) -> Simulation:
+    """The same scene, stepped by the kernels, which this loads."""
+    robot = replace(running.robot, controllers=())
+    trial = Simulation(robot, backend="numba")
+    with suppress(SolverDivergedError):
+        trial.step()
+    trial.von_mises()
+    return Simulation(robot, backend="numba", like=trial)
+
+
+def _goes_over(running: Simulation, loaded: Simulation) -> Callable[[Simulation], int | None]:
+    """What to do between two steps; gives the next step's number, None where another simulation runs now."""
+
+    def go_over(simulation: Simulation) -> int | None:
+        if simulation is not running:
+            return None
+        simulation.step_by(loaded)
+        return simulation.step_count + 1
+
+    return go_over
+
+
+Stamps = dict[Path, tuple[int, int] | None]
+
+
+class SceneFiles:
+    """The source of a scene: its file, the files it extends or imports, its meshes, what is laid over them.
+
+    Args:
+        robot: As loaded; one that came from no file can be neither watched nor loaded anew.
+        programs: Which programs run when it is loaded anew, such as the xacro file of its arm.
+
+    Attributes:
+        scene: The scene that runs.
+        programs: As given.
+        overrides: Text of values that are laid over the files when they are loaded, see `read_overrides`.
+        spawned: What was put beside it since; it stays when the files are loaded anew.
+        text: What stands for the text of its file until the files are loaded anew; None: nothing does.
+    """
+
+    def __init__(self, robot: RobotDescription, programs: ProgramRule = ANY_PROGRAM) -> None:
+        self.scene, self.overrides, self.programs = robot, "", programs
+        self.spawned: Spawnings = ()
+        self.text: str | None = None
+        self._name, self._source = robot.name, robot.source
+        self._files = files_of(robot)
+        self._loaded = self._seen = stamps(self._files)
+        self._named_files = named_files(robot)
+
+    def load(self) -> RobotDescription:
+        """The scene as its files are now.
+
+        Raises:
+            SceneError: it came from no file.
+            ConfigError: any problem in the files or in the overrides, in one sentence.
+        """
+        if self._source is None:
+            raise SceneError(f"{self._name} came from no file and cannot be loaded anew; restart its program")
+        self._loaded = self._seen = stamps(self._files)
+        for module in _modules_beside(self._source):
+            sys.modules.pop(module, None)
+        importlib.invalidate_caches()
+        with limited_to(self.programs):
+            scene = load_scene(self._source, read_overrides(self.overrides))
+        self._files = files_of(scene)
+        self._loaded = self._seen = {**stamps(self._files), **self._loaded}
+        self._named_files |= named_files(scene)
+        return exchanged(scene, (), self.spawned)
+
+    def try_overrides(self, overrides: str) -> RobotDescription:
+        """The scene with other overrides, which come from others; only `load` takes them over.
+
+        Raises:
+            SceneError: it came from no file.
+            ConfigError: as `load`; or the overrides hold an arm, or name a file that the scene does not name.
+        """
+        if self._source is None:
+            raise SceneError(f"{self._name} came from no file; nothing can be laid over it")
+        values = read_overrides(overrides)
+        self._check_names("overrides", values, Path.cwd())
+        with limited_to(self.programs):
+            if self.text is None:
+                scene = load_scene(self._source, values)
+            else:
+                scene = load_yaml(self._source, values, self.text)
+        if overrides:
+            self._check_files("overrides", scene)
+        return exchanged(scene, (), self.spawned)
+
+    def try_text(self, text: str) -> RobotDescription:
+        """The scene with another text in the place of its file's; only `take_over` goes on with it.
+
+        Raises:
+            SceneError: it came from no file.
+            ConfigError: as `load`.
+        """
+        if self._source is None:
+            raise SceneError(f"{self._name} came from no file; it cannot be edited")
+        with limited_to(self.programs):
+            scene = load_yaml(self._source, read_overrides(self.overrides), text)
+        return exchanged(scene, (), self.spawned)
+
+    def proposed(self, document: SceneDocument, edits: Sequence[Edit]) -> Proposal:
+        """What edits of others would make of a document of the scene; it changes nothing.
+
+        Raises:
+            ConfigError: they fit nowhere, or name a file that the scene itself does not name.
+        """
+        for edit in edits:
+            if isinstance(edit, Put):
+                self._check_names("edit", _written_out(edit), document.file.parent)
+        with limited_to(self.programs):
+            proposal = document.proposed(edits)
+        self._check_files("edit", proposal.robot)
+        return proposal
+
+    def _check_names(self, whose: str, values: Mapping[str, Any], folder: Path) -> None:
+        """Refuse values of others that name other files than the scene does; nothing is looked for.
+
+        Args:
+            whose: Names the values in a message.
+            values: As `load_scene` takes them.
+            folder: That relative paths in them are relative to.
+
+        Raises:
+            ConfigError: they name others, or hold an arm, which is made of files of its own.
+        """
+        if "arm" in values:
+            raise ConfigError(whose, "arm", "is made of files; change it in the scene's own file")
+        others = (name for name in file_names(values) if _plain_path(folder / name) not in self._named_files)
+        _refuse_others(whose, others)
+
+    def _check_files(self, whose: str, scene: RobotDescription) -> None:
+        """Refuse a scene made with values of others that names other files.
+
+        Raises:
+            ConfigError: it does; `whose` names the values.
+        """
+        _refuse_others(whose, sorted(map(str, named_files(scene) - self._named_files)))
+
+    def take_over(
+        self, scene: RobotDescription, overrides: str, spawned: Spawnings, text: str | None = None
+    ) -> None:
+        """Go on with a scene, what was laid over its files for it, what was spawned in it, and its text."""
+        self.scene, self.overrides, self.spawned, self.text = scene, overrides, spawned, text
+        self._files = files_of(scene)
+        self._loaded = self._seen = {**stamps(self._files), **self._loaded}
+
+    def note_saved(self) -> None:
+        """The text that runs was written into the file: there is nothing to load anew."""
+        self.text = None
+        self._loaded = self._seen = stamps(self._files)
+
+    def saved(self) -> bool:
+        """Whether a file has changed since it was loaded and is at rest since the last call."""
+        before, self._seen = self._seen, stamps(self._files)
+        at_rest = self._seen == before and None not in self._seen.values()
+        return at_rest and any(self._loaded.get(file) != stamp for file, stamp in self._seen.items())
+
+
+def _refuse_others(whose: str, names: Iterable[str]) -> None:
+    others = list(names)
+    if others:
+        raise ConfigError(
+            whose,
+            "",
+            f"name other files than the scene does ({names_up_to(3, others)}); name them in its file",
+        )
+
+
+def _written_out(edit: Put) -> Mapping[str, Any]:
+    """The part of a file that holds what an edit puts there."""
+    data: Any = edit.value
+    for step in reversed(edit.steps):
+        data = [data] if isinstance(step, Item) else {step: data}
+    return data if isinstance(data, Mapping) else {}
+
+
+def _plain_path(path: Path) -> Path:
+    """A path without `..`, by its text alone."""
+    return Path(os.path.normpath(path))
+
+
+def files_of(robot: RobotDescription) -> list[Path]:
+    """Every file that the scene was made of and that a person may edit."""
+    if robot.source is None:
+        return []
+    files = [robot.source]
+    if robot.source.suffix == ".py":
+        modules = (sys.modules[name] for name in _modules_beside(robot.source))
+        files += [Path(module.__file__) for module in modules if module.__file__]
+    else:
+        files += _extended(robot.source)
+    for body in robot.scene.bodies:
+        files += [mesh.file for mesh in (body.mesh, body.surface) if isinstance(mesh, MeshFile)]
+    return list(dict.fromkeys(files))
+
+
+def stamps(files: list[Path]) -> Stamps:
+    """Time of the last change and size of each file; None for one that is not there."""
+    return {file: _stamp(file) for file in files}
+
+
+def _stamp(file: Path) -> tuple[int, int] | None:
+    try:
+        status = file.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size
+
+
+def _extended(file: Path) -> Iterator[Path]:
+    """The files that a YAML file extends, one after the other; ends where one cannot be read."""
+    seen = {file}
+    while True:
+        try:
+            target = read_yaml(file).get("extends")
+        except ConfigError:
+            return
+        if not isinstance(target, str):
+            return
+        file = relative_to_file(target, file)
+        if file in seen:
+            return
+        seen.add(file)
+        yield file
+
+
+def _modules_beside(source: Path) -> list[str]:
+    """Names of the imported modules that lie in the scene's folder or below, the suite's own left out."""
+    folder = str(source.parent) + "/"
+    return [
+        name
+        for name, module in list(sys.modules.items())
+        if str(getattr(module, "__file__", None) or "").startswith(folder)
+        and not name.startswith(("softsim_core", "softsim_ros", "servo_bridge", "__main__"))
+    ]
+
+
+class NextScene(NamedTuple):
+    """A scene that is ready to take the place of the one that runs."""
+
+    files: SceneFiles
+    scene: RobotDescription
+    simulation: Simulation
+    overrides: str
+    spawned: Spawnings
+    text: str | None = None
+
+
+class Tried(NamedTuple):
+    """What came of a parameter's wish (name and value) for another scene: that, or why there is none."""
+
+    wish: tuple[str, str]
+    built: NextScene | None
+    error: Exception | None
+
+
+class SceneBuilder:
+    """Makes simulations as the node's parameters say; in any thread, and nothing that runs is touched.
+
+    Args:
+        settings: Tells the present parameters.
+        logger: The node's.
+    """
+
+    def __init__(self, settings: Callable[[], SimulatorSettings], logger: Any) -> None:
+        self._settings, self._logger = settings, logger
+
+    def build(self, scene: RobotDescription) -> Simulation:
+        """The simulation, ready: the first real step takes no longer than the others.
+
+        Before the kernels are compiled, "auto" is the SciPy path; see CompiledLater.
+
+        Raises:
+            SoftSimError: it takes more memory than allowed, see scene.size, or cannot be built.
+        """
+        check_size(scene.scene)
+        robot = self._settings().over(scene)
+        backend: Any = self._settings().backend
+        waits = self.waits(robot)
+        self._logger.info(f"building {robot.name}{f'; {BEGINS}' if waits else ''}")
+        if waits:
+            backend = "scipy"
+            get_ready_to_load()  # now, since later it would be in the way of a robot that moves
+
+        def make() -> Simulation:
+            trial = Simulation(replace(robot, controllers=()), backend=backend)
+            with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
+                trial.step()
+            trial.von_mises()
+            return Simulation(robot, backend=backend)
+
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            simulation = ending.abandonable(make)
+        for sentence in dict.fromkeys(str(warning.message) for warning in caught):
+            self._logger.warning(sentence)
+        return simulation
+
+    def waits(self, robot: RobotDescription) -> bool:
+        """Whether the robot begins on the SciPy path because kernels are not compiled yet."""
+        compiles = self._settings().backend == "auto" and has_compiled_step(robot.scene.solver.linear_solver)
+        return compiles and not kernels_ready()
+
+    def anew(self, files: SceneFiles) -> NextScene:
+        """The scene as its files are now.
+
+        Raises:
+            SoftSimError: it cannot be loaded or built.
+        """
+        scene = files.load()
+        return NextScene(files, scene, self.build(scene), files.overrides, files.spawned)
+
+    def named(self, name: str, scenes: SceneCatalog) -> NextScene:
+        """A known scene by its name.
+
+        Raises:
+            SoftSimError: it is not known, or cannot be loaded or built.
+        """
+        robot = scenes.load(name)
+        return self.anew(SceneFiles(robot, scenes.rule_of(scenes.find(name))))
+
+    def overridden(self, overrides: str, files: SceneFiles) -> NextScene:
+        """The scene with other values laid over its files.
+
+        Raises:
+            SoftSimError: it cannot be loaded or built with them.
+        """
+        try:
+            scene = files.try_overrides(overrides)
+            return NextScene(files, scene, self.build(scene), overrides, files.spawned, files.text)
+        except Exception as error:
+            raise SoftSimError(f"overrides refused: {reason(error)}") from error
+
+    def with_spawned(
+        self, files: SceneFiles, change: Callable[[RobotDescription, Spawnings], Spawnings]
+    ) -> NextScene:
+        """The scene that runs, with other bodies spawned; `change` makes them of it and of those before.
+
+        Raises:
+            SoftSimError: it cannot be built with them, or `change` refuses.
+        """
+        spawned = change(files.scene, files.spawned)
+        scene = exchanged(files.scene, files.spawned, spawned)
+        return NextScene(files, scene, self.build(scene), files.overrides, spawned, files.text)
+
+    def proposed(self, files: SceneFiles, text: str) -> NextScene:
+        """The scene with a proposed text in the place of its file's.
+
+        Raises:
+            SoftSimError: it cannot be built.
+        """
+        scene = files.try_text(text)
+        return NextScene(files, scene, self.build(scene), files.overrides, files.spawned, text)
+
+
+def reason(error: Exception) -> str:
+    """Why something failed, with the kind of an error that is not the suite's."""
+    return str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"

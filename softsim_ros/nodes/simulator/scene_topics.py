@@ -1,0 +1,242 @@
+"""Frames of the robot as transforms, and the structure of its scene as a message.
+
+Topics: `scene/structure` (std_msgs/String, latched) is a JSON object, see `structure`; `mesh/tetrahedra`
+(std_msgs/UInt32MultiArray, latched) has the node indices of all elements; `mesh/nodes`
+(sensor_msgs/PointCloud2) has the nodes as mesh/points has the visible vertices, 10 Hz; `frames`
+(geometry_msgs/PoseArray) has the poses in `world` of the frames that the structure names, 30 Hz.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseArray, TransformStamped
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, String, UInt32MultiArray
+
+from softsim_core.base.arrays import Array
+from softsim_core.physics.mechanics.model import FIXED
+from softsim_core.physics.mechanics.pose import quaternion_of, rotation_euler, rotation_of
+from softsim_core.physics.sensing import ForceTorqueDescription, ImuDescription
+from softsim_core.scene.io.location import places_of
+from softsim_core.scene.io.portable import write_description
+from softsim_core.simulation import Simulation
+from softsim_node.frames import BASE_LINK, WORLD, RobotFrames
+from softsim_node.topics import LATCHED
+from softsim_ros import messages
+from softsim_ros.description.links import Link, links_of, moved_link
+from softsim_ros.messages import transform_stamped
+from softsim_ros.nodes.simulator.monitor import RateGate
+
+
+class FrameTree:
+    """Transforms of a simulation's links and of its rigid bodies.
+
+    A link that the simulation measures is where it is, with moved bases too; a rigid body that no link shows
+    hangs on `world`, under its name.
+
+    Args:
+        simulation: Whose frames; of another scene another tree is made.
+        frames: Names of the frames.
+    """
+
+    def __init__(self, simulation: Simulation, frames: RobotFrames) -> None:
+        self._frames = frames
+        links = links_of(simulation.robot)
+        self._still = [link for link in links if link.kind == "fixed" and not link.measured]
+        self._moving = [link for link in links if link not in self._still]
+        self._joints = {name: number for number, name in enumerate(simulation.joint_names)}
+        names = {link.name for link in links}
+        shown = {link.part for link in links}
+        self._objects = {
+            number: body.name if body.name not in names else f"{body.name}_body"
+            for number, body in enumerate(simulation.rigid_bodies)
+            if f"rigid_bodies/{body.name}" not in shown
+        }
+        self._carried = {
+            link.part.partition("/")[2]: link.name for link in links if link.part.startswith("rigid_bodies/")
+        }
+
+        self._of_free = {link.part.partition("/")[2]: link.name for link in links if link.kind == "floating"}
+        self._scene = simulation.scene
+        framed = (ForceTorqueDescription, ImuDescription)
+        units = [each for each in simulation.scene.sensors if isinstance(each, framed)]
+        taken = names | set(self._objects.values())
+        self._units = {
+            each.name: (each, f"{each.name}_sensor" if each.name in taken else each.name) for each in units
+        }
+
+    def of_sensor(self, name: str) -> str:
+        """The frame of a sensor that has one of its own, fixed in what it sits on: an IMU."""
+        return self._frames.of(self._units[name][1])
+
+    def of_place(self, name: str) -> str:
+        """The frame of what a sensor may sit on, by the name that the scene gives it."""
+        scene = self._scene
+        name = next((each.to for each in scene.attachments if each.name == name and each.to != "free"), name)
+        if name == WORLD:
+            return WORLD
+        if name in self._of_free:
+            return self._frames.of(self._of_free[name])
+        if joint := next((each for each in scene.joints if each.name == name and each.moves_frame), None):
+            return self._frames.of(moved_link(joint))
+        bodies = [body.name for body in scene.rigid_bodies]
+        if name in bodies:
+            return self.of_body(bodies.index(name), name)
+        return self._frames.of(name)  # the base of a joint
+
+    def of_body(self, number: int, name: str) -> str:
+        """The frame of a rigid body, by its number and name in the scene."""
+        return self._frames.of(self._objects[number] if number in self._objects else self._carried[name])
+
+    def still(self, stamp: Time) -> list[TransformStamped]:
+        """What never moves: `world` to the base, and what is fixed to another link."""
+        base = transform_stamped(stamp, WORLD, self._frames.base, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        links = [self._transform(stamp, link, *link.pose(0.0)) for link in self._still]
+        return [base, *links, *(self._unit(stamp, unit, name) for unit, name in self._units.values())]
+
+    def _unit(
+        self, stamp: Time, unit: ForceTorqueDescription | ImuDescription, name: str
+    ) -> TransformStamped:
+        turn = quaternion_of(rotation_euler(np.radians(unit.pose.rotation_deg)))
+        parent, child = self.of_place(unit.on), self._frames.of(name)
+        return transform_stamped(stamp, parent, child, unit.pose.translation, turn)
+
+    def moving(self, simulation: Simulation, stamp: Time) -> list[TransformStamped]:
+        """What moves, as it is now."""
+        measured, positions = simulation.frames(), simulation.joint_positions
+        world: dict[str, tuple[Array, Array]] = {BASE_LINK: (np.zeros(3), np.eye(3))}
+        transforms = []
+        for link in self._moving:
+            origin, turn = world[link.parent]
+            if link.measured:
+                pose = measured[link.measured]
+                world[link.name] = pose.position, rotation_of(pose.quaternion_xyzw)
+                place = turn.T @ (pose.position - origin), turn.T @ world[link.name][1]
+            else:
+                place = link.pose(float(positions[self._joints[link.joint]]))
+                world[link.name] = origin + turn @ place[0], turn @ place[1]
+            transforms.append(self._transform(stamp, link, *place))
+        poses = simulation.rigid_poses if self._objects else ()
+        for number, name in self._objects.items():
+            pose, frame = poses[number], self._frames.of(name)
+            transforms.append(transform_stamped(stamp, WORLD, frame, pose.position, pose.quaternion_xyzw))
+        return transforms
+
+    def _transform(self, stamp: Time, link: Link, position: Array, rotation: Array) -> TransformStamped:
+        parent, child = self._frames.of(link.parent), self._frames.of(link.name)
+        return transform_stamped(stamp, parent, child, position, quaternion_of(rotation))
+
+
+NODES_PERIOD_S = 0.1
+FRAMES_PERIOD_S = 1.0 / 30.0
+
+
+class StructurePublications:
+    """Publishers of a scene's inner structure; used from the thread that owns the simulation.
+
+    Args:
+        node: Owner of the publishers.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._structure = node.create_publisher(String, "scene/structure", LATCHED)
+        self._tetrahedra = node.create_publisher(UInt32MultiArray, "mesh/tetrahedra", LATCHED)
+        self._nodes = node.create_publisher(PointCloud2, "mesh/nodes", 1)
+        self._frames = node.create_publisher(PoseArray, "frames", 1)
+        self._generation = 0
+        self._nodes_gate, self._frames_gate = RateGate(NODES_PERIOD_S), RateGate(FRAMES_PERIOD_S)
+
+    def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
+        """Send what does not move, of a scene with `overrides` laid over its file, and names of others."""
+        self._generation = max(self._generation + 1, time.time_ns())
+        told = structure(simulation, overrides, scenes, self._generation)
+        self._tetrahedra.publish(index_array(simulation.tets))
+        self._structure.publish(String(data=json.dumps(told)))
+
+    def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
+        """Send what is due; `now` is a steady clock in [s], `whole` asks for everything at once."""
+        if self._frames.get_subscription_count() and (self._frames_gate.passes(now) or whole):
+            poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.frames().values()]
+            self._frames.publish(PoseArray(header=messages.header(stamp, "world"), poses=poses))
+        if self._nodes.get_subscription_count() and (self._nodes_gate.passes(now) or whole):
+            stress = simulation.von_mises()
+            self._nodes.publish(messages.point_cloud(stamp, "world", simulation.positions, stress))
+
+
+def structure(
+    simulation: Simulation, overrides: str = "", scenes: Sequence[str] = (), generation: int = 0
+) -> dict[str, Any]:
+    """The parts of a scene as plain values: all that a program needs which draws it, without its files.
+
+    Returns:
+        `generation`, a number that grows with every scene, across restarts too; `name`; `description`, the
+        scene as YAML text with every value; `overrides`, YAML text of what is laid over its file; `scenes`,
+        names of those that the parameter `robot` takes; `places`, file and line of each part, by its steps
+        such as "joints/servo_0/base"; `dt` in [s]; `frames`, names in the order of the topic `frames`;
+        `bodies`, each with `name`, `points` and `triangles` (first and end index in mesh/topology), `nodes`
+        (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `body_names`, of
+        all bodies, by the numbers that `contacts/points` gives them; `regions`, each a
+        rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`; `checksums`, by their topics,
+        of the meshes that belong to this generation.
+    """
+    scene, model, source = simulation.scene, simulation.model, simulation.robot.source
+    bodies, point, triangle = [], 0, 0
+    for body, description in zip(simulation.bodies, scene.bodies, strict=True):
+        points, triangles = len(body.surface.points), len(body.surface.triangles)
+        bodies.append(
+            {
+                "name": body.name,
+                "points": [point, point + points],
+                "triangles": [triangle, triangle + triangles],
+                "nodes": [body.nodes.start, body.nodes.stop],
+                "colour": list(description.colour),
+            }
+        )
+        point, triangle = point + points, triangle + triangles
+    targets = {attachment.name: attachment.to for attachment in scene.attachments}
+    regions = [
+        {"name": region.name, "to": targets.get(region.name, "free"), "nodes": region.nodes.tolist()}
+        for region in model.regions
+    ]
+    held = np.flatnonzero((model.region_of_node == FIXED) | (model.spring > 0.0))
+    if len(held):
+        regions.append({"name": "fixings", "to": "world", "nodes": held.tolist()})
+    return {
+        "generation": generation,
+        "name": scene.name,
+        "description": write_description(simulation.robot),
+        "overrides": overrides,
+        "scenes": list(scenes),
+        "places": {} if source is None else places_of(source),
+        "dt": simulation.dt,
+        "frames": list(simulation.frames()),
+        "bodies": bodies,
+        "body_names": list(scene.body_names),
+        "regions": regions,
+        "checksums": {
+            "mesh/topology": messages.mesh_checksum(
+                simulation.visual_triangles, simulation.visual_rest_points
+            ),
+            "mesh/tetrahedra": messages.mesh_checksum(simulation.tets),
+        },
+    }
+
+
+def index_array(rows: Any) -> UInt32MultiArray:
+    """Rows of indices (r, c) as a message whose layout tells r and c."""
+    indices = np.asarray(rows, dtype=np.uint32)
+    count, width = indices.shape
+    layout = MultiArrayLayout(
+        dim=[
+            MultiArrayDimension(label="elements", size=count, stride=count * width),
+            MultiArrayDimension(label="corners", size=width, stride=width),
+        ]
+    )
+    return UInt32MultiArray(layout=layout, data=messages.message_array(indices, "I"))

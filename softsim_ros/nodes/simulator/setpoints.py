@@ -1,0 +1,404 @@
+"""Set points of the joints in each step: checked commands, trajectories, externally driven joints."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Protocol
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import CommandError
+from softsim_core.physics.actuation.trajectory import JointTrajectory
+from softsim_core.physics.mechanics.limits import (
+    check_age,
+    check_command,
+    check_named_command,
+    check_positions_only,
+    says_something,
+)
+from softsim_core.scene.io.catalog import MOST_NAMES, names_up_to
+from softsim_core.simulation import Simulation
+
+MOST_POINTS: Final = 10_000
+"""A trajectory of more way points is refused: every one of them costs time between two steps."""
+
+FARTHEST_START_S: Final = 3600.0
+"""A trajectory that begins later than so many seconds from now was stamped by another clock."""
+
+LATE_S: Final = 0.5
+"""A trajectory that is over for no longer than this in [s] still goes to its end."""
+
+
+def position_command(message: Float64MultiArray, joints: Sequence[str]) -> Array:
+    """Joint positions in [rad] or [m], shape (len(joints),).
+
+    Raises:
+        CommandError: wrong length, or a value that is not a finite number.
+    """
+    return np.array(check_command(message.data, joints))
+
+
+def seconds(stamp: Time) -> float:
+    """A time stamp in [s]."""
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+def named_command(message: JointState, joints: Sequence[str], now_s: float) -> dict[str, float]:
+    """Positions in [rad] or [m] of the joints that a message names, those with NaN left out.
+
+    Args:
+        message: In any order, of some joints or all.
+        joints: Joints that there are.
+        now_s: The time now in [s], on the clock of the stamps.
+
+    Raises:
+        CommandError: it is too old, says more than positions, or what `check_named_command` refuses.
+    """
+    check_age(seconds(message.header.stamp), now_s)
+    check_positions_only(message.velocity, message.effort)
+    return check_named_command(message.name, message.position, joints)
+
+
+def trajectory_delay(message: JointTrajectoryMessage, now_s: float) -> float:
+    """In how many seconds a trajectory begins by its time stamp, < 0 where it has begun; 0 without a stamp.
+
+    Raises:
+        CommandError: it is over already, or too far ahead.
+    """
+    begin = seconds(message.header.stamp)
+    delay = begin - now_s if begin else 0.0
+    if delay > FARTHEST_START_S:
+        raise CommandError(
+            f"trajectory refused: by its stamp it begins in {delay:.0f} s; allowed are {FARTHEST_START_S:g}; "
+            "use one clock (use_sim_time), or stamp it 0 for now; nothing was moved"
+        )
+    if begin and message.points and delay + seconds(message.points[-1].time_from_start) < -LATE_S:
+        raise CommandError(
+            f"trajectory refused: by its stamp it began {-delay:.1f} s ago and is over; use one clock "
+            "(use_sim_time), or stamp it 0 for now; nothing was moved"
+        )
+    return delay
+
+
+def trajectory_command(message: JointTrajectoryMessage, joints: Sequence[str]) -> JointTrajectory:
+    """The way points of a message, see `JointTrajectory`.
+
+    Raises:
+        CommandError: unknown joints, too many of them or of points, wrong lengths, times that do not grow,
+            values that are not finite, slopes at some points only, or efforts.
+    """
+    if len(message.joint_names) > len(joints):
+        raise CommandError(
+            f"trajectory refused: it names {len(message.joint_names)} joints of one with {len(joints)} "
+            f"({names_up_to(MOST_NAMES, joints)}); nothing was moved"
+        )
+    if len(message.points) > MOST_POINTS:
+        raise CommandError(
+            f"trajectory refused: it has {len(message.points)} points; send at most {MOST_POINTS} at once; "
+            "nothing was moved"
+        )
+    if any(says_something(point.effort) for point in message.points):
+        raise CommandError(
+            "trajectory refused: efforts are not obeyed; leave them empty, or fill them with NaN or 0; "
+            "nothing was moved"
+        )
+    for index, point in enumerate(message.points):
+        if len(point.positions) != len(message.joint_names):
+            raise CommandError(
+                f"trajectory refused: point {index} has {len(point.positions)} positions for "
+                f"{len(message.joint_names)} joints; nothing was moved"
+            )
+    times = [seconds(point.time_from_start) for point in message.points]
+    positions = np.array([point.positions for point in message.points], dtype=float)
+    trajectory = JointTrajectory(
+        message.joint_names,
+        times,
+        positions.reshape(len(times), len(message.joint_names)),
+        _slopes(message, "velocities"),
+        _slopes(message, "accelerations"),
+    )
+    trajectory.check_joints(joints)
+    return trajectory
+
+
+def _slopes(message: JointTrajectoryMessage, field: str) -> Array | None:
+    """Velocities or accelerations of all way points, shape (points, joints); None where none has them.
+
+    Raises:
+        CommandError: only some have them, or not one for each joint.
+    """
+    lengths = [len(getattr(point, field)) for point in message.points]
+    if not any(lengths):
+        return None
+    if lengths != [len(message.joint_names)] * len(lengths):
+        raise CommandError(
+            f"trajectory refused: give {field} of every joint at every point, or none; nothing was moved"
+        )
+    values = np.array([getattr(point, field) for point in message.points], dtype=float)
+    return None if np.isnan(values).all() else values
+
+
+LONGEST_S: Final = 0.2
+"""The way from one message to the next takes this long at most, in [s]."""
+
+
+class LedJoints:
+    """Positions of joints by name, on their way from one message to the next.
+
+    A joint takes as long from one place to the next as there is between the stamps of the messages: what
+    hangs on it feels an even motion, one message late, and no jerk at each of them.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._newest: tuple[float, dict[str, float]] | None = None
+        self._stamp, self._span, self._spent = -np.inf, 0.0, 0.0
+        self._from: dict[str, float] = {}
+        self._to: dict[str, float] = {}
+
+    def hear(self, positions: Mapping[str, float], stamp: float) -> None:
+        """Take a message of a time stamp in [s]; from any thread."""
+        with self._lock:
+            self._newest = stamp, dict(positions)
+
+    def advance(self, simulation: Simulation) -> dict[str, float]:
+        """Where joints that the simulation has are led at the end of the next step; in its thread."""
+        with self._lock:
+            newest, self._newest = self._newest, None
+        if newest is not None:
+            stamp, positions = newest
+            self._from = {name: self._now(name, there) for name, there in positions.items()}
+            self._to = positions
+            self._span = min(max(stamp - self._stamp, simulation.dt), LONGEST_S)
+            self._stamp, self._spent = stamp, 0.0
+        self._spent += simulation.dt
+        known = simulation.joint_names
+        return {name: self._now(name, there) for name, there in self._to.items() if name in known}
+
+    def _now(self, name: str, there: float) -> float:
+        if name not in self._to or name not in self._from:
+            return there
+        share = min(self._spent / self._span, 1.0) if self._span > 0.0 else 1.0
+        return self._from[name] + share * (self._to[name] - self._from[name])
+
+
+TAKEN_OVER: Final = "another command took over"
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """A step of a trajectory, for the k joints that it names.
+
+    Attributes:
+        elapsed: Time since its begin in [s], >= 0.
+        desired: Where the joints should be in [rad] or [m], or in the unit of an effort that they are told,
+            shape (k,).
+        desired_velocities: The same a second, shape (k,).
+        actual: Where they are, or their effort, shape (k,).
+        actual_velocities: Shape (k,); NaN of efforts, whose rates are not measured.
+    """
+
+    elapsed: float
+    desired: Array
+    desired_velocities: Array
+    actual: Array
+    actual_velocities: Array
+
+
+class Follower(Protocol):
+    """Who gave a trajectory and wants to know how it goes and how it ends."""
+
+    def follow(self, progress: Progress) -> bool:
+        """Called in the physics thread after each step of it; True: it has ended."""
+        ...
+
+    def give_up(self, reason: str) -> None:
+        """Called from any thread, once: why it ended before its time, such as "the simulation was reset"."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """A trajectory with its follower, and once it runs its begin in [s] and the command (j,) at that time."""
+
+    trajectory: JointTrajectory
+    follower: Follower | None
+    begin: float = 0.0
+    start: Array | None = None
+
+
+class Commanded:
+    """The commands of a simulation's joints, from any thread, applied in the one that steps it.
+
+    Args:
+        on_refusal: Called in that thread with the sentence of a refused command.
+
+    Attributes:
+        led: Joints that somebody else moves: whatever is commanded, they go where they are led.
+        clamped: Commands that were moved to the limits, in all.
+        refused: Commands that the simulation refused, in all.
+    """
+
+    def __init__(self, on_refusal: Callable[[str], None]) -> None:
+        self._on_refusal = on_refusal
+        self._lock = threading.Lock()
+        self._newest: Array | _Course | None = None
+        self._named: dict[str, float] = {}  # positions of some joints, over the newest command
+        self._delay = 0.0
+        self._course: _Course | None = None
+        self._leaving: list[tuple[Follower, str]] = []
+        self.led = LedJoints()
+        self.clamped = self.refused = 0
+
+    # --- from any thread ------------------------------------------------------------------------------
+
+    def command(
+        self, target: Array | JointTrajectory, delay_s: float = 0.0, follower: Follower | None = None
+    ) -> None:
+        """Give joint positions, shape (j,), or a trajectory for the next step; the newest of either wins.
+
+        Args:
+            target: Where to go.
+            delay_s: In how many simulated seconds a trajectory begins; < 0: it has begun already.
+            follower: Is told how the trajectory goes and ends.
+        """
+        newest = _Course(target, follower) if isinstance(target, JointTrajectory) else target
+        with self._lock:
+            before, self._newest, self._delay = self._newest, newest, delay_s
+            self._named.clear()
+        _give_up(before, TAKEN_OVER)
+
+    def command_named(self, positions: Mapping[str, float]) -> None:
+        """Give positions of some joints by name for the next step; the others stay where they are told."""
+        with self._lock:
+            self._named.update(positions)
+
+    def leave(self, follower: Follower, reason: str) -> None:
+        """End the trajectory of a follower before the next step, if it has not ended by itself."""
+        with self._lock:
+            self._leaving.append((follower, reason))
+
+    # --- in the thread that steps ---------------------------------------------------------------------
+
+    @property
+    def runs_trajectory(self) -> bool:
+        """Whether a trajectory is on its way."""
+        return self._course is not None
+
+    def apply(self, simulation: Simulation) -> None:
+        """Tell the joints what is due in the next step."""
+        with self._lock:
+            newest, self._newest = self._newest, None
+            named, self._named, delay = self._named, {}, self._delay
+            leaving, self._leaving = self._leaving, []
+        try:
+            if named:
+                self._take_over(None)
+                _give_up(newest, TAKEN_OVER)
+                self._command(simulation, _laid_over(simulation, newest, named))
+            elif isinstance(newest, _Course):
+                begin = simulation.time + delay
+                self._take_over(replace(newest, begin=begin, start=simulation.joint_targets))
+            elif newest is not None:
+                self._take_over(None)
+                self._command(simulation, newest)
+            for follower, reason in leaving:
+                if self._course is not None and self._course.follower is follower:
+                    self._end(reason)
+            self._go_on(simulation)
+            if led := self.led.advance(simulation):
+                simulation.command(_laid_over(simulation, None, _within(simulation, led)))
+        except CommandError as error:
+            self._end(str(error))
+            self.refused += 1
+            self._on_refusal(str(error))
+
+    def follow(self, simulation: Simulation) -> None:
+        """Show the step that was done to the follower of the trajectory."""
+        course = self._course
+        if course is None or course.follower is None or simulation.time < course.begin:
+            return
+        assert course.start is not None
+        elapsed = simulation.time - course.begin
+        joints = [simulation.joint_names.index(name) for name in course.trajectory.joints]
+        desired, desired_velocities = course.trajectory.between(elapsed, course.start[joints])
+        told_efforts = np.array([joint.by_effort for joint in simulation.robot.joints])
+        actual = np.where(told_efforts, simulation.joint_efforts, simulation.joint_positions)
+        velocities = np.where(told_efforts, np.nan, simulation.joint_velocities)
+        progress = Progress(elapsed, desired, desired_velocities, actual[joints], velocities[joints])
+        if course.follower.follow(progress):
+            self._course = None
+
+    def forget(self, reason: str, whose: Callable[[Follower | None], bool] = lambda follower: True) -> None:
+        """Drop what was given before; its followers are told the reason.
+
+        Args:
+            reason: Why, such as "the simulation was reset".
+            whose: Tells by its follower what is dropped; what nobody follows has None.
+        """
+        with self._lock:
+            newest = self._newest
+            dropped = newest if whose(newest.follower if isinstance(newest, _Course) else None) else None
+            if dropped is not None:
+                self._newest = None
+            if whose(None):
+                self._named.clear()
+        _give_up(dropped, reason)
+        if self._course is not None and whose(self._course.follower):
+            self._end(reason)
+
+    def _go_on(self, simulation: Simulation) -> None:
+        if self._course is None:
+            return
+        course = self._course
+        assert course.start is not None
+        elapsed = simulation.time + simulation.dt - course.begin  # targets hold at the end of the step
+        if course.follower is None and course.trajectory.is_over(elapsed):
+            self._course = None
+        if elapsed >= 0.0:
+            self._command(simulation, course.trajectory.sample(elapsed, course.start, simulation.joint_names))
+
+    def _command(self, simulation: Simulation, values: Array) -> None:
+        accepted = simulation.command(values)
+        self.clamped += not np.array_equal(accepted, values)
+
+    def _take_over(self, course: _Course | None) -> None:
+        self._end(TAKEN_OVER)
+        self._course = course
+
+    def _end(self, reason: str) -> None:
+        course, self._course = self._course, None
+        _give_up(course, reason)
+
+
+def _give_up(dropped: Array | _Course | None, reason: str) -> None:
+    if isinstance(dropped, _Course) and dropped.follower is not None:
+        dropped.follower.give_up(reason)
+
+
+def _within(simulation: Simulation, positions: Mapping[str, float]) -> dict[str, float]:
+    """Positions by name, within the limits where these hold."""
+    if not simulation.enforce_limits:
+        return dict(positions)
+    limits = {joint.name: joint.limits for joint in simulation.robot.joints}
+    return {name: limits[name].clamp(position) for name, position in positions.items()}
+
+
+def _laid_over(simulation: Simulation, newest: Array | _Course | None, named: Mapping[str, float]) -> Array:
+    """Targets of all joints: those named, over the newest command, else over what was told before."""
+    targets = np.array(newest) if isinstance(newest, np.ndarray) else simulation.joint_targets
+    if simulation.enforce_limits:  # a rest pose beyond them is no command of anybody's
+        targets[:] = [
+            joint.limits.clamp(target) for joint, target in zip(simulation.robot.joints, targets, strict=True)
+        ]
+    for name, position in named.items():
+        if name in simulation.joint_names:  # else another scene has come since
+            targets[simulation.joint_names.index(name)] = position
+    return targets

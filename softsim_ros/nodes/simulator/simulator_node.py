@@ -1,0 +1,433 @@
+"""The node `simulator`: parameters, topics and services around the physics thread."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, Final
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from std_msgs.msg import Bool, Float64MultiArray, String
+from std_srvs.srv import Trigger
+
+from softsim_core import RobotDescription
+from softsim_core.base.errors import SoftSimError, listing
+from softsim_core.scene import SceneCatalog
+from softsim_core.scene.building.bodies import Body
+from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene.io.catalog import folders_of
+from softsim_node.background import Aside
+from softsim_node.parameters import LiveParameters, ParameterError, Program, declare
+from softsim_node.process import keep_freed_memory, run_node
+from softsim_node.topics import StateTopics
+from softsim_ros.messages import step_profile
+from softsim_ros.messages.types import ERROR, OK, WARN
+from softsim_ros.nodes.simulator.inputs import BaseTargets, CommandInputs, Pulls, PullSettings
+from softsim_ros.nodes.simulator.parameters import (
+    SCENE,
+    SceneSettings,
+    SimulatorSettings,
+    TuningParameters,
+    check_speed,
+)
+from softsim_ros.nodes.simulator.physics_thread import PhysicsStatus, PhysicsThread
+from softsim_ros.nodes.simulator.publications import Publications, stage_statistics
+from softsim_ros.nodes.simulator.scene_editing import Running, SceneEditing, SceneWriter
+from softsim_ros.nodes.simulator.scene_files import (
+    CompiledLater,
+    NextScene,
+    SceneBuilder,
+    SceneFiles,
+    Tried,
+    reason,
+)
+from softsim_ros.nodes.simulator.services import RunServices, SnapshotServices
+from softsim_ros.nodes.simulator.snapshot_folder import SnapshotFolder, default_name
+from softsim_ros.nodes.simulator.spawning import Spawner, Spawnings
+from softsim_ros.nodes.simulator.standard_services import StandardServices
+from softsim_ros.robot_node import FrameSettings, RobotNode
+
+SLOW = 0.95
+"""Below this share of the asked speed the simulator says that it is slow."""
+
+NOT_LOADED: Final = "scene not loaded: "
+"""How a fault begins whose cause is a file of the scene; the physics before it is whole."""
+
+
+def memory_mb() -> float:
+    """Resident memory of this process in [MB]; 0 where /proc does not tell."""
+    try:
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmRSS:"):
+                return float(line.split()[1]) / 1024.0
+    except OSError:
+        pass
+    return 0.0
+
+
+def health(status: PhysicsStatus, alive: bool, speed: float) -> tuple[bytes, str, dict[str, object]]:
+    """Level, sentence and values of the diagnostics.
+
+    Args:
+        status: What the physics did lately.
+        alive: Whether its thread runs.
+        speed: Asked speed, simulated seconds a wall second; 0 is as fast as possible.
+    """
+    factor = status.speed.real_time_factor
+    state = "paused" if status.paused else "running"
+    level, sentence = OK, state
+    if not alive:
+        level, sentence, state = ERROR, "the physics thread has ended; restart the simulator", "ended"
+    elif status.fault:
+        level, sentence, state = ERROR, status.fault, "stopped"
+    elif status.contacts is not None and status.contacts.unsolved:
+        level, sentence = WARN, status.contacts.complaint
+    elif status.inverted_elements:
+        count = status.inverted_elements
+        told = "element is" if count == 1 else "elements are"
+        level, sentence = WARN, f"{count} {told} inside out; reduce dt, the load, or the pull on them"
+    elif status.fallbacks:
+        level, sentence = WARN, status.fallbacks.complaint
+    elif not status.paused and 0.0 < factor < SLOW * speed:
+        level, sentence = WARN, f"slower than asked: {factor:.2f} of {speed:g} times real time"
+    values: dict[str, object] = {
+        "state": state,
+        "real_time_factor": factor,
+        "steps_per_second": status.speed.steps_per_second,
+        "steps": status.steps,
+        "cpu_ms_per_step": status.speed.cpu_ms,
+        "time_s": status.time_s,
+        "dt_s": status.dt,
+        "time_behind_s": status.late_s,
+        "scene": "not loaded" if status.fault.startswith(NOT_LOADED) else "loaded",
+        "trajectory": "running" if status.trajectory else "none",
+        "clamped_commands": status.clamped_commands,
+        "refused_commands": status.refused_commands,
+        "backend": status.backend,
+        "inverted_elements": status.inverted_elements,
+        **status.fallbacks.as_values(),
+        "memory_mb": memory_mb(),
+    }
+    if status.contacts is not None:
+        values.update(status.contacts.as_values())
+    for stage, time_ms in status.speed.stages_ms.items():
+        values[f"{stage}_ms"] = time_ms
+    return level, sentence, values
+
+
+NODE_NAME = "simulator"
+WATCH_PERIOD_S = 0.25
+"""The scene's files are looked at this often, in [s]; one that was saved must rest that long."""
+
+
+class Simulator(RobotNode):
+    """Simulates one robot or scene in real time; made as RobotNode says.
+
+    Raises:
+        SoftSimError: the robot is not known, or a parameter is not allowed.
+    """
+
+    node_name = NODE_NAME
+    _physics: PhysicsThread | None = None
+    _inputs: CommandInputs | None = None
+    _standard: StandardServices | None = None
+    _editing: SceneEditing | None = None
+    _later: CompiledLater | None = None
+    _closed = False
+
+    def _begin(self, robot: RobotDescription) -> None:
+        keep_freed_memory()
+        self._aside = Aside("another scene is being loaded")
+        self._tried: Tried | None = None
+        first = declare(self, SceneSettings(robot=self.robot_parameter))
+        self._files = SceneFiles(robot)
+        self._files.overrides = first.overrides
+        self._scenes = SceneCatalog(self.named, folders_of(first.allow_code))
+        if first.overrides:
+            robot = self._files.load()
+            self._files.take_over(robot, first.overrides, ())
+        self._live = LiveParameters(
+            self,
+            SimulatorSettings.of(robot, first, default_name(robot, self.get_namespace())),
+            check=self._check_parameters,
+            apply=self._apply_parameters,
+        )
+        start = self._live.values
+        check_speed(start.speed)
+        self._snapshots = SnapshotFolder(Path(start.snapshot_folder))
+        self._snapshots.file(start.snapshot)
+        self._tuning = TuningParameters(self, lambda change: self.physics.call(change, shows=False))
+        self._builder = SceneBuilder(lambda: self._live.values, self.get_logger())
+        simulation = self._builder.build(self._tuning.declare(robot))
+        self.joint_names = simulation.joint_names
+        self._publications = Publications(
+            self,
+            simulation,
+            self.frames,
+            mesh_rate=start.mesh_rate,
+            publish_clock=start.publish_clock,
+            marker_stress=start.marker_stress,
+            overrides=self._files.overrides,
+            scenes=self._scenes.names(),
+        )
+        self._physics = PhysicsThread(
+            simulation,
+            self._publications.publish,
+            self.refuse,
+            self.get_logger().error,
+            self.get_logger().get_child("scene").info,
+            start.speed,
+        )
+        self._stage_statistics = self.create_publisher(DiagnosticArray, "stage_statistics", 1)
+        self._step_profile = self.create_publisher(Float64MultiArray, "step_profile", 1)
+        self._inputs = CommandInputs(
+            self, self._physics, lambda: self.joint_names, self._now_s, start.follow_joint_states
+        )
+        self.create_subscription(String, "keys", self._on_key, 10)
+        self._pulls = Pulls(self, self._physics, self.frames, self.refuse)
+        self._base_targets = BaseTargets(self, self._physics, self.refuse)
+        RunServices(self, self._physics, lambda: self._state_topics.refresh())
+        SnapshotServices(
+            self, self._physics, self._snapshots, lambda: self._live.values.snapshot, self._take_over_tuning
+        )
+        self.create_service(Trigger, "~/reload", self._on_reload, callback_group=self._waiting)
+        spawner = Spawner(self._scenes, self._exchange, self._aside.run, lambda: self._files.spawned)
+        if start.editing:
+            self._editing = SceneEditing(self, self._running(), self._builder, self._writer())
+        self._standard = StandardServices(self, self._physics, self._publications.stamp, spawner)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        if start.watch:
+            self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady, callback_group=self._waiting)
+        self._physics.start()
+        if self._builder.waits(robot):
+            as_its_file_says = None if first.overrides else robot.source
+            self._later = CompiledLater(self._physics, as_its_file_says, self.get_logger())
+            self._later.start()
+        self._state_topics = StateTopics(
+            self,
+            {
+                "~/paused": (Bool, lambda: Bool(data=self.physics.status.paused)),
+                "~/faulted": (Bool, lambda: Bool(data=self._faulted)),
+            },
+        )
+        elements = sum(len(group.cells) for group in simulation.model.filling)
+        self.get_logger().info(
+            f"simulating {self.robot}: {len(simulation.positions)} nodes, {elements} elements, "
+            f"joints {listing(self.joint_names)}, step {simulation.dt:g} s, backend {simulation.backend}"
+        )
+
+    def close(self) -> None:
+        """End the physics, then destroy the node; a second call does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._later is not None:
+            self._later.close()
+        self._aside.close()
+        if self._physics is not None:
+            self._physics.close()
+        if self._inputs is not None:
+            self._inputs.action.close()
+        if self._standard is not None:
+            self._standard.close()
+        self.destroy_node()
+
+    @property
+    def physics(self) -> PhysicsThread:
+        """The thread that owns the simulation."""
+        assert self._physics is not None
+        return self._physics
+
+    @property
+    def _faulted(self) -> bool:
+        """Whether the physics has stopped by itself, or its thread has ended before the node."""
+        return bool(self.physics.status.fault) or not (self.physics.is_alive or self._closed)
+
+    # --- commands -------------------------------------------------------------------------------------
+
+    def _now_s(self) -> float:
+        """The time now in [s], on the clock that stamps what the simulator sends."""
+        if self._live.values.publish_clock:
+            return self.physics.status.time_s
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def _on_key(self, message: String) -> None:
+        """A key for the functions that the scene itself hung on keys."""
+        try:
+            self.physics.press_key(message.data)
+        except Exception as error:  # a scene's own code may raise anything; the node must live on
+            self.refuse(f"key {message.data!r}: {error}")
+
+    # --- another scene --------------------------------------------------------------------------------
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
+        """As ClosableNode's; parameters that bring another scene are answered once that has been built."""
+        setters = (SetParameters, SetParametersAtomically)
+        if srv_type in setters:
+            callback, options = self._built_first(callback), {**options, "callback_group": self._waiting}
+        return super().create_service(srv_type, srv_name, callback, **options)
+
+    @cached_property
+    def _waiting(self) -> ReentrantCallbackGroup:
+        """Callbacks that wait for work aside; in the node's own group all others would wait with them."""
+        return ReentrantCallbackGroup()
+
+    def _built_first(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        async def answer(request: Any, response: Any) -> Any:
+            wishes = [
+                (each.name, each.value.string_value) for each in request.parameters if each.name in SCENE
+            ]
+            if len(wishes) == 1:
+                try:
+                    built = await self._aside.run(partial(self._prepare, *wishes[0]))
+                    self._tried = Tried(wishes[0], built, None)
+                except Exception as error:
+                    self._tried = Tried(wishes[0], None, error)
+            try:
+                return callback(request, response)
+            finally:
+                self._tried = None
+
+        return answer
+
+    async def _look_at_files(self) -> None:
+        if not self._aside.is_busy and self._files.saved():
+            with suppress(SoftSimError):  # logged by the physics
+                self.get_logger().info(await self._reload())
+
+    async def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = True, await self._reload()
+        return response
+
+    async def _reload(self) -> str:
+        """Load the scene's files anew and go on with it; with wrong ones the scene before stays, paused."""
+        try:
+            following = await self._aside.run(partial(self._builder.anew, self._files))
+        except Exception as error:
+            sentence = f"{NOT_LOADED}{reason(error)}"
+            self.physics.stop(sentence)
+            raise SoftSimError(sentence) from error
+        self._go_on_with(following)
+        return f"loaded {following.scene.source}"
+
+    def _prepare(self, name: str, value: str) -> NextScene:
+        """The scene that `robot` or `overrides` asks for, ready to run; nothing changes here."""
+        if name == "robot":
+            return self._builder.named(value, self._scenes)
+        return self._builder.overridden(value, self._files)
+
+    def _go_on_with(self, following: NextScene) -> None:
+        try:
+            self._tuning.declare(following.scene)
+        except ParameterError:  # what was given at the start fits another material
+            self._tuning.declare(following.scene, given=False)
+        self._tuning.tune(following.simulation)
+        self._replace(following)
+        self.joint_names = following.simulation.joint_names
+
+    async def _exchange(self, change: Callable[[RobotDescription, Spawnings], Spawnings]) -> None:
+        """Go on with the same scene and other bodies spawned in it, from where it is then."""
+        following = await self._aside.run(lambda: self._builder.with_spawned(self._files, change))
+        self._replace(following, goes_on=True)
+
+    def _replace(self, following: NextScene, *, goes_on: bool = False) -> None:
+        laid, known = following.overrides, self._scenes.names()
+        show = partial(self._publications.show_scene, overrides=laid, scenes=known)
+        self.physics.replace(following.simulation, show, goes_on=goes_on)
+        self._files = following.files
+        self._files.take_over(following.scene, laid, following.spawned, following.text)
+        if self._editing is not None:
+            self._editing.scene_replaced()
+
+    # --- edits of its file ----------------------------------------------------------------------------
+
+    def _running(self) -> Running:
+        """What edits are applied to."""
+
+        def bodies() -> list[tuple[BodyDescription, Body]]:
+            return self.physics.call(
+                lambda run: list(zip(run.scene.bodies, run.bodies, strict=True)), shows=False
+            )
+
+        return Running(lambda: self._files, bodies, self._aside.run, self._go_on_with)
+
+    def _writer(self) -> SceneWriter:
+        """What may write the file that the start command named."""
+        return SceneWriter(self.named.values(), self._scenes.start_folder)
+
+    # --- parameters -----------------------------------------------------------------------------------
+
+    def _check_parameters(self, names: frozenset[str], settings: SimulatorSettings) -> None:
+        check_speed(settings.speed)
+        if "snapshot" in names:
+            self._snapshots.file(settings.snapshot)
+        if names >= SCENE:
+            raise ParameterError("robot and overrides are set one after the other")
+        for name in names & SCENE:
+            wish = (name, settings.robot if name == "robot" else settings.overrides)
+            if self._tried is None or self._tried.wish != wish:
+                self._tried = Tried(wish, self._prepare(*wish), None)
+            if self._tried.error is not None:
+                error, self._tried = self._tried.error, None
+                raise error
+
+    def _apply_parameters(self, names: frozenset[str], settings: SimulatorSettings) -> None:
+        tried, self._tried = self._tried, None
+        if names & SCENE and tried is not None and tried.built is not None:
+            self._go_on_with(tried.built)
+            if "robot" in names:
+                self._live.store(overrides="")
+        if "enforce_limits" in names:
+            limits = settings.enforce_limits
+            self.physics.call(lambda run: setattr(run, "enforce_limits", limits), shows=False)
+        if "speed" in names:
+            self.physics.set_speed(settings.speed)
+        self._publications.mesh_rate = settings.mesh_rate
+        self._publications.marker_stress = settings.marker_stress
+
+    def _take_over_tuning(self) -> None:
+        """Make the parameters tell what the loaded snapshot holds."""
+        values, limits = self.physics.call(
+            lambda simulation: (self._tuning.read(simulation), simulation.enforce_limits), shows=False
+        )
+        self._tuning.store(values)
+        self._live.store(enforce_limits=limits)
+
+    # --- diagnostics ----------------------------------------------------------------------------------
+
+    def _publish_diagnostics(self) -> None:
+        if self._inputs is not None:
+            self._inputs.action.look()
+        level, sentence, values = health(self.physics.status, self.physics.is_alive, self._live.values.speed)
+        self._publish_health(level, sentence, values)
+        if self._stage_statistics.get_subscription_count():
+            stamp, stages = self.get_clock().now().to_msg(), self.physics.status.speed.stages
+            self._stage_statistics.publish(stage_statistics(stamp, self.robot, stages))
+        if self._step_profile.get_subscription_count():
+            self._step_profile.publish(step_profile(*self.physics.history.steps()))
+
+
+PROGRAM = Program(
+    name="simulator",
+    about="Simulates one robot or scene in real time.",
+    settings=(SimulatorSettings(), FrameSettings(), PullSettings()),
+    more="Material and damping of the scene are parameters, too: young_modulus, poisson_ratio,"
+    " rayleigh_stiffness, rayleigh_mass, ...; of several bodies BODY.young_modulus.",
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the simulator as a process; returns the exit code."""
+    return run_node(PROGRAM, lambda _: Simulator(), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

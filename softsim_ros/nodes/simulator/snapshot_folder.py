@@ -1,0 +1,118 @@
+"""Where snapshots of robots are kept: under names in one folder, whole or not at all, in ordinary files."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from softsim_core.base.errors import SnapshotError
+from softsim_core.base.files import write_file
+from softsim_core.scene.io.catalog import shortened
+from softsim_core.scene.robot import RobotDescription
+
+MOST_BYTES: Final = 2**30
+"""A larger file is no snapshot."""
+
+SUFFIX: Final = ".snapshot"
+LONGEST_NAME: Final = 64
+"""Characters of a snapshot's name at most."""
+
+_NAME: Final = re.compile(rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{LONGEST_NAME - 1}}}")
+
+
+def default_folder(environment: Mapping[str, str] = os.environ) -> Path:
+    """`softsim` under XDG_STATE_HOME, or under ~/.local/state where that is not set."""
+    home = environment.get("HOME") or os.path.expanduser("~")  # noqa: PTH111 (which may find none)
+    return Path(environment.get("XDG_STATE_HOME") or Path(home, ".local", "state")) / "softsim"
+
+
+def default_name(robot: RobotDescription, namespace: str) -> str:
+    """The snapshot of a robot: its name, behind that of a namespace which is not its own.
+
+    So two robots of one kind in two namespaces do not share a file.
+
+    Args:
+        robot: The robot.
+        namespace: Of the node, such as `/lab/left`: the name is `lab.left.tripod` there.
+    """
+    place = namespace.strip("/")
+    if place in ("", robot.namespace.strip("/")):
+        return robot.name
+    return f"{place.replace('/', '.')}.{robot.name}"[-LONGEST_NAME:].lstrip("_.-")
+
+
+class SnapshotFolder:
+    """Snapshots by name in a folder: never through links, never over anything but an ordinary file.
+
+    Args:
+        folder: Made with the first snapshot.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def file(self, name: str) -> Path:
+        """The file of a snapshot.
+
+        Raises:
+            SnapshotError: the name is not allowed.
+        """
+        if not _NAME.fullmatch(name):
+            raise SnapshotError(
+                f"snapshot name {shortened(name)!r} is refused; allowed are at most {LONGEST_NAME} letters, "
+                "digits, '_', '-' and '.', beginning with a letter or digit"
+            )
+        return self._folder / f"{name}{SUFFIX}"
+
+    def write(self, name: str, data: bytes) -> Path:
+        """Write a snapshot whole or not at all; returns its file.
+
+        Raises:
+            SnapshotError: the name is not allowed, a link or a device is in its place, or the file cannot be
+                written; an older one is kept.
+        """
+        file = self.file(name)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            with suppress(FileNotFoundError):
+                _need_ordinary(file, file.lstat())
+            write_file(file, data, mode=0o600)
+        except OSError as error:
+            raise SnapshotError(
+                f"snapshot {file} not written: {error.strerror}; start with another snapshot_folder"
+            ) from error
+        return file
+
+    def read(self, name: str) -> bytes:
+        """The bytes of a snapshot.
+
+        Raises:
+            SnapshotError: the name is not allowed, there is none, it is no ordinary file, or it cannot be
+                read.
+        """
+        file = self.file(name)
+        try:
+            _need_ordinary(file, file.lstat())
+            flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK  # what was put there since does not block
+            with os.fdopen(os.open(file, flags), "rb") as stream:
+                _need_ordinary(file, os.fstat(stream.fileno()))
+                return stream.read(MOST_BYTES)
+        except FileNotFoundError as error:
+            raise SnapshotError(f"snapshot {file} does not exist; save one first") from error
+        except OSError as error:
+            raise SnapshotError(f"snapshot {file} not read: {error.strerror}") from error
+
+
+def _need_ordinary(file: Path, status: os.stat_result) -> None:
+    """Refuse links, devices and folders, and files that are too large."""
+    if not stat.S_ISREG(status.st_mode):
+        raise SnapshotError(
+            f"snapshot {file} is a link, a device or a folder, not an ordinary file; remove it"
+        )
+    if status.st_size > MOST_BYTES:
+        raise SnapshotError(f"snapshot {file} is larger than {MOST_BYTES >> 20} MiB; remove it")

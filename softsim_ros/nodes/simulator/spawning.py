@@ -1,0 +1,227 @@
+"""Rigid bodies of known scenes that are added to the running simulation and removed again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from softsim_core import RobotDescription
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import ConfigError, SceneError, SoftSimError
+from softsim_core.base.values import Placement
+from softsim_core.physics.mechanics.pose import euler_of
+from softsim_core.scene import SceneCatalog
+from softsim_core.scene.building.contact_builder import rigid_objects
+from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
+from softsim_core.scene.io.catalog import MOST_NAMES, names_up_to
+
+
+class RequestError(SoftSimError):
+    """A request that is answered with another result than OK.
+
+    Args:
+        kind: Name of the result, such as "NOT_FOUND", or of one of the service's own.
+        sentence: Why.
+    """
+
+    def __init__(self, kind: str, sentence: str) -> None:
+        self.kind = kind
+        super().__init__(sentence)
+
+
+MOST_SPAWNED: Final = 32
+"""Spawned bodies at a time; each of them costs time in every step."""
+
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
+
+
+class Spawned(NamedTuple):
+    """A rigid body with mass that is no part of the scene's files, and its collision surfaces."""
+
+    body: RigidBodyDescription
+    collisions: tuple[CollisionDescription, ...]
+
+
+Spawnings = tuple[Spawned, ...]
+Exchange = Callable[[Callable[[RobotDescription, Spawnings], Spawnings]], Awaitable[None]]
+"""Has another simulation built and go on in the place of the one that runs.
+
+It is given what makes, of the description that runs and of what is spawned in it, what shall be spawned.
+"""
+
+
+def exchanged(robot: RobotDescription, before: Spawnings, after: Spawnings) -> RobotDescription:
+    """A robot with other bodies spawned than those of `before`.
+
+    Raises:
+        SceneError: a name is taken.
+    """
+    gone, scene = {each.body.name for each in before}, robot.scene
+    return robot.with_scene(
+        rigid_bodies=(
+            *(body for body in scene.rigid_bodies if body.name not in gone),
+            *(each.body for each in after),
+        ),
+        collisions=(
+            *(collision for collision in scene.collisions if collision.body not in gone),
+            *(collision for each in after for collision in each.collisions),
+        ),
+    )
+
+
+class Spawner:
+    """Spawns by URIs `SCENE/BODY`: of the scenes in YAML that are known, the rigid bodies with mass.
+
+    Args:
+        scenes: What is known.
+        exchange: Lets another simulation go on.
+        aside: Runs long work while the executor serves others.
+        present: Tells what is spawned.
+    """
+
+    def __init__(
+        self,
+        scenes: SceneCatalog,
+        exchange: Exchange,
+        aside: Callable[[Callable[[], Any]], Awaitable[Any]],
+        present: Callable[[], Spawnings],
+    ) -> None:
+        self._scenes, self._exchange, self._aside, self._present = scenes, exchange, aside, present
+
+    async def known(self) -> dict[str, RigidBodyDescription]:
+        """What can be spawned, by its URI; files that cannot be read are left out."""
+        return dict(await self._aside(self._find_all))
+
+    async def spawn(self, uri: str, name: str, renames: bool, position: Array, rotation: Array) -> str:
+        """Put a body somewhere, at rest.
+
+        Args:
+            uri: Which one.
+            name: What it shall be called; "" for its name in its scene.
+            renames: Whether it may be called otherwise where the name is taken.
+            position: Of its centre of mass in [m], in the world, shape (3,).
+            rotation: How it is turned, shape (3, 3).
+
+        Returns:
+            What it is called.
+
+        Raises:
+            RequestError: it cannot be.
+        """
+        if name and not _NAME.fullmatch(name):
+            raise RequestError(
+                "NAME_INVALID",
+                f"name {names_up_to(1, [name])} refused; allowed are at most 63 letters, digits and "
+                "underscores, beginning with a letter",
+            )
+        called = ""
+
+        def added(robot: RobotDescription, spawned: Spawnings) -> Spawnings:
+            nonlocal called
+            if len(spawned) >= MOST_SPAWNED:
+                raise RequestError(
+                    "OPERATION_FAILED",
+                    f"{len(spawned)} bodies are spawned, the most allowed; delete one",
+                )
+            found = self._find(uri)
+            called = _free_name(name or found.body.name, renames, robot.scene)
+            return (*spawned, _placed(found, called, position, rotation))
+
+        try:
+            await self._exchange(added)
+        except SceneError as error:
+            raise RequestError("INVALID_POSE", str(error)) from error
+        return called
+
+    async def delete(self, name: str) -> None:
+        """Take a spawned body away.
+
+        Raises:
+            RequestError: it was not spawned.
+        """
+
+        def left(robot: RobotDescription, spawned: Spawnings) -> Spawnings:
+            own = [each.body.name for each in spawned]
+            if name in own:
+                return tuple(each for each in spawned if each.body.name != name)
+            if name in robot.scene.body_names:
+                raise RequestError(
+                    "OPERATION_FAILED",
+                    f"{name} belongs to the scene {robot.name}; only spawned ones go",
+                )
+            known = names_up_to(MOST_NAMES, own) or "none"
+            raise RequestError("NOT_FOUND", f"no entity {names_up_to(1, [name])}; spawned are: {known}")
+
+        await self._exchange(left)
+
+    async def clear(self) -> None:
+        """Take all spawned bodies away."""
+        if self._present():
+            await self._exchange(lambda robot, spawned: ())
+
+    def _find_all(self) -> dict[str, RigidBodyDescription]:
+        found = {}
+        for scene, file in self._scenes.scenes().items():
+            try:
+                bodies = self._bodies(scene, file)
+            except ConfigError:
+                continue
+            found.update({f"{scene}/{each.body.name}": each.body for each in bodies})
+        return found
+
+    def _find(self, uri: str) -> Spawned:
+        scene, _, name = uri.rpartition("/")
+        file = self._scenes.scenes().get(scene)
+        for each in () if file is None else self._bodies(scene, file):
+            if each.body.name == name:
+                return each
+        raise RequestError(
+            "NOT_FOUND",
+            f"nothing to spawn is called {names_up_to(1, [uri])}; get_spawnables lists what is, such as "
+            "objects/ball",
+        )
+
+    def _bodies(self, scene: str, file: Path) -> Spawnings:
+        """Rigid bodies with mass of a known scene; none of a Python scene, whose code would have to run."""
+        if file.suffix == ".py":
+            return ()
+        description = self._scenes.load(scene).scene
+        return tuple(
+            Spawned(body, tuple(each for each in description.collisions if each.body == body.name))
+            for body in description.rigid_bodies
+            if body.mass is not None
+        )
+
+
+def _free_name(name: str, renames: bool, scene: SceneDescription) -> str:
+    """The name, or one like it that no body and no collision surface has."""
+    taken = {*scene.body_names, *(collision.name for collision in scene.collisions)}
+    if name not in taken:
+        return name
+    if not renames:
+        raise RequestError("NAME_NOT_UNIQUE", f"the name {name} is taken; choose another one")
+    return next(other for number in count(1) if (other := f"{name[:55]}_{number}") not in taken)
+
+
+def _placed(found: Spawned, name: str, position: Array, rotation: Array) -> Spawned:
+    """A body under another name, at rest, with its centre of mass at `position` (3,) in [m]."""
+    at_origin = replace(found.body, pose=Placement())
+    (built,) = rigid_objects(SceneDescription(name="spawned", rigid_bodies=(at_origin,)))
+    pose = Placement(
+        translation=tuple((position - rotation @ built.position).tolist()),
+        rotation_deg=tuple(np.degrees(euler_of(rotation)).tolist()),
+    )
+    still = (0.0, 0.0, 0.0)
+    body = replace(found.body, name=name, pose=pose, velocity=still, angular_velocity=still)
+    described = found.collisions or (CollisionDescription(name=name, body=name),)
+    collisions = (  # groups are words of their own scene: here it meets everything
+        replace(each, name=f"{name}_{number}" if number else name, body=name, groups=())
+        for number, each in enumerate(described)
+    )
+    return Spawned(body, tuple(collisions))

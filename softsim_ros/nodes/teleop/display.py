@@ -1,0 +1,323 @@
+"""The status display: pure functions from what is known to lines of text that fit the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from softsim_core.base.units import ANGLE, LENGTH, MILLIMETRE, SHORTENING, Unit
+from softsim_core.scene.control import KeyBinding
+from softsim_core.scene.joint import JointDescription
+from softsim_core.scene.robot import RobotDescription
+from softsim_ros.client.control import format_point
+from softsim_ros.client.state import (
+    STALE_AFTER_S,
+    BridgeState,
+    RobotState,
+    commandable,
+    enforces_limits,
+    known_effector,
+)
+from softsim_ros.keys.press import (
+    GOAL_KEYS,
+    HELP_KEY,
+    TILT_KEYS,
+    KeyState,
+    goal_help,
+    key_of,
+    key_table,
+    tilt_line,
+)
+
+BAR_WIDTHS: Final = (24, 16, 10)
+"""Widths in [columns] tried for the bars, widest first; narrower terminals show none."""
+
+WARNING_S: Final = 20.0
+"""A warning stays in view so long in [s], beside the answers to keys."""
+
+BRIDGE_TEXT: Final[dict[BridgeState, str]] = {
+    "not running": "not running",
+    "init": "init (port closed)",
+    "no-comm": "no-comm (ready, not sending)",
+    "comm": "comm (sending)",
+    "finalized": "finalized (start it again)",
+    "changing": "changing ...",
+}
+
+_NAME_WIDTH = 12
+_SIGNS = {"plus": "+", "minus": "-"}
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What is shown.
+
+    Attributes:
+        robot: Joints with limits, and keys.
+        state: What is known of the robot.
+        keys: What is known of the keys.
+        message: Newest sentence for the person.
+        now: Steady clock in [s].
+        namespace: Of the robot's topics.
+        notice: What stays in view, such as the page's address; empty: nothing.
+        warning: Newest warning of the robot's nodes, or line of the scene's own code; empty: nothing.
+        warned_at: When it came, in [s]; it is shown for WARNING_S.
+    """
+
+    robot: RobotDescription
+    state: RobotState
+    keys: KeyState
+    message: str
+    now: float
+    namespace: str
+    notice: str = ""
+    warning: str = ""
+    warned_at: float = -math.inf
+
+
+def render(view: View, width: int, height: int) -> list[str]:
+    """The display as at most `height` lines of at most `width` printable ASCII characters.
+
+    What matters least goes first when rows are few: blank lines, the keys, the table's head, the title.
+    """
+    message = _wrap(f"> {view.message}" if view.message else ">", width)[:3]
+    warns = bool(view.warning) and view.now - view.warned_at <= WARNING_S
+    joints = joint_rows(view, width)
+    sections = [  # importance (0 stays longest), lines; in the order they are shown
+        (4, [f"{view.robot.name} teleop, topics in {view.namespace}"]),
+        (5, _wrap(view.notice, width) if view.notice else []),
+        (1, status_lines(view, width)),
+        (1, _wrap(_goal_line(view), width) if view.state.inverse else []),
+        (7, _pulse_lines(view)),
+        (8, [""]),
+        (5, joints[:1]),
+        (0, joints[1:]),
+        (8, [""]),
+        (3, [f"key: {view.keys.last_key or '-'}"]),
+        (2, message),
+        (3, _wrap(f"! {view.warning}", width)[:3] if warns else []),
+        (8, [""]),
+        (6, _help_lines(view, width)),
+    ]
+    kept = list(sections)
+    for _ in sections:
+        if sum(len(lines) for _, lines in kept) <= height:
+            break
+        kept.remove(max(kept, key=lambda section: section[0]))
+    lines = [line for _, section in kept for line in section]
+    if not lines:  # not even the joints fit
+        lines = joints[1:]
+    return [_fit(line, width) for line in lines[:height]]
+
+
+def frame(lines: Sequence[str], height: int) -> str:
+    """The text that puts the lines on the screen: each over the old one, the rest of the screen cleared."""
+    body = "\x1b[K\r\n".join(lines)
+    below = "\x1b[K\x1b[J" if len(lines) < height else "\x1b[K"
+    return f"\x1b[?2026h\x1b[H{body}{below}\x1b[?2026l"  # 2026: shown in one go where the terminal can
+
+
+def status_lines(view: View, width: int) -> list[str]:
+    """State of the simulator, the bridge and inverse control, in one line or one each."""
+    state = view.state
+    if state.is_fresh(view.now):
+        simulator = state.simulator or "running"
+        if simulator == "running" and state.real_time_factor is not None:
+            simulator += f" at {state.real_time_factor:.2f} x real time"
+    elif state.measured is None:
+        simulator = "no data yet"
+    else:
+        simulator = "paused" if state.paused else f"no data for {view.now - state.measured_at:.0f} s"
+    if not enforces_limits(state, view.robot):
+        simulator += ", limits off"
+    parts = [f"simulator: {simulator}", f"servo bridge: {_bridge_text(view)}"]
+    if state.inverse:
+        note = f" ({state.inverse_note})" if state.inverse_note else ""
+        parts.append(f"inverse control: on{note}")
+    line = "   ".join(parts)
+    return [line] if len(line) <= width else parts
+
+
+def _bridge_text(view: View) -> str:
+    """State of the bridge; a latched e-stop, and how it is released, stand before it."""
+    text = BRIDGE_TEXT[view.state.bridge]
+    if not view.state.e_stopped:
+        return text
+    key = key_of(view.robot, "clear_e_stop")
+    return f"E-STOP latched{f', {key_label(key)} releases it' if key else ''}; {text}"
+
+
+def _pulse_lines(view: View) -> list[str]:
+    """What an emulated board measures on its pins; no line without one."""
+    state = view.state
+    if view.now - state.pulses_at > STALE_AFTER_S:
+        return []
+    return [f"emulated board: pulses {' '.join(f'{w:.0f}' for w in state.pulses_us) or 'none yet'} (us)"]
+
+
+def _goal_line(view: View) -> str:
+    """What the goal keys move, and where it is."""
+    tilt = view.state.tilt
+    return goal_line(view.state, view.now) if tilt is None else tilt_line(tilt, view.keys.axis)
+
+
+def goal_line(state: RobotState, now: float) -> str:
+    """Goal, effector and the distance between them for the display, in mm."""
+    effector = known_effector(state, now)
+    goal = "at the effector" if state.goal is None else format_point(state.goal)
+    line = f"goal mm: {goal}   effector: {'no data' if effector is None else format_point(effector)}"
+    if effector is not None and state.goal is not None:
+        line += f"   off by {math.dist(effector.position, state.goal.position) / MILLIMETRE:.2f}"
+    return line
+
+
+def joint_rows(view: View, width: int) -> list[str]:
+    """A head and one line per joint: name, limits, bar, commanded and measured position, as wide as fits."""
+    joints, state = view.robot.joints, view.state
+    commanded = state.commanded or (None,) * len(joints)
+    measured = state.measured or (None,) * len(joints)
+    within = commandable(state, view.robot).measured or measured
+    told = [joint.units for joint in joints]
+    positions = list(dict.fromkeys(each.position for each in told))
+    commands = list(dict.fromkeys(each.command for each in told))
+    of_position, of_command = ("|".join(unit.si for unit in units) for units in (positions, commands))
+    small_position, small_command = (
+        "|".join(unit.shown for unit in units) for units in (positions, commands)
+    )
+    name_width = min(max((len(joint.name) for joint in joints), default=5), _NAME_WIDTH)
+    name = ["joint", *(_fit(joint.name, name_width) for joint in joints)]
+    measured_column = [f"measured {of_position}"]
+    small_column = [f"{small_position:>6}"]
+    commanded_column, commanded_small = [f"command {of_command}"], [f"{small_command:>6}"]
+    for units, position, command in zip(told, measured, commanded, strict=True):
+        measured_column.append(_si(units.position, position))
+        small_column.append(_small(units.position, position))
+        commanded_column.append(_si(units.command, command))
+        commanded_small.append(_small(units.command, command))
+    lower = ["lower", *(_si(joint.units.command, joint.limits.lower) for joint in joints)]
+    upper = ["upper", *(_si(joint.units.command, joint.limits.upper) for joint in joints)]
+
+    def bars(bar_width: int) -> list[str]:
+        legend = "o now, | command"
+        head = legend if len(legend) <= bar_width else ""
+        return [head, *map(lambda j, m, c: bar(j, m, c, bar_width), joints, within, commanded)]
+
+    values = [commanded_column, commanded_small, measured_column, small_column]
+    layouts = [[name, lower, bars(bar_width), upper, *values] for bar_width in BAR_WIDTHS]
+    layouts += [
+        [name, *values],
+        [name, commanded_column, measured_column],
+        [name, measured_column],
+    ]
+    tables = [_columns(layout) for layout in layouts]
+    return next((table for table in tables if all(len(row) <= width for row in table)), tables[-1])
+
+
+def bar(joint: JointDescription, measured: float | None, commanded: float | None, width: int) -> str:
+    """Where a joint stands between its limits: "[---o-|--]", o measured, | commanded, # both.
+
+    Without limits a revolute joint's bar spans a whole turn (-pi to pi), and a slide's is empty.
+    """
+    lower, upper = joint.limits.lower, joint.limits.upper
+    if not (math.isfinite(lower) and math.isfinite(upper)) and joint.kind == "revolute":
+        lower, upper = -math.pi, math.pi
+    inner = width - 2
+    cells = ["-"] * inner
+    if math.isfinite(lower) and math.isfinite(upper) and upper > lower:
+        for value, mark in ((commanded, "|"), (measured, "o")):
+            if value is not None:
+                cell = round((min(max(value, lower), upper) - lower) / (upper - lower) * (inner - 1))
+                cells[cell] = "#" if cells[cell] == "|" else mark
+    return f"[{''.join(cells)}]"
+
+
+def key_label(name: str) -> str:
+    """A key's name as short as people write it."""
+    return _SIGNS.get(name, name.replace("_", " "))
+
+
+def _help_lines(view: View, width: int) -> list[str]:
+    if not view.keys.show_help:
+        return [f"{HELP_KEY} shows the keys"]
+    table: dict[str, KeyBinding] = key_table(view.robot)
+    if view.state.inverse:  # the goal's keys, then what else still works
+        helps = {key: goal_help(key) for key in GOAL_KEYS} if view.state.tilt is None else TILT_KEYS
+        entries = [(key_label(key), text) for key, text in helps.items()]
+        table = {
+            key: binding
+            for key, binding in table.items()
+            if key not in GOAL_KEYS and binding.action not in (None, "start")
+        }
+    else:
+        entries = []
+    entries += [(key_label(key), _help_text(binding)) for key, binding in table.items()]
+    if HELP_KEY not in table:
+        entries.append((HELP_KEY, "hide the keys"))
+    tables = [_help_table(entries, columns) for columns in (3, 2, 1)]
+    fitting = (table for table in tables if all(len(line) <= width for line in table))
+    return ["keys, plain or with Ctrl (Ctrl+C quits):", *next(fitting, tables[-1])]
+
+
+def _help_table(entries: Sequence[tuple[str, str]], columns: int) -> list[str]:
+    """Keys and what they do, read down the columns."""
+    rows = -(-len(entries) // columns)
+    blocks = []
+    for first in range(0, len(entries), rows):
+        block = entries[first : first + rows]
+        label_width = max(len(label) for label, _ in block)
+        cells = [f"{label:>{label_width}}  {text}" for label, text in block]
+        cell_width = max(map(len, cells))
+        blocks.append([cell.ljust(cell_width) for cell in cells] + [""] * (rows - len(cells)))
+    return ["   ".join(cells).rstrip() for cells in zip(*blocks, strict=True)]
+
+
+def _help_text(binding: KeyBinding) -> str:
+    if binding.action == "send":
+        return f"{binding.help} (again: stop)"
+    if binding.action == "inverse":
+        return f"{binding.help} (again: off)"
+    return binding.help
+
+
+def _si(unit: Unit, value: float | None) -> str:
+    if value is None:
+        return "-"
+    if not math.isfinite(value):
+        return f"{value}"
+    return f"{value:.4f}" if unit in (ANGLE, LENGTH, SHORTENING) else f"{value:.4g}"
+
+
+def _small(unit: Unit, value: float | None) -> str:
+    return "-" if value is None else f"{value * unit.per_si:.1f}"
+
+
+def _columns(columns: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of a table: the first column and bars to the left, numbers to the right."""
+    widths = [max(map(len, column)) for column in columns]
+    rows = zip(*columns, strict=True)
+    return [
+        " ".join(
+            cell.ljust(width) if index == 0 or column[-1].startswith("[") else cell.rjust(width)
+            for index, (cell, width, column) in enumerate(zip(row, widths, columns, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _wrap(text: str, width: int) -> list[str]:
+    """Lines of at most `width` characters, broken at blanks where there are any."""
+    lines = [""]
+    for word in text.split(" "):
+        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
+            lines.append("  " + word)
+        else:
+            lines[-1] = f"{lines[-1]} {word}" if lines[-1] else word
+    return lines
+
+
+def _fit(text: str, width: int) -> str:
+    """Printable ASCII of at most `width` characters, a cut marked by a tilde."""
+    clean = "".join(character if " " <= character <= "~" else "?" for character in text)
+    return clean if len(clean) <= width else clean[: max(width - 1, 0)] + "~"[:width]

@@ -1,0 +1,508 @@
+"""The edit mode of the page: its tab, its drawing, and its state when the page is made anew."""
+
+from __future__ import annotations
+
+import html
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import PurePath
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base.errors import SoftSimError
+from softsim_core.base.values import Box, Sphere
+from softsim_core.scene.editing.parts import Region
+from softsim_ros.client.services import Outcome
+from softsim_ros.client.simulator import Editing
+from softsim_ros.messages.scene import Proposal
+from softsim_ros.nodes.viewer.edit_session import CLICKS, EditSession, Field, dragged
+from softsim_ros.nodes.viewer.panel import Control, Inbox, Shown
+from softsim_ros.nodes.viewer.picture import Picture
+from softsim_ros.nodes.viewer.surface import MM, Part, box_lines, sphere_lines
+
+Points = NDArray[np.float32]
+
+SEND_PERIOD_S: Final = 0.2
+"""While a handle is dragged its place is proposed this often, in [s]."""
+
+OPACITY: Final = 0.5
+COLOURS: Final = {
+    "world": (201, 42, 42),
+    "free": (230, 119, 0),
+    "joint": (174, 62, 201),
+    "bodies": (52, 58, 64),
+    "collisions": (12, 133, 153),
+    "joints": (25, 113, 194),
+}
+"""Of attachments by what moves them; of masses, contact surfaces, chambers and cables."""
+
+
+class EditStage:
+    """Draws what an EditSession edits, and takes clicks and drags for it.
+
+    Args:
+        scene: viser's scene.
+        inbox: Where the mouse's events go.
+        session: What is edited.
+        attempt: Carries out an action of a person in its turn and says what came of it.
+        is_behind: Whether such an action has to wait.
+    """
+
+    def __init__(
+        self,
+        scene: Any,
+        inbox: Inbox,
+        session: EditSession,
+        attempt: Callable[[Callable[[], str | None]], None],
+        is_behind: Callable[[], bool],
+    ) -> None:
+        self._scene, self._inbox, self._session = scene, inbox, session
+        self._attempt, self._is_behind = attempt, is_behind
+        self._bodies: list[Any] = []
+        self._drawn: list[Any] = []
+        self._handles: dict[str, Any] = {}
+        self._held = ""
+        self._strokes = 0
+        self._sent_at = -np.inf
+        self._lines: Any = None
+        self._size = 100.0
+
+    def show_bodies(self, parts: Sequence[Part], points: Points) -> None:
+        """Draw bodies at rest, or none; `points` in [mm], shape (p, 3)."""
+        for handle in self._bodies:
+            handle.remove()
+        if parts:
+            self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        self._bodies = [self._body(part, points) for part in parts]
+
+    def _body(self, part: Part, points: Points) -> Any:
+        own, triangles = points[slice(*part.points)], part.triangles - part.points[0]
+        *rgb, _ = part.colour
+        mesh = self._scene.add_mesh_simple(
+            f"/edit/bodies/{part.name}",
+            own,
+            triangles.astype(np.uint32),
+            color=tuple(round(255 * channel) for channel in rgb),
+            opacity=OPACITY,
+            side="double",
+        )
+
+        async def clicked(event: Any) -> None:
+            origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
+
+            def press() -> str | None:
+                hit = first_hit(origin, direction, own.astype(float), triangles)
+                return (
+                    None if hit is None else self._session.press(part.name, hit / MM, own.astype(float) / MM)
+                )
+
+            self._inbox.put(lambda: self._attempt(press))
+
+        mesh.on_click(clicked)
+        return mesh
+
+    def show(self) -> None:
+        """Draw regions, chosen nodes, cables and handles as the session has them."""
+        for handle in self._drawn:
+            handle.remove()
+        self._drawn, self._lines = [], None
+        session = self._session
+        told = session.told
+        if not session.is_on or told is None or told.robot is None:
+            self._show_handles({})
+            return
+        targets = {f"attachments/{each.name}": each.to for each in told.robot.scene.attachments}
+        for number, region in enumerate(session.regions.values()):
+            chosen = region.part == session.part
+            lines = self._scene.add_line_segments(
+                f"/edit/regions/{number}",
+                lines_of(region, region.shape),
+                colour_of(region.part, targets),
+                thickness=(0.008 if chosen else 0.003) * self._size,
+            )
+            self._lines = lines if chosen else self._lines
+            self._drawn.append(lines)
+        for number, each in enumerate(told.chosen):
+            if len(each.points):
+                self._drawn.append(
+                    self._scene.add_point_cloud(
+                        f"/edit/chosen/{number}",
+                        (each.points * MM).astype(np.float32),
+                        colour_of(each.part, targets),
+                        point_size=self._size * (0.015 if each.part == session.part else 0.009),
+                        point_shape="circle",
+                        precision="float32",
+                    )
+                )
+        self._show_cables()
+        self._show_handles(session.handles())
+
+    def _show_cables(self) -> None:
+        robot, told = self._session.robot, self._session.told
+        assert robot is not None
+        assert told is not None
+        for number, joint in enumerate(robot.joints):
+            points = told.routes.get(joint.name)
+            if points is None or not len(points):
+                continue
+            pull = getattr(joint.actuator, "pull_point", None)
+            line = (np.vstack([points] if pull is None else [[pull], points]) * MM).astype(np.float32)
+            name, colour = f"/edit/cables/{number}", COLOURS["joints"]
+            if len(line) > 1:
+                pairs = np.stack([line[:-1], line[1:]], axis=1)
+                self._drawn.append(
+                    self._scene.add_line_segments(f"{name}/line", pairs, colour, thickness=0.006 * self._size)
+                )
+            self._drawn.append(
+                self._scene.add_point_cloud(
+                    f"{name}/points",
+                    line,
+                    colour,
+                    point_size=0.018 * self._size,
+                    point_shape="circle",
+                    precision="float32",
+                )
+            )
+
+    # --- handles --------------------------------------------------------------------------------------
+
+    def _show_handles(self, places: dict[str, Array]) -> None:
+        """Place the handles; one that is in the hand stays there."""
+        for name in [name for name in self._handles if name not in places]:
+            self._handles.pop(name).remove()
+            self._held = "" if self._held == name else self._held
+        for name, place in places.items():
+            if name not in self._handles:
+                self._handles[name] = self._make(name, place * MM)
+            if name != self._held:
+                self._handles[name].position = place * MM
+
+    def _make(self, name: str, position: Array) -> Any:
+        handle = self._scene.add_transform_controls(
+            f"/edit/{name}",
+            scale=self._size * (0.11 if name == "size" else 0.18),
+            disable_rotations=True,
+            disable_sliders=True,
+            depth_test=False,
+            position=position,
+        )
+
+        async def moved(event: Any) -> None:
+            place, phase = np.array(event.target.position), event.phase
+            self._inbox.put(lambda: self._drag(name, place, phase))
+
+        handle.on_update(moved)
+        return handle
+
+    def _drag(self, name: str, place: Array, phase: str) -> None:
+        if name not in self._handles:
+            return
+        if self._held != name:
+            self._held, self._strokes = name, self._strokes + 1
+        region = self._session.regions.get(self._session.part)
+        if region is not None and self._lines is not None:
+            self._lines.points = lines_of(region, dragged(region, name, place / MM))
+        ends, now = phase == "end", time.monotonic()
+        if ends or (now - self._sent_at >= SEND_PERIOD_S and not self._is_behind()):
+            self._sent_at = now
+            stroke = f"drag {self._strokes} of {id(self)}"
+            self._attempt(lambda: self._session.drag(name, place / MM, stroke))
+        if ends:
+            self._held = ""
+
+
+def first_hit(origin: Array, direction: Array, points: Array, triangles: IndexArray) -> Array | None:
+    """Where a ray first meets triangles, shape (3,); None: nowhere.
+
+    Args:
+        origin: Where the ray begins, shape (3,).
+        direction: Where it goes, shape (3,).
+        points: Vertices, shape (p, 3).
+        triangles: Their indices, shape (k, 3).
+
+    Source: Möller, Trumbore 1997, Fast, minimum storage ray/triangle intersection.
+    """
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    ab, ac, oa = b - a, c - a, origin - a
+    p = np.cross(direction, ac)
+    volume = np.einsum("ki,ki->k", ab, p)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = np.einsum("ki,ki->k", oa, p) / volume
+        q = np.cross(oa, ab)
+        v = q @ direction / volume
+        t = np.einsum("ki,ki->k", ac, q) / volume
+        hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 0.0) & np.isfinite(t)
+    return origin + t[hit].min() * direction if hit.any() else None
+
+
+def lines_of(region: Region, shape: Box | Sphere) -> Points:
+    """The wire frame of a region in the world with a shape, in [mm], shape (k, 2, 3)."""
+    if isinstance(shape, Sphere):
+        lines = sphere_lines(shape.center, shape.radius)
+    else:
+        lines = box_lines(shape.center, shape.size, shape.rotation_deg)
+    return np.asarray(region.in_world(lines) * MM, dtype=np.float32)
+
+
+def colour_of(part: str, targets: dict[str, str]) -> tuple[int, int, int]:
+    """Colour of a part; `targets` tells what moves each attachment."""
+    if part in targets:
+        return COLOURS.get(targets[part], COLOURS["joint"])
+    return COLOURS[part.partition("/")[0]]
+
+
+Action = Callable[[], "str | None"]
+"""What a person does; returns a sentence for them, or none."""
+
+MOST_WAITING: Final = 50
+
+
+class EditMode:
+    """Session and stage of the edit mode.
+
+    A person may be faster than the simulator: what they do waits until it is known what came of what they did
+    before, so that all of it happens, in its order, to the scene that they meant.
+
+    Args:
+        server: viser's server.
+        inbox: Where events of browsers go.
+        picture: Shows what runs, which is put aside while somebody edits.
+        editing: The simulator's side.
+        say: Called with sentences for the person.
+
+    Attributes:
+        session: What is edited; it stays when another scene begins.
+    """
+
+    def __init__(
+        self, server: Any, inbox: Inbox, picture: Picture, editing: Editing, say: Callable[[str], None]
+    ) -> None:
+        self._server, self._inbox, self._picture = server, inbox, picture
+        self._say, self._editing = say, editing
+        self.session = EditSession(editing.change)
+        self._stage: EditStage | None = None
+        self._drawn: object = None
+        self._waiting: deque[Action] = deque()
+
+    def build(self) -> None:
+        """Begin anew on an empty 3-D scene."""
+        self._stage = EditStage(
+            self._server.scene, self._inbox, self.session, self.attempt, lambda: self.is_behind
+        )
+        self._drawn = None
+        self.show()
+
+    def turn(self, on: bool) -> None:
+        """Show the proposal in place of what runs, or what runs."""
+        self.session.is_on = on
+        if on:
+            self.ask("begin")
+        self.show()
+
+    def ask(self, name: str) -> None:
+        """Ask the simulator for something by name; what was applied is looked at while it runs."""
+
+        def done(end: Outcome) -> None:
+            if end.success and name == "apply":
+                self.turn(False)
+
+        self.attempt(lambda: self._editing.ask(name, done))
+
+    @property
+    def is_behind(self) -> bool:
+        """What the session knows is older than what was asked for."""
+        return self._editing.is_behind or self._editing.proposal is not self.session.told
+
+    def attempt(self, action: Action) -> None:
+        """Carry out an action of a person in its turn, and say what it returns or why it is refused."""
+        if len(self._waiting) >= MOST_WAITING:
+            self._say(f"{MOST_WAITING} actions wait for the simulator's answer; wait until it tells")
+        else:
+            self._waiting.append(action)
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Carry out what waits, as far as it is known what came of what was before it."""
+        while self._waiting and not self.is_behind:
+            self._carry_out(self._waiting.popleft())
+
+    def _carry_out(self, action: Action) -> None:
+        try:
+            sentence = action()
+        except SoftSimError as error:
+            sentence = str(error)
+        if sentence:
+            self._say(sentence)
+
+    def refresh(self) -> None:
+        """Draw what was told since the last time."""
+        told = self._editing.proposal
+        if told is not None and told is not self.session.told:
+            self.session.take(told)
+            self.show()
+        elif self._bodies is not self._drawn:
+            self.show()
+        self._go_on()
+
+    @property
+    def _bodies(self) -> object:
+        """The bodies that are to be drawn; None: what runs is shown."""
+        return self._picture.rest if self.session.is_on and self.session.robot is not None else None
+
+    def show(self) -> None:
+        """Draw the proposal in place of what runs, or what runs again."""
+        assert self._stage is not None  # as after `build`
+        bodies, (parts, points) = self._bodies, self._picture.rest
+        self._picture.put_aside(bodies is not None)
+        with self._server.atomic():
+            if bodies is not self._drawn:
+                self._stage.show_bodies(() if bodies is None else parts, points)
+                self._drawn = bodies
+            self._stage.show()
+
+
+NOTHING: Final = "(no part)"
+MOST_PROBLEMS: Final = 6
+
+
+class EditTab:
+    """Controls of the edit mode.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        inbox: Where events of browsers go.
+        mode: What is edited, drawn and asked for.
+    """
+
+    def __init__(self, gui: Any, inbox: Inbox, mode: EditMode) -> None:
+        session = mode.session
+        self._gui, self._inbox, self._mode, self._session = gui, inbox, mode, session
+        self._status = Shown(gui.add_html(""))
+        switch = gui.add_checkbox("Edit", session.is_on, hint="shows the scene at rest, as it is proposed")
+        self._switch = inbox.on_change(switch, self._turn)
+        for row in (("Undo", "Redo", "Discard"), ("Apply", "Save", "Copy")):
+            self._add_actions(row)
+        clicks = gui.add_dropdown("A click on a body does", CLICKS, initial_value=session.click)
+        self._clicks = inbox.on_change(clicks, self._choose_click)
+        self._folder = gui.add_folder("Part")
+        self._content: list[Any] = []
+        self._fields: list[tuple[Field, Any]] = []
+        self._shown: object = None
+        self._part: Control | None = None
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show the proposal as it is told now."""
+        session, told = self._session, self._session.told
+        self._switch.show(session.is_on)
+        self._clicks.show(session.click)
+        self._status.show(status(told) if session.is_on else "")
+        fields = session.fields() if session.is_on else []
+        labels = [field.label for field in fields]
+        shown = (session.is_on, session.parts, session.part, session.point, session.point_names, labels)
+        if shown != self._shown:
+            self._shown = shown
+            self._build(fields)
+        pairs = zip(fields, self._fields, strict=True)
+        self._fields = [(field, _follow(before, field, box)) for field, (before, box) in pairs]
+
+    def _build(self, fields: list[Field]) -> None:
+        """Make the controls of the chosen part anew."""
+        for handle in self._content:
+            handle.remove()
+        self._content, self._fields = [], []
+        session, gui = self._session, self._gui
+        if not session.is_on:
+            return
+        with self._folder:
+            parts = (NOTHING, *session.parts)
+            part = gui.add_dropdown("Chosen part", parts, initial_value=session.part or NOTHING)
+            self._inbox.on_change(part, self._choose)
+            self._content.append(part)
+            if len(session.route):
+                names = session.point_names
+                at = gui.add_dropdown(
+                    "Point of the cable", names, initial_value=names[session.point + session.first]
+                )
+                self._inbox.on_change(at, self._choose_point)
+                self._content.append(at)
+            for field in fields:
+                handle = gui.add_text(field.label, field.text)
+                self._fields.append((field, handle))
+                self._content.append(handle)
+            if self._fields:
+                self._add_button("Set values", self._write)
+            if (session.part and not session.part.startswith("bodies/")) or "#" in session.part:
+                self._add_button("Remove part", lambda: session.remove())
+            if len(session.route):
+                self._add_button("Remove point", lambda: session.remove_point())
+            if session.is_free:
+                self._add_button("Make it the effector", lambda: session.make_effector())
+
+    def _add_button(self, name: str, action: Callable[[], None]) -> None:
+        button = self._gui.add_button(name)
+        self._inbox.on_click(button, lambda: self._mode.attempt(action))
+        self._content.append(button)
+
+    def _add_actions(self, names: tuple[str, ...]) -> None:
+        actions = {name: partial(self._mode.ask, name.lower()) for name in names}
+        self._inbox.on_press(self._gui.add_button_group("", names), actions)
+
+    # --- what a person does ---------------------------------------------------------------------------
+
+    def _turn(self, on: bool) -> None:
+        self._mode.turn(on)
+        self.refresh()
+
+    def _choose_click(self, click: str) -> None:
+        self._mode.attempt(lambda: self._session.choose_click(click))
+
+    def _choose(self, part: str) -> None:
+        self._attempt_and_show(lambda: self._session.choose("" if part == NOTHING else part))
+
+    def _choose_point(self, name: str) -> None:
+        self._attempt_and_show(lambda: self._session.choose_point(name))
+
+    def _write(self) -> None:
+        self._session.write([(field, box.value) for field, box in self._fields if box.value != field.text])
+
+    def _attempt_and_show(self, choose: Callable[[], None]) -> None:
+        def chosen() -> None:
+            choose()
+            self._mode.show()
+            self.refresh()
+
+        self._mode.attempt(chosen)
+
+
+def _follow(before: Field, field: Field, box: Any) -> Any:
+    """The box of a field with its newest text, unless a person has written into it."""
+    if box.value == before.text != field.text:
+        box.value = field.text
+    return box
+
+
+def status(told: Proposal | None) -> str:
+    """What to know about a proposal, as HTML."""
+    if told is None:
+        return "waiting for the simulator ..."
+    if told.robot is None:
+        return html.escape(told.sentence)
+    saved = "not saved" if told.is_changed else "saved"
+    applied = "runs" if told.is_applied else "not applied"
+    file, name = html.escape(told.file), html.escape(PurePath(told.file).name)
+    lines = [
+        f"<b title='{file}'>{name}</b>: {saved}, {applied}",
+        f"{told.undoable} to undo, {told.redoable} to redo",
+    ]
+    if told.unsaved:
+        lines.append(html.escape(told.unsaved))
+    lines += [
+        f"<span style='color:#c92a2a'>{html.escape(each)}</span>" for each in told.problems[:MOST_PROBLEMS]
+    ]
+    return '<div style="font-size:0.85em;padding:0 0.7em">' + "<br>".join(lines) + "</div>"

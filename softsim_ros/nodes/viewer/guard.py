@@ -1,0 +1,501 @@
+"""A viser server that only its own page may talk to: token, origin, and a check of every message.
+
+viser itself lets a page change any property of a control, its callbacks too, upload files without end, and
+call what was never asked for. Here a message passes only if it is one of `RULES`, has just the fields of that
+kind, and each of them is what that field may be.
+
+By itself viser listens on every interface, accepts any Origin and Host, moves on to another port when one
+is busy, opens a public tunnel when a page asks for it, and believes whatever a page sends. Here every request
+and every WebSocket handshake passes `AccessRule` first, every message `PageFilter`, and the tunnel is closed.
+The seam is `websockets.asyncio.server.serve`, which viser calls once; if it no longer does, nothing is
+served.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gzip
+import hashlib
+import hmac
+import http
+import io
+import ipaddress
+import logging
+import math
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import parse_qs, urlsplit
+
+import msgspec
+import viser
+import websockets.asyncio.server
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from softsim_core.base.errors import SoftSimError
+
+MOST_BYTES: Final = 16 * 2**20
+"""Longest message: a picture of the view, which the page was asked for."""
+
+LONGEST_TEXT: Final = 20_000
+LARGEST: Final = 1.0e9
+RATE_HZ: Final = 300.0
+"""So many messages a second are taken from one page; a faster one has to wait."""
+
+BURST: Final = 1000
+MOST_REFUSED: Final = 100
+"""After so many refused messages a connection is closed."""
+
+Check = Callable[[Any], bool]
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
+
+
+def _numbers(count: int) -> Check:
+    return lambda value: isinstance(value, list) and len(value) == count and all(map(_number, value))
+
+
+def _whole_or_none(value: Any) -> bool:
+    return value is None or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**31)
+
+
+def _text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= LONGEST_TEXT
+
+
+def _text_or_none(value: Any) -> bool:
+    return value is None or _text(value)
+
+
+def _one_of(*allowed: str) -> Check:
+    return lambda value: isinstance(value, str) and value in allowed
+
+
+def _bytes(value: Any) -> bool:
+    return isinstance(value, bytes)
+
+
+def _value_alone(value: Any) -> bool:
+    return isinstance(value, dict) and set(value) == {"value"}
+
+
+_NODE: Final[dict[str, Check]] = {"name": _text, "owner": _text}
+
+RULES: Final[Mapping[str, Mapping[str, Check]]] = {
+    "GuiUpdateMessage": {"uuid": _text, "updates": _value_alone},
+    "CommandTriggerMessage": {"uuid": _text},
+    "ViewerCameraMessage": {
+        **{name: _numbers(3) for name in ("position", "look_at", "up_direction")},
+        **dict.fromkeys(("fov", "near", "far", "image_height", "image_width"), _number),
+        "wxyz": _numbers(4),
+    },
+    "TransformControlsUpdateMessage": {**_NODE, "wxyz": _numbers(4), "position": _numbers(3)},
+    "TransformControlsDragStartMessage": _NODE,
+    "TransformControlsDragEndMessage": _NODE,
+    "SceneNodeDragMessage": {
+        **_NODE,
+        **{name: _numbers(3) for name in ("start_position", "end_position")},
+        **{name: _numbers(2) for name in ("start_screen_pos", "end_screen_pos")},
+        "phase": _one_of("start", "update", "end"),
+        "instance_index": _whole_or_none,
+        "button": _one_of("left", "middle", "right"),
+        "modifier": _text_or_none,
+    },
+    "SceneNodeClickMessage": {
+        **_NODE,
+        **{name: _numbers(3) for name in ("ray_origin", "ray_direction")},
+        "screen_pos": _numbers(2),
+        "instance_index": _whole_or_none,
+        "modifier": _text_or_none,
+    },
+    "GetRenderResponseMessage": {"payload": _bytes, "render_uuid": _text},
+}
+"""Kinds of messages that a page may send, and what each field may be; `owner` may be left out."""
+
+_MAY_LACK: Final = {"owner"}
+
+
+class PageFilter:
+    """Decides about messages of pages.
+
+    Args:
+        controls: Gives viser's handles of the controls that are on the page now, by their ids.
+    """
+
+    def __init__(self, controls: Callable[[], Mapping[str, Any]]) -> None:
+        self._controls = controls
+
+    def passes(self, raw: bytes | str) -> bool:
+        """Whether a message may go on to viser."""
+        if not isinstance(raw, bytes):
+            return False
+        try:
+            message = msgspec.msgpack.decode(raw)
+        except (msgspec.DecodeError, RecursionError, ValueError):
+            return False
+        if not isinstance(message, dict):
+            return False
+        rule = RULES.get(message["type"]) if isinstance(message.get("type"), str) else None
+        if rule is None:
+            return False
+        given = {key: value for key, value in message.items() if key != "type"}
+        if not set(rule) - _MAY_LACK <= set(given) <= set(rule):
+            return False
+        if not all(rule[key](value) for key, value in given.items()):
+            return False
+        if message["type"] == "GuiUpdateMessage":
+            handle = self._controls().get(given["uuid"])
+            return handle is not None and may_have(handle, given["updates"]["value"])
+        return True
+
+
+def may_have(handle: Any, value: Any) -> bool:
+    """Whether a person could give a control this value: of its type, from its list, within its range."""
+    state = handle._impl
+    props, present = state.props, state.value
+    if getattr(props, "disabled", False):
+        return False
+    options = getattr(props, "options", None)
+    if options is not None:
+        return isinstance(value, str) and value in options
+    if isinstance(present, bool):
+        return isinstance(value, bool)
+    if isinstance(present, str):
+        return _text(value)
+    if not isinstance(present, int | float) or not _number(value):
+        return False
+    lower, upper = (getattr(props, name, None) for name in ("min", "max"))
+    slack = 1e-6 * max(abs(lower or 0.0), abs(upper or 0.0))
+    return (lower is None or value >= lower - slack) and (upper is None or value <= upper + slack)
+
+
+class FilteredConnection:
+    """A WebSocket connection whose incoming messages have passed the filter; the rest is the inner one's.
+
+    Args:
+        inner: The connection.
+        page_filter: What decides.
+    """
+
+    def __init__(self, inner: Any, page_filter: PageFilter) -> None:
+        self._inner, self._filter = inner, page_filter
+        self._refused, self._credit, self._counted_at = 0, float(BURST), time.monotonic()
+
+    def __getattr__(self, name: str) -> Any:
+        """Whatever else is asked of the connection."""
+        return getattr(self._inner, name)
+
+    async def recv(self) -> bytes:
+        """The next message that is allowed; a page that sends too many others is left."""
+        while True:
+            raw = await self._inner.recv()
+            await self._wait_for_turn()
+            if self._filter.passes(raw):
+                return bytes(raw)
+            self._refused += 1
+            if self._refused > MOST_REFUSED:
+                await self._inner.close(1008, "too many messages that a page does not send")
+
+    async def _wait_for_turn(self) -> None:
+        now = time.monotonic()
+        self._credit = min(self._credit + RATE_HZ * (now - self._counted_at), float(BURST)) - 1.0
+        self._counted_at = now
+        if self._credit < 0.0:
+            await asyncio.sleep(math.ceil(-self._credit) / RATE_HZ)
+
+
+COOKIE: Final = "softsim_viewer"
+"""How the name of the cookie begins; the port follows, since browsers keep one jar for all ports."""
+
+MOST_CONNECTIONS: Final = 100
+"""So many connections may be open at once; a further one is closed unheard."""
+
+HANDSHAKE_WITHIN_S: Final = 5.0
+"""A connection that has not said by then what it wants is closed, in [s]."""
+
+ANYWHERE: Final = ("0.0.0.0", "::")
+
+CONTENT_POLICY: Final = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+"""The page loads and contacts nothing but this server, and no other page frames it."""
+
+KEYS_STAY_HERE: Final = (
+    "<script>document.documentElement.addEventListener('keydown',"
+    "event=>{if(event.ctrlKey||event.metaKey)event.stopPropagation()})</script>"
+)
+"""Keys with Ctrl are the robot's: without this the camera would move with Ctrl+arrow, too."""
+
+
+class ViewerError(SoftSimError, RuntimeError):
+    """The page cannot be served."""
+
+
+@dataclass(frozen=True)
+class AccessRule:
+    """Who may load the page and connect to it.
+
+    Attributes:
+        host: Address that is listened on.
+        port: Its port.
+        token: Secret that a browser brings once as `?token=` and then in a cookie; None asks for none.
+    """
+
+    host: str
+    port: int
+    token: str | None = None
+
+    @property
+    def address(self) -> str:
+        """What a person opens in a browser of this machine."""
+        anywhere = self.host in ANYWHERE
+        host = socket.gethostname() if anywhere else f"[{self.host}]" if ":" in self.host else self.host
+        host = self.own_name or host
+        return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+
+    @property
+    def own_name(self) -> str:
+        """Name of this machine that only who has the token knows; empty where there is none.
+
+        Browsers send a cookie to every port of the host that set it, so also to pages that other accounts
+        serve at 127.0.0.1; they do not know this host, which every browser takes for this machine.
+        """
+        if self.token is None or self.host != "127.0.0.1":
+            return ""
+        return f"softsim-{hashlib.sha256(f'host of {self.token}'.encode()).hexdigest()[:16]}.localhost"
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie that keeps the token."""
+        return f"{COOKIE}_{self.port}"
+
+    def refusal(self, request: Request) -> tuple[http.HTTPStatus, str] | None:
+        """Status and sentence for a request that is not allowed, or None."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or not self._is_own_host(hosts[0]):
+            return http.HTTPStatus.MISDIRECTED_REQUEST, f"unknown Host; open {self.address.split('?')[0]}"
+        if len(origins) > 1 or (origins and origins[0].lower() != f"http://{hosts[0].lower()}"):
+            return http.HTTPStatus.FORBIDDEN, "this Origin may not use the viewer"
+        if self.token is not None and not (self._has_cookie(request) or self.has_token(request)):
+            return http.HTTPStatus.FORBIDDEN, "open the address with its token, as printed at the start"
+        return None
+
+    def has_token(self, request: Request) -> bool:
+        """Whether the address of the request carries the token."""
+        given = parse_qs(urlsplit(request.path).query).get("token", [])
+        return self.token is not None and any(_equal(value, self.token) for value in given)
+
+    def _has_cookie(self, request: Request) -> bool:
+        assert self.token is not None
+        cookies: SimpleCookie = SimpleCookie()
+        for line in request.headers.get_all("Cookie"):
+            with contextlib.suppress(CookieError):
+                cookies.load(line)
+        return self.cookie in cookies and _equal(cookies[self.cookie].value, self.token)
+
+    def _is_own_host(self, host: str) -> bool:
+        if not is_loopback(self.host):  # any name may lead here; the token tells friend from foe
+            return True
+        own = f"[{self.host}]" if ":" in self.host else self.host
+        names = [own, "127.0.0.1", "localhost", "[::1]", *filter(None, [self.own_name])]
+        return host.lower() in {f"{name}:{self.port}" for name in names}
+
+
+def _equal(given: str, wanted: str) -> bool:
+    return hmac.compare_digest(given.encode(errors="replace"), wanted.encode())
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches `host`.
+
+    Raises:
+        ViewerError: not an IP address.
+    """
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError as error:
+        raise ViewerError(
+            f"viewer: host {host!r} is not an IP address; use 127.0.0.1 (this machine) or 0.0.0.0 (network)"
+        ) from error
+
+
+class GuardedServer(viser.ViserServer):
+    """A viser server behind an AccessRule.
+
+    Args:
+        rule: Address and who may use it.
+        label: Title of the panel.
+
+    Raises:
+        ViewerError: the port is busy, an address beyond this machine has no token, or viser has changed.
+    """
+
+    def __init__(self, rule: AccessRule, label: str) -> None:
+        if rule.token is None and not is_loopback(rule.host):
+            raise ViewerError(f"viewer: {rule.host} is reached from the network, which needs a token")
+        self.rule = rule
+        _check_free(rule)
+        os.environ.pop("_VISER_PORT_OVERRIDE", None)
+        guarded: list[bool] = []
+        page_filter = PageFilter(self._controls)
+        with _guarding(rule, page_filter, guarded), contextlib.redirect_stdout(io.StringIO()):
+            super().__init__(host=rule.host, port=rule.port, label=label, verbose=False)
+        if not guarded or self.get_port() != rule.port:
+            self.stop()
+            raise ViewerError(
+                _busy(rule)
+                if guarded
+                else "viewer: this version of viser cannot be guarded; install the pinned one"
+            )
+
+    def _controls(self) -> dict[str, Any]:
+        """Viser's handles of the controls that are on the page now."""
+        gui = getattr(self, "gui", None)
+        return {} if gui is None else gui._gui_input_handle_from_uuid
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """No tunnel to the outside, whoever asks."""
+        return None
+
+    def stop(self) -> None:
+        """Close the page's connections and the port."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
+
+def _check_free(rule: AccessRule) -> None:
+    family = socket.AF_INET6 if ":" in rule.host else socket.AF_INET
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+        try:
+            probe.bind((rule.host, rule.port))
+            probe.listen()
+        except PermissionError as error:
+            raise ViewerError(f"viewer: port {rule.port} needs root; use one from 1024 to 65535") from error
+        except OSError as error:
+            raise ViewerError(_busy(rule)) from error
+
+
+def _busy(rule: AccessRule) -> str:
+    return (
+        f"viewer: port {rule.port} of {rule.host} is busy or not there; close the program that uses it, or "
+        "take another port (parameter port)"
+    )
+
+
+@contextlib.contextmanager
+def _guarding(rule: AccessRule, page_filter: PageFilter, guarded: list[bool]) -> Iterator[None]:
+    """Put rule and filter before whatever is served meanwhile; `guarded` then is not empty."""
+    serve = websockets.asyncio.server.serve
+    page = _page()
+
+    def guarded_serve(handler: Any, *args: Any, **options: Any) -> Any:
+        guarded.append(True)
+        options["process_request"] = _guard(rule, page, options.get("process_request"))
+        options["create_connection"] = _counted_connections()
+        options["open_timeout"], options["max_size"] = HANDSHAKE_WITHIN_S, MOST_BYTES
+        options["logger"] = _silent_logger()
+
+        async def filtered(connection: Any) -> None:
+            await handler(FilteredConnection(connection, page_filter))
+
+        return serve(filtered, *args, **options)
+
+    module: Any = websockets.asyncio.server
+    module.serve = guarded_serve
+    try:
+        yield
+    finally:
+        module.serve = serve
+
+
+def _silent_logger() -> logging.Logger:
+    """A logger that says nothing: what strangers send must not fill the terminal."""
+    logger = logging.getLogger("softsim_ros.nodes.viewer.websockets")
+    logger.disabled = True
+    return logger
+
+
+def _counted_connections() -> type[websockets.asyncio.server.ServerConnection]:
+    """Connections of which at most MOST_CONNECTIONS are open at once."""
+    live: set[object] = set()
+
+    class Counted(websockets.asyncio.server.ServerConnection):
+        """A connection that is closed unheard where too many are open."""
+
+        def connection_made(self, transport: Any) -> None:
+            """Take it, or close it."""
+            super().connection_made(transport)
+            if len(live) >= MOST_CONNECTIONS:
+                transport.abort()
+            else:
+                live.add(self)
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            """Forget it."""
+            live.discard(self)
+            super().connection_lost(exc)
+
+    return Counted
+
+
+def _guard(rule: AccessRule, page: bytes, inner: Any) -> Callable[[Any, Request], Response | None]:
+    def process(connection: Any, request: Request) -> Response | None:
+        refusal = rule.refusal(request)
+        if refusal is not None:
+            status, sentence = refusal
+            return _response(status, f"{sentence}\n".encode(), "text/plain; charset=utf-8")
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            return None
+        if rule.has_token(request):
+            answer = _response(http.HTTPStatus.SEE_OTHER, b"", "text/plain")
+            if rule.own_name and request.headers["Host"].lower() != f"{rule.own_name}:{rule.port}":
+                answer.headers["Location"] = rule.address  # no cookie for a name that others share
+                return answer
+            answer.headers["Location"] = "/"
+            answer.headers["Set-Cookie"] = f"{rule.cookie}={rule.token}; Path=/; HttpOnly; SameSite=Strict"
+            return answer
+        if urlsplit(request.path).path in ("/", "/index.html"):
+            answer = _response(http.HTTPStatus.OK, page, "text/html; charset=utf-8")
+            answer.headers["Content-Encoding"] = "gzip"
+            return answer
+        other: Response | None = inner(connection, request)
+        if other is not None:
+            _protect(other.headers)
+        return other
+
+    return process
+
+
+def _page() -> bytes:
+    """The page of viser with our script in it, compressed."""
+    file = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    text = file.read_text(encoding="utf-8")
+    head = text.find("<head>")
+    if head < 0:
+        raise ViewerError("viewer: viser's page has another form; install the pinned version")
+    cut = head + len("<head>")
+    return gzip.compress((text[:cut] + KEYS_STAY_HERE + text[cut:]).encode(), mtime=0)
+
+
+def _response(status: http.HTTPStatus, body: bytes, content_type: str) -> Response:
+    headers = Headers({"Content-Type": content_type, "Content-Length": str(len(body)), "Connection": "close"})
+    _protect(headers)
+    return Response(status.value, status.phrase, headers, body)
+
+
+def _protect(headers: Headers) -> None:
+    headers["Content-Security-Policy"] = CONTENT_POLICY
+    headers["X-Content-Type-Options"] = "nosniff"
+    headers["Referrer-Policy"] = "no-referrer"
+    headers["Cache-Control"] = "no-store"

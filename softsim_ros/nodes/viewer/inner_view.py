@@ -1,0 +1,313 @@
+"""What lies inside bodies and around them: elements, regions, frames, collision surfaces, normals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from visualization_msgs.msg import Marker, MarkerArray
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.scene.deformable import AttachmentDescription
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.view import ViewSettings
+from softsim_ros.nodes.viewer.marker_view import MarkerView, marker_points
+from softsim_ros.nodes.viewer.surface import MM, box_lines, normal_lines, shrunk_faces, sphere_lines
+
+_BOX_COLOUR = (134, 142, 150)
+
+
+class CollisionView:
+    """Draws the topic `collisions`: wire frames of the surfaces, and a box around each.
+
+    Args:
+        scene: viser's scene.
+    """
+
+    def __init__(self, scene: Any) -> None:
+        self._scene = scene
+        self._surfaces = MarkerView(
+            scene, "collisions", part_of=lambda name, _: f"collisions/{name}", wireframe=True
+        )
+        self._boxes: Any = None
+        self._view = ViewSettings()
+
+    def obey(self, view: ViewSettings) -> None:
+        """Show what a view says."""
+        self._view = view
+        self._surfaces.switch(view.collisions, view.hidden)
+        if not view.collisions:
+            self._surfaces.clear()
+        if not view.search_boxes:
+            self._draw_boxes(np.zeros((0, 2, 3), np.float32))
+
+    def update(self, message: MarkerArray) -> None:
+        """Draw where the surfaces are now."""
+        view = self._view
+        if view.collisions:
+            self._surfaces.update(message)
+        if view.search_boxes:
+            shown = [each for each in message.markers if f"collisions/{each.ns}" not in view.hidden]
+            lines = [around(each) for each in shown]
+            self._draw_boxes(np.concatenate([np.zeros((0, 2, 3), np.float32), *lines]))
+
+    def _draw_boxes(self, lines: NDArray[np.float32]) -> None:
+        if self._boxes is not None and len(self._boxes.points) == len(lines):
+            self._boxes.points = lines
+            return
+        if self._boxes is not None:
+            self._boxes.remove()
+            self._boxes = None
+        if len(lines):
+            self._boxes = self._scene.add_line_segments("/search_boxes", lines, _BOX_COLOUR, thickness=0.3)
+
+
+def around(marker: Marker) -> NDArray[np.float32]:
+    """Edges in [mm] of the box around a surface, along the axes of the world, shape (12, 2, 3)."""
+    points = marker_points(marker)
+    margin = MM * marker.scale.x / 2.0 if marker.type == Marker.SPHERE else 0.0
+    lower, upper = points.min(axis=0) - margin, points.max(axis=0) + margin
+    lines = box_lines(tuple(0.5 * (lower + upper)), tuple(upper - lower), (0.0, 0.0, 0.0))
+    return lines.astype(np.float32)
+
+
+LENGTH_MM: Final = 2.0
+PERIOD_S: Final = 0.2
+"""Normals are drawn anew this often, in [s]."""
+
+_COLOUR = (12, 133, 153)
+
+
+class NormalsView:
+    """Draws a line from the middle of each triangle along its normal.
+
+    Args:
+        scene: viser's scene.
+    """
+
+    def __init__(self, scene: Any) -> None:
+        self._scene, self._lines = scene, None
+        self._drawn_at = -math.inf
+        self.visible = False
+
+    def switch(self, shown: bool) -> None:
+        """Show or hide them."""
+        self.visible, self._drawn_at = shown, -math.inf
+        if not shown:
+            self._remove()
+
+    def update(self, points: NDArray[np.float32], triangles: IndexArray, now: float) -> None:
+        """Draw those of `triangles` (k, 3) over `points` (p, 3) in [mm], when it is time; `now` in [s]."""
+        if not self.visible or now - self._drawn_at < PERIOD_S:
+            return
+        self._drawn_at = now
+        lines = normal_lines(points, triangles, LENGTH_MM)
+        if self._lines is not None and len(self._lines.points) == len(lines):
+            self._lines.points = lines
+            return
+        self._remove()
+        if len(lines):
+            self._lines = self._scene.add_line_segments("/normals", lines, _COLOUR, thickness=0.15)
+
+    def _remove(self) -> None:
+        if self._lines is not None:
+            self._lines.remove()
+            self._lines = None
+
+
+Still: TypeAlias = tuple[str, str, Any]
+"""A thing that is drawn once: its layer, the part of the scene it belongs to, its handle."""
+
+ELEMENT_SHARE = 0.85
+EDGES = (20, 24, 28)
+REGION_SHARE = 2.2
+"""Nodes of rigid regions are drawn so many times as large as others."""
+
+STILL = 1e-4
+"""A frame that moves by less than this in [mm], or in its quaternion, stays where it is drawn."""
+
+REGION_COLOURS = ((230, 119, 0), (47, 158, 68), (25, 113, 194), (174, 62, 201), (201, 42, 42), (12, 133, 153))
+
+
+class InnerView:
+    """Draws the inside and the frames of a scene.
+
+    Args:
+        scene: viser's scene.
+        robot: What the scene is made of.
+        frames: Names of its frames, in the order of their poses.
+    """
+
+    def __init__(self, scene: Any, robot: RobotDescription, frames: Sequence[str]) -> None:
+        self._scene, self._robot = scene, robot
+        self._tetrahedra: IndexArray = np.zeros((0, 4), np.int64)
+        self._bodies: dict[str, slice] = {}
+        self._regions: list[tuple[str, IndexArray]] = []
+        self._positions: Array | None = None
+        self._moving: dict[str, Any] = {}
+        self._view = ViewSettings()
+        self._frames = [(name, scene.add_frame(f"/frames/{name}", show_axes=False)) for name in frames]
+        for _, handle in self._frames:
+            handle.axes_length, handle.axes_radius, handle.origin_radius = 12.0, 0.5, 1.0
+        self._poses: Array = np.full((len(self._frames), 7), np.inf)
+        self._still: tuple[Still, ...] = (*self._arms(), *self._labels(), *self._boxes())
+        self.obey(self._view)
+
+    @property
+    def needs_nodes(self) -> bool:
+        """Whether something is shown that needs the positions of the nodes."""
+        view = self._view
+        return view.elements or view.nodes or view.regions
+
+    def set_structure(
+        self,
+        tetrahedra: IndexArray,
+        bodies: Sequence[Mapping[str, Any]],
+        regions: Sequence[Mapping[str, Any]],
+    ) -> None:
+        """Tell elements, shape (m, 4); `name` and `nodes` of bodies (first, end) and rigid regions (all)."""
+        self._tetrahedra = tetrahedra
+        self._bodies = {str(body["name"]): slice(*body["nodes"]) for body in bodies}
+        self._regions = [
+            (str(region["name"]), np.array(region["nodes"], dtype=np.int64)) for region in regions
+        ]
+        self._forget()
+
+    def obey(self, view: ViewSettings) -> None:
+        """Show what a view says."""
+        self._view = view
+        for name, handle in self._frames:
+            part = name.removesuffix("_horn")
+            handle.show_axes = view.frames and not {f"joints/{part}", f"attachments/{part}"} & {*view.hidden}
+        for layer, part, handle in self._still:
+            handle.visible = getattr(view, layer) and part not in view.hidden
+        self._forget()
+        if self._positions is not None:
+            self.move_nodes(self._positions)
+
+    def move_frames(self, poses: Array) -> None:
+        """Place the frames; rows of x, y, z in [mm] and a quaternion x, y, z, w, shape (f, 7)."""
+        if len(poses) != len(self._frames):
+            return
+        moved = (np.abs(poses - self._poses) > STILL).any(axis=1)  # what stands costs nothing
+        for number in np.flatnonzero(moved):
+            handle, row = self._frames[number][1], poses[number]
+            handle.position, handle.wxyz = row[:3], row[[6, 3, 4, 5]]
+            self._poses[number] = row
+
+    def move_nodes(self, positions: Array) -> None:
+        """Place nodes and elements; `positions` in [mm], shape (n, 3)."""
+        self._positions = positions
+        if int(self._tetrahedra.max(initial=-1)) >= len(positions):
+            return  # of another scene
+        view, seen = self._view, self._seen(len(positions))
+        tetrahedra = self._tetrahedra[seen[self._tetrahedra[:, 0]]]
+        if view.elements and len(tetrahedra):
+            vertices, faces = shrunk_faces(positions, tetrahedra, ELEMENT_SHARE)
+            self._draw("elements", "mesh", vertices.astype(np.float32), faces)
+        size = MM * view.node_size
+        if view.nodes and seen.any():
+            self._draw("nodes", "points", positions[seen].astype(np.float32), (33, 37, 41), size=size)
+        for number, (name, nodes) in enumerate(self._regions if view.regions else ()):
+            if f"attachments/{name}" in view.hidden or int(nodes.max(initial=-1)) >= len(positions):
+                continue
+            colour, points = REGION_COLOURS[number % len(REGION_COLOURS)], positions[nodes].astype(np.float32)
+            self._draw(f"regions/{name}", "points", points, colour, size=REGION_SHARE * size)
+
+    def _seen(self, count: int) -> BoolArray:
+        """Which of `count` nodes are of bodies that are not hidden."""
+        seen = np.ones(count, dtype=bool)
+        for name, nodes in self._bodies.items():
+            if f"bodies/{name}" in self._view.hidden:
+                seen[nodes] = False
+        return seen
+
+    def _draw(
+        self, name: str, kind: str, points: NDArray[np.float32], extra: Any, *, size: float = 1.0
+    ) -> None:
+        if name in self._moving:
+            if kind == "mesh":
+                self._moving[name].vertices = points
+            else:
+                self._moving[name].points = points
+        elif kind == "mesh":
+            self._moving[name] = self._scene.add_mesh_simple(
+                f"/{name}", points, extra.astype(np.uint32), color=(77, 130, 214), flat_shading=True
+            )
+        else:
+            self._moving[name] = self._scene.add_point_cloud(
+                f"/{name}", points, extra, point_size=size, point_shape="square", precision="float32"
+            )
+
+    def _forget(self) -> None:
+        """Take away what moves; it is drawn anew with the next positions."""
+        for handle in self._moving.values():
+            handle.remove()
+        self._moving.clear()
+
+    def _labels(self) -> list[Still]:
+        return [
+            (
+                "labels",
+                f"joints/{joint.name}",
+                self._scene.add_label(
+                    f"/frames/{joint.name}/label", joint.name.replace("_", " ").capitalize()
+                ),
+            )
+            for joint in self._robot.joints
+            if joint.kind == "revolute"  # the servos; slides and cables have no place of their own
+        ]
+
+    def _arms(self) -> list[Still]:
+        arms: list[Still] = []
+        for joint in self._robot.joints:
+            length = MM * joint.horn_length
+            if length > 0.0:
+                arm = self._scene.add_box(
+                    f"/frames/{joint.name}_horn/arm",
+                    color=(52, 58, 64),
+                    dimensions=(4.0, 8.0, length),
+                    position=(0.0, 0.0, length / 2.0),
+                )
+                servo = self._scene.add_box(
+                    f"/frames/{joint.name}/servo",
+                    color=(73, 80, 87),
+                    opacity=0.7,
+                    dimensions=(20.0, 20.0, 12.0),
+                    position=(0.0, 0.0, -10.0),
+                )
+                edges = [
+                    self._edges(
+                        f"/frames/{joint.name}_horn/edges", (0.0, 0.0, length / 2.0), (4.0, 8.0, length)
+                    ),
+                    self._edges(f"/frames/{joint.name}/edges", (0.0, 0.0, -10.0), (20.0, 20.0, 12.0)),
+                ]
+                arms += [("arms", f"joints/{joint.name}", handle) for handle in (arm, servo, *edges)]
+        return arms
+
+    def _edges(self, name: str, center: tuple[float, ...], size: tuple[float, ...]) -> Any:
+        lines = box_lines(center, size, (0.0, 0.0, 0.0)).astype(np.float32)
+        return self._scene.add_line_segments(name, lines, EDGES, thickness=0.35)
+
+    def _boxes(self) -> list[Still]:
+        attachments = [each for each in self._robot.scene.attachments if each.group is None]
+        return [("boxes", f"attachments/{each.name}", self._region(each)) for each in attachments]
+
+    def _region(self, attachment: AttachmentDescription) -> Any:
+        box, sphere = attachment.box, attachment.sphere
+        if box is not None:
+            lines = box_lines(box.center, box.size, box.rotation_deg)
+        elif sphere is not None:
+            lines = sphere_lines(sphere.center, sphere.radius)
+        else:
+            rod = next(each.rod for each in self._robot.scene.bodies if each.name == attachment.body)
+            assert rod is not None  # a description has a region, or an end of a rod
+            place = rod.end_place(attachment.end == "start")
+            lines = sphere_lines((place[0], place[1], place[2]), 0.6 * max(rod.section.size))
+        parent = f"/frames/{attachment.relative_to}" if attachment.relative_to else ""
+        return self._scene.add_line_segments(
+            f"{parent}/box_{attachment.name}", (MM * lines).astype(np.float32), (201, 42, 42), thickness=0.4
+        )

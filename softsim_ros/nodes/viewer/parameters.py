@@ -1,0 +1,231 @@
+"""Parameters of the viewer, and those of the simulator that the page can tune."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from softsim_core.physics.fem.materials import MaterialParameter
+from softsim_core.scene.robot import RobotDescription
+from softsim_node.parameters import declare, parameter, parameter_probe
+from softsim_ros.keys.keyboard import DEFAULT_ROBOT, KeySettings
+from softsim_ros.nodes.viewer.guard import ViewerError
+
+KILO: Final = 1000.0
+MEGA: Final = 1.0e6
+SHOWN_IN_MPA: Final = 1.0e7
+"""From this pressure in [Pa] on a slider shows [MPa]: paper and thread, not rubber."""
+
+YOUNG_KPA: Final = (10.0, 2000.0)
+"""Range of Young modulus in [kPa]; wider where the scene's own lies outside."""
+
+
+@dataclass(frozen=True)
+class Tunable:
+    """A parameter with its control.
+
+    Attributes:
+        name: Name of the simulator's parameter.
+        label: Words on the page, with the unit that is shown.
+        help: One sentence.
+        start: Value at the start, as shown.
+        lower, upper, step: Range of the slider, as shown.
+        scale: SI value of one shown unit.
+    """
+
+    name: str
+    label: str
+    help: str
+    start: float | bool
+    lower: float = 0.0
+    upper: float = 1.0
+    step: float = 0.01
+    scale: float = 1.0
+
+    @property
+    def is_switch(self) -> bool:
+        """Whether it is true or false."""
+        return isinstance(self.start, bool)
+
+    def si(self, value: Any) -> Any:
+        """The parameter's value for what the control shows."""
+        return bool(value) if self.is_switch else float(value) * self.scale
+
+    def shown(self, value: Any) -> Any:
+        """What the control shows for a parameter's value, within its range."""
+        if self.is_switch:
+            return bool(value)
+        return min(max(round(float(value) / self.scale, 9), self.lower), self.upper)
+
+
+def tunables(robot: RobotDescription) -> list[Tunable]:
+    """Speed, limits, material of each body, of its layers and its fibres, damping."""
+    scene = robot.scene
+    found = [
+        Tunable(
+            "speed", "Speed [× real time]", "0 is as fast as possible", 1.0, lower=0.0, upper=4.0, step=0.05
+        ),
+        Tunable(
+            "enforce_limits",
+            "Keep joint limits",
+            "off allows full turns, in simulation only",
+            robot.commands.enforce_limits,
+        ),
+    ]
+    for (owner, values), law in zip(scene.materials, scene.laws, strict=True):
+        prefix = scene.parameter_prefix(owner)
+        for own in law.parameters:
+            found.append(_material_parameter(owner, prefix, own, values[own.name]))
+    found.append(
+        Tunable(
+            "rayleigh_stiffness",
+            "Damping per stiffness [s]",
+            "takes energy out of deformation",
+            scene.solver.rayleigh_stiffness,
+            lower=0.0,
+            upper=max(0.1, scene.solver.rayleigh_stiffness * 4.0),
+            step=0.001,
+        )
+    )
+    found.append(
+        Tunable(
+            "rayleigh_mass",
+            "Damping per mass [1/s]",
+            "slows all motion",
+            scene.solver.rayleigh_mass,
+            lower=0.0,
+            upper=max(20.0, scene.solver.rayleigh_mass * 4.0),
+            step=0.1,
+        )
+    )
+    return found
+
+
+def _material_parameter(owner: str, prefix: str, parameter: MaterialParameter, value: float) -> Tunable:
+    """The slider of a parameter of a law, by the full name of what is made of it; see SceneDescription."""
+    name, whose = f"{prefix}{parameter.name}", prefix.rstrip(".") or owner
+    if parameter.name == "poisson_ratio":
+        return Tunable(
+            name,
+            f"Poisson ratio of {whose}",
+            "0.5 keeps the volume",
+            value,
+            lower=min(0.0, value),
+            upper=max(0.495, value),
+            step=0.005,
+        )
+    scale, unit = _shown_unit(parameter.unit, value)
+    shown = value / scale
+    young = parameter.name == "young_modulus"
+    in_fine_steps = young and scale == KILO
+    lower, upper = YOUNG_KPA if in_fine_steps else (shown / 10.0, shown * 4.0 or 1.0)
+    return Tunable(
+        name,
+        f"{_in_short(parameter)} of {whose}{unit}",
+        "how stiff the material is" if young else parameter.description,
+        shown,
+        lower=min(lower, shown / 10.0, shown * 4.0),
+        upper=max(upper, shown / 10.0, shown * 4.0),
+        step=1.0 if in_fine_steps else 0.01 * abs(shown) or 0.01,
+        scale=scale,
+    )
+
+
+def _shown_unit(unit: str, value: float) -> tuple[float, str]:
+    """How many of SI are one of the shown unit, and how a label ends with it."""
+    if unit != "Pa":
+        return 1.0, "" if unit == "-" else f" [{unit}]"
+    return (MEGA, " [MPa]") if abs(value) >= SHOWN_IN_MPA else (KILO, " [kPa]")
+
+
+def _in_short(parameter: MaterialParameter) -> str:
+    """What a label calls it: "C1" of "C1, half the shear modulus at rest", which its help says whole."""
+    return parameter.description.partition(",")[0]
+
+
+DEFAULT_PORT = 8080
+
+TOKEN: Final = "SOFTSIM_PAGE_TOKEN"
+TOKEN_FILE: Final = "SOFTSIM_PAGE_TOKEN_FILE"
+"""Variables with the secret of the page, and with the file that holds it: no other account reads them."""
+
+LONGEST_TOKEN: Final = 200
+_TOKEN: Final = re.compile(rf"[A-Za-z0-9_-]{{8,{LONGEST_TOKEN}}}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewerSettings:
+    """Where the page is served, and how it looks.
+
+    Attributes:
+        host: IP address that is listened on; 127.0.0.1 is this machine only.
+        port: TCP port.
+        no_token: Ask for no secret: every account of this machine may use the page.
+        lite: Cheap light, for browsers without a graphics card.
+    """
+
+    host: str = parameter("127.0.0.1", "IP address to listen on; 127.0.0.1: this machine only", fixed=True)
+    port: int = parameter(DEFAULT_PORT, "TCP port of the page", within=(1, 65535), fixed=True)
+    no_token: bool = parameter(False, "No secret: every account here may use the page", fixed=True)
+    lite: bool = parameter(False, "Cheap light and no shadows", fixed=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TokenSetting:
+    """The token as a parameter, as it was given once; the node has none, since others read its parameters.
+
+    Attributes:
+        token: Secret that browsers bring.
+    """
+
+    token: str = parameter("", "Secret that browsers bring; give it in SOFTSIM_PAGE_TOKEN", fixed=True)
+
+
+def requested_settings() -> tuple[str, ViewerSettings, str]:
+    """The robot, the settings and the token given to this process.
+
+    Raises:
+        ViewerError: the file of the token cannot be read, or holds none.
+    """
+    with parameter_probe("viewer", namespace=DEFAULT_ROBOT) as probe:
+        given = declare(probe, TokenSetting()).token
+        if given:
+            probe.get_logger().warning(
+                f"parameter token: every account reads it in the list of processes; give it in {TOKEN} or "
+                f"in the file that {TOKEN_FILE} names"
+            )
+        return (
+            declare(probe, KeySettings()).robot,
+            declare(probe, ViewerSettings()),
+            given or requested_token(os.environ),
+        )
+
+
+def requested_token(environment: Mapping[str, str]) -> str:
+    """The secret that browsers bring, out of the environment or of a file that it names; empty: a new one.
+
+    Raises:
+        ViewerError: the file cannot be read, or holds no token.
+    """
+    if token := environment.get(TOKEN, "").strip():
+        return _usable(token, TOKEN)
+    if not (name := environment.get(TOKEN_FILE, "")):
+        return ""
+    try:
+        with Path(name).expanduser().open("rb") as stream:
+            data = stream.read(LONGEST_TOKEN + 2)
+    except OSError as error:
+        raise ViewerError(f"viewer: {TOKEN_FILE} names {name}: {error.strerror}") from error
+    return _usable(data.decode(errors="replace").strip(), name)
+
+
+def _usable(token: str, source: str) -> str:
+    if not _TOKEN.fullmatch(token):
+        raise ViewerError(
+            f"viewer: {source} holds no token; one has 8 to {LONGEST_TOKEN} letters, digits, '_' and '-'"
+        )
+    return token

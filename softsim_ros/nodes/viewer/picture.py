@@ -1,0 +1,372 @@
+"""The picture of the page: from the topics made for drawing to the stage, and what of it is shown."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from typing import Any, Final
+
+import numpy as np
+from geometry_msgs.msg import PoseArray
+from numpy.typing import NDArray
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_msgs.msg import String, UInt32MultiArray
+from visualization_msgs.msg import MarkerArray
+
+from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.scene.io.location import Place, place_of
+from softsim_core.scene.io.yaml_loader import Steps
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.view import Camera, ViewSettings
+from softsim_node.topics import LATCHED, NEWEST_ONLY
+from softsim_ros.client.state import EffectorPose
+from softsim_ros.messages import mesh_checksum, read_point_cloud
+from softsim_ros.messages.scene import SceneMessage, read_scene_message
+from softsim_ros.nodes.viewer.panel import Inbox
+from softsim_ros.nodes.viewer.stage import BaseHandle, Stage, camera_for, move_camera, move_cameras
+from softsim_ros.nodes.viewer.surface import MM, Part
+
+ERROR_WIDTH: Final = 36
+"""Letters in a line of an error that takes the place of the scene."""
+
+_SWITCHES: Any = {each.name: False for each in fields(ViewSettings) if each.type == "bool"}
+NOTHING: Final = ViewSettings(**_SWITCHES)
+"""What is shown of a scene whose files are wrong."""
+
+
+class Picture:
+    """Subscribes to what is drawn and keeps a stage up to date.
+
+    Topics: `scene/structure`, `mesh/topology`, `mesh/tetrahedra`, `mesh/points`, `frames`, `cables`,
+    `chambers`, `contacts`, `bodies/topology`, `bodies/poses`; `mesh/nodes` and `collisions` while something
+    shows them.
+
+    Args:
+        node: The node whose executor delivers the messages.
+        server: viser's server.
+        inbox: Where the mouse's events go.
+        on_scene: Called with the scene that begins; it calls `build`.
+        on_goal: Called with a dragged goal, in [m].
+        on_base: Called with a joint and where a person drags its base, in [mm].
+        lite: Cheap light and no shadows, for machines without a graphics card.
+
+    Attributes:
+        stage: The 3-D side of the page; another one after each `build`.
+        is_dark: Whether it is light on dark ground.
+        base: The handle of the chosen joint's base; another one, too.
+        view: What is shown now: what the scene said, then what people switched.
+        robot: The scene that is shown.
+        rest: Its bodies at rest: parts, and points in [mm], shape (p, 3).
+    """
+
+    robot: RobotDescription
+    stage: Stage
+    base: BaseHandle
+    view: ViewSettings
+
+    def __init__(
+        self,
+        node: Node,
+        server: Any,
+        inbox: Inbox,
+        on_scene: Callable[[RobotDescription], None],
+        on_goal: Callable[[EffectorPose], None],
+        on_base: Callable[[str, Array], None],
+        *,
+        lite: bool,
+    ) -> None:
+        self._node, self._server, self._inbox = node, server, inbox
+        self._on_scene, self._on_goal, self._on_base, self._lite = on_scene, on_goal, on_base, lite
+        self._error = ""
+        self._is_aside = False
+        self.is_dark = False
+        self.rest: tuple[list[Part], NDArray[np.float32]] = ([], np.zeros((0, 3), np.float32))
+        self._error_label: Any = None
+        self._scene: SceneMessage | None = None
+        self._seen = ""
+        self._begun: tuple[str, ViewSettings] | None = None
+        self._left: dict[bool, tuple[tuple[float, ...], tuple[float, ...]]] = {}
+        self._rigid: MarkerArray | None = None
+        self._surface: tuple[Array, IndexArray] | None = None
+        self._tetrahedra: IndexArray = np.zeros((0, 4), np.int64)
+        self._points: PointCloud2 | None = None
+        self._nodes: PointCloud2 | None = None
+        self._frames: PoseArray | None = None
+        self._on_demand: dict[str, Any] = {}
+        self._pull_mode = False
+        self._subscribe()
+
+    def _subscribe(self) -> None:
+        subscribe = self._node.create_subscription
+        subscribe(String, "scene/structure", self._on_structure, LATCHED)
+        subscribe(Mesh, "mesh/topology", self._on_topology, LATCHED)
+        subscribe(UInt32MultiArray, "mesh/tetrahedra", self._on_tetrahedra, LATCHED)
+        subscribe(PointCloud2, "mesh/points", self._on_points, NEWEST_ONLY)
+        subscribe(PoseArray, "frames", self._on_frames, NEWEST_ONLY)
+        subscribe(MarkerArray, "cables", lambda message: self.stage.cables.update(message), NEWEST_ONLY)
+        subscribe(MarkerArray, "chambers", lambda message: self.stage.chambers.update(message), NEWEST_ONLY)
+        subscribe(MarkerArray, "contacts", lambda message: self.stage.contacts.update(message), NEWEST_ONLY)
+        subscribe(MarkerArray, "bodies/topology", self._on_rigid, LATCHED)
+        subscribe(PoseArray, "bodies/poses", lambda message: self.stage.rigid.move(message), NEWEST_ONLY)
+
+    # --- a scene --------------------------------------------------------------------------------------
+
+    def build(self, robot: RobotDescription) -> None:
+        """Make the stage of a scene on the server's empty 3-D scene; a scene loaded anew keeps its view."""
+        if self._begun != (robot.name, robot.view):
+            self._begun, self.view = (robot.name, robot.view), robot.view
+            self._seen = ""
+            self._left.clear()
+        self.robot = robot
+        frames = [] if self._scene is None else list(self._scene.frames)
+        self._error, self._error_label = "", None
+        self.stage = Stage(
+            self._server, self._inbox, robot, frames, self._on_goal, lite=self._lite, dark=self.is_dark
+        )
+        self.base = BaseHandle(self._server.scene, self._inbox, self._on_base)
+        self.stage.set_pull_mode(self._pull_mode)
+        self.show(self.view)
+
+    @property
+    def overrides(self) -> str:
+        """What is laid over the scene's file, as YAML text."""
+        return "" if self._scene is None else self._scene.overrides
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Names of the scenes that the simulator can load; empty while it has not told."""
+        return () if self._scene is None else self._scene.scenes
+
+    def place(self, steps: Steps) -> Place | None:
+        """File and line where a part of the scene is written; None: the simulator has not told."""
+        return None if self._scene is None else place_of(self._scene.places, steps)
+
+    def show_known(self) -> None:
+        """Draw what has come already: it may have come before the structure did."""
+        self._show_surface()
+        self._show_rigid()
+
+    def _on_structure(self, message: String) -> None:
+        told = read_scene_message(message.data)
+        if self._scene is None or told.generation != self._scene.generation:
+            self._scene = told
+            self._points = self._nodes = self._frames = None  # where things of the scene before were
+            self._on_scene(told.robot)
+
+    def _on_topology(self, message: Mesh) -> None:
+        points = np.array([(p.x, p.y, p.z) for p in message.vertices]).reshape(-1, 3)
+        triangles = np.array([t.vertex_indices for t in message.triangles], np.int64).reshape(-1, 3)
+        self._surface = points, triangles
+        self._show_surface()
+
+    def _on_tetrahedra(self, message: UInt32MultiArray) -> None:
+        self._tetrahedra = np.array(message.data, dtype=np.int64).reshape(-1, message.layout.dim[1].size)
+        self._show_surface()
+
+    def _on_rigid(self, message: MarkerArray) -> None:
+        self._rigid = message
+        self._show_rigid()
+
+    def _show_rigid(self) -> None:
+        """Draw the rigid bodies once they are those of the scene."""
+        if self._rigid is None:
+            return
+        named = [marker.ns for marker in self._rigid.markers]
+        if self._scene is None or named == [body.name for body in self._scene.robot.scene.rigid_bodies]:
+            self.stage.show_rigid(self._rigid)
+
+    def _show_surface(self) -> None:
+        """Draw the bodies once surface, elements and structure are those of one scene."""
+        told = self._scene
+        if told is None or self._surface is None or not self._are_of(told, *self._surface):
+            return  # the rest of the new scene has not come yet
+        (points, triangles), bodies = self._surface, told.bodies
+        parts = [
+            Part(
+                body["name"],
+                tuple(body["points"]),
+                triangles[slice(*body["triangles"])],
+                tuple(body["colour"]),
+            )
+            for body in bodies
+        ]
+        self.rest = parts, (points * MM).astype(np.float32)
+        with self._server.atomic():
+            self.stage.show_surface(*self.rest)
+            self.stage.inner.set_structure(self._tetrahedra, told.bodies, told.regions)
+        if self._seen != told.robot.name:  # the same scene loaded anew keeps the view
+            self._seen = told.robot.name
+            self.reset_view()
+
+    def _are_of(self, told: SceneMessage, points: Array, triangles: IndexArray) -> bool:
+        """Whether the newest surface and elements are those of a scene."""
+        count = sum(body["points"][1] - body["points"][0] for body in told.bodies)
+        fits = count == len(points) and int(triangles.max(initial=-1)) < count
+        surface, elements = mesh_checksum(triangles, points), mesh_checksum(self._tetrahedra)
+        return fits and told.owns("mesh/topology", surface) and told.owns("mesh/tetrahedra", elements)
+
+    # --- what moves -----------------------------------------------------------------------------------
+
+    @property
+    def has_news(self) -> bool:
+        """Whether the bodies have moved since the last frame."""
+        return self._points is not None
+
+    def _on_points(self, message: PointCloud2) -> None:
+        self._points = message
+
+    def _on_nodes(self, message: PointCloud2) -> None:
+        self._nodes = message
+
+    def _on_frames(self, message: PoseArray) -> None:
+        self._frames = message
+
+    def draw(self, now: float) -> None:
+        """Move what has come since the last frame; `now` is a steady clock in [s]."""
+        message, self._points = self._points, None
+        if message is not None:
+            rows = read_point_cloud(message)
+            self.stage.surface.update(rows[:, :3] * np.float32(MM), rows[:, 3], now)
+            self.stage.normals.update(self.stage.surface.points, self.stage.surface.triangles, now)
+            self.stage.shadow.follow(self.stage.surface.points, self.stage.surface.triangles, now)
+            if self.stage.pull is not None:
+                self.stage.draw_rope()
+        frames, self._frames = self._frames, None
+        if frames is not None:
+            poses, names = _pose_rows(frames), () if self._scene is None else self._scene.frames
+            self.stage.inner.move_frames(poses)
+            if self.base.joint in names and len(poses) == len(names):
+                self.base.follow(poses[names.index(self.base.joint), :3])
+        nodes, self._nodes = self._nodes, None
+        if nodes is not None:
+            self.stage.inner.move_nodes(MM * read_point_cloud(nodes)[:, :3].astype(float))
+
+    # --- what is shown --------------------------------------------------------------------------------
+
+    def show(self, view: ViewSettings) -> None:
+        """Show what a view says; large messages are asked for only while they are needed. Cameras stay."""
+        self.view = view
+        self.stage.obey(NOTHING if self._error or self._is_aside else view)
+        self._want(PointCloud2, "mesh/nodes", self._on_nodes, self.stage.inner.needs_nodes)
+        collisions = view.collisions or view.search_boxes
+        self._want(
+            MarkerArray, "collisions", lambda message: self.stage.collisions.update(message), collisions
+        )
+
+    def put_aside(self, aside: bool) -> None:
+        """Show nothing of what runs, while something else is shown in its place."""
+        if aside != self._is_aside:
+            self._is_aside = aside
+            self.show(self.view)
+
+    def show_error(self, sentence: str) -> None:
+        """Show a sentence in place of the scene; an empty one shows the scene again."""
+        if sentence == self._error:
+            return
+        self._error = sentence
+        if self._error_label is not None:
+            self._error_label.remove()
+            self._error_label = None
+        self.show(self.view)
+        if sentence:
+            points = self.stage.surface.points
+            self._error_label = self._server.scene.add_label(
+                "/error",
+                "\n".join(textwrap.wrap(sentence, ERROR_WIDTH)),
+                position=points.mean(axis=0) if len(points) else (0.0, 0.0, 0.0),
+                font_screen_scale=1.3,
+                anchor="center-center",
+            )
+
+    def change(self, **values: Any) -> None:
+        """Show the present view with other values of some of its fields."""
+        self.show(replace(self.view, **values))
+
+    def set_dark(self, dark: bool) -> None:
+        """Take the colours of a bright or a dark page."""
+        self.is_dark = dark
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark)
+        self.stage.paint(dark)
+
+    def set_pull_mode(self, on: bool) -> None:
+        """Let a plain drag pull, too, where there is no Shift key."""
+        self._pull_mode = on
+        self.stage.set_pull_mode(on)
+
+    def extent(self, axis: int) -> tuple[float, float]:
+        """Lowest and highest place of the bodies at rest along an axis in [mm]; 0 and 0 without any."""
+        along = self.rest[1][:, axis]
+        return (float(along.min()), float(along.max())) if len(along) else (0.0, 0.0)
+
+    def hide(self, part: str, hidden: bool) -> None:
+        """Hide or show a part of the scene, such as "bodies/silicone"."""
+        others = tuple(each for each in self.view.hidden if each != part)
+        self.change(hidden=(*others, part) if hidden else others)
+
+    def save_view(self, position: Sequence[float], target: Sequence[float]) -> None:
+        """Have `reset_view` go to this camera from now on; in [mm]."""
+        near, far = ([round(each / MM, 5) for each in point] for point in (position, target))
+        self.change(camera=Camera(position=(near[0], near[1], near[2]), target=(far[0], far[1], far[2])))
+
+    def reset_view(self) -> None:
+        """Move every camera to where the view says, or to where it sees the bodies."""
+        self._left.clear()
+        camera = self.view.camera
+        if camera is None:
+            points = np.concatenate([self.stage.surface.points, MM * landmarks(self.robot)])
+            position, target = camera_for(points)
+        else:
+            position = tuple(MM * each for each in camera.position)
+            target = tuple(MM * each for each in camera.target)
+        move_cameras(self._server, position, target)
+
+    def welcome(self, client: Any) -> None:
+        """A browser has come: it sees the scene as one left it; at first, from farther in a narrow window."""
+        camera, is_narrow = self._server.initial_camera, client.camera.aspect < 1.0
+        if is_narrow in self._left:
+            client.camera.position, client.camera.look_at = self._left[is_narrow]
+            client.camera.up_direction = (0.0, 0.0, 1.0)
+        elif is_narrow:
+            move_camera(client, camera.position.tolist(), camera.look_at.tolist())
+
+    def leave(self, client: Any) -> None:
+        """A browser has gone: the next one, with a window as wide or as narrow, sees what it saw last."""
+        position, target = client.camera.position.tolist(), client.camera.look_at.tolist()
+        self._left[client.camera.aspect < 1.0] = tuple(position), tuple(target)
+
+    def _want(self, kind: Any, topic: str, callback: Callable[[Any], None], wanted: bool) -> None:
+        """Subscribe to a topic while it is wanted."""
+        if wanted and topic not in self._on_demand:
+            self._on_demand[topic] = self._node.create_subscription(kind, topic, callback, NEWEST_ONLY)
+        elif not wanted and topic in self._on_demand:
+            self._node.destroy_subscription(self._on_demand.pop(topic))
+
+
+def landmarks(robot: RobotDescription) -> NDArray[np.float32]:
+    """Servos, ends of cables and loads, which a first view shows besides bodies: in [m], shape (k, 3)."""
+    scene = robot.scene
+    places = [joint.base.translation for joint in scene.joints if joint.horn_length > 0.0]
+    pulls = [getattr(joint.actuator, "pull_point", None) for joint in scene.joints]
+    loads = [body.pose.translation for body in scene.rigid_bodies if body.mass is not None]
+    return np.array([*places, *filter(None, pulls), *loads], np.float32).reshape(-1, 3)
+
+
+def _pose_rows(message: PoseArray) -> Array:
+    """Poses as rows: x, y, z in [mm], quaternion x, y, z, w, shape (f, 7)."""
+    return np.array(
+        [
+            (
+                MM * p.position.x,
+                MM * p.position.y,
+                MM * p.position.z,
+                p.orientation.x,
+                p.orientation.y,
+                p.orientation.z,
+                p.orientation.w,
+            )
+            for p in message.poses
+        ]
+    ).reshape(-1, 7)

@@ -1,0 +1,578 @@
+"""The 3-D side of the page: bodies, markers, goal and base handles, pull; positions in mm.
+
+The page's own lamps throw none here: they look 20 units far, and the page's units are millimetres.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from visualization_msgs.msg import MarkerArray
+
+from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.view import ViewSettings
+from softsim_ros.client.simulator import Simulator
+from softsim_ros.client.state import EffectorPose
+from softsim_ros.nodes.viewer.inner_view import CollisionView, InnerView, NormalsView
+from softsim_ros.nodes.viewer.marker_view import MarkerView, RigidView
+from softsim_ros.nodes.viewer.panel import HOLD_S, Inbox
+from softsim_ros.nodes.viewer.surface import MM, Part, SurfaceView
+
+MOST_POINTS: Final = 600
+LEAST_STEP_MM: Final = 0.2
+"""A place nearer than this to the last one adds nothing."""
+COLOUR: Final = (240, 140, 0)
+
+
+class Trail:
+    """See the module.
+
+    Args:
+        scene: viser's scene.
+    """
+
+    def __init__(self, scene: Any) -> None:
+        self._scene = scene
+        self._points: deque[tuple[float, ...]] = deque(maxlen=MOST_POINTS)
+        self._line: Any = None
+        self._shown = False
+
+    def switch(self, shown: bool) -> None:
+        """Show or hide it; it goes on while it is hidden."""
+        self._shown = shown
+        self._draw()
+
+    def add(self, position: Sequence[float]) -> None:
+        """The effector is at a place in [m]."""
+        point = tuple(MM * each for each in position)
+        if self._points and np.linalg.norm(np.subtract(point, self._points[-1])) < LEAST_STEP_MM:
+            return
+        self._points.append(point)
+        self._draw()
+
+    def _draw(self) -> None:
+        if self._line is not None:
+            self._line.remove()
+            self._line = None
+        if self._shown and len(self._points) > 1:
+            points = np.array(self._points, np.float32)
+            self._line = self._scene.add_line_segments(
+                "/trail", np.stack([points[:-1], points[1:]], axis=1), COLOUR, thickness=0.6
+            )
+
+
+CELLS: Final = 80
+"""Pixels of the picture along each side."""
+MARGIN: Final = 0.6
+"""The picture reaches so much of the bodies' extent at rest beyond them on each side, or their height."""
+BLUR: Final = 2.2
+"""Standard deviation of its softness in pixels."""
+MOST_PARTS: Final = 6
+"""A triangle's edge is cut into so many parts at most, to find the pixels below it."""
+PERIOD_S: Final = 0.2
+DEPTH_MM: Final = 0.3
+"""So far below the floor it lies: the grid is seen on it."""
+
+
+def covered(points: NDArray[np.float32], middle: NDArray[np.float64], width: float) -> BoolArray:
+    """Which pixels lie below points, shape (CELLS, CELLS): rows along y, columns along x.
+
+    Args:
+        points: What throws the shadow in [mm], shape (p, 3).
+        middle: Of the picture, x and y in [mm], shape (2,).
+        width: Of the picture in [mm].
+    """
+    cells = np.floor(((points[:, :2] - middle) / width + 0.5) * CELLS).astype(np.int64)
+    inside = ((cells >= 0) & (cells < CELLS)).all(axis=1)
+    pixels = np.zeros((CELLS, CELLS), bool)
+    pixels[cells[inside, 1], cells[inside, 0]] = True
+    return pixels
+
+
+def shade(pixels: BoolArray) -> NDArray[np.float64]:
+    """How dark each pixel is in 0..1 where some are covered, both of shape (CELLS, CELLS)."""
+    return np.asarray(np.clip(1.6 * gaussian_filter(pixels.astype(float), BLUR), 0.0, 1.0))
+
+
+def spread_over(points: NDArray[np.float32], triangles: IndexArray, pixel: float) -> NDArray[np.float32]:
+    """Weights of the corners of each triangle at places a pixel in [mm] apart or so, shape (s, 3).
+
+    The middle is among them; a mesh of many triangles has small ones and gets few places.
+    """
+    corners = points[triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(initial=0.0)
+    parts = int(np.clip(np.ceil(longest / pixel), 1, MOST_PARTS))
+    first, second = np.divmod(np.arange((parts + 1) ** 2), parts + 1)
+    inside = first + second <= parts
+    weights = np.stack([first, second, parts - first - second], axis=1)[inside] / parts
+    return np.concatenate([weights, np.full((1, 3), 1.0 / 3.0)]).astype(np.float32)
+
+
+class GroundShadow:
+    """See the module.
+
+    Args:
+        scene: viser's scene.
+
+    Attributes:
+        opacity: Of the darkest place, 0..1.
+    """
+
+    opacity = 0.5
+
+    def __init__(self, scene: Any) -> None:
+        self._scene = scene
+        self._middle, self._width = np.zeros(2), 1.0
+        self._drawn_at = -np.inf
+        self._drawn: tuple[bytes, float] | None = None
+        self._spread: NDArray[np.float32] | None = None
+        self._picture: Any = None
+        self._visible = True
+
+    def begin(self, points: NDArray[np.float32], height: float) -> None:
+        """Take other bodies, by their points at rest (p, 3) in [mm]; the floor is at `height` in [mm]."""
+        if self._picture is not None:
+            self._picture.remove()
+            self._picture = None
+        if not len(points):
+            return
+        lower, upper = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+        self._middle = 0.5 * (lower + upper)[:2]
+        across, along = float((upper - lower)[:2].max()), float((upper - lower)[2])
+        self._width = max(across + 2.0 * max(MARGIN * across, along), 1.0)  # what stands up may bend over
+        self._picture = self._scene.add_image(
+            "/floor_shadow",
+            np.zeros((CELLS, CELLS, 4), np.uint8),
+            self._width,
+            self._width,
+            format="png",
+            position=(*self._middle.tolist(), height - DEPTH_MM),
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=self._visible,
+        )
+        self._drawn_at, self._drawn, self._spread = -np.inf, None, None
+
+    def switch(self, shown: bool) -> None:
+        """Show or hide it."""
+        self._visible = shown
+        if self._picture is not None:
+            self._picture.visible = shown
+
+    def follow(self, points: NDArray[np.float32], triangles: IndexArray, now: float) -> None:
+        """Draw the shadow of a surface (p, 3), (k, 3) as it is now, a few times per second; `now` in [s]."""
+        if self._picture is None or not self._visible or now - self._drawn_at < PERIOD_S:
+            return
+        self._drawn_at = now
+        if self._spread is None:
+            self._spread = spread_over(points, triangles, self._width / CELLS)
+        pixels = covered((self._spread @ points[triangles]).reshape(-1, 3), self._middle, self._width)
+        if self._drawn != (drawn := (pixels.tobytes(), self.opacity)):  # what stands costs no picture
+            self._drawn = drawn
+            picture = np.zeros((CELLS, CELLS, 4), np.uint8)
+            picture[..., 3] = np.rint(255.0 * self.opacity * shade(pixels))
+            self._picture.image = picture
+
+
+class BaseHandle:
+    """Three arrows at a joint's base, while the joint is chosen.
+
+    Args:
+        scene: viser's scene.
+        inbox: Where the mouse's events go.
+        on_move: Called with the joint and where its base is to go, (3,) in [mm].
+    """
+
+    def __init__(self, scene: Any, inbox: Inbox, on_move: Callable[[str, Array], None]) -> None:
+        self._scene, self._inbox, self._on_move = scene, inbox, on_move
+        self._arrows: Any = None
+        self._dragged, self._moved_at = False, -np.inf
+        self._shown: Array = np.zeros(3)
+        self.joint: str | None = None
+
+    def choose(self, joint: str | None) -> None:
+        """Show the handle of another joint, or none; it comes with the joint's next position."""
+        self.joint, self._dragged, self._moved_at = joint, False, -np.inf
+        if self._arrows is not None:
+            self._arrows.remove()
+            self._arrows = None
+
+    def follow(self, position: Array) -> None:
+        """Place it where the base is, (3,) in [mm]; a handle that is in the hand stays there."""
+        if self._arrows is None:
+            self._arrows = self._make(position)
+        if not self._dragged and time.monotonic() - self._moved_at > HOLD_S:
+            self._arrows.position = self._shown = position
+
+    def _make(self, position: Array) -> Any:
+        arrows = self._scene.add_transform_controls(
+            "/base_handle", scale=30.0, disable_rotations=True, depth_test=False, position=position
+        )
+
+        async def moved(event: Any) -> None:
+            position, ends = np.array(event.target.position), event.phase == "end"
+            self._inbox.put(lambda: self._drag(position, ends))
+
+        arrows.on_update(moved)
+        return arrows
+
+    def _drag(self, position: Array, ends: bool) -> None:
+        self._dragged, self._moved_at = not ends, time.monotonic()
+        moved, self._shown = not np.allclose(position, self._shown, atol=1e-6), position
+        if self.joint is not None and moved:  # not only touched
+            self._on_move(self.joint, position)
+
+
+REPEAT_PERIOD_S = 0.05
+"""The force is sent this often in [s]; the simulator lets go half a second after the last one."""
+
+PULL_LIMIT_N = 2.0
+"""Largest force of the mouse in [N]."""
+
+
+@dataclass
+class Pull:
+    """A pull in progress.
+
+    Attributes:
+        vertex: Index of the pulled vertex of the visible surface.
+        offset: From that vertex to where the mouse took hold, in [mm], shape (3,).
+        target: Where the cursor is, in [mm], shape (3,).
+        sent_at: Time of the last message in [s].
+    """
+
+    vertex: int
+    offset: NDArray[np.float64]
+    target: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    sent_at: float = -1.0
+
+    def force(self, points: NDArray[np.float32], stiffness: float, limit: float) -> NDArray[np.float64]:
+        """Force on the vertex in [N], shape (3,).
+
+        Args:
+            points: Vertices of the surface now, in [mm], shape (p, 3).
+            stiffness: Of the spring, in [N/m].
+            limit: Largest force in [N].
+        """
+        stretch = (self.target - self.offset - points[self.vertex]) / MM
+        force = stiffness * stretch
+        size = float(np.linalg.norm(force))
+        return np.asarray(force if size <= limit else force * (limit / size))
+
+
+class MousePull:
+    """Sends the force of a pull to the simulator while it is held.
+
+    Args:
+        simulator: What is pulled.
+
+    Attributes:
+        stiffness: Of the spring between the body and the mouse, in [N/m].
+    """
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator
+        self.stiffness = 30.0
+
+    def set_stiffness(self, stiffness: float) -> None:
+        """Take another spring, in [N/m]."""
+        self.stiffness = stiffness
+
+    def send(self, pull: Pull | None, points: NDArray[np.float32], now: float) -> None:
+        """Send the force of a pull, now and then.
+
+        Args:
+            pull: The pull; None: nothing is held.
+            points: Vertices of the visible surface in [mm], shape (p, 3).
+            now: Steady clock in [s].
+        """
+        if pull is not None and now - pull.sent_at >= REPEAT_PERIOD_S:
+            pull.sent_at = now
+            force: Array = pull.force(points, self.stiffness, PULL_LIMIT_N)
+            self._simulator.pull(f"mesh_point/{pull.vertex}", force.tolist())
+
+
+CAMERA_DIRECTION: Final = (0.5, -0.72, 0.48)
+CAMERA_FOV: Final = 0.7
+"""Angle in [rad] that cameras see from bottom to top: little, so that near and far parts look alike."""
+CAMERA_DISTANCE: Final = 1.65
+"""Where the camera starts: this way from the middle of the bodies, so many times their diagonal away."""
+
+NARROW_SHIFT: Final = 0.2
+"""Share of the height of a narrow window by which what is looked at goes up."""
+
+
+class Looks(NamedTuple):
+    """Colours and light around the bodies, red, green, blue in 0..255."""
+
+    background: tuple[int, int, int]
+    cells: tuple[int, int, int]
+    sections: tuple[int, int, int]
+    studio: float
+    shadow: float
+
+
+BRIGHT: Final = Looks((226, 231, 237), (198, 205, 213), (168, 176, 186), 0.35, 0.42)
+LAMP_DIRECTION: Final = (0.35, -0.45, 0.82)
+"""From where the light comes."""
+DARK: Final = Looks((24, 28, 33), (44, 50, 57), (66, 74, 84), 0.30, 0.75)
+FLOOR_MM: Final = -20.0
+"""Height of the grid; where bodies hang below z = 0, it lies as far below their lowest point at rest."""
+
+HOLLOW_OFFSET_MM: Final = 0.2
+"""Hollows are drawn so much larger, to hide the walls of the bodies around them."""
+
+GOAL_HOLD_S: Final = 1.0
+"""After it was dragged the goal handle stays this long, in [s], before it follows the goals of others."""
+
+
+class Stage:
+    """What a scene shows.
+
+    Args:
+        server: viser's server.
+        inbox: Where the mouse's events go.
+        robot: The scene.
+        frames: Names of its frames in the order of their poses.
+        on_goal: Called with a dragged goal, in [m].
+        lite: Cheap light and no shadows, for machines without a graphics card.
+        dark: Light on dark ground.
+    """
+
+    def __init__(
+        self,
+        server: Any,
+        inbox: Inbox,
+        robot: RobotDescription,
+        frames: list[str],
+        on_goal: Callable[[EffectorPose], None],
+        *,
+        lite: bool,
+        dark: bool,
+    ) -> None:
+        self._server, self._inbox, self._on_goal = server, inbox, on_goal
+        scene, self._lite = server.scene, lite
+        if lite:
+            scene.configure_environment_map(None)
+            scene.configure_default_lights(cast_shadow=False)
+            scene.add_light_hemisphere("/lights/sky", intensity=1.5)
+        else:
+            scene.configure_default_lights(enabled=False)
+            scene.add_light_hemisphere("/lights/sky", ground_color=BRIGHT.sections, intensity=0.7)
+            scene.add_light_directional("/lights/lamp", position=LAMP_DIRECTION, intensity=1.6)
+        self._floor = scene.add_grid(
+            "/floor",
+            width=300.0,
+            height=300.0,
+            cell_size=10.0,
+            section_size=50.0,
+            fade_distance=2000.0,
+            shadow_opacity=0.0,
+            position=(0.0, 0.0, FLOOR_MM),
+        )
+        self._axes = scene.add_frame(
+            "/axes", axes_length=20.0, axes_radius=0.6, position=(-100.0, -100.0, FLOOR_MM)
+        )
+        self.shadow = GroundShadow(scene)
+        self.paint(dark)
+        self.surface = SurfaceView(scene, self._on_mesh)
+        self.normals = NormalsView(scene)
+        self.inner = InnerView(scene, robot, frames)
+        cables = dict(enumerate(joint.name for joint in robot.joints if not joint.moves_frame))
+        self.cables = MarkerView(scene, "cables", part_of=lambda _, number: f"joints/{cables.get(number)}")
+        self.chambers = MarkerView(
+            scene, "chambers", part_of=lambda name, _: f"joints/{name}", offset=HOLLOW_OFFSET_MM
+        )
+        self.contacts = MarkerView(scene, "contacts")
+        self.collisions = CollisionView(scene)
+        self.rigid = RigidView(scene)
+        self.trail = Trail(scene)
+        self.pull: Pull | None = None
+        self.pull_mode = False
+        self._rope: Any = None
+        self._goal: Any = None
+        self._goal_moved_at = -np.inf
+        self._goal_dragged = False
+        self._goal_pose: tuple[float, ...] | None = None
+
+    def paint(self, dark: bool) -> None:
+        """Take the colours of a bright or a dark page."""
+        scene, looks = self._server.scene, DARK if dark else BRIGHT
+        if not self._lite:
+            scene.configure_environment_map("studio", environment_intensity=looks.studio)
+        scene.set_background_image(np.full((2, 2, 3), looks.background, np.uint8), format="png")
+        self._floor.cell_color, self._floor.section_color = looks.cells, looks.sections
+        self.shadow.opacity = looks.shadow
+
+    def show_surface(self, parts: list[Part], points: NDArray[np.float32]) -> None:
+        """Take bodies by their visible points at rest in [mm], shape (p, 3); the grid lies below."""
+        self.surface.show(parts, points)
+        height = floor_height(points)
+        self._floor.position = (0.0, 0.0, height)
+        self._axes.position = (-100.0, -100.0, height)
+        self.shadow.begin(points, height)
+
+    def show_rigid(self, message: MarkerArray) -> None:
+        """Take other rigid bodies; the grid gives way to a floor of the scene's own."""
+        self.rigid.show(message)
+        self._floor.visible = not message.markers
+        self.shadow.switch(self._floor.visible)
+
+    def obey(self, view: ViewSettings) -> None:
+        """Show what a view says; the camera stays."""
+        self.surface.obey(view)
+        self.normals.switch(view.normals and view.bodies)
+        self.inner.obey(view)
+        self.cables.switch(view.cables, view.hidden)
+        self.chambers.switch(view.chambers, view.hidden)
+        self.contacts.switch(view.contacts)
+        self.collisions.obey(view)
+        self.trail.switch(view.trail)
+        self.rigid.switch(view.rigid, axes=view.frames, hidden=view.hidden)
+
+    # --- goal -----------------------------------------------------------------------------------------
+
+    def show_goal(self, pose: EffectorPose | None, now: float) -> None:
+        """Place the handle of the goal; None hides it. A handle that is being dragged stays in the hand."""
+        if pose is None:
+            if self._goal is not None:
+                self._goal.remove()
+                self._goal, self._goal_dragged, self._goal_pose = None, False, None
+            return
+        if self._goal is not None and (self._goal_dragged or now - self._goal_moved_at < GOAL_HOLD_S):
+            return
+        x, y, z, w = pose.quaternion_xyzw
+        shown = (*(np.array(pose.position) * MM), w, x, y, z)
+        if self._goal is None:
+            self._make_goal(shown)
+        elif self._goal_pose is None or not np.allclose(shown, self._goal_pose, atol=1e-6):
+            self._goal.position, self._goal.wxyz = shown[:3], shown[3:]
+        else:
+            return
+        self._goal_pose = shown
+
+    def _make_goal(self, pose: tuple[float, ...]) -> None:
+        # A page may draw between two messages: a handle that is placed afterwards would flash at the origin.
+        self._goal = self._server.scene.add_transform_controls(
+            "/goal", scale=25.0, depth_test=False, position=pose[:3], wxyz=pose[3:]
+        )
+        self._server.scene.add_icosphere("/goal/ball", radius=2.0, color=(240, 62, 62))
+
+        async def moved(event: Any) -> None:
+            position, turn = np.array(event.target.position), np.array(event.target.wxyz)
+            phase = event.phase
+            self._inbox.put(lambda: self._drag_goal(phase, position, turn))
+
+        self._goal.on_update(moved)
+
+    def _drag_goal(self, phase: str, position: NDArray[Any], wxyz: NDArray[Any]) -> None:
+        self._goal_dragged = phase != "end"
+        self._goal_moved_at = self.now
+        pose = (*position, *wxyz)
+        if self._goal_pose is not None and np.allclose(pose, self._goal_pose, atol=1e-6):
+            return  # the handle was touched, not moved
+        self._goal_pose = pose
+        x, y, z = (position / MM).tolist()
+        w, i, j, k = wxyz.tolist()
+        self._on_goal(EffectorPose((x, y, z), (i, j, k, w)))
+
+    now: float = 0.0
+    """Steady clock of the frame being served, in [s]; set by the node."""
+
+    # --- pull -----------------------------------------------------------------------------------------
+
+    def set_pull_mode(self, on: bool) -> None:
+        """Let a plain drag pull, too, where there is no Shift key."""
+        self.pull_mode = on
+        self.surface.rebuild()
+
+    def _on_mesh(self, mesh: Any) -> None:
+        async def dragged(event: Any) -> None:
+            start, end, phase = np.array(event.start_position), np.array(event.end_position), event.phase
+            self._inbox.put(lambda: self._drag_body(phase, start, end))
+
+        mesh.on_drag("left", modifier="shift")(dragged)
+        if self.pull_mode:
+            mesh.on_drag("left")(dragged)
+
+    def _drag_body(self, phase: str, start: NDArray[Any], end: NDArray[Any]) -> None:
+        if phase == "end":
+            self.pull = None
+        else:
+            if self.pull is None:
+                vertex = self.surface.nearest(start.astype(np.float32))
+                self.pull = Pull(vertex, start - self.surface.points[vertex])
+            self.pull.target = end
+        self.draw_rope()
+
+    def draw_rope(self) -> None:
+        """Draw the line from the pulled vertex to the cursor."""
+        if self.pull is None:
+            if self._rope is not None:
+                self._rope.remove()
+                self._rope = None
+            return
+        start = self.surface.points[self.pull.vertex] + self.pull.offset
+        line = np.array([[start, self.pull.target]], dtype=np.float32)
+        if self._rope is None:
+            self._rope = self._server.scene.add_line_segments("/pull", line, (201, 42, 42), thickness=0.8)
+        else:
+            self._rope.points = line
+
+    def let_go(self) -> None:
+        """End a pull."""
+        self.pull = None
+        self.draw_rope()
+
+
+def floor_height(points: NDArray[np.float32]) -> float:
+    """Height in [mm] of a grid below `points` (p, 3) in [mm]; what stands on z = 0 has it at FLOOR_MM."""
+    return FLOOR_MM + float(points[:, 2].min(initial=0.0))
+
+
+def camera_for(points: NDArray[np.float32]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Position and target of a camera that sees `points` (p, 3) in [mm] beside the panel."""
+    if not len(points):
+        points = np.array([[-60.0, -60.0, 0.0], [60.0, 60.0, 30.0]], dtype=np.float32)
+    lower, upper = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    diagonal = float(np.linalg.norm(upper - lower))
+    below = 0.12 * float(np.linalg.norm((upper - lower)[:2]))  # room for the shadow
+    target = 0.5 * (lower + upper) - (0.0, 0.0, below)
+    position = target + CAMERA_DISTANCE * diagonal * np.array(CAMERA_DIRECTION)
+    return tuple(position.tolist()), tuple(target.tolist())
+
+
+def for_window(
+    position: Sequence[float], target: Sequence[float], aspect: float
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The same view in a window of that width over height: a narrow one, as of a phone, is seen from farther.
+
+    There the panel takes the lower half, so what is looked at goes up.
+    """
+    if aspect >= 1.0:
+        return tuple(position), tuple(target)
+    looked_at = np.array(target, float)
+    way = (np.array(position, float) - looked_at) / max(aspect, 0.2)
+    looked_at[2] -= 2.0 * NARROW_SHIFT * np.linalg.norm(way) * np.tan(0.5 * CAMERA_FOV)
+    return tuple((looked_at + way).tolist()), tuple(looked_at.tolist())
+
+
+def move_cameras(server: Any, position: Sequence[float], target: Sequence[float]) -> None:
+    """Move the camera of every browser, and of those to come; in [mm]."""
+    server.initial_camera.position, server.initial_camera.look_at = position, target
+    for client in server.get_clients().values():
+        move_camera(client, position, target)
+
+
+def move_camera(client: Any, position: Sequence[float], target: Sequence[float]) -> None:
+    """Move the camera of one browser; in [mm]."""
+    client.camera.position, client.camera.look_at = for_window(position, target, client.camera.aspect)
+    client.camera.up_direction = (0.0, 0.0, 1.0)

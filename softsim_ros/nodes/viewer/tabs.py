@@ -1,0 +1,750 @@
+"""The panel of the page: state above, and the tabs Drive, View, Tune, Plots, Timing, Log, Scene."""
+
+from __future__ import annotations
+
+import html
+import io
+import itertools
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final
+from urllib.parse import quote
+
+from softsim_core.base.values import Placement
+from softsim_core.scene.control import KeyBinding
+from softsim_core.scene.io.yaml_loader import laid_over, read_overrides, write_overrides
+from softsim_core.scene.joint import JointDescription
+from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.view import STRESS_MAPS, Section
+from softsim_ros.client.robot_client import RobotClient
+from softsim_ros.client.services import LogLine, RobotLog
+from softsim_ros.client.simulator import Parameters, Simulator
+from softsim_ros.client.state import RobotState, enforces_limits
+from softsim_ros.keys.keyboard import Keyboard
+from softsim_ros.keys.press import KeyPress, key_table
+from softsim_ros.nodes.viewer import readings
+from softsim_ros.nodes.viewer.edit_mode import EditMode, EditTab
+from softsim_ros.nodes.viewer.panel import Control, Inbox, Shown, Spoken
+from softsim_ros.nodes.viewer.parameters import KILO, Tunable, tunables
+from softsim_ros.nodes.viewer.part_tree import Part, PartPanel, PartTree, parts_of
+from softsim_ros.nodes.viewer.picture import Picture
+from softsim_ros.nodes.viewer.profiler import Curves, ProfilerView, StepStatistics, TimeAxis, stage_table
+from softsim_ros.nodes.viewer.readings import (
+    AMBER,
+    GREEN,
+    GREY,
+    LAYERS,
+    RED,
+    box,
+    command_of,
+    goal_error_mm,
+    joint_range,
+    slider_label,
+    slider_value,
+    unit_on_page,
+    view_file,
+)
+from softsim_ros.nodes.viewer.stage import MousePull
+from softsim_ros.nodes.viewer.surface import MM, band_colours
+
+CTRL: Final = "cmd/ctrl"
+
+_NAMED: Final = {
+    "up": "arrowup",
+    "down": "arrowdown",
+    "left": "arrowleft",
+    "right": "arrowright",
+    "space": "space",
+    "tab": "tab",
+    "enter": "enter",
+    "escape": "escape",
+    "backspace": "backspace",
+    "delete": "delete",
+}
+
+_SIGNS: Final = {
+    "up": "↑",
+    "down": "↓",
+    "left": "←",
+    "right": "→",
+    "plus": "+",
+    "minus": "\N{MINUS SIGN}",
+    "page_up": "PgUp",
+    "page_down": "PgDn",
+}
+"""How a button shows its key; any other as KeyPress does."""
+
+
+def page_keys(robot: RobotDescription) -> dict[str, KeyBinding]:
+    """The bindings a page offers: all of the robot's but those that end a program."""
+    return {name: binding for name, binding in key_table(robot).items() if binding.action != "quit"}
+
+
+def hotkeys(name: str) -> list[tuple[str, str]]:
+    """Key and modifier of every way to press Ctrl and the key `name` in a browser."""
+    if name == "plus":  # of the keypad; on a US keyboard with shift, and without
+        return [("plus", CTRL), ("plus", f"{CTRL}+shift"), ("=", CTRL)]
+    if name == "minus":
+        return [("minus", CTRL)]
+    return [(_NAMED.get(name, name.upper()), CTRL)]
+
+
+def key_label(name: str, binding: KeyBinding) -> str:
+    """Words of a key's button: "Ctrl+Up: servo 0 up"."""
+    return f"{KeyPress(name, ctrl=True)}: {binding.help}"
+
+
+def key_rows(robot: RobotDescription) -> list[tuple[str, dict[str, str]]]:
+    """The table of keys: words of each row, and in it a key's name by the words of its button.
+
+    Keys of the same joints share a row, and so do all poses and all actions. The e-stop has buttons of its
+    own, above all tabs.
+    """
+    groups: dict[object, list[str]] = {}
+    stops = ("e_stop", "clear_e_stop")
+    keys = {name: each for name, each in page_keys(robot).items() if each.action not in stops}
+    for name, binding in keys.items():
+        groups.setdefault(binding.joints or binding.pose is not None, []).append(name)
+    rows = []
+    for what, names in groups.items():
+        label = "poses" if what else "actions"
+        if isinstance(what, tuple):
+            label = what[0].replace("_", " ") + (" ..." if len(what) > 1 else "")
+        words = {name: keys[name].help.removeprefix(label).strip() for name in names}
+        rows.append((label, {_button(name, each): name for name, each in words.items()}))
+    return rows
+
+
+def _button(name: str, words: str) -> str:
+    """Words of a key's button in the table: "↑ up"."""
+    label = str(KeyPress(name))
+    return f"{_SIGNS.get(name, label.upper() if len(label) == 1 else label)} {words}"
+
+
+HINT: Final = (
+    "In the picture: drag turns, right drag moves, the wheel zooms, <b>Shift + drag pulls</b> the silicone. "
+    "Click here first, then keys act with Ctrl. Tab <b>View</b>: stress, what lies inside, pictures."
+)
+
+
+class Hint:
+    """Words for the first minute, until somebody closes them."""
+
+    shown = True
+
+    def close(self, handles: Sequence[Any]) -> None:
+        """Take them away for as long as the page is served."""
+        self.shown = False
+        for handle in handles:
+            handle.remove()
+
+
+class DriveTab:
+    """What drives the robot.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        inbox: Where events of browsers go.
+        robot: The scene.
+        client: What is driven.
+        keyboard: What the keys do.
+        hint: Whether people are told how the mouse works.
+    """
+
+    def __init__(
+        self,
+        gui: Any,
+        inbox: Inbox,
+        robot: RobotDescription,
+        client: RobotClient,
+        keyboard: Keyboard,
+        hint: Hint,
+    ) -> None:
+        self._robot, self._client = robot, client
+        self._bars = Shown(gui.add_html(""))
+        self._sliders: list[Control] = []
+        for joint in robot.joints:
+            start = slider_value(joint, joint.rest)
+            slider = gui.add_slider(slider_label(joint), *joint_range(joint), start)
+            self._sliders.append(inbox.on_change(slider, partial(_move, client, joint)))
+        with gui.add_folder("Keys, here with Ctrl"):
+            for words, buttons in key_rows(robot):
+                row = gui.add_button_group(words, tuple(buttons))
+                inbox.on_press(
+                    row, {button: partial(keyboard.click, name) for button, name in buttons.items()}
+                )
+        for name, binding in page_keys(robot).items():
+            label = key_label(name, binding)
+            for number, (hotkey, modifier) in enumerate(hotkeys(name)):
+                title = label if number == 0 else f"{label} ({number + 1})"
+                command: Any = gui.add_command(title, hotkey=hotkey, modifier=modifier)
+                inbox.on_key(command, partial(keyboard.press_with_ctrl, name))
+        inbox.on_click(gui.add_button("Start / stop sending to the board"), client.bridge.toggle)
+        if hint.shown:
+            handles = (gui.add_html(box(HINT)), gui.add_button("Close the hint", color="gray"))
+            inbox.on_click(handles[1], partial(hint.close, handles))
+
+    def refresh(self) -> None:
+        """Show the joints."""
+        joints, state = self._robot.joints, self._client.state
+        targets = state.commanded if state.commanded is not None else state.measured
+        enforced = enforces_limits(state, self._robot)
+        self._bars.show(readings.joint_bars(joints, state.measured, targets, state.efforts, enforced))
+        if targets is not None:
+            for joint, slider, target in zip(joints, self._sliders, targets, strict=True):
+                slider.show(slider_value(joint, target))
+
+
+def _move(client: RobotClient, joint: JointDescription, shown: float) -> None:
+    client.joints.move(joint.name, command_of(joint, shown))
+
+
+INFO, WARNING, ERROR = 20, 30, 40
+REFRESH_S: Final = 0.5
+SHOWN: Final = 60
+"""Lines on the page."""
+
+
+class LogTab:
+    """Lines of the log.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        log: What the robot's nodes say.
+        spoken: What the page says itself.
+    """
+
+    def __init__(self, gui: Any, log: RobotLog, spoken: Spoken) -> None:
+        self._log, self._spoken = log, spoken
+        self._lines = Shown(gui.add_html(""))
+        self._said = ""
+        self._shown, self._due = -1, 0.0
+
+    def refresh(self) -> None:
+        """Show the newest lines; the page's own sentences are among them."""
+        log, sentence = self._log, self._spoken.sentence
+        if sentence and sentence != self._said:
+            log.add(LogLine(time.time(), INFO, "page", sentence))
+        self._said = sentence
+        now = time.monotonic()
+        if log.count != self._shown and now >= self._due:
+            self._shown, self._due = log.count, now + REFRESH_S
+            self._lines.show(log_table(list(log.lines)[-SHOWN:]))
+
+
+def log_table(lines: Iterable[LogLine]) -> str:
+    """Lines as HTML, newest first: time of day, who, what; warnings and errors coloured."""
+    rows = "".join(_row(line) for line in reversed(list(lines)))
+    return box(f'<div style="overflow-wrap:anywhere">{rows or "nothing was said yet"}</div>')
+
+
+def _row(line: LogLine) -> str:
+    clock = time.strftime("%H:%M:%S", time.localtime(line.time_s))
+    colour = RED if line.level >= ERROR else AMBER if line.level >= WARNING else "inherit"
+    return (
+        f'<div style="color:{colour}"><span style="opacity:0.6">{clock}</span> '
+        f"<b>{html.escape(line.source)}</b> {html.escape(line.text)}</div>"
+    )
+
+
+class TuneTab:
+    """A control for each tunable parameter.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        inbox: Where events of browsers go.
+        robot: The scene.
+        parameters: Those of the simulator.
+    """
+
+    def __init__(self, gui: Any, inbox: Inbox, robot: RobotDescription, parameters: Parameters) -> None:
+        self._controls: dict[str, tuple[Tunable, Control]] = {}
+        for tunable in tunables(robot):
+            if tunable.is_switch:
+                handle = gui.add_checkbox(tunable.label, bool(tunable.start), hint=tunable.help)
+            else:
+                handle = gui.add_slider(
+                    tunable.label,
+                    tunable.lower,
+                    tunable.upper,
+                    tunable.step,
+                    tunable.start,
+                    hint=tunable.help,
+                )
+            self._controls[tunable.name] = (
+                tunable,
+                inbox.on_change(handle, partial(_tune, parameters, tunable)),
+            )
+        parameters.follow(list(self._controls), self.show)
+
+    def show(self, values: Mapping[str, Any]) -> None:
+        """Show values of the simulator's parameters, in SI."""
+        for name, value in values.items():
+            if name in self._controls:
+                tunable, control = self._controls[name]
+                control.show(tunable.shown(value))
+
+
+def _tune(parameters: Parameters, tunable: Tunable, value: Any) -> None:
+    parameters.set(tunable.name, tunable.si(value))
+
+
+NODE_SIZES: Final = (0.2, 5.0, 0.1)
+"""Range and step of the size at which nodes are drawn, in [mm]."""
+
+CLIP_S: Final = 4.0
+CLIP_SIZE: Final = (480, 640)
+"""Height and width of a clip in pixels."""
+UNCUT: Final = "nothing"
+AXES: Final = ("x", "y", "z")
+
+
+class ViewTab:
+    """What changes the picture.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        inbox: Where events of browsers go.
+        picture: What is switched.
+        mouse: The spring of a pull.
+    """
+
+    def __init__(self, gui: Any, inbox: Inbox, picture: Picture, mouse: MousePull) -> None:
+        self._picture = picture
+        view = picture.view
+        self._legend = Shown(gui.add_html(""))
+        colours = gui.add_dropdown("Colours of stress", STRESS_MAPS, initial_value=view.stress_map)
+        self._colours = inbox.on_change(colours, lambda chosen: picture.change(stress_map=chosen))
+        top = gui.add_number(
+            "Top of the scale [kPa], 0: automatic", (view.stress_top or 0.0) / KILO, min=0.0, step=1.0
+        )
+        inbox.on_change(top, lambda shown: picture.change(stress_top=KILO * shown or None))
+        self._boxes = {
+            name: inbox.on_change(
+                gui.add_checkbox(words, getattr(view, name)), partial(_switch, picture, name)
+            )
+            for name, words in LAYERS.items()
+        }
+        self._add_section(gui, inbox)
+        size = gui.add_slider("Size of nodes [mm]", *NODE_SIZES, MM * view.node_size)
+        inbox.on_change(size, lambda shown: picture.change(node_size=shown / MM))
+        with gui.add_folder("Mouse"):
+            inbox.on_change(gui.add_checkbox("Drag pulls (as Shift + drag)", False), picture.set_pull_mode)
+            stiffness = gui.add_slider("Spring [N/m]", 1.0, 200.0, 1.0, mouse.stiffness)
+            inbox.on_change(stiffness, mouse.set_stiffness)
+        inbox.on_change(gui.add_checkbox("Dark page", picture.is_dark), picture.set_dark)
+        inbox.on_click(gui.add_button("Reset view"), picture.reset_view)
+        save = gui.add_button("Save view", hint="a file, and where Reset view goes from now on")
+        save.on_click(partial(_save_view, inbox, picture))
+        gui.add_button("Save picture").on_click(save_picture)
+        clip = gui.add_button("Save clip", hint=f"the next {CLIP_S:g} s of the picture, moving")
+        clip.on_click(save_clip)
+
+    def _add_section(self, gui: Any, inbox: Inbox) -> None:
+        """Where bodies are cut open: an axis, and how far along it."""
+        cut = self._picture.view.section
+        axis = gui.add_dropdown("Cut open along", (UNCUT, *AXES), initial_value=cut.axis if cut else UNCUT)
+        at = gui.add_slider("Cut at [%]", 0.0, 100.0, 1.0, 50.0, hint="of the bodies' extent at rest")
+
+        def change(_: Any) -> None:
+            section = None
+            if axis.value in AXES:
+                lower, upper = self._picture.extent(AXES.index(axis.value))
+                section = Section(axis=axis.value, at=(lower + 0.01 * at.value * (upper - lower)) / MM)
+            self._picture.change(section=section)
+
+        for handle in (axis, at):
+            inbox.on_change(handle, change)
+
+    def refresh(self) -> None:
+        """Show the scale of the stress, and what is switched."""
+        surface, view = self._picture.stage.surface, self._picture.view
+        for name, each in self._boxes.items():
+            each.show(getattr(view, name))
+        self._colours.show(view.stress_map)
+        colours = band_colours(view.stress_map)
+        self._legend.show(readings.legend(surface.shown_top, colours) if view.stress else "")
+
+
+def _switch(picture: Picture, layer: str, shown: bool) -> None:
+    picture.change(**{layer: shown})
+
+
+async def _save_view(inbox: Inbox, picture: Picture, event: Any) -> None:
+    """Keep the camera of the browser that asked, and give it the view as a file."""
+    client = event.client
+    if client is None:
+        return
+    position, target = client.camera.position.tolist(), client.camera.look_at.tolist()
+
+    def save() -> None:
+        picture.save_view(position, target)
+        text = view_file(picture.robot, picture.view)
+        client.send_file_download(f"{picture.robot.name}_view.yaml", text.encode(), save_immediately=True)
+
+    inbox.put(save)
+
+
+def save_clip(event: Any) -> None:
+    """Give the browser that asked a clip of what it shows (in viser's pool: it waits for the browser)."""
+    from PIL import Image
+
+    client = event.client
+    if client is None:
+        return
+    height, width = CLIP_SIZE
+    frames, times = [], [time.monotonic()]
+    while times[-1] - times[0] < CLIP_S:
+        render = client.get_render(height=height, width=width, transport_format="jpeg", timeout=30.0)
+        frames.append(Image.fromarray(render[..., :3]))
+        times.append(time.monotonic())
+    content = io.BytesIO()
+    lasting = [max(1, round(1e3 * (b - a))) for a, b in itertools.pairwise(times)]
+    frames[0].save(
+        content, "WEBP", save_all=True, append_images=frames[1:], duration=lasting, loop=0, quality=80
+    )
+    client.send_file_download("softsim.webp", content.getvalue(), save_immediately=True)
+
+
+def save_picture(event: Any) -> None:
+    """Give the browser that asked a picture of what it shows (in viser's pool: it waits for the browser)."""
+    from imageio.v3 import imwrite
+
+    client = event.client
+    if client is not None:
+        picture = client.get_render(height=900, width=1200, timeout=30.0)
+        content = imwrite("<bytes>", picture, extension=".png")
+        client.send_file_download("softsim.png", content, save_immediately=True)
+
+
+def joint_at(path: str) -> str | None:
+    """The joint that a path of the tree leads to or into, if any."""
+    steps = path.split("/")
+    return steps[2] if len(steps) > 2 and steps[1] == "joints" else None
+
+
+class SceneTab:
+    """What the scene is made of, and other scenes.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        inbox: Where events of browsers go.
+        picture: Shows the scene, and knows what the simulator tells of it.
+        simulator: Loads another scene and lays changes over this one.
+        say: Called with one sentence for the person.
+        is_local: Whether only browsers of this machine see the page.
+    """
+
+    def __init__(
+        self,
+        gui: Any,
+        inbox: Inbox,
+        picture: Picture,
+        simulator: Simulator,
+        say: Callable[[str], None],
+        *,
+        is_local: bool,
+    ) -> None:
+        self._gui, self._inbox, self._picture, self._simulator = gui, inbox, picture, simulator
+        self._say, self._is_local = say, is_local
+        self._folder = gui.add_folder(None)
+        self._content: list[Any] = []
+        self._selected = picture.robot.name
+        self.show(picture.robot)
+
+    def show(self, robot: RobotDescription) -> None:
+        """Show another scene, or the same one with changes; the selected part stays, where there is one."""
+        for handle in self._content:
+            handle.remove()
+        gui, picture = self._gui, self._picture
+        self._parts = parts_of(robot)
+        with self._folder:
+            self._content = self._chooser()
+            self._panel = PartPanel(gui, self._inbox, self._apply_changes, self._say)
+            self._tree = PartTree(
+                gui, self._inbox, self._parts, robot.shown_parts, self._select, picture.hide
+            )
+            self._content += [self._panel.folder, self._tree.folder, *self._changes(picture.overrides)]
+        self._select(self._selected if self._selected in self._parts else robot.name)
+
+    def refresh(self) -> None:
+        """Show which parts are hidden."""
+        self._tree.show_hidden(self._picture.view.hidden)
+
+    def _chooser(self) -> list[Any]:
+        """A list of all robots and scenes."""
+        known, name = self._picture.scenes, self._picture.robot.name
+        if not known:
+            return []
+        chooser = self._gui.add_dropdown(
+            "Robot or scene",
+            known,
+            initial_value=name if name in known else known[0],
+            hint="runs in place of this one",
+        )
+        self._inbox.on_change(chooser, self._simulator.choose_scene)
+        return [chooser]
+
+    def _changes(self, changes: str) -> list[Any]:
+        """What is laid over the scene's file, how to keep it, and how to be rid of it."""
+        if not changes:
+            return []
+        gui, folder = self._gui, self._gui.add_folder("Changes")
+        with folder:
+            words = f"Laid over it; to keep it, write it into the file:<pre>{html.escape(changes)}</pre>"
+            gui.add_html(f'<div style="font-size:0.85em;padding:0 0.7em">{words}</div>')
+            self._inbox.on_click(gui.add_button("Forget changes"), self._forget_changes)
+        return [folder]
+
+    def _apply_changes(self, changes: Mapping[str, Any]) -> None:
+        """Have the scene begin anew with more values laid over its file."""
+        wanted = laid_over(read_overrides(self._picture.overrides), changes)
+        self._simulator.parameters.set("overrides", write_overrides(wanted))
+
+    def _forget_changes(self) -> None:
+        """Have the scene begin anew as its file says."""
+        self._simulator.parameters.set("overrides", "")
+
+    def _select(self, path: str) -> None:
+        self._selected = path
+        self._picture.base.choose(joint_at(path))
+        self._panel.show(self._parts[path], self._source_text(self._parts[path]))
+
+    def _source_text(self, part: Part) -> str:
+        """Where a part is written; on this machine with a link that opens an editor there."""
+        found = self._picture.place(part.steps or ())
+        if found is None:
+            return ""
+        file, line = found
+        place = f"From <code style='word-break:break-all'>{html.escape(f'{file}:{line}')}</code>"
+        if not self._is_local:
+            return place
+        link = html.escape(f"vscode://file{quote(file)}:{line}")
+        return f'{place} <a href="{link}">open in VS Code</a>'
+
+
+class PlotsTab:
+    """Curves over simulated time.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        robot: The scene.
+        state: Gives what is known of the robot.
+        statistics: Times of the steps.
+    """
+
+    def __init__(
+        self,
+        gui: Any,
+        robot: RobotDescription,
+        state: Callable[[], RobotState],
+        statistics: StepStatistics,
+    ) -> None:
+        self._robot, self._state, self._statistics = robot, state, statistics
+        self._units = [unit_on_page(joint.units.position) for joint in robot.joints]
+        of_positions = _listed(unit for _, unit in self._units)
+        of_efforts = _listed(joint.units.effort for joint in robot.joints)
+        charts = {
+            "positions": (f"Joint positions [{of_positions}]", robot.joint_names),
+            "error": ("Effector to goal [mm]", ("error",)),
+            "efforts": (f"Efforts [{of_efforts}]", robot.joint_names),
+            "stages": ("Time a step [ms]", ("step", "publishing")),
+            "factor": ("Real-time factor", ("factor",)),
+        }
+        self._axis = TimeAxis(time.monotonic())
+        self._plots = {
+            name: Curves(gui, title, series, self._axis)
+            for name, (title, series) in charts.items()
+            if series  # a scene may have no joints
+        }
+        self._seen_at: float | None = None
+
+    def add(self, now: float) -> None:
+        """Add a point to each curve at `now`, steady clock, in [s]; none while simulated time stands."""
+        state, stages = self._state(), self._statistics.stages
+        if self._axis.follow(state):
+            self._seen_at = None
+            for curves in self._plots.values():
+                curves.blank(now)
+        if self._seen_at is not None:
+            before, time_s = self._axis.times([self._seen_at, now])
+            if time_s <= before:
+                return
+        self._seen_at = now
+        if "positions" in self._plots and state.measured is not None:
+            shown = [at * factor for at, (factor, _) in zip(state.measured, self._units, strict=False)]
+            self._plots["positions"].add(now, shown)
+        if "efforts" in self._plots and len(state.efforts) == len(self._robot.joints):
+            self._plots["efforts"].add(now, state.efforts)
+        error = goal_error_mm(state)
+        if error is None:
+            self._plots["error"].blank(now)
+        else:
+            self._plots["error"].add(now, (error,))
+        if stages:
+            means = [float(stages.get(name, {}).get("mean_ms", "0")) for name in ("step", "publishing")]
+            self._plots["stages"].add(now, means)
+        if state.real_time_factor is not None:
+            self._plots["factor"].add(now, (state.real_time_factor,))
+
+
+class TimingTab:
+    """Table of the stages, and profiler of single steps.
+
+    Args:
+        gui: viser's controls, inside the tab.
+        inbox: Where events of browsers go.
+        statistics: What is shown.
+    """
+
+    def __init__(self, gui: Any, inbox: Inbox, statistics: StepStatistics) -> None:
+        self._statistics = statistics
+        self._stages = Shown(gui.add_html(""))
+        self._profiler = ProfilerView(gui, inbox)
+
+    def refresh(self) -> None:
+        """Show the newest statistics."""
+        self._stages.show(stage_table(self._statistics.stages))
+        self._profiler.refresh(self._statistics.profile)
+
+
+def _listed(units: Iterable[str]) -> str:
+    """Each unit once: "rad or m"."""
+    return " or ".join(dict.fromkeys(units))
+
+
+@dataclass(frozen=True)
+class PageParts:
+    """The parts.
+
+    Attributes:
+        client: The robot.
+        keyboard: Its keys.
+        spoken: What was said to the person.
+        picture: What is drawn.
+        mouse: The spring of a pull.
+        statistics: What the simulator tells of its steps.
+        log: What the robot's nodes say.
+        edit: The scene as it is proposed.
+        hint: Words for the first minute.
+        is_local: Whether only browsers of this machine see the page.
+    """
+
+    client: RobotClient
+    keyboard: Keyboard
+    spoken: Spoken
+    picture: Picture
+    mouse: MousePull
+    statistics: StepStatistics
+    log: RobotLog
+    edit: EditMode
+    hint: Hint
+    is_local: bool
+
+
+BRIDGE_LAMPS: Final = {"init": AMBER, "no-comm": AMBER, "comm": GREEN, "changing": AMBER}
+
+NARROW: Final = """<style>
+@media (max-width: 36em) {
+  [style*="width: 20em"] { width: 100% !important; }
+  .mantine-Tabs-list { flex-wrap: nowrap; }
+  .mantine-Tabs-tab { flex: 1 1 auto; padding: 0.75em 0.15em !important; font-size: 0.85em; }
+}
+</style>"""
+"""In a window as narrow as a phone's, viser's panel gets all of its width, and the tabs one row."""
+
+
+class Controls:
+    """Every control of the panel; made anew for another scene.
+
+    Args:
+        gui: viser's controls.
+        inbox: Where events of browsers go.
+        parts: What carries them out; the scene is that of the picture.
+        namespace: Of the robot.
+    """
+
+    def __init__(self, gui: Any, inbox: Inbox, parts: PageParts, namespace: str) -> None:
+        self._parts, self._namespace = parts, namespace
+        gui.add_html(NARROW)
+        self._status = Shown(gui.add_html(""))
+        self._lamps = Shown(gui.add_html(""))
+        self._message = Shown(gui.add_html(""))
+        client, picture, robot = parts.client, parts.picture, parts.picture.robot
+        _add_run(gui, inbox, client.simulator)
+        stop = gui.add_button("E-STOP", color="red", icon="hand-stop", hint="hold the servos still, latched")
+        inbox.on_click(stop, client.bridge.e_stop)
+        self._release = gui.add_button("Release e-stop", color="yellow", visible=False)
+        inbox.on_click(self._release, client.bridge.clear_e_stop)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Drive"):
+            self._drive = DriveTab(gui, inbox, robot, client, parts.keyboard, parts.hint)
+        with tabs.add_tab("View"):
+            self._view = ViewTab(gui, inbox, picture, parts.mouse)
+        with tabs.add_tab("Edit"):
+            self._edit = EditTab(gui, inbox, parts.edit)
+        with tabs.add_tab("Tune"):
+            TuneTab(gui, inbox, robot, client.simulator.parameters)
+        with tabs.add_tab("Plots"):
+            self.plots = PlotsTab(gui, robot, lambda: client.state, parts.statistics)
+        with tabs.add_tab("Timing"):
+            self._timing = TimingTab(gui, inbox, parts.statistics)
+        with tabs.add_tab("Log"):
+            self._log = LogTab(gui, parts.log, parts.spoken)
+        with tabs.add_tab("Scene"):
+            self.scene = SceneTab(
+                gui, inbox, picture, client.simulator, parts.spoken.say, is_local=parts.is_local
+            )
+
+    def refresh(self) -> None:
+        """Show the state; a few times per second."""
+        state = self._parts.client.state
+        bad = state.simulator not in ("running", "paused")
+        words = readings.progress(state.simulator, state.real_time_factor, state.time_s, state.dt)
+        self._status.show(readings.sentence(f"{self._namespace}: {state.fault or words}", bad=bad))
+        self._message.show(readings.sentence(self._parts.spoken.sentence or "ready"))
+        self._lamps.show(readings.lamps(_lamp_states(state)))
+        if self._release.visible != state.e_stopped:
+            self._release.visible = state.e_stopped
+        self._drive.refresh()
+        self._view.refresh()
+        self._edit.refresh()
+        self.scene.refresh()
+        self._timing.refresh()
+        self._log.refresh()
+
+
+def _lamp_states(state: RobotState) -> list[tuple[str, str]]:
+    simulator = {"running": GREEN, "paused": AMBER}.get(state.simulator, RED if state.simulator else GREY)
+    stopped = state.e_stopped
+    return [
+        ("simulator", simulator),
+        (f"bridge {state.bridge}", BRIDGE_LAMPS.get(state.bridge, GREY)),
+        ("e-stop" if stopped else "no e-stop", RED if stopped else GREY),
+        ("inverse on" if state.inverse else "inverse off", GREEN if state.inverse else GREY),
+    ]
+
+
+def have_same_controls(a: RobotDescription, b: RobotDescription) -> bool:
+    """Whether the controls of one scene, but for the tab Scene, fit another one."""
+    return _controlled(a) == _controlled(b)
+
+
+def _controlled(robot: RobotDescription) -> object:
+    """What of a scene the controls show."""
+    joints = [replace(joint, base=Placement(), actuator=None, kind="revolute") for joint in robot.joints]
+    kinds = [(joint.kind, joint.units) for joint in robot.joints]
+    return robot.name, kinds, joints, page_keys(robot), tunables(robot)
+
+
+def _add_run(gui: Any, inbox: Inbox, simulator: Simulator) -> None:
+    """The row of buttons that run, pause, step, reset and reload the simulation."""
+    actions = {
+        "Run / pause": simulator.toggle_pause,
+        "Step": simulator.step,
+        "Reset": simulator.reset,
+        "Reload": simulator.reload,
+    }
+    inbox.on_press(gui.add_button_group("Simulation", tuple(actions)), actions)

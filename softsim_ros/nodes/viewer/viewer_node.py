@@ -1,0 +1,246 @@
+"""ROS node `viewer`: the robot's topics in a web page, and the page's controls as topics and services."""
+
+from __future__ import annotations
+
+import secrets
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any, Final
+
+from rclpy.executors import SingleThreadedExecutor
+
+from softsim_core.base.arrays import Array
+from softsim_core.base.errors import SoftSimError
+from softsim_core.scene import SceneCatalog
+from softsim_core.scene.io.catalog import shortened
+from softsim_core.scene.io.portable import without_contents
+from softsim_core.scene.robot import RobotDescription
+from softsim_node.ending import ending
+from softsim_node.parameters import Program, declare
+from softsim_node.process import ready_callbacks, run_node
+from softsim_ros.client.robot_client import RobotClient
+from softsim_ros.client.services import RobotLog, Warnings
+from softsim_ros.client.simulator import Editing
+from softsim_ros.keys.keyboard import Keyboard, KeySettings
+from softsim_ros.nodes.viewer.edit_mode import EditMode
+from softsim_ros.nodes.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
+from softsim_ros.nodes.viewer.panel import Inbox, Spoken
+from softsim_ros.nodes.viewer.parameters import ViewerSettings, requested_settings
+from softsim_ros.nodes.viewer.picture import Picture
+from softsim_ros.nodes.viewer.profiler import StepStatistics
+from softsim_ros.nodes.viewer.stage import CAMERA_FOV, MousePull
+from softsim_ros.nodes.viewer.surface import MM
+from softsim_ros.nodes.viewer.tabs import Controls, Hint, PageParts, have_same_controls
+from softsim_ros.robot_node import ClosableNode
+
+FRAME_S: Final = 1.0 / 30.0
+REFRESH_PERIOD_S: Final = 0.1
+PLOT_PERIOD_S: Final = 0.2
+PANEL_WIDTH: Final = 440
+"""Of the panel in pixels: all tabs in one row."""
+SEEN_MM: Final = (1.0, 100_000.0)
+"""Nearest and farthest that cameras see, in [mm]; without it, they see 1 m far."""
+
+
+class Viewer(ClosableNode):
+    """Serves the page of one robot; see `frame` for its loop.
+
+    Args:
+        robot: What is shown until the simulator tells its own scene.
+        settings: Address and looks.
+        token: Secret that browsers bring; empty: a new one is made.
+        **node_options: Passed on to rclpy's Node; without a namespace there, the robot's name is used.
+
+    Attributes:
+        parts: Client, keyboard, picture and the rest of what the page is made of.
+
+    Raises:
+        ViewerError: the page cannot be served.
+    """
+
+    controls: Controls
+
+    def __init__(
+        self, robot: RobotDescription, settings: ViewerSettings, token: str = "", **node_options: Any
+    ) -> None:
+        super().__init__("viewer", **{"namespace": robot.name, **node_options})
+        self._settings = settings = declare(self, settings)
+        secret = None if settings.no_token else token or secrets.token_urlsafe(18)
+        self._server = GuardedServer(AccessRule(settings.host, settings.port, secret), robot.name)
+        self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
+        self._server.initial_camera.near, self._server.initial_camera.far = SEEN_MM
+        self._server.initial_camera.fov = CAMERA_FOV
+        self._inbox = Inbox()
+        self.parts = self._make_parts(robot, settings)
+        self._warnings = Warnings(self, self.parts.spoken.say)
+        self._next_refresh = self._next_plot = 0.0
+        self._controlled: RobotDescription | None = None
+        self._build_page()
+        self._server.on_client_connect(self._on_client)
+        self._server.on_client_disconnect(self._on_client_gone)
+
+    async def _on_client(self, client: Any) -> None:
+        self._inbox.put(lambda: self.parts.picture.welcome(client))
+
+    async def _on_client_gone(self, client: Any) -> None:
+        self._inbox.put(lambda: self.parts.picture.leave(client))
+
+    def _make_parts(self, robot: RobotDescription, settings: ViewerSettings) -> PageParts:
+        spoken = Spoken()
+        client = RobotClient(self, robot, spoken.say)
+        simulator = client.simulator
+
+        def move_base(joint: str, position_mm: Array) -> None:
+            simulator.move_base(joint, (position_mm / MM).tolist())
+
+        picture = Picture(
+            self,
+            self._server,
+            self._inbox,
+            self._on_scene,
+            client.inverse.give_goal,
+            move_base,
+            lite=settings.lite,
+        )
+        return PageParts(
+            client=client,
+            keyboard=Keyboard(self, client, spoken.say),
+            spoken=spoken,
+            picture=picture,
+            mouse=MousePull(simulator),
+            statistics=StepStatistics(self),
+            log=RobotLog(self),
+            edit=EditMode(self._server, self._inbox, picture, Editing(self, spoken.say), spoken.say),
+            hint=Hint(),
+            is_local=is_loopback(settings.host),
+        )
+
+    @property
+    def address(self) -> str:
+        """What a person opens in a browser."""
+        return self._server.rule.address
+
+    def close(self) -> None:
+        """Close the page and end the node; a second call does nothing."""
+        self._server.stop()
+        super().close()
+
+    # --- a scene --------------------------------------------------------------------------------------
+
+    def _build_page(self) -> None:
+        """Picture and panel for the robot; the cameras stay where they are, and so do controls that fit."""
+        robot, picture = self.parts.client.robot, self.parts.picture
+        with self._server.atomic():
+            self._server.scene.reset()
+            picture.build(robot)
+            self.parts.edit.build()
+            if self._controlled is not None and have_same_controls(self._controlled, robot):
+                self.controls.scene.show(robot)
+            else:
+                self._inbox.turn_page()
+                self._server.gui.reset()
+                picture.set_dark(picture.is_dark)
+                self._server.gui.main_panel.dock_right()
+                self._server.gui.main_panel.set_width(PANEL_WIDTH)
+                self.controls = Controls(self._server.gui, self._inbox, self.parts, self.get_namespace())
+            self._controlled = robot
+        picture.show_known()
+
+    def _on_scene(self, robot: RobotDescription) -> None:
+        """Another scene, as the simulator tells it: the page is made anew."""
+        self.parts.client.begin(robot)
+        self._build_page()
+
+    # --- the loop -------------------------------------------------------------------------------------
+
+    def frame(self, now: float) -> None:
+        """Serve what browsers did, then show what arrived; about 30 times per second, `now` in [s]."""
+        picture = self.parts.picture
+        picture.stage.now = now
+        for action in self._inbox.take():
+            with self.refusing("action on the page"):
+                action()
+        with self._server.atomic(), self.refusing("picture"):
+            picture.draw(now)
+        if now >= self._next_refresh:
+            self._next_refresh = now + REFRESH_PERIOD_S
+            with self._server.atomic(), self.refusing("state"):
+                self._show_state(now)
+        if now >= self._next_plot:
+            self._next_plot = now + PLOT_PERIOD_S
+            with self.refusing("plot"):
+                self.controls.plots.add(now)
+        with self.refusing("pull"):
+            self.parts.mouse.send(picture.stage.pull, picture.stage.surface.points, now)
+
+    def _show_state(self, now: float) -> None:
+        picture, state = self.parts.picture, self.parts.client.state
+        picture.stage.show_goal((state.heard_goal or state.effector) if state.inverse else None, now)
+        if state.effector is not None:
+            picture.stage.trail.add(state.effector.position)
+        picture.show_error(state.scene_error)
+        self.parts.edit.refresh()
+        self.controls.refresh()
+
+
+def serve(node: Viewer) -> None:
+    """Frames until the process shall end; callbacks are taken once a frame, so old messages cost nothing."""
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    pause = threading.Event()
+    due = time.monotonic()
+    try:
+        while node.context.ok() and not ending.asked:
+            ready_callbacks(executor, lambda: node.parts.picture.has_news)
+            now = time.monotonic()
+            node.frame(now)
+            due = max(due + FRAME_S, now)
+            pause.wait(max(0.0, due - time.monotonic()))
+    finally:
+        executor.shutdown(timeout_sec=0)
+
+
+def robot_by_name(name: str) -> RobotDescription:
+    """What is shown until the simulator tells: the robot of a known YAML file, else nothing but its name.
+
+    Raises:
+        ViewerError: the name cannot be a robot's.
+    """
+    scenes = SceneCatalog()
+    file = scenes.scenes().get(name)
+    if file is not None and file.suffix != ".py":
+        return scenes.load(name)
+    try:
+        return without_contents(name)
+    except SoftSimError as error:
+        raise ViewerError(
+            f"viewer: robot {shortened(name)!r} is no robot's name; give the name of the robot that runs, "
+            "which is its namespace, such as tripod (the viewer reads no files)"
+        ) from error
+
+
+def announced_viewer() -> Viewer:
+    """The viewer that this process's parameters ask for; its address goes to standard output."""
+    robot, settings, token = requested_settings()
+    node = Viewer(robot_by_name(robot), settings, token)
+    sys.stdout.write(f"viewer: {node.address}\n")
+    sys.stdout.flush()
+    return node
+
+
+PROGRAM = Program(
+    name="viewer",
+    about="Shows a robot in a web page, and drives it from there.",
+    settings=(KeySettings(), ViewerSettings()),
+)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Serve the page until Ctrl-C or SIGTERM; returns the exit code."""
+    return run_node(PROGRAM, lambda _: announced_viewer(), args, serve)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,282 @@
+"""Integrity of bags: torn ends, bounds on what they may unpack to, CRC-32 of their parts.
+
+An MCAP file is a magic number, records (one byte of kind, eight of length, the content), and the magic number
+again. A file without the closing part cannot be opened; with it, and no index, it can.
+
+The reader unpacks what a file says. Here its decompressors are replaced by ones that stop at the size that
+the chunk announces; chunks and bags that announce too much are refused before they are read, and so are
+bags that are compressed as a whole, which the reader would unpack to the disk without end.
+"""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc32
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, BinaryIO, Final, NamedTuple
+
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer, reader, storage_mcap
+from rosbags.rosbag2.storage_mcap import McapWriter
+
+from softsim_core.base.files import open_in_place
+from softsim_ros.recording.errors import BagError
+
+MAGIC = b"\x89MCAP0\r\n"
+DATA_END, FOOTER = 0x0F, 0x02
+_HEAD: Final = struct.Struct("<BQ")
+
+
+def is_torn(file: Path) -> bool:
+    """Whether the file begins as an MCAP file but does not end as one."""
+    with file.open("rb") as stream:
+        begins = stream.read(len(MAGIC)) == MAGIC
+        size = stream.seek(0, 2)
+        stream.seek(max(size - len(MAGIC), 0))
+        return begins and (size < 2 * len(MAGIC) or stream.read() != MAGIC)
+
+
+def end_torn_file(file: Path) -> None:
+    """Cut a torn file after its last whole record before the summary, and close it without an index.
+
+    Raises:
+        BagError: it is no MCAP file.
+        OSError: it cannot be written.
+    """
+    with open_in_place(file, "r+b") as stream:
+        end = _sound_length(stream)
+        if end <= len(MAGIC):
+            raise BagError(file, "is not an MCAP file, or was cut before its first record; nothing to save")
+        stream.truncate(end)
+        stream.seek(end)
+        stream.write(_HEAD.pack(DATA_END, 4) + bytes(4))
+        stream.write(_HEAD.pack(FOOTER, 20) + bytes(20))
+        stream.write(MAGIC)
+
+
+def _sound_length(stream: BinaryIO) -> int:
+    """Bytes up to the end of the last whole data record; 0 for a file of another kind."""
+    if stream.read(len(MAGIC)) != MAGIC:
+        return 0
+    size = stream.seek(0, 2)
+    end = stream.seek(len(MAGIC))
+    while True:
+        head = stream.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            return end
+        kind, length = _HEAD.unpack(head)
+        if kind in (DATA_END, FOOTER) or end + _HEAD.size + length > size:
+            return end
+        end = stream.seek(length, 1)
+
+
+CRC_OFFSET: Final = 9 + 24
+"""Where the checksum stands in a chunk: after the record's head, two times and the unpacked size."""
+
+BLOCK_BYTES: Final = 2**20
+"""So much of a file is read at once."""
+
+_FOOTER: Final = struct.Struct("<QQI")
+_DATA_END: Final = struct.Struct("<BQI")
+
+
+class Checksum(NamedTuple):
+    """A checksum that a file tells, and what its bytes give; 0 is told where the writer left it out."""
+
+    told: int
+    counted: int
+
+
+def read_summary(stream: BinaryIO) -> Checksum | None:
+    """The checksum of the index at the end of an MCAP file; None: it has no index."""
+    begin, end, told = _footer(stream)
+    return Checksum(told, _crc_of(stream, begin, end - 4)) if begin else None
+
+
+def read_data_section(stream: BinaryIO) -> Checksum | None:
+    """The checksum of all that stands before the index of an MCAP file; None: it has no index.
+
+    Where the file tells none its bytes are not counted.
+    """
+    begin = _footer(stream)[0]
+    if begin < _DATA_END.size:
+        return None
+    end = begin - _DATA_END.size
+    stream.seek(end)
+    kind, length, told = _DATA_END.unpack(stream.read(_DATA_END.size))
+    if (kind, length) != (DATA_END, 4):
+        return None
+    return Checksum(told, _crc_of(stream, 0, end) if told else 0)
+
+
+def _footer(stream: BinaryIO) -> tuple[int, int, int]:
+    """Begin of the index, end of the footer behind it, checksum of the index; 0, 0, 0: there is none."""
+    end = stream.seek(0, 2) - len(MAGIC)
+    if end < _FOOTER.size:
+        return 0, 0, 0
+    stream.seek(end - _FOOTER.size)
+    begin, _, checksum = _FOOTER.unpack(stream.read(_FOOTER.size))
+    return (begin, end, checksum) if 0 < begin <= end - _FOOTER.size else (0, 0, 0)
+
+
+def _crc_of(stream: BinaryIO, begin: int, end: int, before: int = 0) -> int:
+    """CRC-32 of the bytes from `begin` to `end`, going on from that of what is `before` them."""
+    stream.seek(begin)
+    for at in range(begin, end, BLOCK_BYTES):
+        before = crc32(stream.read(min(BLOCK_BYTES, end - at)), before)
+    return before
+
+
+class ChecksummedMcap(McapWriter):
+    """An MCAP file that carries its checksums; by itself the writer leaves them out."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self._counted, self._checksum = 0, 0  # of the file's first so many bytes
+
+    def close_chunk(self) -> None:
+        """Write the pending chunk, with its checksum."""
+        begin, checksum = self.bio.tell(), crc32(self.chunk.bio.getbuffer())
+        super().close_chunk()
+        end = self.bio.tell()
+        self.bio.seek(begin + CRC_OFFSET)
+        self.bio.write(struct.pack("<I", checksum))
+        self.bio.seek(end)
+        self._count(end)
+
+    def close(self, version: int, metadata: str) -> None:
+        """Write index and metadata, with the checksums of the data and of the index."""
+        super().close(version, metadata)
+        with open_in_place(self.path, "r+b") as stream:
+            begin, end, _ = _footer(stream)
+            self._count(begin - _DATA_END.size)
+            stream.seek(begin - 4)
+            stream.write(struct.pack("<I", self._checksum))
+            checksum = _crc_of(stream, begin, end - 4)
+            stream.seek(end - 4)
+            stream.write(struct.pack("<I", checksum))
+
+    def _count(self, end: int) -> None:
+        """Let the checksum of the data go on to the byte `end`, which is still in the system's cache."""
+        if not self.bio.closed:
+            self.bio.flush()
+        with self.path.open("rb") as stream:
+            self._checksum = _crc_of(stream, self._counted, end, self._checksum)
+        self._counted = end
+
+
+class ChecksummedWriter(Writer):
+    """A writer of bags whose MCAP files carry checksums."""
+
+    STORAGE_PLUGINS = MappingProxyType({**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: ChecksummedMcap})
+
+
+MOST_CHUNK_BYTES: Final = 128 * 2**20
+"""A chunk may unpack to so many bytes; a recorder's are of about one MiB."""
+
+MOST_BAG_BYTES: Final = 64 * 2**30
+"""All chunks together may unpack to so many bytes."""
+
+MOST_TIMES: Final = 1000
+"""So many times its own size a file may unpack to, beyond the size of one chunk."""
+
+MOST_METADATA_BYTES: Final = 8 * 2**20
+CHUNK: Final = 0x06
+_CHUNK_HEAD: Final = struct.Struct("<QQQI")
+
+
+def hold_budget(path: Path) -> None:
+    """Refuse a bag (a folder or one storage file) that unpacks to too much or does not match its checksums.
+
+    Every byte is read, at the pace of the disk: the bytes between chunks have no other checksum.
+
+    Raises:
+        BagError: says what is too large or damaged.
+    """
+    metadata = path / "metadata.yaml"
+    if metadata.is_file() and metadata.stat().st_size > MOST_METADATA_BYTES:
+        raise BagError(path, f"is refused: its metadata.yaml is larger than {MOST_METADATA_BYTES >> 20} MiB")
+    total = 0
+    for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+        if file.suffix == ".mcap":
+            total += _unpacked_bytes(path, file)
+            _check_sums(path, file)
+    if total > MOST_BAG_BYTES:
+        raise BagError(path, f"is refused: it would unpack to more than {MOST_BAG_BYTES >> 30} GiB")
+
+
+def _unpacked_bytes(path: Path, file: Path) -> int:
+    """What all chunks of a file say that they unpack to, as far as its records are whole."""
+    size, total = file.stat().st_size, 0
+    with file.open("rb") as stream:
+        if stream.read(len(MAGIC)) != MAGIC:
+            return 0  # the reader says so
+        while len(head := stream.read(_HEAD.size)) == _HEAD.size:
+            kind, length = _HEAD.unpack(head)
+            begin = stream.tell()
+            if kind == FOOTER or begin + length > size:
+                break
+            if kind == CHUNK:
+                if length < _CHUNK_HEAD.size:
+                    raise BagError(path, f"is damaged (a chunk of {length} bytes)")
+                unpacked = _CHUNK_HEAD.unpack(stream.read(_CHUNK_HEAD.size))[2]
+                if unpacked > MOST_CHUNK_BYTES:
+                    raise BagError(
+                        path,
+                        f"is refused: a chunk of {length} bytes would unpack to {unpacked >> 20} MiB, "
+                        f"at most {MOST_CHUNK_BYTES >> 20} are read",
+                    )
+                total += unpacked
+            stream.seek(begin + length)
+    if total > MOST_TIMES * size + MOST_CHUNK_BYTES:
+        raise BagError(path, f"is refused: it would unpack to {total // size} times its size")
+    return total
+
+
+def _check_sums(path: Path, file: Path) -> None:
+    """Compare what stands before and in the index of a file with their checksums, where it has them."""
+    with file.open("rb") as stream:
+        summary, data = read_summary(stream), read_data_section(stream)
+    if summary is not None and summary.told not in (0, summary.counted):
+        raise BagError(path, "is damaged: the index at its end does not match its checksum")
+    if data is not None and data.told not in (0, data.counted):
+        raise BagError(path, "is damaged: its data do not match their checksum (bits have changed since)")
+
+
+def _zstd(data: bytes, size: int) -> bytes:
+    module: Any = storage_mcap
+    return _bounded(module.zstd.ZstdDecompressor(), data, size)
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    return _bounded(LZ4FrameDecompressor(), data, size)
+
+
+def _bounded(decompressor: Any, data: bytes, size: int) -> bytes:
+    """What data unpack to, never more than one byte beyond `size`."""
+    if size > MOST_CHUNK_BYTES:
+        raise ReaderError(f"a chunk would unpack to {size} bytes")
+    try:
+        return bytes(decompressor.decompress(data, max_length=size + 1))
+    except Exception as error:
+        raise ReaderError(f"a chunk cannot be unpacked ({error})") from error
+
+
+class _NoWholeFiles:
+    """Takes the place of the compression module where the reader unpacks what no chunk bounds."""
+
+    @staticmethod
+    def open(*_: object, **__: object) -> None:
+        raise ReaderError("it is compressed as a whole file; unpack it with: zstd -d")
+
+    @staticmethod
+    def decompress(*_: object, **__: object) -> bytes:
+        raise ReaderError("it is compressed message by message; convert it with: ros2 bag convert")
+
+
+def guard_reader() -> None:
+    """Put the bounds into the reader; a second call changes nothing."""
+    storage_mcap.DECOMPRESSORS.update(zstd=_zstd, lz4=_lz4)
+    module: Any = reader
+    module.zstd = _NoWholeFiles

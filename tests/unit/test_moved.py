@@ -1,0 +1,132 @@
+"""Modules that have moved can be imported by their former names until the next release."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+import servo_bridge
+import softsim_core
+import softsim_node
+import softsim_ros
+from softsim_core import MOVED
+from softsim_core.base.moved import FormerNames
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+FINDERS = [finder for finder in sys.meta_path if isinstance(finder, FormerNames)]
+
+DOCUMENTED = {
+    "servo_bridge.driver": ("ServoDriver",),
+    "servo_bridge.servo": ("angles_to_bytes", "bytes_to_angles"),
+    "servo_bridge.virtual_board": ("VirtualBoard",),
+    "softsim_core.arrays": ("Array", "IndexArray"),
+    "softsim_core.editing": ("SceneDocument",),
+    "softsim_core.editing.parts": ("add_attachment",),
+    "softsim_core.fem.elements": ("ElementData", "element", "register_element"),
+    "softsim_core.fem.materials": ("Material", "MaterialParameter", "register_material"),
+    "softsim_core.inverse.closed_loop": ("read_closed_loop_log",),
+    "softsim_core.linalg.linear_solver": ("Pattern", "Rows", "spread_of"),
+    "softsim_core.linalg.solvers": ("register_linear_solver",),
+    "softsim_core.mesh": ("write_tets",),
+    "softsim_core.mesh.shapes": ("Shape",),
+    "softsim_core.meshing": ("MeshingOptions", "mesh_part"),
+    "softsim_core.observer.observer": ("Observer",),
+    "softsim_core.scene.objects": ("CollisionDescription",),
+    "softsim_core.values": ("Box", "Placement", "Vector"),
+}
+"""What documentation, examples and scenes imported before, where it needs no ROS."""
+
+WITH_ROS = {
+    "softsim_node.spinning": ("serve_callbacks",),
+    "softsim_ros.client.session": ("connect",),
+    "softsim_ros.messages.contacts": ("read_contact_cloud",),
+    "softsim_ros.state_listener": ("StateListener",),
+}
+
+WITH_GYMNASIUM = {
+    "softsim_core.learning.environments": ("RobotEnv",),
+    "softsim_core.learning.policy": ("load_policy",),
+    "softsim_core.learning.tasks": ("REACHED_M",),
+}
+
+
+def check_names(module: str, names: tuple[str, ...]) -> None:
+    # A former name warns at its first import; a package by its own name must not be made anew.
+    if (loaded := sys.modules.get(module)) is not None and loaded.__name__ != module:
+        del sys.modules[module]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = importlib.import_module(module)
+    if found.__name__ != module:  # a package that has its former name is no former name
+        assert any(f"{module} has moved: use {found.__name__};" in str(each.message) for each in caught)
+    for name in names:
+        assert hasattr(found, name)
+
+
+@pytest.mark.parametrize(("module", "names"), DOCUMENTED.items())
+def test_what_was_documented_is_found(module: str, names: tuple[str, ...]) -> None:
+    check_names(module, names)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(("module", "names"), WITH_ROS.items())
+def test_what_was_documented_of_nodes_is_found(module: str, names: tuple[str, ...]) -> None:
+    pytest.importorskip("rclpy")
+    check_names(module, names)
+
+
+@pytest.mark.parametrize(("module", "names"), WITH_GYMNASIUM.items())
+def test_what_was_documented_of_learning_is_found(module: str, names: tuple[str, ...]) -> None:
+    pytest.importorskip("gymnasium")
+    check_names(module, names)
+
+
+def test_a_former_name_gives_the_same_module() -> None:
+    sys.modules.pop("softsim_core.errors", None)
+    with pytest.warns(DeprecationWarning, match="errors has moved: use softsim_core.base.errors"):
+        former = importlib.import_module("softsim_core.errors")
+    present = importlib.import_module("softsim_core.base.errors")
+    assert former is present
+    assert present.__name__ == present.__spec__.name == "softsim_core.base.errors"  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("package", [servo_bridge, softsim_core, softsim_node, softsim_ros])
+def test_every_new_name_is_a_module(package: object) -> None:
+    tables = [finder._modules for finder in FINDERS]
+    assert MOVED in tables
+    name = package.__name__  # type: ignore[attr-defined]
+    (table,) = (table for table in tables if all(old.startswith(f"{name}.") for old in table))
+    for old, new in table.items():
+        assert not REPOSITORY.joinpath(*old.split(".")).with_suffix(".py").exists(), old
+        assert importlib.util.find_spec(new) is not None, new
+
+
+def test_a_program_runs_by_its_former_name_and_warns() -> None:
+    words = [sys.executable, "-m", "softsim_core.warmup", "--help"]
+    ended = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    assert "python -m softsim_core.simulation.warmup" in ended.stdout
+    words[1:1] = ["-W", "error::DeprecationWarning:runpy"]
+    ended = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert "softsim_core.warmup has moved: use softsim_core.simulation.warmup" in ended.stderr
+
+
+def test_a_script_is_warned_at_its_own_line(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("from softsim_core.values import Box\n")
+    words = [sys.executable, str(script)]
+    ended = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    assert f"{script}:1: DeprecationWarning: softsim_core.values has moved" in ended.stderr
+
+
+@pytest.mark.filterwarnings("ignore:.* has moved:DeprecationWarning")
+def test_a_name_that_nothing_had_is_not_found() -> None:
+    for name in ("softsim_core.nothing", "softsim_core.mesh.nothing", "softsim_core.contact.crossing"):
+        with pytest.raises(ModuleNotFoundError, match=name):
+            importlib.import_module(name)
