@@ -28,12 +28,11 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
 
 from servo_bridge.nodes import bridge_node, emulated_board_node, virtual_board_node  # noqa: E402
 from softsim_core import load_scene  # noqa: E402
-from softsim_node.parameters import Program, described  # noqa: E402
+from softsim_node import Program, described  # noqa: E402
 from softsim_ros.nodes.inverse import closed_loop_node, inverse_node, path_follower_node  # noqa: E402
 from softsim_ros.nodes.observer import observer_node  # noqa: E402
 from softsim_ros.nodes.policy import policy_node  # noqa: E402
-from softsim_ros.nodes.simulator import simulator_node  # noqa: E402
-from softsim_ros.nodes.simulator.snapshot_folder import default_folder  # noqa: E402
+from softsim_ros.nodes.simulator import default_folder, simulator_node  # noqa: E402
 from softsim_ros.nodes.teleop import teleop_node  # noqa: E402
 from softsim_ros.recording import recorder_node  # noqa: E402
 
@@ -151,8 +150,7 @@ def makers(context: Context) -> Iterator[tuple[Program, list[Callable[[], Any]]]
 
 def with_viewer(context: Context) -> Iterator[tuple[Program, list[Callable[[], Any]]]]:
     """The page too, where its packages are."""
-    from softsim_ros.nodes.viewer import viewer_node
-    from softsim_ros.nodes.viewer.viewer_node import ViewerSettings
+    from softsim_ros.nodes.viewer import ViewerSettings, viewer_node
 
     with socket.create_server(("127.0.0.1", 0)) as free:
         settings = dataclasses.replace(ViewerSettings(), port=free.getsockname()[1])

@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 
 from softsim_core import SoftSimError
-from softsim_ros.client.robot_client import connect
+from softsim_ros.client import connect
 
 
 def main(name: str) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 
-from softsim_node.process import ros_process, serve_callbacks
+from softsim_node import ros_process, serve_callbacks
 
 
 class MarkerCamera(Node):

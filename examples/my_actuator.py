@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 import softsim_core as soft
-from softsim_core.base.values import Vector
+from softsim_core.base import Vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,9 +10,8 @@ The board takes lines "S 90 90 *65" (degrees of the servos, then the sum of the 
 import time
 from collections.abc import Sequence
 
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.servo import angles_to_bytes, bytes_to_angles
-from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.driver import ServoDriver, angles_to_bytes, bytes_to_angles
+from servo_bridge.emulator import VirtualBoard
 from servo_bridge.protocols import Ability, BoardModel, BoardProtocol, Decoded, EncodedPacket, register
 from softsim_core import BoardDescription, JointDescription, JointLimits, Scene, ServoCalibration, load_scene
 

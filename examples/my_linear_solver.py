@@ -12,9 +12,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 import softsim_core as soft
-from softsim_core.base.arrays import Array
-from softsim_core.physics.linalg.linear_solver import Pattern, Rows, spread_of
-from softsim_core.physics.linalg.solvers import register_linear_solver
+from softsim_core.base import Array
+from softsim_core.physics.linalg import Pattern, Rows, register_linear_solver, spread_of
 
 
 class DenseCholesky:

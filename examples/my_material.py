@@ -18,7 +18,7 @@ from softsim_core import (
     SolverSettings,
     box_mesh,
 )
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.fem.materials import Material, MaterialParameter, register_material
 
 IDENTITY = np.eye(3)

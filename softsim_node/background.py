@@ -1,4 +1,4 @@
-"""Work handed to another thread: a queue for the thread that owns an object, and background workers."""
+"""Work for another thread: a queue for the thread that owns an object, and background workers."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from collections.abc import Callable, Generator
 from concurrent.futures import Future, wait
 from typing import TypeVar
 
-from softsim_core.base.errors import SoftSimError
-from softsim_node.ending import LOOK_S, ending
+from softsim_core.base import SoftSimError
+from softsim_node.signals import LOOK_S, ending
 
 REQUEST_TIMEOUT_S = 30.0
-"""A request waits this long for the work in progress, in [s]; the first may compile kernels."""
+"""Longest wait in [s] of a request for the work in progress; the first one may compile kernels."""
 
 Result = TypeVar("Result")
 
 
 class WorkQueue:
-    """A queue of actions for a thread.
+    """A queue of actions for the thread that owns an object.
 
     Args:
-        owner: Whose thread it is, for messages, such as "the physics".
-        work: What a request waits for, for messages, such as "a physics step".
+        owner: Owner of the thread, for messages, such as "the physics".
+        work: The work that a request waits for, for messages, such as "a physics step".
         is_alive: Whether the thread runs.
     """
 
@@ -33,12 +33,12 @@ class WorkQueue:
         self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
 
     def ask(self, action: Callable[[], Result]) -> Result:
-        """Have the thread run an action and wait for its result; what it raises is raised here.
+        """Run an action in the thread and wait for its result; its exception is raised here.
 
-        What is given up before the thread has begun it is never done.
+        An action that is abandoned before the thread has begun it is never run.
 
         Raises:
-            SoftSimError: the thread has ended, the process shall end, or the thread is busy for longer than
+            SoftSimError: the thread has ended, the process is to end, or the thread is busy for longer than
                 REQUEST_TIMEOUT_S.
         """
         future: Future[Result] = Future()
@@ -68,14 +68,16 @@ class WorkQueue:
         return future.result()
 
     def ask_to_end(self) -> None:
-        """Have `serve` return False after the requests before this."""
+        """Make `serve` return False after the requests before this one."""
         self._queue.put(None)
 
     def serve(self, delay_s: float | None, mode: Callable[[], object]) -> bool:
-        """In the thread: run what is asked for `delay_s` in [s] (None: without end), or until `mode` changes.
+        """Run requested actions for `delay_s` in [s] (None: without end), or until `mode` changes.
+
+        Call this in the thread that owns the object.
 
         Returns:
-            False: the thread shall end.
+            False if the thread is to end.
         """
         due = None if delay_s is None else time.monotonic() + delay_s
         while True:
@@ -93,17 +95,17 @@ class WorkQueue:
 
 
 MOST_WAITING = 3
-"""So many pieces of work wait for the one that is being done; more are refused."""
+"""Number of tasks that may wait for the one in progress; more are refused."""
 
 ANSWER_LOOK_S = 0.02
-"""A look at whether the work is done blocks the executor for at most this long, in [s]."""
+"""Longest time in [s] for which a check of the work in progress blocks the executor."""
 
 
 class Aside:
-    """One piece of work after the other; to be awaited in a callback that is a coroutine.
+    """Background worker that runs one task after the other; await it in a callback that is a coroutine.
 
     Args:
-        what: What is being done, for the refusal of too many pieces, such as "a scene is being loaded".
+        what: Description of the work for the refusal of too many tasks, such as "a scene is being loaded".
     """
 
     def __init__(self, what: str) -> None:
@@ -113,14 +115,14 @@ class Aside:
 
     @property
     def is_busy(self) -> bool:
-        """Whether work is being done."""
+        """Whether a task is in progress."""
         return bool(self._line)
 
     async def run(self, work: Callable[[], Result]) -> Result:
-        """The result of `work`, done once all that was asked for before is; what it raises is raised here.
+        """Return the result of `work`, which runs after all earlier tasks; its exception is raised here.
 
         Raises:
-            SoftSimError: too much is waiting already.
+            SoftSimError: too many tasks are waiting already.
         """
         if len(self._line) > MOST_WAITING:
             raise SoftSimError(f"{self._what}, and {MOST_WAITING} more wait; ask again later")
@@ -134,7 +136,7 @@ class Aside:
             self._line.remove(place)
 
     def close(self) -> None:
-        """Wait for the end of the work that is being done, if there is any; see `ending.wait_for`."""
+        """Wait for the end of the task in progress, if there is one; see `ending.wait_for`."""
         thread = self._thread
         if thread is not None:
             ending.wait_for(thread)
@@ -161,7 +163,7 @@ class Aside:
 
 
 class _Turn:
-    """Awaited, it lets the executor serve somebody else."""
+    """An awaitable that lets the executor run another callback."""
 
     def __await__(self) -> Generator[None, None, None]:
         yield

@@ -1,4 +1,4 @@
-"""The environment of ROS processes: their variables, and discovery, on this computer by default."""
+"""The environment of ROS processes: its variables, and discovery, by default on this computer only."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ import sys
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 
-from softsim_core.base.errors import SoftSimError, listing
-from softsim_core.base.files import runtime_folder
+from softsim_core.base import SoftSimError, listing, runtime_folder
 
 WISH = "SOFTSIM_DISCOVERY_RANGE"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS = "ROS_STATIC_PEERS"
 SKIP_CURRENT_FOLDER = "SKIP_DEFAULT_XML_FILE"
-"""Set to 1, Fast DDS reads no `DEFAULT_FASTRTPS_PROFILES.xml` in the current folder, which may be foreign."""
+"""Set to 1, Fast DDS ignores `DEFAULT_FASTRTPS_PROFILES.xml` in the current, possibly foreign folder."""
 
 REACHES = {
     "LOCALHOST": "nodes on this computer only",
@@ -23,17 +22,18 @@ REACHES = {
     "OFF": "no other process",
     "SYSTEM_DEFAULT": "whatever the middleware's own configuration says",
 }
-"""Allowed values, and who is reached with them."""
+"""Allowed values, and who can reach the nodes with them."""
 
 
 class DiscoveryError(SoftSimError, ValueError):
-    """The wish for a discovery range is none of those that ROS knows."""
+    """The requested discovery range is none of those that ROS knows."""
 
 
 def wished_range(environment: Mapping[str, str]) -> str:
-    """The range for this process: SOFTSIM_DISCOVERY_RANGE, else LOCALHOST, or OFF where ROS is told so.
+    """Return the discovery range for this process: SOFTSIM_DISCOVERY_RANGE, else LOCALHOST.
 
-    ROS_AUTOMATIC_DISCOVERY_RANGE alone cannot widen it: a sourced ROS sets it to SUBNET where nobody asked.
+    If ROS_AUTOMATIC_DISCOVERY_RANGE is OFF, the default is OFF, too. That variable alone cannot widen the
+    range: a sourced ROS sets it to SUBNET without a request by the user.
 
     Raises:
         DiscoveryError: SOFTSIM_DISCOVERY_RANGE is not one of REACHES.
@@ -47,18 +47,18 @@ def wished_range(environment: Mapping[str, str]) -> str:
 
 
 def set_range(environment: MutableMapping[str, str]) -> None:
-    """Make the range hold for a process with this environment, and for those that it starts.
+    """Apply the range to a process with this environment, and to those that it starts.
 
     Raises:
         DiscoveryError: as `wished_range`.
     """
     environment[RANGE] = wished_range(environment)
-    environment.pop("ROS_LOCALHOST_ONLY", None)  # of older releases: it would beat the range
+    environment.pop("ROS_LOCALHOST_ONLY", None)  # used by older releases; it would override the range
     environment.setdefault(SKIP_CURRENT_FOLDER, "1")
 
 
 def sentence(environment: Mapping[str, str]) -> str:
-    """Who can reach the nodes of a process with this environment, and how to change it."""
+    """Return a message that says who can reach the nodes of a process, and how to change it."""
     reach = wished_range(environment)
     peers = environment.get(PEERS, "")
     among = f", and the computers in {PEERS} ({peers[:60]})" if peers and reach != "OFF" else ""
@@ -71,22 +71,22 @@ BOOTSTRAP_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 
 
 class MixedRosError(SoftSimError, RuntimeError):
-    """A system ROS is active in a process whose ROS comes from pip wheels; the two cannot be mixed."""
+    """A system ROS is active in a process with ROS from pip wheels; the two cannot be mixed."""
 
 
 class RosVariableError(SoftSimError, ValueError):
-    """A variable of the environment has a value with which ROS cannot start."""
+    """An environment variable has a value with which ROS cannot start."""
 
 
 HIGHEST_DOMAIN = 232
-"""The ports of higher ROS domains do not exist."""
+"""Highest ROS domain; the ports of higher ones do not exist."""
 
 
 def ros_problems(environment: Mapping[str, str]) -> list[str]:
-    """Return why ROS could not start with these variables, a message each; rclpy would end the process.
+    """Return why ROS could not start with these variables, one message each; rclpy would end the process.
 
     Args:
-        environment: With AMENT_PREFIX_PATH, where installed middleware is looked up.
+        environment: The variables; installed middleware is searched in AMENT_PREFIX_PATH.
     """
     problems = []
     domain = environment.get("ROS_DOMAIN_ID", "")
@@ -110,7 +110,7 @@ def ros_problems(environment: Mapping[str, str]) -> list[str]:
 
 
 def check_ros_variables() -> None:
-    """Call it before rclpy is imported, and after `prepare_environment`.
+    """Check the variables of this process; call it after `prepare_environment` and before rclpy is imported.
 
     Raises:
         RosVariableError: ROS could not start with the variables of this process.
@@ -120,12 +120,12 @@ def check_ros_variables() -> None:
 
 
 def has_ros_wheels(prefix: Path) -> bool:
-    """Whether the environment at `prefix` holds the pip wheels of ROS 2."""
+    """Return whether the environment at `prefix` has the pip wheels of ROS 2."""
     return any(prefix.glob("lib/python3*/site-packages/ros_wheels_bootstrapper"))
 
 
 def system_ros(environment: MutableMapping[str, str]) -> str | None:
-    """First folder under /opt/ros that a search path of this environment names, or None."""
+    """Return the first folder under /opt/ros in a search path of this environment, or None."""
     for variable in ("AMENT_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH"):
         for folder in environment.get(variable, "").split(os.pathsep):
             if folder.startswith("/opt/ros/"):
@@ -134,22 +134,23 @@ def system_ros(environment: MutableMapping[str, str]) -> str | None:
 
 
 def set_defaults(environment: MutableMapping[str, str], prefix: Path) -> None:
-    """Set who is discovered, and fill in what ROS needs and the user has not set: a log folder, the index.
+    """Set the discovery range, and what ROS needs and the user has not set: a log folder, the package index.
 
     Args:
         environment: Changed in place.
         prefix: Root of the Python environment.
 
     Raises:
-        DiscoveryError: the wish for a discovery range is not allowed.
-        RuntimeFolderError: ROS can write its logs nowhere else, and others may use that folder.
+        DiscoveryError: the requested discovery range is not allowed.
+        RuntimeFolderError: the runtime folder is the only one for the logs of ROS, and other users can access
+            it.
     """
     set_range(environment)
     if "ROS_LOG_DIR" not in environment and "ROS_HOME" not in environment:
         home = environment.get("HOME")
-        if not home or not _is_writable(Path(home) / ".ros" / "log"):  # a service has none
+        if not home or not _is_writable(Path(home) / ".ros" / "log"):  # a service has no home
             environment["ROS_LOG_DIR"] = str(runtime_folder(environment) / "ros-log")
-    if has_ros_wheels(prefix):  # the package index of the wheels lies in the environment itself
+    if has_ros_wheels(prefix):  # the package index of the wheels is in the environment itself
         prefixes = [part for part in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if part]
         if str(prefix) not in prefixes:
             environment["AMENT_PREFIX_PATH"] = os.pathsep.join([*prefixes, str(prefix)])
@@ -160,7 +161,7 @@ def prepare_environment() -> None:
 
     Raises:
         MixedRosError: /opt/ros is sourced although this environment has ROS wheels of its own.
-        DiscoveryError: the wish for a discovery range is not allowed.
+        DiscoveryError: the requested discovery range is not allowed.
     """
     prefix = Path(sys.prefix)
     if has_ros_wheels(prefix):

@@ -6,18 +6,18 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from softsim_core.base.errors import CommandError
-from softsim_core.scene.io.catalog import shortened
+from softsim_core.base import CommandError
+from softsim_core.scene.io import shortened
 
 
 def prefix_of(namespace: str) -> str:
-    """The prefix of a robot's frames: its namespace and a slash, such as "left/"; empty for the root."""
+    """Return the prefix of a robot's frames: "left/" for the namespace /left, empty for the root."""
     name = namespace.strip("/")
     return f"{name}/" if name else ""
 
 
 WORLD: Final = "world"
-"""The one frame that all robots share."""
+"""The only frame that all robots share."""
 
 BASE_LINK: Final = "base_link"
 EFFECTOR: Final = "effector"
@@ -27,10 +27,10 @@ _PREFIX: Final = re.compile(r"(?:[A-Za-z0-9_][A-Za-z0-9_/]*)?")
 
 @dataclass(frozen=True, slots=True)
 class RobotFrames:
-    """The frames of one robot.
+    """Names of the frames of one robot.
 
     Attributes:
-        prefix: Stands before every name but `world`; letters, digits, underscores and slashes.
+        prefix: Prefix of every name but `world`; letters, digits, underscores and slashes.
 
     Raises:
         CommandError: the prefix is not allowed.
@@ -46,15 +46,15 @@ class RobotFrames:
             )
 
     def of(self, link: str) -> str:
-        """The frame of a link of the robot's description."""
+        """Return the frame of a link of the robot's description."""
         return f"{self.prefix}{link}"
 
     @property
     def base(self) -> str:
-        """The robot's base, which stands in the world's origin."""
+        """Frame of the robot's base, at the origin of the world."""
         return self.of(BASE_LINK)
 
     @property
     def effector(self) -> str:
-        """The end effector."""
+        """Frame of the end effector."""
         return self.of(EFFECTOR)

@@ -1,4 +1,4 @@
-"""Callback guards: what fails in a callback becomes one message, and the node lives on."""
+"""Callback guards: an error in a callback becomes one message, and the node continues."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from softsim_core.base.names import known_names
-from softsim_core.scene.io.catalog import shortened
+from softsim_core.base import known_names
+from softsim_core.scene.io import shortened
 from softsim_node.parameters import with_decimals
 from softsim_node.text import one_line, sentence_of
 
 REFUSAL_PERIOD_S: Final = 1.0
-"""Refusals that begin alike are said at most this often, in [s]."""
+"""Shortest time in [s] between two refusals that begin alike."""
 
 HEAD: Final = 30
-"""Refusals are alike whose first characters, so many, are the same."""
+"""Number of first characters that are the same in refusals that count as alike."""
 
 MOST_KINDS: Final = 10
-"""So many different refusals are said in one period."""
+"""Number of different refusals that are reported in one period."""
 
 Guarded = Callable[..., Any]
 
 
 class Refusals:
-    """Says why something was refused; sentences that begin alike at most once a period.
+    """Reports refusals, and messages that begin alike at most once per period.
 
     Args:
-        say: Gets each sentence, on one line and cut.
+        say: Called with each message, on one line and shortened.
         clock: Steady clock in [s].
     """
 
@@ -45,7 +45,7 @@ class Refusals:
         self._said_at: dict[str, float] = {}
 
     def tell(self, sentence: str) -> None:
-        """Say a sentence, unless one like it was said just now."""
+        """Report a message, unless one that begins alike was reported within the period."""
         line, now = one_line(sentence), self._clock()
         self._said_at = {head: at for head, at in self._said_at.items() if now - at < REFUSAL_PERIOD_S}
         if line[:HEAD] not in self._said_at and len(self._said_at) < MOST_KINDS:
@@ -54,7 +54,7 @@ class Refusals:
 
 
 def message_door(callback: Guarded, refuse: Callable[[str], None], topic: str) -> Guarded:
-    """A topic's callback whose failure is told to `refuse` in a sentence."""
+    """Wrap a topic's callback so that its error is passed to `refuse` as a message."""
 
     @functools.wraps(callback)
     def receive(*arguments: Any) -> None:
@@ -67,7 +67,7 @@ def message_door(callback: Guarded, refuse: Callable[[str], None], topic: str) -
 
 
 def service_door(callback: Guarded, refuse: Callable[[str], None], service: str) -> Guarded:
-    """A service's callback that answers with the sentence of its failure; long answers are cut.
+    """Wrap a service's callback so that its error becomes the response; long responses are shortened.
 
     A callback that is a coroutine stays one.
     """
@@ -102,7 +102,7 @@ def service_door(callback: Guarded, refuse: Callable[[str], None], service: str)
 
 
 def parameter_door(callback: Guarded, refuse: Callable[[str], None]) -> Guarded:
-    """A callback for new parameters that refuses them with the sentence of its failure; long ones are cut."""
+    """Wrap a callback for new parameters so that its error refuses them; long reasons are shortened."""
 
     @functools.wraps(callback)
     def decide(parameters: Any) -> SetParametersResult:
@@ -118,13 +118,13 @@ def parameter_door(callback: Guarded, refuse: Callable[[str], None]) -> Guarded:
 
 
 class GuardedNode(Node):
-    """A node whose callbacks of topics, services and new parameters stand behind doors.
+    """A node with guards around the callbacks of its topics, services and new parameters.
 
-    Those of rclpy's own parameter services, too. See `softsim_node.guards`.
+    This includes rclpy's own parameter services. See `softsim_node.guards`.
     """
 
     def refuse(self, sentence: str) -> None:
-        """Log why something that came from outside was not obeyed."""
+        """Log why something that came from outside was refused."""
         if self.context.ok():
             self._refusals.tell(sentence)
 
@@ -134,7 +134,7 @@ class GuardedNode(Node):
 
     @contextmanager
     def refusing(self, what: str) -> Iterator[None]:
-        """Log in a sentence what fails inside, and go on; `what` was being done."""
+        """Log an error inside the block as a message, and continue; `what` was being done."""
         try:
             yield
         except (ExternalShutdownException, ShutdownException):
@@ -147,19 +147,19 @@ class GuardedNode(Node):
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *args: Any, **options: Any
     ) -> Any:
-        """As rclpy's; a message that `callback` cannot take is refused in a sentence."""
+        """Create a subscription like rclpy; a ROS message on which `callback` fails is refused."""
         behind = message_door(callback, self.refuse, topic)
         return super().create_subscription(msg_type, topic, behind, *args, **options)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
-        """As rclpy's; a request that `callback` cannot serve is answered with a sentence."""
+        """Create a service like rclpy; a request on which `callback` fails is answered with a message."""
         behind = service_door(callback, self.refuse, srv_name)
         return super().create_service(srv_type, srv_name, behind, **options)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """As rclpy's; a name that is not declared is refused with a message that lists the nearest ones.
+        """Set parameters like rclpy; refuse an undeclared name with a message that lists the nearest names.
 
-        Whole numbers are taken where numbers are declared: `2` for `2.0`.
+        Whole numbers are accepted for parameters that are declared as floating-point numbers: `2` for `2.0`.
         """
         for each in parameter_list:
             if not self.has_parameter(each.name):
@@ -175,5 +175,5 @@ class GuardedNode(Node):
         return Parameter(given.name, value=number) if takes and number is not given.value else given
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
-        """As rclpy's; parameters that `callback` cannot take are refused with a sentence."""
+        """Add a callback like rclpy; parameters on which `callback` fails are refused."""
         super().add_on_set_parameters_callback(parameter_door(callback, self.refuse))

@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.utilities import remove_ros_args
 
-from softsim_core.base.errors import SoftSimError, listing
+from softsim_core.base import SoftSimError, listing
 from softsim_node.text import one_line, sentence_of
 
 _KEY: Final = "parameter"
@@ -32,20 +32,20 @@ _SHOWN: Final = 40
 
 
 class ParameterError(SoftSimError, ValueError):
-    """A value of a parameter has the wrong type, lies outside its range, or does not fit the others."""
+    """A parameter's value has the wrong type, lies outside its range, or does not fit the other values."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class About:
-    """What a person is told of a parameter, and what it allows.
+    """Description of a parameter, and what values it allows.
 
     Attributes:
-        text: One sentence.
-        unit: Unit of a number; empty: none.
-        within: Least and largest allowed number; None for what is no number.
-        choices: Allowed texts; none means any.
-        fixed: It cannot change after the start.
-        count: How many numbers a list of numbers has; None for what is no such list.
+        text: One sentence of description.
+        unit: Unit of a number; empty if it has none.
+        within: Smallest and largest allowed number; None for other types.
+        choices: Allowed texts; empty allows any.
+        fixed: Whether it cannot change after the start.
+        count: Length of a list of numbers; None for other types.
     """
 
     text: str
@@ -57,11 +57,11 @@ class About:
 
     @property
     def description(self) -> str:
-        """The sentence with the unit, as `ros2 param describe` shows it."""
+        """The description with the unit, as `ros2 param describe` shows it."""
         return f"{self.text} [{self.unit}]" if self.unit else self.text
 
     def allowed(self, default: object) -> str:
-        """What a value may be, in words; `default` gives the type."""
+        """Return the allowed values in words; `default` gives the type."""
         if isinstance(default, bool):
             return "true or false"
         if isinstance(default, str):
@@ -84,15 +84,15 @@ def parameter(
     choices: Sequence[str] = (),
     fixed: bool = False,
 ) -> Any:
-    """A field of a dataclass that is a parameter of the same name; `default` gives its type.
+    """Return a dataclass field for the parameter with the field's name; `default` gives its type.
 
     Args:
-        default: Truth value, whole number, number, text, or a tuple of numbers.
-        text: One sentence for people.
+        default: Boolean, whole number, number, text, or a tuple of numbers.
+        text: One sentence of description.
         unit: Unit of a number.
-        within: Least and largest allowed number; every parameter that is a number has both.
-        choices: Allowed texts; none means any.
-        fixed: It cannot change after the start.
+        within: Smallest and largest allowed number; required for every number.
+        choices: Allowed texts; empty allows any.
+        fixed: Whether it cannot change after the start.
     """
     count = len(default) if isinstance(default, tuple) else None
     about = About(text=text, unit=unit, within=within, choices=tuple(choices), fixed=fixed, count=count)
@@ -100,7 +100,7 @@ def parameter(
 
 
 def described(settings: Any) -> Iterator[tuple[str, object, About]]:
-    """Name, value and description of each parameter of a dataclass instance, in its order."""
+    """Yield name, value and description of each parameter of a dataclass instance, in its order."""
     for field in dataclasses.fields(settings):
         yield field.name, getattr(settings, field.name), field.metadata[_KEY]
 
@@ -109,7 +109,7 @@ Settings = TypeVar("Settings")
 
 
 def declare(node: Node, settings: Settings) -> Settings:
-    """Declare the parameters of `settings`, whose values are the defaults; a declared one stays as it is.
+    """Declare the parameters of `settings` with its values as defaults; declared ones are unchanged.
 
     Returns:
         The values that the parameters have at the start.
@@ -122,14 +122,14 @@ def declare(node: Node, settings: Settings) -> Settings:
 
 
 def declare_value(node: Node, name: str, default: Any, about: About, *, given: bool = True) -> Any:
-    """Declare one parameter whose name or range is known only at run time; returns the value it has then.
+    """Declare a parameter with a name or range that is known only at run time; return its value.
 
     Args:
-        node: Whose parameter it is.
-        name: Its name.
-        default: Its value where none is given.
-        about: What it allows.
-        given: A value given at the start of the node counts.
+        node: Node of the parameter.
+        name: Name of the parameter.
+        default: Value of the parameter if none is given.
+        about: Description and allowed values.
+        given: Whether a value given at the start of the node is used.
 
     Raises:
         ParameterError: the value given at the start is not allowed.
@@ -154,9 +154,9 @@ def declare_value(node: Node, name: str, default: Any, about: About, *, given: b
 
 @contextmanager
 def parameter_probe(name: str, **node_options: Any) -> Iterator[Node]:
-    """A node for the `with` block, to read parameters of this process that its real node is made from.
+    """Create a temporary node to read the parameters from which the real node is made.
 
-    Only before the real one is made: at the end of a node the graph forgets all that bear its name.
+    Use it only before the real node exists: when a node ends, the graph drops every node with its name.
 
     Args:
         name: Name of the real node.
@@ -176,16 +176,16 @@ def parameter_probe(name: str, **node_options: Any) -> Iterator[Node]:
 
 
 def checked(name: str, value: Any, default: Any, about: About) -> Any:
-    """A value of a parameter as a dataclass holds it.
+    """Return a parameter's value in the type of the dataclass, after a check.
 
     Args:
-        name: Of the parameter.
-        value: As rclpy gives it, of the right type.
+        name: Name of the parameter.
+        value: Value from rclpy, of the right type.
         default: A value of the same type.
-        about: What is allowed.
+        about: Description and allowed values.
 
     Raises:
-        ParameterError: it is not allowed.
+        ParameterError: the value is not allowed.
     """
     numbers: list[float] = []
     if isinstance(default, tuple):
@@ -211,13 +211,14 @@ class LiveParameters(Generic[Settings]):
     A change is checked as a whole before any value of it is stored, and applied as a whole afterwards.
 
     Args:
-        node: Whose parameters they are.
+        node: Node of the parameters.
         settings: Defaults; see `declare`.
-        check: Gets the names that are set and the values as they would be; raises where they cannot be.
-        apply: Gets the same once they are stored.
+        check: Receives the names that are set and all values after the change; raises if they are not
+            allowed.
+        apply: Receives the same once the values are stored.
 
     Attributes:
-        values: The present values; inside `check` those before the change.
+        values: Present values; inside `check` the ones before the change.
 
     Raises:
         ParameterError: a value given at the start is not allowed.
@@ -239,7 +240,7 @@ class LiveParameters(Generic[Settings]):
         node.add_post_set_parameters_callback(self._post_set)
 
     def store(self, **values: object) -> None:
-        """Let parameters tell what is so already; nothing is checked or applied."""
+        """Set parameters to values that apply already; nothing is checked or applied."""
         with self._quiet():
             self._node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
 
@@ -278,14 +279,14 @@ class LiveParameters(Generic[Settings]):
 
 
 def _given(node: Node, name: str, default: Any) -> Any:
-    """The value, of whatever type, that a node was started with for a parameter that is not declared yet."""
+    """Return the start value, of any type, that the node was given for a parameter not declared yet."""
     value = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
     node.undeclare_parameter(name)
     return value
 
 
 def with_decimals(value: Any) -> Any:
-    """Return whole numbers, alone or in a list, as numbers; anything else as it is."""
+    """Return whole numbers, alone or in a list, as floating-point numbers; other values unchanged."""
     if type(value) is int:
         return float(value)
     if isinstance(value, list | array) and len(value) and all(type(each) is int for each in value):
@@ -317,10 +318,10 @@ class Program:
 
     Attributes:
         name: Name of the executable.
-        about: What it does, in a sentence.
+        about: Purpose of the program, as one sentence.
         settings: Its parameters: instances of dataclasses, see `softsim_node.parameters`.
         more: A sentence about parameters that depend on the robot; empty: there are none.
-        configure: Adds options of its own, without which it can be started, too.
+        configure: Adds options of the program; all are optional.
     """
 
     name: str
@@ -330,7 +331,7 @@ class Program:
     configure: Callable[[argparse.ArgumentParser], None] = lambda parser: None
 
     def options(self, words: Sequence[str]) -> argparse.Namespace:
-        """Its own options on a command line; those of ROS are left out.
+        """Parse the program's own options on a command line; those of ROS are left out.
 
         Args:
             words: Command line without the program's name.

@@ -23,12 +23,11 @@ from rclpy.executors import (
 )
 from rclpy.signals import SignalHandlerOptions
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.base.processes import use_safe_path
+from softsim_core.base import SoftSimError, use_safe_path
 from softsim_node import environment
-from softsim_node.ending import OUTLIVE, ending
 from softsim_node.environment import check_ros_variables, prepare_environment
 from softsim_node.parameters import Program
+from softsim_node.signals import OUTLIVE, ending
 from softsim_node.text import sentence_of
 
 ENABLE: Final = "ROS_SECURITY_ENABLE"
@@ -39,19 +38,19 @@ LONGEST_REASON: Final = 120
 
 
 class SecurityError(SoftSimError, RuntimeError):
-    """Security is asked for, and the middleware or its keys cannot give it."""
+    """Security is requested, and the middleware or its keys cannot provide it."""
 
 
 def is_wanted(environment: Mapping[str, str]) -> bool:
-    """Whether ROS is asked to secure what a process with this environment sends."""
+    """Return whether ROS is asked to secure the traffic of a process with this environment."""
     return environment.get(ENABLE) == "true"
 
 
 def need_security() -> None:
-    """Make sure that secured nodes can be made; once rclpy runs in a process where they are wanted.
+    """Check that secured nodes can be created; call it once rclpy runs, if they are requested.
 
     Raises:
-        SecurityError: they cannot be made; says why.
+        SecurityError: they cannot be created; the message says why.
     """
     try:
         node = rclpy.create_node("security_check", start_parameter_services=False, enable_rosout=False)
@@ -65,7 +64,7 @@ def need_security() -> None:
 
 
 def security_warning(environment: Mapping[str, str]) -> str:
-    """What is to be said of a process that wants security and runs without it; empty: nothing."""
+    """Return a warning for a process that requests security and runs without it; empty if there is none."""
     if not is_wanted(environment) or environment.get(STRATEGY) == ENFORCE:
         return ""
     return (
@@ -80,15 +79,15 @@ _MMAP_THRESHOLD: Final = -3
 
 KEPT_BYTES: Final = 1 << 28
 LARGEST_BYTES: Final = 1 << 25
-"""So much is kept at most, and of arrays no larger than this (more is not allowed)."""
+"""Most memory that is not returned to the system, and the largest array in it (malloc allows no more)."""
 
 
 def keep_freed_memory() -> bool:
-    """Keep what is freed for the next arrays instead of giving it back to the system; False: no glibc here.
+    """Reuse freed memory for later arrays instead of returning it to the system; False without glibc.
 
-    A step in NumPy frees and asks for the same arrays, a few hundred kilobytes each. Given back, each comes
-    in pages that the system fills with zeros: a fifth of the step's time. It holds for the whole process, so
-    the simulator asks for it, not the library.
+    A step in NumPy frees and allocates the same arrays, a few hundred kilobytes each. If they are returned,
+    each new one consists of pages that the system fills with zeros, which takes a fifth of the step's time.
+    The setting applies to the whole process, so the simulator makes it, not the library.
     """
     try:
         set_option = ctypes.CDLL(None).mallopt
@@ -98,18 +97,19 @@ def keep_freed_memory() -> bool:
 
 
 SPIN_PERIOD_S = 0.1
-"""How long one look for work lasts: the longest time a stop flag goes unseen, in [s]."""
+"""Longest time in [s] of one wait for work, and so until a stop flag is noticed."""
 
 REFUSAL_PERIOD_S = 1.0
-"""What fails in a callback is logged at most this often, in [s]."""
+"""Shortest time in [s] between two log messages about errors in callbacks."""
 
 _CALLBACKS_AT_ONCE = 32
 
 
 def spin(executor: Executor, keep_going: Callable[[], bool] = lambda: True) -> None:
-    """Serve callbacks until the context shuts down or `keep_going` turns false.
+    """Run callbacks until the context shuts down or `keep_going` returns False.
 
-    A loop over `spin_once`: right for every executor, also where its own `spin` does not end on shutdown.
+    It is a loop over `spin_once`, which is correct for every executor, also if its own `spin` does not end on
+    shutdown.
     """
     try:
         while executor.context.ok() and keep_going():
@@ -122,7 +122,7 @@ def spin(executor: Executor, keep_going: Callable[[], bool] = lambda: True) -> N
 
 
 def serve_once(executor: Executor, timeout_s: float) -> None:
-    """Serve one callback, waiting for it at most `timeout_s` in [s]; see `outliving`."""
+    """Run one callback, waiting for it at most `timeout_s` in [s]; see `outliving`."""
     with outliving(executor):
         executor.spin_once(timeout_sec=timeout_s)
 
@@ -131,8 +131,9 @@ def ready_callbacks(executor: Executor, enough: Callable[[], bool] = lambda: Fal
     """Run the callbacks that are ready now, at most a few dozen, without waiting.
 
     Args:
-        executor: Theirs.
-        enough: Whether the rest of them may wait for the next call; a look for more costs half a millisecond.
+        executor: Executor of the callbacks.
+        enough: Returns whether the other callbacks may wait for the next call; each check for more takes half
+            a millisecond.
     """
     for _ in range(_CALLBACKS_AT_ONCE):
         if enough():
@@ -149,9 +150,10 @@ def ready_callbacks(executor: Executor, enough: Callable[[], bool] = lambda: Fal
 
 @contextmanager
 def outliving(executor: Executor) -> Iterator[None]:
-    """Log what fails inside in a sentence, such as a message that cannot even be decoded, and go on.
+    """Log an error inside the block as a message, and continue.
 
-    What fails because the context was shut down passes.
+    This includes a ROS message that cannot be decoded. Errors caused by the shutdown of the context are
+    raised.
     """
     try:
         yield
@@ -165,7 +167,7 @@ def outliving(executor: Executor) -> Iterator[None]:
 
 
 def serve_callbacks(node: Any) -> None:
-    """Serve a node's callbacks until the process shall end, or its context shuts down."""
+    """Run a node's callbacks until the process is to end, or its context shuts down."""
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     spin(executor, lambda: not ending.asked)
@@ -183,15 +185,17 @@ class RunnableNode(Protocol):
         ...
 
     def get_logger(self) -> Any:
-        """Rclpy's logger of the node."""
+        """Return rclpy's logger of the node."""
         ...
 
 
 NodeType = TypeVar("NodeType", bound=RunnableNode)
 
 END_LIMIT_S = 60.0
-"""A process that ends has this long for it in [s]; one that hangs is ended then, with the stacks of its
-threads on stderr and exit code 1."""
+"""Longest time in [s] for the end of a process.
+
+A process that hangs is ended then, with the stacks of its threads on stderr and exit code 1.
+"""
 
 _STDERR = 2
 
@@ -208,16 +212,16 @@ def start_ros(words: Sequence[str] = ()) -> None:
 
     Raises:
         MixedRosError: two installations of ROS would meet in this process.
-        DiscoveryError: the wish for a discovery range is not allowed.
+        DiscoveryError: the requested discovery range is not allowed.
         RosVariableError: a variable has a value with which ROS cannot start.
-        RosStartError: wrong --ros-args, or keys that security wants are missing.
-        SecurityError: security is wanted, and this installation of ROS has none.
+        RosStartError: wrong --ros-args, or missing keys for security.
+        SecurityError: security is requested, and this installation of ROS has none.
     """
     prepare_environment()
     check_ros_variables()
     try:
         rclpy.init(args=["node", *words], signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # classes of rclpy's extension, which end in the place in its source
+    except Exception as error:  # rclpy's extension; the text ends with a source location
         raise RosStartError(str(error).splitlines()[0].split(", at /")[0]) from error
     if is_wanted(os.environ):
         need_security()
@@ -225,9 +229,10 @@ def start_ros(words: Sequence[str] = ()) -> None:
 
 @contextmanager
 def ros_process() -> Iterator[None]:
-    """Run rclpy for the `with` block, whose loops look at `ending`; a request to end is no error.
+    """Run rclpy for the `with` block; its loops check `ending`, and a request to end is no error.
 
-    Until the end of the block rclpy stays up: a robot's e-stop is served while it goes to its safe pose.
+    rclpy stays up until the end of the block: the e-stop of a robot is served while it moves to its safe
+    pose.
     """
     ending.watch()
     with ending.orderly():
@@ -246,17 +251,17 @@ def run_node(
     args: Sequence[str] | None = None,
     serve: Callable[[NodeType], None] | None = None,
 ) -> int:
-    """Run one node as a process: start rclpy, build, serve, close. Returns the exit code.
+    """Run one node as a process: start rclpy, build, serve, close. Return the exit code.
 
     SIGINT, SIGTERM, SIGHUP and the end of the program that started this one end it in order, with 0; rclpy
-    stays up until the node is closed. An error of the suite (`SoftSimError`) is one sentence on stderr and 1;
-    a wrong command line is 2; `--help` prints what the program does and its parameters.
+    stays up until the node is closed. An error of the suite (`SoftSimError`) gives one message on stderr and
+    1; a wrong command line gives 2; `--help` prints the purpose of the program and its parameters.
 
     Args:
         program: Name, purpose and parameters.
-        build: Makes the node from the program's own options once rclpy runs.
-        args: Command line without the program's name; None takes the process's own.
-        serve: What the node does until `ending` is asked; None serves its callbacks.
+        build: Creates the node from the program's own options once rclpy runs.
+        args: Command line without the program's name; None takes that of the process.
+        serve: Runs the node until `ending.asked`; None runs its callbacks.
     """
     ending.watch()
     use_safe_path()
@@ -276,7 +281,7 @@ def run_node(
                 _tell_orphan(node)
     except (SoftSimError, ParameterException) as error:
         code = complain(str(error))
-    except SystemExit as end:  # of the command line
+    except SystemExit as end:  # raised by the parser of the command line
         code = int(end.code or 0)
     finally:
         with _limited_end():
@@ -289,17 +294,17 @@ def run_node(
 
 
 def complain(sentence: str) -> int:
-    """Write one sentence to stderr; returns the exit code 1."""
+    """Write a message to stderr and return the exit code 1."""
     sys.stderr.write(f"{sentence}\n")
     return 1
 
 
 @contextmanager
 def _limited_end() -> Iterator[None]:
-    """End the process where the block takes longer than END_LIMIT_S.
+    """End the process if the block takes longer than END_LIMIT_S.
 
-    Fast DDS can deadlock while it is taken down, above all after another process of its domain was killed.
-    Such a call may hold Python's lock, so no thread of Python could end it; faulthandler needs no lock.
+    Fast DDS can deadlock while it is shut down, above all after another process of its domain was killed.
+    Such a call may own Python's lock, so no thread of Python could end it; faulthandler needs no lock.
     """
     faulthandler.dump_traceback_later(END_LIMIT_S, exit=True, file=_STDERR)
     try:
@@ -310,14 +315,14 @@ def _limited_end() -> Iterator[None]:
 
 @contextmanager
 def _ending_quietly() -> Iterator[None]:
-    """What a request to end, or a context that was shut down, makes fail inside is an ordinary end."""
+    """Treat errors caused by a request to end, or by a context that was shut down, as an ordinary end."""
     try:
         yield
     except (KeyboardInterrupt, ExternalShutdownException, ShutdownException):
         pass
     except SoftSimError:
         raise
-    except OSError:  # writing to a terminal that has gone
+    except OSError:  # write to a terminal that has gone
         if not ending.asked:
             raise
     except Exception:

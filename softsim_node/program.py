@@ -1,4 +1,4 @@
-"""The first thing that runs in an executable: whatever comes, its imports end without a traceback."""
+"""First code of an executable: its imports end without a traceback, whatever signal arrives."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.base.processes import use_safe_path
-from softsim_node.ending import ending
+from softsim_core.base import SoftSimError, use_safe_path
 from softsim_node.environment import check_ros_variables, prepare_environment
+from softsim_node.signals import ending
 
 
 def run_module(module: str, args: Sequence[str] | None = None) -> int:
-    """Import a module and run its `main`; a request to end meanwhile ends with 0.
+    """Import a module and run its `main`; a request to end in the meantime ends with 0.
 
     Args:
-        module: Name of the module of a node.
-        args: Command line without the program's name; None takes the process's own.
+        module: Module of a node.
+        args: Command line without the program's name; None takes that of the process.
 
     Returns:
         Exit code.

@@ -1,4 +1,4 @@
-"""Text for people: errors in one line, text from elsewhere without control characters."""
+"""Text for users: errors on one line, text from elsewhere without control characters."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Collection, Iterable
 from itertools import islice
 from typing import Final, TextIO
 
-from softsim_core.base.errors import SoftSimError
+from softsim_core.base import SoftSimError
 
 LONGEST_SENTENCE: Final = 300
-"""So many characters has a refusal at most, on the log and in an answer."""
+"""Longest message about a refusal in the log and in a response, in characters."""
 
 
 def sentence_of(error: BaseException) -> str:
-    """What an error says to a person, on one line of at most LONGEST_SENTENCE characters."""
+    """Return the message of an error on one line of at most LONGEST_SENTENCE characters."""
     text = str(error)
     if not isinstance(error, SoftSimError):
         text = f"refused: {type(error).__name__}" + (f" ({text})" if text else "")
@@ -22,7 +22,7 @@ def sentence_of(error: BaseException) -> str:
 
 
 def one_line(text: str) -> str:
-    """Text of others for logs and answers: control characters replaced, cut to LONGEST_SENTENCE."""
+    """Prepare foreign text for logs and responses: replace control characters, cut at LONGEST_SENTENCE."""
     head = text[: LONGEST_SENTENCE + 1]
     plain = head if head.isprintable() else "".join(c if c.isprintable() else " " for c in head)
     return plain if len(plain) <= LONGEST_SENTENCE else f"{plain[: LONGEST_SENTENCE - 3]}..."
@@ -31,7 +31,7 @@ def one_line(text: str) -> str:
 def takes_escapes(stream: TextIO | int) -> bool:
     """Return whether a stream, or a file descriptor, is a terminal that understands escape sequences.
 
-    One that calls itself `dumb`, such as the shell of an editor, shows them as they are.
+    A terminal of type `dumb`, such as the shell of an editor, prints them as text.
     """
     terminal = os.isatty(stream) if isinstance(stream, int) else stream.isatty()
     return terminal and os.environ.get("TERM") != "dumb"
@@ -42,18 +42,18 @@ LONGEST_NAME, LONGEST_LISTED = 40, 16
 
 
 def printable(text: str) -> str:
-    """The text with every character that is not printable written as its escape sequence."""
+    """Return the text with every character that is not printable written as its escape sequence."""
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
 def shortened(text: str, length: int = LONGEST_NAME) -> str:
-    """At most `length` characters of the text, printable; an ellipsis stands for what was left out."""
+    """Return at most `length` printable characters of the text; an ellipsis marks omitted ones."""
     safe = printable(text[: length + 1])
     return safe if len(safe) <= length else f"{safe[: length - 3]}..."
 
 
 def named(names: Collection[str]) -> str:
-    """Names for a message: at most ten, each shortened, and how many more there are; "none" without any."""
+    """Return names for a message: at most ten, shortened, and the number of others; "none" without any."""
     few: Iterable[str] = islice(names, MOST_NAMES)
     text = ", ".join(shortened(each, LONGEST_LISTED) for each in few)
     more = len(names) - MOST_NAMES
@@ -61,5 +61,5 @@ def named(names: Collection[str]) -> str:
 
 
 def sentence(error: BaseException | str) -> str:
-    """An error's text as a sentence of at most 300 printable characters."""
+    """Return the text of an error as a message of at most 300 printable characters."""
     return shortened(str(error), LONGEST_SENTENCE)

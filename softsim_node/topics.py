@@ -1,6 +1,7 @@
-"""Topics of the suite: their quality of service, and latched topics that tell a node's state.
+"""Topics of the suite: their quality of service, and latched topics with a node's state.
 
-Common messages carry them, so that a graph may mix apt's ROS 2 with the PyPI wheels; see docs/interfaces.md.
+They use common message types, so that a graph may mix apt's ROS 2 with the PyPI wheels; see
+docs/interfaces.md.
 """
 
 from __future__ import annotations
@@ -19,29 +20,31 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, Reliabilit
 from std_msgs.msg import Bool, String
 
 NEWEST_ONLY: Final = QoSProfile(depth=1)
-"""Commands, goals and pictures: reliable, and only the newest counts."""
+"""Commands, goals and pictures: reliable, and only the newest message counts."""
 
 EVERY_ONE: Final = QoSProfile(depth=10)
-"""Events and measurements of which none should be missed: reliable, a few may wait."""
+"""Events and measurements of which none should be missed: reliable, with a short queue."""
 
 MEASURED: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Measurements that come in: only the newest counts, and sensors that send best effort are heard, too."""
+"""Incoming measurements: only the newest counts, and sensors that publish best effort are received, too."""
 
 LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""What stays true: reliable, and who comes later gets the newest, too."""
+"""Values that stay valid: reliable, and late subscribers receive the newest message, too."""
 
 
 def latched(depth: int) -> QoSProfile:
-    """As LATCHED; who comes later gets the newest `depth` messages."""
+    """Return a profile like LATCHED that gives late subscribers the newest `depth` messages."""
     return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def hearing_all(publishers: Sequence[Any], depth: int) -> QoSProfile:
-    """What hears every one of these publishers, as reliably as all offer it; latched where all of them latch.
+    """Return a profile that receives from every one of these publishers.
+
+    It is reliable if all of them are, and latched if all of them are.
 
     Args:
-        publishers: What rclpy tells of the endpoints of a topic.
-        depth: So many messages may wait.
+        publishers: Endpoint information of a topic from rclpy.
+        depth: Length of the queue.
     """
     profiles = [each.qos_profile for each in publishers]
     keeps = bool(profiles) and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
@@ -54,10 +57,10 @@ def hearing_all(publishers: Sequence[Any], depth: int) -> QoSProfile:
 
 
 LOOK_PERIOD_S: Final = 0.1
-"""A change that nobody announced is noticed within this time, in [s]."""
+"""A change without a call of `refresh` is noticed within this time, in [s]."""
 
 LEASE_S: Final = 2.0
-"""A process that was killed counts as gone after this time, in [s], for those who ask for it."""
+"""Time in [s] after which a killed process counts as gone, for subscribers that ask for it."""
 
 STATE_QOS: Final = QoSProfile(
     depth=1,
@@ -66,21 +69,21 @@ STATE_QOS: Final = QoSProfile(
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=Duration(seconds=LEASE_S),
 )
-"""Of publishers; a subscriber may ask for less, such as no lease, which is rclpy's default."""
+"""Profile of publishers; a subscriber may ask for less, such as no lease, which is rclpy's default."""
 
 
 Facts: TypeAlias = Mapping[str, tuple[type, Callable[[], Any]]]
-"""Type and reader by topic; a reader gives a message of that type, from any thread, at once."""
+"""Type and reader by topic; a reader returns a ROS message of that type at once, from any thread."""
 
 
 class StateTopics:
-    """Publishers of a node's state; each reads its own fact.
+    """Publishers of a node's state, each with a reader of its value.
 
-    The facts are read again at every `refresh`, ten times a second at least, and those that differ are sent.
+    The values are read at every `refresh`, at least ten times per second, and changed ones are published.
 
     Args:
         node: Owner of the publishers and of the timer.
-        facts: What is told, by topic.
+        facts: Type and reader by topic.
     """
 
     def __init__(self, node: Node, facts: Facts) -> None:
@@ -93,8 +96,8 @@ class StateTopics:
         node.create_timer(LOOK_PERIOD_S, self.refresh, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def refresh(self) -> None:
-        """Send what has changed; may be called from any thread."""
-        with self._lock:  # what is read last is sent last
+        """Publish changed values; may be called from any thread."""
+        with self._lock:  # the lock keeps the order: the value that is read last is sent last
             for number, (publisher, read) in enumerate(self._facts):
                 fact = read()
                 if fact == self._told[number]:
@@ -104,7 +107,7 @@ class StateTopics:
                 except Exception:
                     if self._context.ok():
                         raise
-                    return  # a signal has shut the context down under the call
+                    return  # a signal has shut the context down during the call
                 self._told[number] = fact
 
 

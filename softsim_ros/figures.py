@@ -1,4 +1,4 @@
-"""Figures of Matplotlib as data and as files."""
+"""Convert Matplotlib figures to data and files."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import io
 from pathlib import Path
 from typing import Any, Final
 
-from softsim_core.base.files import write_file
+from softsim_core.base import write_file
 
 _DOTS_PER_INCH: Final = 120
 
 
 def figure_data(figure: Any, kind: str, **how: Any) -> bytes:
-    """A figure in a format such as "png"; its texts are shown as they are, a `$` in a name is no formula.
+    """Return a figure in a format such as "png"; texts are shown literally, so a `$` starts no formula.
 
     Raises:
         ValueError: there is no such format.
@@ -27,10 +27,10 @@ def figure_data(figure: Any, kind: str, **how: Any) -> bytes:
 
 
 def save_figure(figure: Any, file: Path) -> None:
-    """Write a figure in the format that the file's ending names, PNG where it has none.
+    """Write a figure in the format given by the file's suffix, or PNG if it has none.
 
     Raises:
         OSError: the file cannot be written.
-        ValueError: the ending names no format.
+        ValueError: the suffix names no format.
     """
     write_file(file, figure_data(figure, file.suffix[1:] or "png", dpi=_DOTS_PER_INCH))

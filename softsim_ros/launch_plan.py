@@ -1,6 +1,6 @@
-"""Which nodes a launch of one robot starts, with which parameters: decided here, started by `launch`.
+"""Decide which nodes a launch of one robot starts, and with which parameters.
 
-The launch file of softsim_bringup asks `plan` and hands each node to launch_ros; nothing here needs launch.
+The launch file of softsim_bringup calls `plan` and passes each node to launch_ros; nothing here needs launch.
 """
 
 from __future__ import annotations
@@ -12,12 +12,9 @@ from pathlib import Path
 from typing import Final
 
 from softsim_core import RobotDescription, load_scene
-from softsim_core.base.errors import ConfigError
-from softsim_core.base.files import runtime_folder, write_file
-from softsim_core.base.names import one_of
-from softsim_node.frames import prefix_of
-from softsim_ros.description.folder import CONTROLLER, controllers
-from softsim_ros.description.layouts import rviz_config
+from softsim_core.base import ConfigError, one_of, runtime_folder, write_file
+from softsim_node import prefix_of
+from softsim_ros.description import CONTROLLER, controllers, rviz_config
 
 SWITCH: Final = ("false", "true")
 BOARDS: Final = ("auto", "virtual", "emulated", "real", "none")
@@ -32,7 +29,7 @@ def _word(default: str, about: str, *choices: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """The arguments of a launch, all of them words; `metadata` tells what each is about and may be."""
+    """The arguments of a launch, all of them text; `metadata` has the description and the choices of each."""
 
     robot: str = _word("tripod", "robot or scene: a name, or the path of its file")
     namespace: str = _word("", "namespace of all its nodes; empty: the robot's name")
@@ -57,7 +54,7 @@ class PlannedNode:
         package: ROS package of its executable.
         executable: Name of the executable.
         parameters: Its parameters.
-        arguments: Words of its command line.
+        arguments: Arguments of its command line.
         parameter_file: File of more parameters; None: none.
         ends_all: Whether the launch ends with it.
         enclave: Path of its enclave of SROS 2; empty: the common one.
@@ -74,7 +71,7 @@ class PlannedNode:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A launch: the namespace, its nodes, and how a person drives the robot."""
+    """A launch: the namespace, its nodes, and a hint on how to drive the robot."""
 
     namespace: str
     nodes: tuple[PlannedNode, ...]
@@ -82,14 +79,14 @@ class Plan:
 
 
 def plan(wishes: Wishes, folder: Path) -> Plan:
-    """What to start.
+    """Return the nodes to start.
 
     Args:
-        wishes: The arguments.
-        folder: Where the files of RViz and controllers are written, if they are wanted.
+        wishes: The arguments of the launch.
+        folder: Folder for the files of RViz and of the controllers, if these are requested.
 
     Raises:
-        SoftSimError: the robot is not known, or what is wanted does not go together.
+        SoftSimError: the robot is not known, or the arguments are inconsistent.
     """
     for each in fields(Wishes):
         choices, word = each.metadata["choices"], getattr(wishes, each.name)
@@ -129,7 +126,7 @@ def board_link(namespace: str, environment: Mapping[str, str] = os.environ) -> P
 
 
 def _hardware(wishes: Wishes, robot: RobotDescription, namespace: str) -> list[PlannedNode]:
-    """The bridge and its board; neither for a robot without servos."""
+    """Return the bridge and its board; neither for a robot without servos."""
     servos = robot.board.servos if robot.board else ()
     board = wishes.board
     if board == "auto":

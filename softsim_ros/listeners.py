@@ -1,4 +1,4 @@
-"""Listeners: the newest value of a latched state topic, and joint states in the order of commands."""
+"""Listeners for the newest value of a latched state topic, and for joint states in command order."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from softsim_core.base.arrays import Array
-from softsim_core.scene.joint import JointDescription
-from softsim_node.topics import MEASURED, STATE_QOS, STATE_TOPICS
+from softsim_core.base import Array
+from softsim_core.scene import JointDescription
+from softsim_node import MEASURED, STATE_QOS, STATE_TOPICS
 
 GID_PREFIX = 12
-"""Bytes of an endpoint's identifier that name its participant (DDS interoperability protocol, 8.2.4)."""
+"""Bytes of an endpoint's identifier that identify its participant (DDS interoperability protocol, 8.2.4)."""
 
 
 class StateListener:
@@ -25,12 +25,12 @@ class StateListener:
     Args:
         node: Its executor delivers the messages.
         topic: Name in STATE_TOPICS, such as "simulator/paused".
-        changed: Called with the new `value` whenever that is another one.
+        changed: Called with the new `value` whenever it changes.
 
     Attributes:
-        value: The fact: True or False, a text, or the message of topics of another type. None while no
-            publisher lives: none was found yet, it has ended, or its process has been dead for LEASE_S.
-        is_matched: Whether a publisher is known, alive or silent; one that has ended is not.
+        value: The state: True or False, a text, or the message of topics of another type. None while no
+            publisher is alive: none was found yet, it has ended, or its process has been dead for LEASE_S.
+        is_matched: Whether a publisher is known, alive or silent; False for one that has ended.
     """
 
     def __init__(self, node: Node, topic: str, changed: Callable[[Any], None] = lambda value: None) -> None:
@@ -48,19 +48,25 @@ class StateListener:
         self._take(self._newest)
 
     def _on_liveliness(self, status: Any) -> None:
-        """A publisher began, ended, or was silent for LEASE_S; one told of only at its end counts -1."""
+        """Handle that a publisher began, ended, or was silent for LEASE_S.
+
+        A publisher that is announced only at its end counts -1.
+        """
         self._alive = max(self._alive + status.alive_count_change, 0)
         self._take(self._newest if self._alive or self._lives_here() else None)
 
     def _on_matched(self, status: Any) -> None:
-        """The last publisher has ended, which the graph may not show yet when liveliness tells of it."""
+        """Handle the end of the last publisher, which liveliness may report before the graph does."""
         self.is_matched = status.current_count > 0
         if not self.is_matched:
             self._alive = 0
             self._take(None)
 
     def _lives_here(self) -> bool:
-        """Whether a publisher shares this node's context, where Fast DDS may tell nobody that it is alive."""
+        """Return whether a publisher shares this node's context.
+
+        Fast DDS may not report such a publisher as alive.
+        """
         own = {
             _participant(each)
             for each in self._node.get_subscriptions_info_by_topic(self._topic)
@@ -76,16 +82,16 @@ class StateListener:
 
 
 def _participant(endpoint: Any) -> bytes:
-    """What the identifiers of all endpoints of one context begin with."""
+    """Return the common prefix of the identifiers of all endpoints of one context."""
     return bytes(endpoint.endpoint_gid[:GID_PREFIX])
 
 
 class JointReader:
-    """Takes joint states that name all joints of a robot, in any order, among others or not.
+    """Reads joint states that contain all joints of a robot, in any order, possibly with other joints.
 
     Args:
-        joints: Of the robot, in command order.
-        refuse: Called with one sentence when a message begins to name other joints.
+        joints: Joints of the robot, in command order.
+        refuse: Called with a message when messages begin to name other joints.
     """
 
     def __init__(self, joints: Sequence[JointDescription], refuse: Callable[[str], None]) -> None:
@@ -93,7 +99,10 @@ class JointReader:
         self._order: tuple[tuple[str, ...], list[int] | None] = ((), None)
 
     def read(self, message: JointState) -> Array | None:
-        """Positions in [rad] or [m], efforts where these are commanded, (j,); None: of another robot."""
+        """Return positions in [rad] or [m], or efforts where these are commanded, shape (j,).
+
+        Return None for a message of another robot.
+        """
         names = tuple(message.name)
         if names != self._order[0]:
             self._order = (names, self._order_of(names))
@@ -109,7 +118,7 @@ class JointReader:
         )
 
     def efforts(self, message: JointState) -> Array | None:
-        """Efforts in [N m] or [N], (j,), of a message that `read` has read; None: it has none."""
+        """Return efforts in [N m] or [N], (j,), of the message that `read` has read; None if it has none."""
         order = self._order[1]
         if order is None or len(message.effort) != len(self._order[0]):
             return None
@@ -126,11 +135,11 @@ class JointReader:
 
 
 class JointStates:
-    """Hears where the joints are: what is measured, and while nobody measures what a bridge has sent.
+    """Receives joint positions: measured ones, or those that a bridge has sent while none are measured.
 
     Args:
         node: Owner of the subscriptions.
-        silent_after: Nobody measures once nothing came for so long, in [s].
+        silent_after: Time in [s] without a measurement after which the bridge's positions are used.
         take: Called in the node's executor with each message.
     """
 
@@ -145,5 +154,5 @@ class JointStates:
         self._take(message)
 
     def _on_applied(self, message: JointState) -> None:
-        if time.monotonic() - self._measured_at > self._silent_after:  # a bare robot
+        if time.monotonic() - self._measured_at > self._silent_after:  # no simulator
             self._take(message)

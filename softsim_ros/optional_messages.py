@@ -1,4 +1,4 @@
-"""Message packages that not every installation of ROS 2 has: whether this one has them is decided here, once.
+"""Message packages that not every installation of ROS 2 has; this module checks which are installed.
 
 They come with apt's ROS 2; PyPI has none of them.
 """
@@ -14,14 +14,14 @@ OPTIONAL: Final = {
     "control_msgs": "the action follow_joint_trajectory of the simulator",
     "simulation_interfaces": "the standard services of the simulator",
 }
-"""What the suite offers where a package is installed."""
+"""Features that the project offers if a package is installed."""
 
 
 def optional_module(name: str) -> ModuleType | None:
-    """A module such as "tf2_msgs.msg" of one of OPTIONAL; None where the package is not installed.
+    """Return a module such as "tf2_msgs.msg" of one of OPTIONAL; None if the package is not installed.
 
     Raises:
-        ImportError: the package is there, and broken.
+        ImportError: the package is installed, but broken.
     """
     package = name.partition(".")[0]
     if package not in OPTIONAL:
@@ -35,9 +35,9 @@ def optional_module(name: str) -> ModuleType | None:
 
 
 def optional_type(module: str, name: str) -> Any | None:
-    """A message, service or action of an optional package, such as ("tf2_msgs.msg", "TFMessage").
+    """Return a message, service or action of an optional package, such as ("tf2_msgs.msg", "TFMessage").
 
-    None where the package is not installed, or is of a release without it.
+    Return None if the package is not installed, or its release does not have it.
     """
     found = optional_module(module)
     return None if found is None else getattr(found, name, None)

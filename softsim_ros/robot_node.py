@@ -1,4 +1,4 @@
-"""What the nodes for one robot share: the robot's description, namespace, diagnostics and callbacks."""
+"""Base of the nodes for one robot: its description, namespace, diagnostics and callbacks."""
 
 from __future__ import annotations
 
@@ -17,23 +17,20 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from softsim_core import RobotDescription, load_scene
-from softsim_node.frames import RobotFrames, prefix_of
-from softsim_node.guards import GuardedNode
-from softsim_node.parameters import declare, parameter, parameter_probe
-from softsim_node.process import spin
+from softsim_node import GuardedNode, RobotFrames, declare, parameter, parameter_probe, prefix_of, spin
 from softsim_ros.messages import diagnostic_array
 
 
 class ClosableNode(GuardedNode):
-    """A node that ends its own threads and ports, and outlives whatever is sent to it."""
+    """A node that ends its own threads and ports, and survives errors in its callbacks."""
 
     def close(self) -> None:
-        """End threads and ports, then destroy the node; a second call does nothing."""
+        """Close threads and ports, then destroy the node; a second call does nothing."""
         self.destroy_node()
 
 
 class SpinThread:
-    """Callbacks of some nodes in a thread of their own; leaving the `with` block ends and joins it."""
+    """Runs callbacks of some nodes in their own thread; leaving the `with` block stops and joins it."""
 
     def __init__(self, nodes: Iterable[Node], context: Context | None = None) -> None:
         self.executor = SingleThreadedExecutor(context=context)
@@ -50,16 +47,14 @@ class SpinThread:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop and join the thread; the nodes are left to their owner."""
+        """Stop and join the thread; the nodes are not destroyed."""
         self.close()
 
     def close(self) -> None:
         """Stop and join the thread, if it was started."""
         self._stop.set()
         if self._thread.is_alive():
-            with suppress(
-                Exception
-            ):  # the guard condition dies with its context; the loop ends by itself then
+            with suppress(Exception):  # the guard condition ends with its context, and so does the loop
                 self.executor.wake()
             self._thread.join()
         self.executor.shutdown(timeout_sec=0)
@@ -67,7 +62,7 @@ class SpinThread:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotSettings:
-    """What the parameters of every node for one robot begin with."""
+    """Common parameters of every node for one robot."""
 
     robot: str = parameter(
         "tripod",
@@ -91,18 +86,18 @@ class RobotNode(ClosableNode):
     Args:
         robot: Name or path of the robot, or the robot itself; None takes the parameter `robot`.
         context: rclpy context; None takes the default one.
-        namespace: None takes the robot's name; `-r __ns:=/other` on the command line wins over both.
-        parameter_overrides: Values at start, over those of the command line.
+        namespace: None takes the robot's name; `-r __ns:=/other` on the command line overrides both.
+        parameter_overrides: Values at the start, which override those of the command line.
 
     Attributes:
         node_name: Name of the node.
         robot: Name of the robot.
         robot_parameter: Value of the parameter `robot`, which a subclass declares.
         frames: Names of the robot's frames in headers.
-        named: The file of the robot that the node was started with, by its names; empty: it has none.
+        named: The robot's file with which the node was started, by its names; empty: it has none.
 
     Raises:
-        SoftSimError: the robot is not known, or what a subclass refuses.
+        SoftSimError: the robot is not known, or the subclass refuses it.
     """
 
     node_name: ClassVar[str]
@@ -142,10 +137,10 @@ class RobotNode(ClosableNode):
 
     @abstractmethod
     def _begin(self, robot: RobotDescription) -> None:
-        """Declare parameters, make topics and services, start; an error here closes the node."""
+        """Declare parameters, create topics and services, start; an error here closes the node."""
 
     def _publish_health(self, level: bytes, sentence: str, values: Mapping[str, object]) -> None:
-        """Tell /diagnostics how the node is."""
+        """Publish the node's status on /diagnostics."""
         name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
         stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))

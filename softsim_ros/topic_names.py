@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from typing import Final
 
 from softsim_core.physics.actuation.chamber import ChamberDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene import JointDescription
 
 LONGEST_NAME: Final = 60
-"""So much of a name stands in a topic; ROS allows about 250 characters for a topic in all."""
+"""Largest number of characters of a name in a topic; ROS allows about 250 characters for the whole topic."""
 
 
 def topic_words(names: Sequence[str], kind: str) -> list[str]:
-    """A word of its own for each name; what no topic may hold becomes an underscore.
+    """Return a unique word for each name; characters that topics do not allow become underscores.
 
     Args:
         names: Names of the parts.
-        kind: Stands before a name that does not begin with a letter, such as "chamber".
+        kind: Prefix of a name that does not begin with a letter, such as "chamber".
     """
     words: list[str] = []
     for name in names:
@@ -32,12 +32,15 @@ def topic_words(names: Sequence[str], kind: str) -> list[str]:
 
 
 def chambers_of(joints: Sequence[JointDescription]) -> dict[int, str]:
-    """Topic of each chamber among a robot's joints, by the joint's number."""
+    """Return the topic of each chamber among a robot's joints, by the joint's number."""
     chambers = [index for index, joint in enumerate(joints) if isinstance(joint.actuator, ChamberDescription)]
     topics = chamber_topics([joints[index].name for index in chambers])
     return dict(zip(chambers, topics, strict=True))
 
 
 def chamber_topics(names: Sequence[str]) -> list[str]:
-    """The topics of chambers by the names of their joints; what no topic may hold becomes an underscore."""
+    """Return the topics of chambers by the names of their joints.
+
+    Characters that topics do not allow become underscores.
+    """
     return [f"chambers/{word}/pressure" for word in topic_words(names, "chamber")]

@@ -171,7 +171,7 @@ class Running:
         from rclpy.context import Context
         from rclpy.parameter import Parameter
 
-        from softsim_ros.robot_node import SpinThread
+        from softsim_ros import SpinThread
 
         self._count += 1
         context = Context()
@@ -197,20 +197,15 @@ def every_node(folder: Path, *, emulated: bool) -> Iterator[None]:
     """
     from tcp_ports import free_port
 
-    from servo_bridge.nodes.bridge_node import ServoBridge
-    from servo_bridge.nodes.emulated_board_node import EmulatedBoardNode
-    from servo_bridge.nodes.virtual_board_node import VirtualBoardNode
+    from servo_bridge.nodes import EmulatedBoardNode, ServoBridge, VirtualBoardNode
     from softsim_core import load_scene
-    from softsim_ros.nodes.inverse.closed_loop_node import ClosedLoop
-    from softsim_ros.nodes.inverse.inverse_node import InverseControl
-    from softsim_ros.nodes.inverse.path_follower_node import PathFollower
-    from softsim_ros.nodes.observer.observer_node import ObserverNode
-    from softsim_ros.nodes.policy.policy_node import PolicyNode
-    from softsim_ros.nodes.simulator.simulator_node import Simulator
-    from softsim_ros.nodes.teleop.teleop_node import Teleop
-    from softsim_ros.nodes.viewer.parameters import ViewerSettings
-    from softsim_ros.nodes.viewer.viewer_node import Viewer
-    from softsim_ros.recording.recorder_node import Recorder
+    from softsim_ros.nodes.inverse import ClosedLoop, InverseControl, PathFollower
+    from softsim_ros.nodes.observer import ObserverNode
+    from softsim_ros.nodes.policy import PolicyNode
+    from softsim_ros.nodes.simulator import Simulator
+    from softsim_ros.nodes.teleop import Teleop
+    from softsim_ros.nodes.viewer import Viewer, ViewerSettings
+    from softsim_ros.recording import Recorder
 
     tripod = load_scene(ROBOT)
     shown = folder / "shown.yaml"
@@ -248,7 +243,7 @@ def settled_rights(expected: set[Right], *, emulated: bool) -> set[Right]:
     import rclpy
     from rclpy.context import Context
 
-    from softsim_node.environment import prepare_environment
+    from softsim_node import prepare_environment
 
     prepare_environment()
     with tempfile.TemporaryDirectory() as name, private_ros(Path(name)):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from softsim_ros.recording.bag_writer import BagWriter
+from softsim_ros.recording import BagWriter
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 COMMANDS = "/tripod/position_controller/commands"

@@ -6,13 +6,16 @@ from collections.abc import Callable
 
 from node_processes import spin_until
 
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.protocols.frames import BoardFlags
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
+from servo_bridge.driver import ServoDriver
+from servo_bridge.protocols import BoardFlags
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import (
+    BoardDescription,
+    JointDescription,
+    RobotDescription,
+    SceneDescription,
+    ServoCalibration,
+)
 
 PERIOD = 0.02
 Wait = Callable[..., bool]

@@ -70,8 +70,8 @@ class BridgeHere:
     ) -> None:
         from rclpy.parameter import Parameter
 
-        from servo_bridge.nodes.bridge_node import ServoBridge
-        from softsim_ros.robot_node import SpinThread
+        from servo_bridge.nodes import ServoBridge
+        from softsim_ros import SpinThread
 
         values = {"source": "commands"} | {
             name: str(value) if isinstance(value, Path) else value for name, value in parameters.items()

@@ -61,7 +61,7 @@ def signals_as_before() -> Iterator[None]:
             signal.signal(number, usual)
     before = {number: signal.getsignal(number) for number in SIGNALS}
     yield
-    used = sys.modules.get("softsim_node.ending")  # tests of the core run without it
+    used = sys.modules.get("softsim_node.signals")  # tests of the core run without it
     if used is not None:
         vars(used.ending).update(vars(used.Ending()))
     for number, handler in before.items():

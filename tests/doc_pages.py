@@ -80,7 +80,7 @@ def commands(fence: Fence) -> Iterator[list[str]]:
 
 def parsed_command(name: str, words: list[str]) -> argparse.Namespace:
     """The command line of a subcommand of `softsim` as the program reads it; unknown options end the test."""
-    from softsim_ros.cli.app import COMMANDS
+    from softsim_ros.cli import COMMANDS
 
     assert name in COMMANDS, f"unknown command {name}"
     parser = argparse.ArgumentParser(prog=name, allow_abbrev=False)

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from softsim_core.scene.io.files import config_file
+from softsim_core.scene.io import config_file
 
 XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
 <link name="${(lambda: 'ran')()}"/></robot>"""

@@ -7,12 +7,11 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import pairwise
 
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.servo import byte_to_width, bytes_to_angles
+from servo_bridge import PortError
+from servo_bridge.driver import ServoDriver, byte_to_width, bytes_to_angles
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.errors import PortError
 from softsim_core import load_scene
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription
 
 SLICE_S = 0.005
 """What the board says reaches the driver at most so much later, in [s]."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core import Simulation, load_scene, rotation_exp, rotation_of
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 
 POINT = np.array([4e-3, -2e-3, 9e-3])
 """Where the sensor sits in the effector's frame, in [m]."""

@@ -34,7 +34,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from softsim_ros.cli.upkeep.suite import covering_words, files_of
+from softsim_ros.cli.upkeep import covering_words, files_of
 
 COUNTS = {"softsim_core": 30, "softsim_ros": 14, "softsim_node": 4, "servo_bridge": 12}
 KINDS = ("sign", "bound", "factor", "check")

@@ -35,7 +35,7 @@ domain_guards: list[int] = []
 @cache
 def compiled_kernels() -> None:
     """Have robots run on compiled kernels from their start on, as all but the very first one do."""
-    from softsim_core.simulation.warmup import kernels_ready
+    from softsim_core.simulation import kernels_ready
 
     if not kernels_ready():
         subprocess.run(
@@ -292,7 +292,7 @@ class Client:
         from rclpy.context import Context
         from rclpy.node import Node
 
-        from softsim_ros.robot_node import SpinThread
+        from softsim_ros import SpinThread
 
         self.context = Context()
         self.context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=domain)

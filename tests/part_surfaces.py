@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.mesh.embedding import rotation_matrix
-from softsim_core.physics.mesh.shapes import box_surface, cylinder_surface, sphere_surface
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.mesh import box_surface, cylinder_surface, rotation_matrix, sphere_surface
 
 Surface = tuple[Array, IndexArray]
 

@@ -24,8 +24,7 @@ def write_policy(file: Path, task: str, weight: float | None = None, **changes: 
     import onnx
     from onnx import helper, numpy_helper
 
-    from softsim_core.lab.learning.policy import policy_metadata
-    from softsim_core.lab.learning.tasks import TASKS
+    from softsim_core.lab.learning import TASKS, policy_metadata
 
     width = changes.pop("inputs", sum(each.size for each in TASKS[task].sensed))
     height = changes.pop("outputs", len(TASKS[task].low))
@@ -72,7 +71,7 @@ def write_endless_policy(file: Path, task: str) -> Path:
     """Write a policy whose loop makes 2^62 turns."""
     from onnx import TensorProto, helper
 
-    from softsim_core.lab.learning.tasks import TASKS
+    from softsim_core.lab.learning import TASKS
 
     body = helper.make_graph(
         [

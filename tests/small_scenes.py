@@ -7,16 +7,20 @@ from typing import Any
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.base.values import Box, Placement
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mechanics.state import State
+from softsim_core.base import Box, Placement
+from softsim_core.physics.mechanics import JointLimits, State
 from softsim_core.physics.mesh import TetMesh, boundary, box_mesh
-from softsim_core.scene.control import CommandSettings, StartAnimation
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription, SolverSettings
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    CommandSettings,
+    JointDescription,
+    MaterialDescription,
+    RobotDescription,
+    SceneDescription,
+    SolverSettings,
+    StartAnimation,
+)
 
 GRAVITY = 9.81
 """In [m/s^2]."""

@@ -6,12 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
-from softsim_core.scene.robot import RobotDescription
-from softsim_ros.client.control import format_point, moved_goal
-from softsim_ros.client.joints import decide
-from softsim_ros.client.state import EffectorPose, RobotState, Tilt, with_measurement
-from softsim_ros.keys import press as rules
-from softsim_ros.keys.press import CallAction, KeyPress, KeyState, MoveGoal, Quit, Refer
+from softsim_core.scene import RobotDescription
+from softsim_ros.client import (
+    EffectorPose,
+    RobotState,
+    Tilt,
+    decide,
+    format_point,
+    moved_goal,
+    with_measurement,
+)
+from softsim_ros.keys import CallAction, KeyPress, KeyState, MoveGoal, Quit, Refer, press as rules
 
 Effect: TypeAlias = tuple[float, ...] | EffectorPose | Tilt | CallAction | Quit
 """What goes out: joint positions, a goal, a reference of the closed loop, an action, the end."""

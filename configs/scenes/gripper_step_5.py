@@ -1,7 +1,7 @@
 """Cable gripper tutorial, step 5: the three fingers on their slides, without floor and cube."""
 
 from softsim_core import KeyBinding, Scene, SolverSettings
-from softsim_core.robots.gripper_parts import cable_gripper
+from softsim_core.robots import cable_gripper
 
 
 def create_scene(scene: Scene) -> None:

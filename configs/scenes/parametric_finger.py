@@ -1,11 +1,10 @@
 """The cable finger below a knob, with notches of any depth, for studies: softsim optimise finger_notches."""
 
 from softsim_core import Scene
-from softsim_core.base.values import Box, Placement
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.robots.finger_mesh import finger
-from softsim_core.robots.gripper_parts import cable_finger, rigid_thing
-from softsim_core.scene.description import CollisionDescription
+from softsim_core.base import Box, Placement
+from softsim_core.physics.mesh import Shape
+from softsim_core.robots import cable_finger, finger, rigid_thing
+from softsim_core.scene import CollisionDescription
 
 DENSITY = 1070.0
 """Of the silicone in [kg/m^3]."""

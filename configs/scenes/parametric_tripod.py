@@ -12,8 +12,7 @@ from softsim_core import (
     StartAnimation,
     TetMesh,
 )
-from softsim_core.robots.parts import tripod
-from softsim_core.robots.tripod_mesh import tripod_silicone
+from softsim_core.robots import tripod, tripod_mesh
 
 HEIGHT = 0.025
 """Of the lower face of the silicone in [m]."""
@@ -29,7 +28,7 @@ def create_scene(
 
     Its centre carries a payload in [kg]. The ends of the servos' arms hold up to 6 mm of thickness.
     """
-    flat = tripod_silicone(half_width=half_width, thickness=thickness)
+    flat = tripod_mesh.tripod_silicone(half_width=half_width, thickness=thickness)
     silicone = BodyDescription(
         name="silicone",
         mesh=TetMesh(flat.points + np.array([0.0, 0.0, HEIGHT]), flat.tets, flat.name),

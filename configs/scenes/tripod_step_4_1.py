@@ -6,7 +6,7 @@ The arms move from 0 to -45 deg in 1 s; nothing connects them to the silicone ye
 import math
 
 from softsim_core import JointLimits, Scene
-from softsim_core.robots.parts import fixing_box, move_all, tripod
+from softsim_core.robots import fixing_box, move_all, tripod
 
 
 def create_scene(scene: Scene) -> None:

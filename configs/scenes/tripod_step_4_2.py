@@ -6,7 +6,7 @@ The arms move from 0 to -45 deg in 1 s.
 import math
 
 from softsim_core import JointLimits, Scene
-from softsim_core.robots.parts import move_all, tripod
+from softsim_core.robots import move_all, tripod
 
 
 def create_scene(scene: Scene) -> None:

@@ -3,7 +3,7 @@
 import math
 
 from softsim_core import JointLimits, Scene, SolverSettings
-from softsim_core.robots.parts import move_all, tripod
+from softsim_core.robots import move_all, tripod
 
 
 def create_scene(scene: Scene) -> None:

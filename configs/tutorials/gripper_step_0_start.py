@@ -1,7 +1,7 @@
 """Cable gripper tutorial, last step, start: the gripper of step 5, with nothing to grasp."""
 
 from softsim_core import KeyBinding, Scene, SolverSettings
-from softsim_core.robots.gripper_parts import cable_gripper
+from softsim_core.robots import cable_gripper
 
 
 def create_scene(scene: Scene) -> None:

@@ -1,7 +1,7 @@
 """Cable gripper tutorial, step 5, start: one finger, from its ready-made part, hanging down."""
 
 from softsim_core import KeyBinding, Placement, Scene, SolverSettings
-from softsim_core.robots.gripper_parts import cable_finger
+from softsim_core.robots import cable_finger
 
 
 def create_scene(scene: Scene) -> None:

@@ -1,7 +1,7 @@
 """Tripod tutorial, step 4-1, start: the silicone piece at the height of the arms, held at its centre."""
 
 from softsim_core import Scene
-from softsim_core.robots.parts import fixing_box, tripod_silicone
+from softsim_core.robots import fixing_box, tripod_silicone
 
 
 def create_scene(scene: Scene) -> None:

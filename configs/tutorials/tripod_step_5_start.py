@@ -1,7 +1,7 @@
 """Tripod tutorial, step 5, start: the robot with its effector, and no keys that move it."""
 
 from softsim_core import JointLimits, Scene, SolverSettings
-from softsim_core.robots.parts import tripod
+from softsim_core.robots import tripod
 
 
 def create_scene(scene: Scene) -> None:

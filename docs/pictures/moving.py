@@ -24,7 +24,7 @@ sys.path[:0] = [str(FOLDER.parents[1]), str(FOLDER)]
 from rendering import Camera, Surface, neighbours, render, tube  # noqa: E402
 
 from softsim_core import Pose, Shape, Simulation, load_scene, rotation_of, surface_of  # noqa: E402
-from softsim_core.base.arrays import Array  # noqa: E402
+from softsim_core.base import Array  # noqa: E402
 
 FRAMES, PERIOD_S = 40, 0.07
 TILE = (432, 330)

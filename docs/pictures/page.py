@@ -17,7 +17,7 @@ from typing import Any
 
 from playwright.sync_api import sync_playwright
 
-from softsim_core.base.processes import python_command, run_process, start_process
+from softsim_core.base import python_command, run_process, start_process
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"

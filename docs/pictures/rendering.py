@@ -13,7 +13,7 @@ from numba import njit
 from PIL import Image, ImageFilter
 from scipy.sparse import csr_matrix
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 
 OVERSAMPLED = 2
 CREASE = np.cos(np.radians(38.0))

@@ -18,9 +18,9 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from softsim_core import Pose, Shape, Simulation, quaternion_of, rotation_of, surface_of
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.mechanics.model import FIXED
-from softsim_core.scene.building.contact_builder import RigidBody
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.mechanics import FIXED
+from softsim_core.scene.building import RigidBody
 
 SIZE_PX, FILM_PX = (640, 400), (400, 250)
 FILM_COLOURS = 40

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from softsim_core import InverseController, Pose, load_policy
-from softsim_core.lab.learning.environments import RobotEnv
-from softsim_core.lab.learning.tasks import REACHED_M
+from softsim_core.lab.learning import REACHED_M, RobotEnv
 
 TASK = "TripodReach-v0"
 HERE = Path(__file__).parent

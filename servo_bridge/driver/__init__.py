@@ -1,18 +1,5 @@
 """From commands to packets on a serial port; no ROS."""
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from servo_bridge.driver.driver import ServoDriver
-
-__all__ = ["ServoDriver"]
-
-
-def __getattr__(name: str) -> Any:
-    if name != "ServoDriver":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from servo_bridge.driver.driver import ServoDriver  # late: it imports protocols, which import servo
-
-    return ServoDriver
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

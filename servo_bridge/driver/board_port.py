@@ -1,4 +1,4 @@
-"""One board's port: opened, listened to, and told the words that its protocol has. No motion; no ROS."""
+"""The port of one board: open, listen, and send the packets that carry no pose. No motion, no ROS."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ import contextlib
 from collections.abc import Callable, Sequence
 from typing import Literal, TypeAlias
 
+from servo_bridge import PortError
 from servo_bridge.driver.link import BoardLink, MetBoard, Reader
 from servo_bridge.driver.ports import Transport
-from servo_bridge.errors import PortError
 from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
-from softsim_core.scene.board import BoardDescription
+from softsim_core.scene import BoardDescription
 
 Word: TypeAlias = Literal[Ability.HOLD, Ability.RELAX]
 
 
 class BoardPort:
-    """A port to a board that speaks one of some protocols.
+    """A port to a board that speaks one of several protocols.
 
     Args:
         board: The robot's board.
-        candidates: Protocols that it may speak; see `link`.
-        baud_rate: Bits a second.
-        on_tilt: Called with every reading of the board's IMU, in the reading thread.
+        candidates: Protocols that the board may speak; see `link`.
+        baud_rate: Bits per second.
+        on_tilt: Called in the reading thread with every reading of the board's IMU.
         clock: Steady clock in [s].
 
     Attributes:
-        link: The conversation; None without an open port.
+        link: State of the open port; None without one.
     """
 
     def __init__(
@@ -44,16 +44,16 @@ class BoardPort:
         self._candidates, self._clock = tuple(candidates), clock
         self._transport: Transport | None = None
         self._reader: Reader | None = None
-        self._met: MetBoard | None = None  # on a port closed since
+        self._met: MetBoard | None = None  # of a port that is closed again
 
     @property
     def met(self) -> MetBoard | None:
-        """The board that was spoken to since `connect`; None as long as none was."""
+        """Board accepted since `connect`, or before it with `again`; None before the first."""
         return self._met if self.link is None else self.link.met
 
     @property
     def port(self) -> str:
-        """Name of the port in use; empty without one."""
+        """Name of the open port; empty without one."""
         return "" if self._transport is None else self._transport.port
 
     @property
@@ -63,23 +63,23 @@ class BoardPort:
 
     @property
     def waiting(self) -> bool:
-        """Whether the board is still given its quiet time after the port was opened."""
+        """Whether the quiet time after the opening of the port still runs."""
         return self.link_state == WAITING
 
     @property
     def link_state(self) -> str | None:
-        """Name of the protocol found, or WAITING: it is too early to say; None without a port."""
+        """Name of the protocol in use, or WAITING while it is not known yet; None without a port."""
         return None if self.link is None else self.link.state(self._clock())
 
     @property
     def holds(self) -> bool | None:
-        """Whether the board can be told to stay where it is (ability HOLD); None while that is not known."""
+        """Whether the board has the ability HOLD; None while that is not known."""
         link = self.link
         return None if link is None or self.waiting else Ability.HOLD in link.board.abilities
 
     @property
     def telemetry_age(self) -> float | None:
-        """Time in [s] since a board that says what it is last spoke; None before the first time."""
+        """Time in [s] since the newest message that identifies the protocol; None before the first."""
         return None if self.link is None else self.link.heard_age(self._clock())
 
     @property
@@ -88,7 +88,7 @@ class BoardPort:
         return None if self.link is None else self.link.tilt_age(self._clock())
 
     def listen(self) -> None:
-        """Look whether the board still lives; the way to notice, without writing, that the port has vanished.
+        """Check that the board is still present; detects a vanished port without writing to it.
 
         Raises:
             PortError: the port vanished, telemetry stopped, or the board is not the one asked for.
@@ -99,13 +99,13 @@ class BoardPort:
     def _open(
         self, transport: Transport, quiet_s: float, before: MetBoard | None, silent_allowed: bool
     ) -> None:
-        """Listen on a port that was opened; nothing is to be written for `quiet_s` unless the board spoke.
+        """Start to listen on an open port; nothing is written for `quiet_s` unless the board sends first.
 
         Args:
             transport: The port.
             quiet_s: The time in [s].
-            before: The board that has to be met again; None: any board.
-            silent_allowed: A board that says nothing may be driven.
+            before: The only board that is accepted; None accepts any.
+            silent_allowed: Whether a board that sends nothing may be driven.
         """
         boards = [each(self.board) for each in self._candidates]
         self._transport = transport
@@ -113,7 +113,10 @@ class BoardPort:
         self._reader = Reader(transport, self.link, self._clock, self.on_tilt)
 
     def _take_out(self, words: Sequence[Word] = ()) -> Callable[[], None]:
-        """Forget the port; what is returned says the last words and closes it, and may hang."""
+        """Detach the port and return a function that sends the last packets and closes it.
+
+        The returned function may block for as long as the port or the protocol does.
+        """
         self._met = self.met
         reader, self._reader = self._reader, None
         transport, self._transport = self._transport, None
@@ -132,7 +135,7 @@ class BoardPort:
         return close
 
     def _ask(self) -> None:
-        """Ask the board what is to be known of it next, where that may be asked.
+        """Send the next query of the protocol, if there is one and the board may be queried.
 
         Raises:
             PortError: the port failed.
@@ -146,7 +149,7 @@ class BoardPort:
             transport.write(question)
 
     def _say(self, word: Word) -> bool:
-        """Write a word that says no pose; False, and nothing written, where the board does not know it.
+        """Send a packet without a pose; return False, with nothing sent, if the board lacks the ability.
 
         Raises:
             PortError: the port failed.

@@ -1,7 +1,7 @@
-"""A board while its port is open: the driver, its thread, recovery after a lost port.
+"""A board while its port is open: the driver, its thread, and recovery after a lost port. No ROS.
 
-No ROS. One thread opens, starts, stops and closes; the thread that ticks takes no lock of it. Nobody waits
-for a port that blocks.
+One thread opens, starts, stops and closes; the thread that ticks takes none of its locks. No call waits for a
+port that blocks.
 """
 
 from __future__ import annotations
@@ -11,28 +11,29 @@ from collections.abc import Callable
 from random import Random
 from typing import Literal, TypeAlias
 
+from servo_bridge import PortError, WriterError
 from servo_bridge.driver.driver import ServoDriver
 from servo_bridge.driver.ports import find_again, stable_name, usb_identity
 from servo_bridge.driver.writer import HangWatch, PeriodFigures, PeriodicThread
-from servo_bridge.errors import PortError, WriterError
-from softsim_node.text import sentence
+from softsim_node import sentence
 
 Wish: TypeAlias = Literal["none", "configure", "activate"]
 
 DELAYS_S = (0.5, 1.0, 2.0, 4.0, 5.0)
-"""Waiting times between tries in [s]; the last one repeats."""
+"""Delays between attempts in [s]; the last one repeats."""
 
 
 PROVEN_S = 5.0
-"""A state that lasted for so long in [s] counts as reached; one lost earlier goes on with the back-off."""
+"""Time in [s] after which a reached state counts as stable; a state lost earlier continues the back-off."""
 
 
 class Recovery:
-    """A wished state and a back-off between the tries to reach it, on a steady clock that is passed in.
+    """A requested state, and a back-off between the attempts to reach it; the time is passed in.
 
     Args:
-        jitter: Each delay is longer or shorter by up to this fraction, so that several bridges part.
-        random: Where the jitter comes from.
+        jitter: Each delay is longer or shorter by up to this fraction, so that several bridges do not retry
+            in step.
+        random: Source of the jitter.
     """
 
     def __init__(self, jitter: float = 0.0, random: Random | None = None) -> None:
@@ -43,9 +44,10 @@ class Recovery:
         self._reached: float | None = None
 
     def want(self, wish: Wish, now: float, *, wait: bool) -> None:
-        """Set the wish; the first try is due at once, or after a delay.
+        """Request a state; the first attempt is due at once, or after a delay.
 
-        The delay is the first one, unless what was reached before was lost again before it had proven itself.
+        The delay is the first of DELAYS_S. If the state reached before was lost within PROVEN_S, the back-off
+        continues instead.
         """
         flapping = self._reached is not None and now - self._reached < PROVEN_S
         self.wish, self._reached = wish, None
@@ -56,19 +58,19 @@ class Recovery:
             self.failed(now)
 
     def reached(self, now: float) -> None:
-        """The wish came true."""
+        """Record that the requested state was reached at `now`."""
         self.wish, self._reached = "none", now
 
     def give_up(self) -> None:
-        """Want nothing any more."""
+        """Withdraw the request."""
         self.wish = "none"
 
     def due(self, now: float) -> bool:
-        """Whether it is time to try."""
+        """Return whether an attempt is due."""
         return self.wish != "none" and now >= self._next_try
 
     def failed(self, now: float) -> None:
-        """The try did not succeed: wait longer before the next."""
+        """Record a failed attempt and lengthen the delay before the next one."""
         self._next_try = now + self._delay(self.tries)
         self.tries += 1
 
@@ -78,21 +80,22 @@ class Recovery:
 
 
 LOOK_PERIOD_S = 0.1
-"""A thread that ended is noticed within this time in [s] by whoever waits for it."""
+"""Interval in [s] at which a waiting call checks whether the thread has ended."""
 
 SETTLING_MARGIN_S = 2.0
-"""How much longer than its time limit the way to rest is waited for, braking and rest packets included."""
+"""Time in [s] beyond its limit that settling is waited for; covers braking and the rest packets."""
 
 
 class BoardSession:
-    """Packets leave as long as a port is open, at the driver's rate.
+    """Sends packets at the driver's rate as long as a port is open.
 
     Args:
-        sent: Called in the thread that ticks after each tick that told the board a pose.
+        sent: Called in the thread that ticks, after each tick that commanded a pose.
 
     Attributes:
-        driver: The newest driver, also after its port was closed: its last pose stays known; None at first.
-        sending: Whether commands are to be followed, from `start` to `stop`.
+        driver: The newest driver, also after its port was closed, since its last pose stays known; None at
+            first.
+        sending: Whether commands are followed; true from `start` to `stop`.
     """
 
     def __init__(self, sent: Callable[[ServoDriver], None]) -> None:
@@ -101,8 +104,8 @@ class BoardSession:
         self._sent = sent
         self._writer: PeriodicThread | None = None  # while the port is open
         self._watch: HangWatch | None = None  # of that thread
-        self._stable_port = ""  # name of the board that outlives its number; empty: none
-        self._usb = ""  # what the port's USB chip says of itself; empty: nothing
+        self._stable_port = ""  # link to the device that survives a new port number; empty: none
+        self._usb = ""  # identity that the port's USB chip reports; empty: none
 
     @property
     def connected(self) -> bool:
@@ -115,9 +118,9 @@ class BoardSession:
         return "" if self.driver is None else self.driver.port
 
     def fault(self) -> PortError | WriterError | None:
-        """Why no packet leaves any more: the port was lost, or the thread is dead or hangs; None: it ticks.
+        """Return why packets are no longer sent: a lost port, or a dead or hanging thread; None if they are.
 
-        A hang is found by calling this several times a second.
+        A hang is only found if this is called several times per second.
         """
         if self._watch is not None and self._watch.look():
             return WriterError(
@@ -134,7 +137,7 @@ class BoardSession:
         )
 
     def open(self, driver: ServoDriver, port: str, open_wait_s: float) -> None:
-        """Open a port, learn the name that outlives its number, and let the ticks stand by.
+        """Open a port, store the device names that survive a renumbering, and start ticks that only listen.
 
         Raises:
             PortError: it cannot be opened.
@@ -145,19 +148,21 @@ class BoardSession:
         self._stand_by(driver)
 
     def open_again(self, port: str, open_wait_s: float) -> None:
-        """Open the port of the same board anew, whatever its number is now; without one nothing happens.
+        """Open the port of the same board again, whatever its number is now.
 
-        No other board is driven: its USB chip has to say the same as before, and what the board said of
-        itself it has to say again. A port without a USB chip, such as a pseudo-terminal, is not opened again
-        once a board without a number was driven on it. Where that port was lost before a board was known or
-        driven, only a board that says what it is is driven: silence is refused.
+        Before the first `open` nothing happens. No other board is driven: the USB chip has to report the same
+        identity as before, and the board has to report the identity that it reported before. A port without a
+        USB chip, such as a pseudo-terminal, is not opened again once a board without a number was driven on
+        it. If such a port was lost before a board was identified or driven, only a board that identifies
+        itself is driven; silence is refused.
 
         Args:
-            port: Name from the person; empty: the one board that is plugged in.
+            port: Name from the user; empty selects the one board that is plugged in.
             open_wait_s: Quiet time after opening in [s].
 
         Raises:
-            PortError: the board is not there, cannot be told from others, or its port cannot be opened.
+            PortError: the board is missing or cannot be distinguished from others, or its port cannot be
+                opened.
         """
         driver = self.driver
         if driver is None:
@@ -180,7 +185,7 @@ class BoardSession:
         self._stand_by(driver)
 
     def start(self) -> None:
-        """Send from where the board stands; a thread that died is started anew."""
+        """Start to send from the board's present pose; a thread that died is replaced."""
         if self.driver is None:
             return
         self.driver.start()
@@ -189,10 +194,10 @@ class BoardSession:
             self._start_writer(self.driver)
 
     def stop(self, settle_timeout_s: float) -> bool:
-        """Let the servos go to rest, then only listen; an e-stop, a lost port or a lost thread ends the wait.
+        """Settle the servos at rest, then only listen; an e-stop, a lost port or a dead thread ends the wait.
 
         Returns:
-            Whether they rest, or were not to be moved at all; False: they stay where they are by then.
+            True if the servos are at rest, or were not to be moved at all; False if they stopped on the way.
         """
         driver, writer = self.driver, self._writer
         if not self.sending or driver is None:
@@ -208,7 +213,7 @@ class BoardSession:
         return driver.arrived
 
     def hold(self) -> None:
-        """Without ticks: tell the board to stay where it is, if it can be; give up a port that blocks."""
+        """Stop the ticks and command the board to hold, if it has that ability; close a port that blocks."""
         self.sending = False
         hangs = self._watch is not None and self._watch.hangs
         self._end_writer()
@@ -221,10 +226,10 @@ class BoardSession:
             self.driver.hold_board()
 
     def close(self, *, relax: bool = False) -> None:
-        """Close the port; to be stopped before.
+        """Close the port; call `stop` before.
 
         Args:
-            relax: Switch the pulses off first, where the board can and its servos were left at rest.
+            relax: Switch the pulses off first, if the board can and its servos are at rest.
         """
         self.sending = False
         self._end_writer()
@@ -232,13 +237,13 @@ class BoardSession:
             self.driver.disconnect(relax=relax)
 
     def hurry(self) -> None:
-        """Let the next packet leave at once; from any thread."""
+        """Send the next packet at once; callable from any thread."""
         writer = self._writer
         if writer is not None:
             writer.hurry()
 
     def figures(self) -> PeriodFigures | None:
-        """How evenly packets are sent; None while none are."""
+        """Return how regularly packets are sent; None while none are."""
         return self._writer.figures() if self._writer is not None and self.sending else None
 
     def _stand_by(self, driver: ServoDriver) -> None:
@@ -249,14 +254,14 @@ class BoardSession:
         self._end_writer()
 
         def tick() -> None:
-            if driver.tick() is not None and driver.connected:  # it may come back from a port given up
+            if driver.tick() is not None and driver.connected:  # it may return late, from an abandoned port
                 self._sent(driver)
 
         self._writer = PeriodicThread(tick, driver.period)
         self._watch = HangWatch(self._writer)
 
     def _end_writer(self) -> None:
-        """End the thread, and forget one that hangs."""
+        """End the thread; a thread that hangs is abandoned."""
         writer, self._writer, self._watch = self._writer, None, None
         if writer is not None:
             writer.stop()

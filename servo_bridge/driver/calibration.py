@@ -1,14 +1,14 @@
-"""The calibration of a robot's own servos: its file, and a walk through the servos that measures it.
+"""The calibration of a robot's own servos: its file, and a guided measurement of each servo.
 
-robot: tripod
+    robot: tripod
     servos:
       - {joint: servo_0, zero_byte: 179, sign: 1, trim_deg: 2.0, byte_min: 62, byte_max: 178, rest_byte: 150}
 
-The keys are those of the robot's file. Every key but `joint` may be left out and is then the robot's own; so
-may a servo.
+The keys are the same as in the robot's file. Any key but `joint` may be left out, and so may a whole servo;
+the values of the robot's file apply then.
 
-The servos move only through the driver, so limits of position, speed and acceleration hold all the time, and
-the board hears a pose fifty times per second while the person thinks.
+The servos move only through the driver, so limits of position, speed and acceleration always apply, and the
+board receives poses at its rate while the user thinks.
 """
 
 from __future__ import annotations
@@ -21,40 +21,36 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from servo_bridge import PortError
 from servo_bridge.driver.driver import ServoDriver
 from servo_bridge.driver.servo import angle_to_byte, byte_to_angle
 from servo_bridge.driver.writer import PeriodicThread
-from servo_bridge.errors import PortError
-from softsim_core.base.errors import ConfigError, SceneError, SoftSimError
-from softsim_core.base.files import write_file
-from softsim_core.base.names import known_names
-from softsim_core.scene.board import BusServo, Servo, ServoCalibration
-from softsim_core.scene.io.files import comment, scalar
-from softsim_core.scene.io.yaml_source import read_yaml
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import ConfigError, SceneError, SoftSimError, known_names, write_file
+from softsim_core.scene import BusServo, RobotDescription, Servo, ServoCalibration
+from softsim_core.scene.io import comment, read_yaml, scalar
 
 AnyServo = TypeVar("AnyServo", ServoCalibration, BusServo)
 
 
 def default_file(robot: str) -> Path:
-    """Where the calibration of a robot is kept: softsim/servos/<robot>.yaml in the person's configuration."""
+    """Return the calibration file of a robot: softsim/servos/<robot>.yaml in the user's configuration."""
     configuration = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
     return Path(configuration) / "softsim" / "servos" / f"{robot}.yaml"
 
 
 def file_for(choice: str, robot: str) -> Path | None:
-    """The file that the parameter `calibration` means: a path, the default file where it exists, or none."""
+    """Return the file that the parameter `calibration` names: a path, an existing default file, or None."""
     if choice == "auto":
         return default_file(robot) if default_file(robot).is_file() else None
     return Path(choice).expanduser() if choice else None
 
 
 def load_calibration(file: Path, robot: str, servos: Sequence[AnyServo]) -> tuple[AnyServo, ...]:
-    """The servos of a board with what the file says of them.
+    """Return the servos of a board with the values of a calibration file.
 
     Args:
         file: The calibration.
-        robot: Name of the robot; the file of another one is refused.
+        robot: Name of the robot; a file for another one is refused.
         servos: The robot's own calibration, in packet order.
 
     Raises:
@@ -86,7 +82,7 @@ def load_calibration(file: Path, robot: str, servos: Sequence[AnyServo]) -> tupl
 
 
 def calibrated_robot(robot: RobotDescription, file: Path) -> RobotDescription:
-    """The robot with its board's servos as the file says.
+    """Return the robot with the servo calibration of a file.
 
     Raises:
         ConfigError: see `load_calibration`.
@@ -104,7 +100,7 @@ def calibrated_robot(robot: RobotDescription, file: Path) -> RobotDescription:
 
 
 def save_calibration(file: Path, robot: str, servos: Sequence[Servo]) -> None:
-    """Write the file in one go: a reader, or a power cut, meets the old one or the new one, never half of it.
+    """Write a calibration file atomically: a reader, or a power cut, sees the old file or the new one.
 
     Raises:
         ConfigError: it cannot be written.
@@ -144,7 +140,7 @@ def _changed(servo: AnyServo, entry: dict[str, Any], file: Path, where: str) -> 
 
 
 Ask = Callable[[str], str]
-"""Shows a question, returns the line that the person typed."""
+"""Shows a question and returns the line that the user typed."""
 
 Say = Callable[[str], None]
 
@@ -154,7 +150,7 @@ NUDGES = {"+": 1.0, "++": 5.0, "-": -1.0, "--": -5.0}
 
 
 class CalibrationAbortedError(SoftSimError):
-    """The person ended the calibration; nothing is written."""
+    """The user ended the calibration; nothing is written."""
 
     def __init__(self) -> None:
         super().__init__("calibration ended; nothing was written")
@@ -162,13 +158,14 @@ class CalibrationAbortedError(SoftSimError):
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What the person saw of one servo.
+    """What the user observed of one servo.
 
     Attributes:
-        mirrored: It turns the other way.
-        reference_rad: Joint angle at which its mounting was judged, in [rad].
-        offset_deg: How much more than told the servo had to turn until the joint stood there, in [deg].
-        byte_min, byte_max: Ends of the range that is free; None: as before.
+        mirrored: Whether the servo turns the other way.
+        reference_rad: Joint angle at which the mounting was compared, in [rad].
+        offset_deg: Degrees of the servo to add to the commanded ones until the joint is at the reference, in
+            [deg].
+        byte_min, byte_max: Ends of the range without obstruction; None leaves them unchanged.
     """
 
     mirrored: bool
@@ -179,9 +176,10 @@ class Observed:
 
 
 def calibrated(servo: ServoCalibration, seen: Observed) -> ServoCalibration:
-    """The servo's calibration after what was seen: at the reference it is sent what proved right there.
+    """Return the calibration of a servo after an observation.
 
-    A mirrored servo counts backwards from the middle of its range. The rest angle stays, as far as the range
+    At the reference angle the servo is sent the byte at which the user saw the joint in place. A mirrored
+    servo counts backwards from the middle of its range. The rest angle is unchanged as far as the range
     allows.
 
     Raises:
@@ -211,7 +209,7 @@ class ServoMover:
     """Sends the newest pose at the board's rate from a thread; `move` waits until it is reached.
 
     Args:
-        driver: Connected; the caller disconnects it after `close`.
+        driver: A connected driver; the caller disconnects it after `close`.
     """
 
     def __init__(self, driver: ServoDriver) -> None:
@@ -231,7 +229,7 @@ class ServoMover:
         self._wait(lambda: self._driver.sent_bytes is not None, deadline_s)
 
     def move(self, joint: str, angle_rad: float) -> float:
-        """Turn one joint, the others stay; the angle reached in [rad], within the limits.
+        """Turn one joint while the others stay, and return the angle reached in [rad], within the limits.
 
         Raises:
             PortError: the board is lost.
@@ -244,13 +242,13 @@ class ServoMover:
         return goal
 
     def sent_byte(self, joint: str) -> int:
-        """Servo byte that the joint was told last."""
+        """Return the servo byte that was sent last to a joint."""
         with self._changed:
             assert self._driver.sent_bytes is not None
             return self._driver.sent_bytes[self._driver.servo_joints.index(joint)]
 
     def close(self) -> None:
-        """Stop sending, go to rest at the limits' speed."""
+        """Stop sending and settle at rest at the limits' speed."""
         self._thread.stop()
         self._thread.join()
         self._driver.settle(MOVE_TIMEOUT_S)
@@ -278,19 +276,19 @@ class ServoMover:
 
 
 def calibrate(robot: RobotDescription, mover: ServoMover, ask: Ask, say: Say) -> tuple[ServoCalibration, ...]:
-    """Walk through every servo of the board; the last answer to each question counts.
+    """Guide the user through every servo of the board; the last answer to each question counts.
 
     Args:
-        robot: With the calibration that the driver of `mover` has, as the first guess.
+        robot: The robot with the calibration that the driver of `mover` uses, as the first guess.
         mover: Moves the servos.
-        ask: Asks the person.
-        say: Tells the person.
+        ask: Asks the user a question.
+        say: Shows a line to the user.
 
     Returns:
         The new calibrations, in packet order.
 
     Raises:
-        CalibrationAbortedError: the person typed q.
+        CalibrationAbortedError: the user typed q.
         PortError: the board is lost.
     """
     assert robot.board is not None
@@ -341,7 +339,7 @@ def _turns_the_other_way(servo: ServoCalibration, rest: float, mover: ServoMover
 
 
 def _nudge(servo: ServoCalibration, start: float, mover: ServoMover, ask: Ask, say: Say, what: str) -> float:
-    """Degrees of the servo that the person added, as far as the limits let them."""
+    """Return the degrees of the servo that the user added, as far as the limits allow."""
     offset = 0.0
     while True:
         answer = _answer(ask, f"{what} [{offset:+.3g} deg, byte {mover.sent_byte(servo.joint)}]")
@@ -358,7 +356,7 @@ def _nudge(servo: ServoCalibration, start: float, mover: ServoMover, ask: Ask, s
 
 
 def _degrees(answer: str) -> float | None:
-    """The step that was typed, in [deg]; None where it is none."""
+    """Parse a typed step in [deg]; return None if the text is no finite number."""
     try:
         step = NUDGES[answer] if answer in NUDGES else float(answer)
     except ValueError:
@@ -374,6 +372,6 @@ def _answer(ask: Ask, question: str) -> str:
 
 
 def _reference(robot: RobotDescription, joint: str, rest: float) -> float:
-    """The joint's angle in the robot's first named pose; its rest angle where there is none."""
+    """Return the joint's angle in the robot's first joint pose; its rest angle if there is none."""
     index = robot.joint_names.index(joint)
     return next((float(pose[index]) for pose in robot.poses.values()), rest)

@@ -1,7 +1,7 @@
 """From commands to packets on a port: motion, protocol and port of one board. The clock is an argument.
 
 Two threads may use a driver: one ticks, the other gives commands. The e-stop needs neither: it is a latch
-that every tick looks at first. A port or a protocol that hangs keeps the ticks, and nobody else.
+that every tick checks first. A port or a protocol that hangs blocks the ticks, and no other caller.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from servo_bridge import PortError, ProtocolError
 from servo_bridge.driver.board_port import BoardPort, Word
 from servo_bridge.driver.link import BoardLink
 from servo_bridge.driver.ports import SerialTransport, Transport
@@ -21,25 +22,23 @@ from servo_bridge.driver.safety import EStop, MotionSettings, ServoMotion, rest_
 from servo_bridge.driver.servo import within
 from servo_bridge.driver.takeover import BoardPose, Takeover
 from servo_bridge.driver.writer import ends_in_time
-from servo_bridge.errors import PortError, ProtocolError
 from servo_bridge.protocols import AUTO, WAITING, Ability, TiltReading, candidates
-from softsim_core.base.errors import CommandError, SceneError
-from softsim_core.physics.mechanics.limits import check_command, check_named_command
-from softsim_core.scene.board import BoardDescription, BusServo
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.text import named, sentence
+from softsim_core.base import CommandError, SceneError
+from softsim_core.physics.mechanics import check_command, check_named_command
+from softsim_core.scene import BoardDescription, BusServo, RobotDescription
+from softsim_node import named, sentence
 
 REST_REPEATS = 3
-"""Last packets are sent so often: one byte lost on the line does not decide where the servos stay."""
+"""Number of repetitions of the last packets, since one lost byte must not decide where the servos stop."""
 
 Aim: TypeAlias = Literal["listen", "follow", "settle"]
 
 
 class Course:
-    """The present aim, and how far the way to rest has come.
+    """The mode of the driver (listen, follow or settle), and the progress of settling.
 
     Attributes:
-        settled: Set while the servos are not on the way to rest.
+        settled: Set while the servos are not settling.
     """
 
     def __init__(self) -> None:
@@ -47,21 +46,21 @@ class Course:
         self.settled.set()
         self._aim: Aim = "follow"
         self._settle_until = 0.0
-        self._rest_packets = 0  # sent at the end of the way to rest
+        self._rest_packets = 0  # sent at the end of settling
 
     @property
     def listens(self) -> bool:
-        """Whether no pose is to be sent."""
+        """Whether no pose is sent."""
         return self._aim == "listen"
 
     @property
     def settles(self) -> bool:
-        """Whether the servos are on the way to rest."""
+        """Whether the servos are moving to the rest pose at the end."""
         return self._aim == "settle"
 
     @property
     def arrived(self) -> bool:
-        """Whether the newest way to rest ended there."""
+        """Whether the newest settling ended at the rest pose."""
         return self._rest_packets >= REST_REPEATS
 
     def follow(self) -> None:
@@ -69,7 +68,7 @@ class Course:
         self._aim = "follow"
 
     def settle(self, until: float) -> None:
-        """Go to rest; after the time `until` in [s] brake and stay where the servos are by then."""
+        """Move to the rest pose; after the time `until` in [s], brake and stop on the way."""
         self._aim, self._rest_packets = "settle", 0
         self._settle_until = until
         self.settled.clear()
@@ -80,13 +79,16 @@ class Course:
         self.settled.set()
 
     def step(self, motion: ServoMotion, now: float) -> tuple[float, ...]:
-        """The next pose in [rad] to send."""
+        """Return the next pose to send, in [rad]."""
         if not self.settles:
             return motion.step(now)
         return motion.brake(now) if self._late(now) else motion.step_to_rest(now)
 
     def sent(self, motion: ServoMotion, now: float) -> bool:
-        """The pose of `step` has left: whether the way to rest ends with it, arrived or out of time."""
+        """Record that the pose of `step` was sent; return whether settling ends with it.
+
+        Settling ends at the rest pose, or when its time is over and the servos have stopped.
+        """
         if not self.settles:
             return False
         self._rest_packets += motion.at_rest
@@ -97,7 +99,7 @@ class Course:
 
 
 class ServoCommands:
-    """The joints of a robot and those among them that servos turn.
+    """The joints of a robot, and the subset that servos turn.
 
     Args:
         joint_names: The robot's joints, in the order of commands without names.
@@ -109,7 +111,7 @@ class ServoCommands:
         self._order = [self._joint_names.index(name) for name in self._servo_joints]
 
     def of_all(self, values: Sequence[float]) -> list[float]:
-        """Angles of the servos from one position per joint of the robot, in [rad].
+        """Return the angles of the servos in [rad] from one position per joint of the robot.
 
         Raises:
             CommandError: wrong length or a value that is not finite.
@@ -118,7 +120,7 @@ class ServoCommands:
         return [checked[index] for index in self._order]
 
     def of_names(self, positions: Mapping[str, float]) -> list[float]:
-        """Angles of the servos from positions in [rad] by joint name; names without a servo are ignored.
+        """Return the angles of the servos from positions in [rad] by joint name; ignore other joints.
 
         Raises:
             CommandError: a servo's joint is missing.
@@ -132,7 +134,7 @@ class ServoCommands:
         return [positions[name] for name in self._servo_joints]
 
     def of_some(self, names: Sequence[str], positions: Sequence[float]) -> Mapping[str, float]:
-        """Angles by joint of the servos that are named, in [rad]; a NaN stands for no command.
+        """Return the commanded angles in [rad] of the named servos, by joint; a NaN means no command.
 
         Raises:
             CommandError: unknown or repeated names, another number of positions, or an infinite one.
@@ -142,24 +144,24 @@ class ServoCommands:
 
 
 SLOWEST_HZ, FASTEST_HZ = 10.0, 200.0
-"""Allowed packets a second: less, and a board takes the pauses for silence; more, and the line is full."""
+"""Limits of packets per second. Below, a board takes the pauses for silence; above, the line is full."""
 
 
 def steady_time() -> float:
-    """Steady clock in [s] that also counts the time in which the computer was suspended."""
+    """Return the time in [s] of a steady clock that also counts while the computer is suspended."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 @dataclass(slots=True)
 class DriverCounts:
-    """What the driver did since it was made.
+    """Counters of a driver since it was created.
 
     Attributes:
         packets: Packets written.
-        refused: Commands refused as a whole.
-        last_refusal: Sentence of the newest refusal.
+        refused: Commands that were refused as a whole.
+        last_refusal: Message of the newest refusal.
         avoided: Packets in which a byte 100 was replaced.
-        restarts: Times that a board which says what it is was met, or met again after a reset.
+        restarts: Number of times that a board identified itself, at first or after a reset.
     """
 
     packets: int = 0
@@ -170,24 +172,25 @@ class DriverCounts:
 
 
 class ServoDriver(BoardPort):
-    """Sends the newest command to the board, through limits and ramps, one packet a tick.
+    """Sends the newest command to the board, through limits and ramps, one packet per tick.
 
     Args:
         robot: Description with a board; its joints give names, order and limits.
         settings: Timing of hold and rest.
-        rate: Packets a second in [Hz]; None takes the board's.
-        avoid_byte_100: Send no byte 100 where the protocol can help it; see `BoardProtocol`.
-        protocol: Name of what the board speaks; auto: as the robot's board says, else found out, see `link`.
-        baud_rate: Bits a second; None takes the protocol's own where it has one, else the board's.
-        on_tilt: Called with every reading of a board's IMU, in the reading thread.
-        e_stop: The latch that every tick looks at; None makes one.
+        rate: Packets per second in [Hz]; None takes the board's.
+        avoid_byte_100: Send no byte 100 if the protocol can avoid it; see `BoardProtocol`.
+        protocol: Name of the board's protocol; "auto" takes the one of the robot's board, else detects it,
+            see `link`.
+        baud_rate: Bits per second; None takes the protocol's own if it has one, else the board's.
+        on_tilt: Called in the reading thread with every reading of a board's IMU.
+        e_stop: The latch that every tick checks; None creates one.
         clock: Steady clock in [s].
         wait: Sleeps for a time in [s]; used only by `settle`.
         open_port: Opens a port by its name and baud rate.
 
     Raises:
-        SceneError: the robot has no board, a protocol that is unknown or does not fit its servos, a servo
-            whose rest byte lies outside its limits, or a rate that is not allowed.
+        SceneError: the robot has no board; the protocol is unknown or does not fit its servos; the rest byte
+            of a servo lies outside its limits; or the rate is not allowed.
     """
 
     def __init__(
@@ -233,7 +236,7 @@ class ServoDriver(BoardPort):
         self.counts = DriverCounts()
         self._course = Course()
         self._pose = BoardPose(self.motion, self._lock)
-        self._told = False  # the last tick told the board a pose, or to hold
+        self._told = False  # the last tick sent a pose, or the command to hold
         self.sent_bytes: tuple[int, ...] | None = None
         self._wait, self._open_port = wait, open_port
         self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
@@ -245,44 +248,45 @@ class ServoDriver(BoardPort):
 
     @property
     def sending(self) -> bool:
-        """Whether the last tick told the board a pose, or to hold."""
+        """Whether the last tick sent the board a pose, or the command to hold."""
         return self._told and self.connected
 
     @property
     def takeover(self) -> Takeover:
-        """Whether and why the board's pose has to be asked for before a pose is sent."""
+        """Whether and why the board has to be asked for its pose before a pose is sent."""
         return self._pose.takeover
 
     @property
     def moved(self) -> bool:
-        """Whether the board was sent a pose since `connect`."""
+        """Whether a pose was sent to the board since `connect`."""
         return self._pose.moved
 
     @property
     def settled(self) -> threading.Event:
-        """Set while the servos are not on the way to rest."""
+        """Set while the servos are not settling."""
         return self._course.settled
 
     def set_timing(self, settings: MotionSettings) -> None:
-        """Take new hold and rest times at once; the longest step stays two periods."""
+        """Apply new hold and rest times at once; the longest step stays two periods."""
         with self._lock:
             self.motion.settings = replace(settings, longest_step_s=2.0 * self.period)
 
     def connect(
         self, port: str, quiet_s: float = 0.0, *, again: bool = False, silent_allowed: bool = True
     ) -> None:
-        """Open the port; nothing is written until the board spoke, or for `quiet_s` seconds; ticks send then.
+        """Open the port; the ticks send once the board has reported, or after a quiet time.
 
         Args:
             port: Name of the port.
-            quiet_s: Quiet time after opening in [s].
-            again: Drive the board that was met before, and no other: one that does not say the same is
-                refused by `tick`, and so is silence where that one has spoken.
-            silent_allowed: Drive a board that says nothing, in a protocol of such boards; else `tick` refuses
-                it.
+            quiet_s: Quiet time in [s] after the opening; nothing is written in it unless the board sends
+                first.
+            again: Drive only the board that was accepted before: `tick` refuses a board with another
+                identity, and refuses silence if that board has an identity.
+            silent_allowed: Drive a board that sends nothing, in a protocol of such boards; else `tick`
+                refuses it.
 
         Raises:
-            PortError: it cannot be opened.
+            PortError: the port cannot be opened.
         """
         self.disconnect()
         transport = self._open_port(port, self.baud_rate)
@@ -292,10 +296,10 @@ class ServoDriver(BoardPort):
             self._pose.opened()
 
     def disconnect(self, *, relax: bool = False) -> None:
-        """Close the port, if one is open; the last pose sent stays known.
+        """Close the port if one is open; the last pose sent stays known.
 
         Args:
-            relax: Switch the pulses off first, where the board can and its servos were left at rest.
+            relax: Switch the pulses off first, if the board can and its servos are at rest.
         """
         with self._lock:
             words: Sequence[Word] = ()
@@ -308,7 +312,7 @@ class ServoDriver(BoardPort):
         ends_in_time(close)
 
     def start(self) -> None:
-        """Begin to send from the board's pose, else the last one sent (at first the rest pose).
+        """Start to send from the board's pose, else from the last one sent (at first the rest pose).
 
         Earlier commands do not count.
         """
@@ -318,12 +322,12 @@ class ServoDriver(BoardPort):
             self._course.follow()
 
     def stand_by(self) -> None:
-        """Only listen from now on, and tell a board that can hold to do so while the e-stop is latched."""
+        """Only listen from now on; while the e-stop is latched, ticks still send hold to a board that can."""
         with self._lock:
             self._end_course()
 
     def command(self, values: Sequence[float]) -> None:
-        """Take a command of one position per joint of the robot, in its order, in [rad].
+        """Accept one position in [rad] per joint of the robot, in the robot's order.
 
         Raises:
             CommandError: wrong length or a value that is not finite; nothing of it is used.
@@ -334,7 +338,7 @@ class ServoDriver(BoardPort):
                 self.motion.command(angles, self._clock())
 
     def command_named(self, positions: Mapping[str, float]) -> None:
-        """Take positions in [rad] by joint name; names that drive no servo are ignored.
+        """Accept positions in [rad] by joint name; names that drive no servo are ignored.
 
         Raises:
             CommandError: a servo's joint is missing, or its value is not finite; nothing of it is used.
@@ -345,9 +349,9 @@ class ServoDriver(BoardPort):
                 self.motion.command(angles, self._clock())
 
     def command_some(self, names: Sequence[str], positions: Sequence[float]) -> None:
-        """Take positions in [rad] of some of the robot's joints; the other servos go on as they are told.
+        """Accept positions in [rad] of some of the robot's joints; other servos keep their targets.
 
-        A NaN stands for no command; one for no servo at all changes nothing.
+        A NaN means no command. A command without any servo changes nothing.
 
         Raises:
             CommandError: unknown or repeated names, another number of positions, or an infinite one; nothing
@@ -363,7 +367,7 @@ class ServoDriver(BoardPort):
                 self.motion.command([told[name] for name in self.servo_joints], now)
 
     def refuse(self, error: CommandError) -> None:
-        """Count a command that was refused."""
+        """Count a refused command and store its message."""
         self.counts.refused += 1
         self.counts.last_refusal = sentence(error)
 
@@ -376,11 +380,11 @@ class ServoDriver(BoardPort):
             raise
 
     def tick(self) -> tuple[int, ...] | None:
-        """Send the packet for now; call it once a period.
+        """Send the packet for now; call it once per period.
 
         Returns:
-            The servo bytes that the board was told last; None where it was told no pose: standing by, in the
-            board's quiet time, and while its pose is taken over.
+            The servo bytes sent last; None if no pose applies: while only listening, in the board's quiet
+            time, and during a takeover.
 
         Raises:
             PortError: the port vanished or takes no data; the pose stays the last one sent.
@@ -394,17 +398,17 @@ class ServoDriver(BoardPort):
             self._end_course()
             raise
         finally:
-            if latched:
+            if latched:  # also after an error: then there is nothing left to send
                 self.motion.e_stop.heed()
 
     def begin_settling(self, timeout_s: float) -> bool:
-        """Go to the rest pose at the limits' speed from the next tick on, then stand by.
+        """Move to the rest pose at the limits' speed from the next tick on, then only listen.
 
-        A latched e-stop ends it: nothing moves. When the way takes longer than `timeout_s` seconds, the
-        servos brake and stay where they are by then.
+        A latched e-stop ends the move. If the move takes longer than `timeout_s` seconds, the servos brake
+        and stop on the way.
 
         Returns:
-            Whether there is a way to go; not without a port, nor for a board that was not told to move.
+            Whether a move has begun; False without a port, and for a board that was never sent a pose.
         """
         with self._lock:
             if self._transport is None or self.motion.e_stop.latched or not self._pose.moved:
@@ -414,7 +418,9 @@ class ServoDriver(BoardPort):
             return True
 
     def settle(self, timeout_s: float = 1.5, sent: Callable[[], None] = lambda: None) -> bool:
-        """As `begin_settling`, but ticks itself and blocks until the end; `sent` is called after each packet.
+        """Settle like `begin_settling`, but tick here and block until the end.
+
+        `sent` is called after each packet.
 
         Returns:
             Whether the last packet was the rest pose.
@@ -432,11 +438,11 @@ class ServoDriver(BoardPort):
 
     @property
     def arrived(self) -> bool:
-        """Whether the newest way to rest ended there."""
+        """Whether the newest settling ended at the rest pose."""
         return self._course.arrived
 
     def hold_board(self) -> None:
-        """Tell the board to stay where it is, where it can be told: for whoever finds the ticks ended."""
+        """Command the board to hold, if it can; for a caller that finds the ticks ended."""
         words = self._holds()
         ends_in_time(lambda: [self._say(each) for each in words])
 
@@ -448,7 +454,7 @@ class ServoDriver(BoardPort):
         stalled_s = self._pose.passed_s(now)
         if link.state(now) == WAITING:
             with self._lock:
-                self.motion.forget(now)
+                self.motion.forget(now)  # commands given in the quiet time do not count
             self._ask()
             return None
         if self.motion.e_stop.latched:
@@ -470,7 +476,7 @@ class ServoDriver(BoardPort):
         return self._send(transport, link, now)
 
     def _send(self, transport: Transport, link: BoardLink, now: float) -> tuple[int, ...]:
-        """Write the next pose of the present course."""
+        """Write the next pose of the present mode."""
         with self._lock:
             before = self.motion.positions
             positions = self._course.step(self.motion, now)
@@ -503,7 +509,7 @@ class ServoDriver(BoardPort):
         self._told = False
 
     def applied_angles(self) -> tuple[float, ...]:
-        """Joint angles in [rad], in servo order: as measured where the servos do, else the nominal ones sent.
+        """Return joint angles in [rad], in servo order: as measured if the servos measure, else as sent.
 
         NaN before the first packet.
         """
@@ -511,10 +517,10 @@ class ServoDriver(BoardPort):
 
 
 def _board(robot: RobotDescription, board: BoardDescription, rate: float, baud_rate: int) -> BoardDescription:
-    """The board as it is used: its servos on a bus narrowed to the limits of their joints.
+    """Return the board as it is used: the ranges of bus servos narrowed to the limits of their joints.
 
     Raises:
-        SceneError: a joint of a servo does not turn, or a servo's rest lies outside the limits.
+        SceneError: the joint of a servo is not revolute, or a servo's rest lies outside the limits.
     """
     joints = {joint.name: joint for joint in robot.joints}
     for servo in board.servos:

@@ -1,9 +1,9 @@
-"""The link to the board at the other end: which protocol it speaks, and whether it still lives.
+"""The link to the board at the other end of a port: its protocol, and whether it still responds.
 
-Detection is passive: nothing is written to an unknown board. What it says within the quiet time after opening
-is shown to every protocol it may speak; the first that recognises it is kept, and silence makes it a board of
-the last one. A board that was met on a port that was lost since is met again only as the same one: until then
-nothing is written but the question who it is, and a board that answers otherwise is refused. Times are
+Detection is passive: nothing is written to an unknown board. What it sends within the quiet time after
+opening is passed to every protocol that it may speak. The first protocol that recognises it is used; silence
+selects the last one. After a port was lost, only the board that was accepted before is accepted again: until
+then only the query for its identity is written, and a board with another identity is refused. Times are
 seconds of one steady clock that the caller reads.
 """
 
@@ -14,30 +14,30 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from servo_bridge import PortError
 from servo_bridge.driver.ports import Transport
-from servo_bridge.errors import PortError
 from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
 
 TELEMETRY_TIMEOUT_S = 0.5
-"""Without telemetry for this long a board that sent some is lost."""
+"""A board that has sent telemetry is lost after this time in [s] without any."""
 
 LONGEST_LOOK_S = 0.1
-"""Time in [s] that one look at the port stands for at most: longer, and it was this computer that slept."""
+"""Most time in [s] that one check of the port counts for; in a longer gap this computer was asleep."""
 
 LONGEST_TURN_S = 0.5
-"""The conversation is waited for so long in [s]; longer, and the protocol hangs."""
+"""Longest wait in [s] for the protocol object; after it the protocol counts as hanging."""
 
 BANNER_GRACE_S = 1.0
-"""Longer than the quiet time that a board has to answer where it has to say what it is."""
+"""Time in [s] beyond the quiet time in which a board may identify itself, if it has to."""
 
 
 @dataclass(frozen=True, slots=True)
 class MetBoard:
-    """A board that a bridge has spoken to.
+    """A board that the bridge has accepted.
 
     Attributes:
         protocol: Name of the protocol it speaks.
-        identity: What tells it from others, see `BoardProtocol.identity`; empty: not known.
+        identity: What distinguishes it from others, see `BoardProtocol.identity`; empty if unknown.
     """
 
     protocol: str
@@ -45,22 +45,23 @@ class MetBoard:
 
 
 class BoardLink:
-    """State of one opened port; safe to use from a reading and a writing thread.
+    """State of one open port; safe to use from a reading and a writing thread.
 
     Args:
         port: Name of the port, for messages.
-        boards: A new conversation in each protocol that the board may speak; the last one is written in where
-            none recognises it.
-        quiet_s: Time in [s] after opening in which nothing is written, unless the board has spoken.
+        boards: A new object of each protocol that the board may speak; the last one is used if none
+            recognises the board.
+        quiet_s: Time in [s] after opening in which nothing is written, unless the board sends first.
         now: Time of the opening.
-        before: The board that was met on a port lost since, which is to be met again; None: any board.
-        silent_allowed: A board that says nothing may be driven, in the last protocol; False: `check` refuses
-            it.
+        before: The board that was accepted on a port that was lost, and the only one accepted now; None
+            accepts any board.
+        silent_allowed: Whether a board that sends nothing may be driven, in the last protocol; if False,
+            `check` refuses it.
 
     Attributes:
         tilts: Readings of an IMU since the port was opened.
-        met: The board met here, or before; None as long as none is, and as long as its answer to the question
-            who it is may still come.
+        met: The board accepted here or before; None until then, and while its answer to the identity query
+            may still arrive.
     """
 
     def __init__(
@@ -85,25 +86,25 @@ class BoardLink:
         self._recognised: BoardProtocol | None = None
         self._lock = threading.RLock()
         self._quiet_s, self._quiet_until = quiet_s, now + quiet_s
-        self._heard: float | None = None  # newest message that told the board's protocol
-        self._looked = now  # newest look at the port, whether it had something or not
-        self._unheard_s = 0.0  # time looked at the port since then
+        self._heard: float | None = None  # newest message that identifies the protocol
+        self._looked = now  # newest check of the port, with or without data
+        self._unheard_s = 0.0  # time in [s] that the port was checked since then
         self._tilt_time: float | None = None
         self._restarted = False
         self._fault: PortError | None = None
 
     @property
     def board(self) -> BoardProtocol:
-        """The conversation in the board's protocol, as far as it is known; to be used within `speaking`."""
+        """Protocol object of the board, as far as its protocol is known; use it within `speaking`."""
         return self._recognised or self._boards[-1]
 
-    # What the reading side tells
+    # Called by the reading side
 
     def receive(self, data: bytes, now: float) -> tuple[TiltReading, ...]:
-        """Take what the port gave at `now`, which may be nothing.
+        """Process what the port returned at `now`, which may be nothing.
 
         Returns:
-            Readings of an IMU among it.
+            IMU readings contained in it.
 
         Raises:
             PortError: the protocol failed.
@@ -116,7 +117,7 @@ class BoardLink:
                 decoded = board.decode(data)
                 if decoded.recognised and Ability.DETECT in board.abilities:
                     if self._heard is None:
-                        self.met = self._before  # silence may have been taken for another board
+                        self.met = self._before  # silence may have selected another protocol
                     self._restarted |= decoded.restarted or self._heard is None
                     self._recognised, self._heard, self._unheard_s = board, now, 0.0
                 if board is self.board:
@@ -128,14 +129,14 @@ class BoardLink:
             return tilts
 
     def fail(self, error: PortError) -> None:
-        """The port cannot be read any more; `check` raises this from now on."""
+        """Record that the port cannot be read any more; `check` raises this error from now on."""
         self._fault = error
 
-    # What the writing side asks
+    # Called by the writing side
 
     @contextmanager
     def speaking(self) -> Iterator[BoardProtocol]:
-        """The board's conversation, for one thread at a time.
+        """Give access to the protocol object, to one thread at a time.
 
         Raises:
             PortError: the protocol failed inside the `with` block, or hangs in another thread.
@@ -160,7 +161,7 @@ class BoardLink:
             self._lock.release()
 
     def state(self, now: float) -> str:
-        """Name of the protocol to write in, or WAITING: it is too early to write."""
+        """Return the name of the protocol to write in, or WAITING while it is too early to write."""
         try:
             with self.speaking() as board:
                 if self._heard is None:
@@ -173,7 +174,7 @@ class BoardLink:
             return WAITING
 
     def _meet(self, board: BoardProtocol) -> bool:
-        """Whether the board may be written to: none was met before, or it is that one."""
+        """Return whether the board may be written to: none was accepted before, or it is the same one."""
         identity, met = board.identity(), self.met
         if met is not None and met.identity:
             return not self._is_stranger(board) and identity is not None
@@ -184,7 +185,7 @@ class BoardLink:
         return True
 
     def _is_stranger(self, board: BoardProtocol) -> bool:
-        """Whether what the board says shows that it is another one than the one met."""
+        """Return whether the board's identity shows that it is not the one accepted before."""
         identity, met = board.identity(), self.met
         if met is None:
             return False
@@ -192,10 +193,10 @@ class BoardLink:
         return another or board.name != met.protocol
 
     def check(self, now: float) -> None:
-        """Whether the board still lives.
+        """Check that the board still responds.
 
         Raises:
-            PortError: the port failed, telemetry stopped, or the board is not what was asked for.
+            PortError: the port failed, telemetry stopped, or the board is not the requested one.
         """
         with self.speaking() as board:
             if self._fault is not None:
@@ -231,27 +232,30 @@ class BoardLink:
 
     @property
     def asks(self) -> bool:
-        """Whether the board may be asked: it was recognised, or speaks only when it is asked."""
+        """Whether the board may be queried: it was recognised, or sends only when it is asked."""
         return self._recognised is not None or Ability.ASKED in self.board.abilities
 
     @property
     def _must_speak(self) -> bool:
-        """Whether a board that says nothing is none of those asked for."""
+        """Whether a board that sends nothing is refused: every possible protocol identifies itself."""
         return Ability.DETECT in self._boards[-1].abilities
 
     def take_restart(self) -> bool:
-        """Whether the board (re)started since the last call: limits and pose have to be told again."""
+        """Return whether the board has (re)started since the last call, and reset that flag.
+
+        A board that has restarted needs its limits and a pose again.
+        """
         with self.speaking():
             restarted, self._restarted = self._restarted, False
             return restarted
 
     def heard_age(self, now: float) -> float | None:
-        """Time in [s] since the newest message that told the board's protocol; None before the first."""
+        """Return the age in [s] of the newest message that identifies the protocol; None before one."""
         heard = self._heard
         return None if heard is None else max(now - heard, 0.0)
 
     def tilt_age(self, now: float) -> float | None:
-        """Time in [s] since the newest reading of an IMU; None before the first."""
+        """Return the time in [s] since the newest reading of an IMU; None before the first."""
         tilt_time = self._tilt_time
         return None if tilt_time is None else max(now - tilt_time, 0.0)
 
@@ -261,11 +265,11 @@ def _described(protocol: str, identity: str) -> str:
 
 
 class Reader:
-    """A thread that hands everything a port gives to a link until the port fails or `stop` is called.
+    """A thread that passes everything from a port to a link until the port fails or `stop` is called.
 
     Args:
         source: The port.
-        link: Takes the bytes.
+        link: Receives the bytes.
         clock: Steady clock in [s].
         on_tilt: Called in this thread with every reading of an IMU.
     """
@@ -283,7 +287,7 @@ class Reader:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread and wait for it, though not for a protocol that hangs."""
+        """End the thread and wait for it, but not for a protocol that hangs."""
         self._stop.set()
         self._source.cancel_read()
         self._thread.join(LONGEST_TURN_S)

@@ -1,4 +1,4 @@
-"""Serial ports: which one the board is on, and opening it for one user only."""
+"""Serial ports: find the one that the board is on, and open it for one user only."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from typing import Protocol
 import serial
 from serial.tools import list_ports
 
-from servo_bridge.errors import PortError
-from softsim_core.base.errors import listing
-from softsim_node.text import printable
+from servo_bridge import PortError
+from softsim_core.base import listing
+from softsim_node import printable
 
 READ_TIMEOUT_S = 0.05
 WRITE_TIMEOUT_S = 0.2
@@ -28,11 +28,11 @@ class Transport(Protocol):
     port: str
 
     def write(self, packet: bytes) -> None:
-        """Send one packet; PortError where the port failed."""
+        """Send one packet; raise PortError if the port failed."""
         ...
 
     def read(self) -> bytes:
-        """Bytes that came in, none after a short time without any; PortError where the port failed."""
+        """Return received bytes, none after a short time without any; raise PortError if the port failed."""
         ...
 
     def cancel_read(self) -> None:
@@ -47,15 +47,15 @@ class Transport(Protocol):
 class SerialTransport:
     """An open serial port: whole packets out, bytes in.
 
-    One thread may read while another one writes. The modem lines are left alone: opening a port resets most
-    boards whatever is asked of them, and a pseudo-terminal has none.
+    One thread may read while another one writes. The modem lines are not set: opening a port resets most
+    boards in any case, and a pseudo-terminal has no modem lines.
 
     Args:
         port: Name of the device, for example /dev/ttyACM0.
-        baud_rate: Bits a second.
+        baud_rate: Bits per second.
 
     Raises:
-        PortError: the port cannot be opened; the sentence says why and what to do.
+        PortError: the port cannot be opened; the message says why and what to do.
     """
 
     def __init__(self, port: str, baud_rate: int = 115200) -> None:
@@ -71,13 +71,13 @@ class SerialTransport:
         return bool(self._serial.is_open)
 
     def write(self, packet: bytes) -> None:
-        """Send one packet, in one write where the port has room for it.
+        """Send one packet, in one write if the port has room for it.
 
-        The port alone decides whether it takes data. Pyserial's own time limit looks at the clock after it
-        has written: where this process is paused there, it calls a packet that has left a failure.
+        Only the port decides whether it accepts data. Pyserial's own time limit reads the clock after it has
+        written: if this process is paused there, it reports a failure for a packet that was sent.
 
         Raises:
-            PortError: the port vanished, was closed, or takes no data for 0.2 s.
+            PortError: the port vanished, was closed, or accepts no data for 0.2 s.
         """
         while packet:
             taken = self._take(packet)
@@ -90,7 +90,7 @@ class SerialTransport:
             packet = packet[taken:]
 
     def _take(self, packet: bytes) -> int:
-        """Number of bytes that the port takes as soon as it has room; 0 after 0.2 s without any."""
+        """Return the number of bytes that the port accepts once it has room; 0 after 0.2 s without room."""
         try:
             _, ready, _ = select.select([], [self._serial.fileno()], [], WRITE_TIMEOUT_S)
             return os.write(self._serial.fileno(), packet) if ready else 0
@@ -100,7 +100,7 @@ class SerialTransport:
             raise PortError(self.port, self._vanished()) from error
 
     def read(self) -> bytes:
-        """What came in; waits for the first byte for 0.05 s at most.
+        """Return what was received; wait for the first byte for 0.05 s at most.
 
         Raises:
             PortError: the port vanished or was closed.
@@ -120,7 +120,7 @@ class SerialTransport:
             return
 
     def discard_input(self) -> int:
-        """Read and drop what came in, without waiting.
+        """Read and drop what was received, without waiting.
 
         Returns:
             Number of bytes dropped.
@@ -155,7 +155,7 @@ class SerialTransport:
 
 
 def opening_sentence(port: str, error: BaseException) -> str:
-    """Why a port cannot be opened, and what to do, in one sentence."""
+    """Return a message that says why a port cannot be opened, and what to do."""
     code = _error_number(error)
     if code in (errno.EACCES, errno.EPERM):
         return (
@@ -187,13 +187,13 @@ def opening_sentence(port: str, error: BaseException) -> str:
 def _is_usb_adapter(port: str) -> bool:
     try:
         target = os.path.realpath(port)
-    except OSError:  # the link vanishes at this very moment
+    except OSError:  # the link vanishes at this moment
         target = port
     return Path(port).name.startswith("ttyUSB") or Path(target).name.startswith("ttyUSB")
 
 
 def _error_number(error: BaseException | None) -> int | None:
-    """Error number of an exception or of the one it came from (pyserial drops it in some places)."""
+    """Return the error number of an exception, or of its cause (pyserial drops it in some places)."""
     while error is not None:
         if isinstance(error, OSError) and error.errno is not None:
             return error.errno
@@ -204,22 +204,22 @@ def _error_number(error: BaseException | None) -> int | None:
 
 
 BY_ID = Path("/dev/serial/by-id")
-"""Links that keep their name when the port's number changes."""
+"""Folder of links that keep their names when a port's number changes."""
 
 BOARD_USB_IDS = {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243), (0x2341, 0x006A)}
-"""Vendor and product of genuine Uno boards."""
+"""Vendor and product ids of genuine Uno boards."""
 
 CLONE_USB_IDS = {(0x1A86, 0x7523), (0x0403, 0x6001), (0x10C4, 0xEA60)}
-"""USB-serial chips (CH340, FT232, CP210x) of cheap boards and of any other gadget: never chosen unasked.
+"""USB-serial chips (CH340, FT232, CP210x) of cheap boards and of other devices; never chosen automatically.
 
-Many of them have no serial number, or all the same.
+Many of them have no serial number, or all the same one.
 """
 
 NAME_IT = "name it with the parameter port (port:=/dev/...)"
 
 
 class PortInfo(Protocol):
-    """The part of pyserial's ListPortInfo used here."""
+    """The part of pyserial's ListPortInfo that is used here."""
 
     device: str
     vid: int | None
@@ -231,7 +231,7 @@ class PortInfo(Protocol):
 
 
 def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id: Path = BY_ID) -> str:
-    """The board's port: `port` itself when given, else the one board that is plugged in.
+    """Return the board's port: `port` itself if given, else the port of the one board that is plugged in.
 
     Args:
         port: Name from the user; empty to search.
@@ -239,10 +239,10 @@ def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id:
         by_id: Folder of stable links.
 
     Returns:
-        The name to open; a link of /dev/serial/by-id where there is one.
+        The name to open; a link of /dev/serial/by-id if there is one.
 
     Raises:
-        PortError: no board, or more than one; the sentence lists what was seen.
+        PortError: no board, or more than one; the message lists the ports found.
     """
     if port:
         return port
@@ -268,22 +268,22 @@ def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id:
 
 
 def stable_name(port: str, by_id: Path = BY_ID) -> str:
-    """The link of /dev/serial/by-id that leads to an open port; empty where there is none."""
+    """Return the link of /dev/serial/by-id that leads to an open port; empty if there is none."""
     target = Path(port).resolve()
     links = sorted(by_id.iterdir()) if by_id.is_dir() else []
     return next((str(link) for link in links if link.resolve() == target), "")
 
 
 def usb_identity(port: str, ports: Iterable[PortInfo] | None = None) -> str:
-    """What the USB chip of a port says of itself and keeps when it is plugged in again.
+    """Return the identity of a port's USB chip, which stays the same when it is plugged in again.
 
     Args:
         port: Name of the port, or of a link to it.
         ports: Serial ports of this machine; None asks the system.
 
     Returns:
-        Vendor, product and serial number; the socket in place of a serial number that does not tell one chip
-        from another. Empty where there is no USB chip, as for a pseudo-terminal.
+        Vendor, product and serial number; the USB socket instead of a serial number that does not distinguish
+        chips. Empty without a USB chip, as for a pseudo-terminal.
     """
     target = Path(port).resolve()
     seen = list_ports.comports() if ports is None else ports
@@ -296,23 +296,23 @@ def _identity(info: PortInfo) -> str:
     socket = info.location or ""
     which = f"in USB socket {socket}"
     if info.serial_number and (info.vid, info.pid) not in CLONE_USB_IDS:
-        _, _, interface = socket.partition(":")  # of several on one chip
+        _, _, interface = socket.partition(":")  # one of several interfaces of a chip
         which = f"serial number {printable(info.serial_number)}{interface and f' interface {interface}'}"
     return f"USB {info.vid:04x}:{info.pid:04x} {which}"
 
 
 def find_again(port: str, stable: str, usb: str = "", *, ports: Iterable[PortInfo] | None = None) -> str:
-    """The port to open after one was lost: the same device, whatever its number; never another one.
+    """Return the port to open after one was lost: that of the same device, whatever its number.
 
     Args:
-        port: Name from the person; empty searches, see `find_port`.
-        stable: What `stable_name` said while the port was open; empty: there was no such name.
-        usb: What `usb_identity` said then; empty: nothing.
+        port: Name from the user; empty searches, see `find_port`.
+        stable: Result of `stable_name` while the port was open; empty: none.
+        usb: Result of `usb_identity` then; empty: none.
         ports: Serial ports of this machine; None asks the system.
 
     Raises:
-        PortError: the device is not there, though the name from the person may be, as another device; of
-            `find_port` where neither name nor identity is known.
+        PortError: the device is missing, even if another device now has the user's name for it; errors of
+            `find_port` if neither name nor identity is known.
     """
     if usb:
         seen = list_ports.comports() if ports is None else ports

@@ -1,4 +1,4 @@
-"""What the servos may be commanded, and when: limits, ramps, hold, rest and the software e-stop. No I/O.
+"""The motion that the servos are commanded: limits, ramps, hold, rest and the software e-stop. No I/O.
 
 All times are seconds of one steady clock that the caller reads; angles are radians, in packet order.
 """
@@ -13,19 +13,19 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from servo_bridge.driver.servo import byte_to_angle, pulse_to_angle, within
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.mechanics.limits import JointLimits, check_command
-from softsim_core.scene.board import BusServo, Servo
+from softsim_core.base import SceneError
+from softsim_core.physics.mechanics import JointLimits, check_command
+from softsim_core.scene import BusServo, Servo
 
 
 class EStop:
-    """A latch that any thread sets and clears without waiting for anybody.
+    """A latch that any thread sets and clears without waiting for another thread.
 
     Args:
-        hurry: Called at each latching: the packet that carries it shall leave at once.
+        hurry: Called at each latching, so that the packet that carries the stop is sent at once.
 
     Attributes:
-        count: Times that it was latched: who missed a latching and its clearing sees it here.
+        count: Number of latchings; shows a latching that was cleared between two checks.
     """
 
     def __init__(self, hurry: Callable[[], None] = lambda: None) -> None:
@@ -36,22 +36,22 @@ class EStop:
 
     @property
     def latched(self) -> bool:
-        """Whether nothing may move."""
+        """Whether motion is blocked."""
         return self._latched.is_set()
 
     def latch(self) -> None:
-        """Stop every servo with a packet that leaves at once, until `clear`."""
+        """Stop every servo with a packet that is sent at once, until `clear`."""
         self._heeded.clear()
         self.count = next(self._numbers)
         self._latched.set()
         self._hurry()
 
     def heed(self) -> None:
-        """Whoever writes packets has told the board, or has nothing to tell it."""
+        """Acknowledge the latch: the board was commanded to stop, or there is nothing to send."""
         self._heeded.set()
 
     def wait_heeded(self, timeout_s: float) -> bool:
-        """Wait until the packet after `latch` has left; False where nobody writes packets for so long."""
+        """Wait until the packet after `latch` was sent; return False if none is written within the time."""
         return self._heeded.wait(timeout_s)
 
     def clear(self) -> None:
@@ -62,7 +62,7 @@ class EStop:
 MotionMode: TypeAlias = Literal["track", "hold", "rest", "e_stop"]
 
 SERVO_SPEED = math.radians(200.0)
-"""Top speed in [rad/s] of a servo whose joint sets none: what a small hobby servo follows under load."""
+"""Top speed in [rad/s] of a servo whose joint sets none; a small hobby servo follows it under load."""
 
 SERVO_ACCELERATION = 10.0 * SERVO_SPEED
 """Top acceleration in [rad/s^2] of a servo whose joint sets none: top speed after 0.1 s."""
@@ -73,10 +73,10 @@ class MotionSettings:
     """Timing of the motion.
 
     Attributes:
-        hold_timeout_s: Without a command for this long the servos stop where they are, in [s].
-        rest_timeout_s: Without a command for this long they go slowly to the rest pose, in [s].
-        rest_speed: Speed of that slow move in [rad/s]; a joint's own limit holds as well.
-        longest_step_s: A step never moves further than this much time allows, in [s]: no catching up.
+        hold_timeout_s: Time in [s] without a command after which the servos stop where they are.
+        rest_timeout_s: Time in [s] without a command after which they move slowly to the rest pose.
+        rest_speed: Speed of that slow move in [rad/s]; a joint's own limit applies as well.
+        longest_step_s: Most time in [s] that one tick moves for: time lost between ticks is not caught up.
     """
 
     hold_timeout_s: float = 0.5
@@ -86,12 +86,12 @@ class MotionSettings:
 
 
 def servo_limits(servo: Servo, limits: JointLimits) -> JointLimits:
-    """The joint's limits, narrowed to the angles that the servo's bytes or pulses can express.
+    """Return the joint's limits, narrowed to the angles that the servo's bytes or pulses can express.
 
-    Speed and acceleration are finite: those of a small hobby servo where the joint sets none.
+    Speed and acceleration are finite: they are those of a small hobby servo if the joint sets none.
 
     Raises:
-        SceneError: nothing is left, or the rest angle lies outside.
+        SceneError: no angle is left, or the rest angle lies outside.
     """
     if isinstance(servo, BusServo):
         narrow = within(servo, limits)
@@ -109,7 +109,7 @@ def servo_limits(servo: Servo, limits: JointLimits) -> JointLimits:
 
 
 def rest_angle(servo: Servo) -> float:
-    """Joint angle in [rad] of a servo's rest byte or pulse."""
+    """Return the joint angle in [rad] of a servo's rest byte or rest pulse."""
     if isinstance(servo, BusServo):
         return pulse_to_angle(servo.rest_pulse, servo)
     return byte_to_angle(servo.rest_byte, servo)
@@ -127,21 +127,21 @@ def _finite(lower: float, upper: float, limits: JointLimits) -> JointLimits:
 class ServoMotion:
     """Positions of the servos over time: from the last known pose, within limits, to the newest command.
 
-    Modes: "track" follows a fresh command; "hold" stays; "rest" goes slowly to the rest pose and stays there;
-    "e_stop" stays while the e-stop is latched, whatever is commanded. After an e-stop "hold" lasts until the
-    first command given after its clearing.
+    Modes: "track" follows a fresh command; "hold" stays; "rest" moves slowly to the rest pose and stays
+    there; "e_stop" stays while the e-stop is latched, whatever is commanded. After an e-stop "hold" lasts
+    until the first command given after the clearing.
 
     Args:
         names: Joint names, for messages.
         limits: Limits of each servo; see `servo_limits`.
         rest: Rest angle of each servo in [rad], within the limits; also the first pose.
         settings: Timing; may be replaced at any time.
-        e_stop: The latch, looked at with every step and command; None makes one.
+        e_stop: The latch, checked with every step and command; None creates one.
 
     Attributes:
-        top_speed: Bound of every joint's speed in [rad/s] beside its own limit: the board's.
-        clipped: Commands beyond the limits; one that is repeated counts once, as joint states do that stay
-            outside (a simulated robot before its start animation).
+        top_speed: Speed limit of the board in [rad/s], which applies in addition to each joint's own.
+        clipped: Number of commands beyond the limits. A repeated command counts once; a simulated robot
+            before its start animation repeats joint states outside of them.
     """
 
     def __init__(
@@ -159,11 +159,11 @@ class ServoMotion:
         self.positions: tuple[float, ...] = self.rest
         self.velocities: tuple[float, ...] = (0.0,) * len(self.rest)
         self.clipped = 0
-        self._beyond: tuple[float, ...] | None = None  # newest command, where it was beyond the limits
+        self._beyond: tuple[float, ...] | None = None  # newest command, if it was beyond the limits
         self._target: tuple[float, ...] | None = None
         self._command_time: float | None = None
-        self._since = 0.0  # start of the present silence: last command, or start
-        self._last_step: float | None = None  # none since the start: the first step moves nothing
+        self._since = 0.0  # time of the last command, or of the start
+        self._last_step: float | None = None  # None after a start: the first step moves nothing
         self._mode: MotionMode = "rest"
         self._stops_seen = self.e_stop.count
         self._parked = self.e_stop.latched  # after an e-stop: until the next command
@@ -184,39 +184,39 @@ class ServoMotion:
         return not any(self.velocities)
 
     def goal(self, now: float) -> tuple[float, ...]:
-        """Where the servos are told to go, in [rad]; without a fresh command, where they are."""
+        """Return the angles in [rad] that the servos move to; without a fresh command, where they are."""
         if self._target is None or now - self._since > self.settings.hold_timeout_s:
             return self.positions
         return self._target
 
     def command_age(self, now: float) -> float | None:
-        """Time in [s] since the newest accepted command; None before the first."""
+        """Return the time in [s] since the newest accepted command; None before the first."""
         return None if self._command_time is None else now - self._command_time
 
     def start(self, now: float) -> None:
-        """Begin anew from the last known pose; commands given before do not count, nor does an old e-stop."""
+        """Restart from the last known pose; earlier commands do not count, nor does an earlier e-stop."""
         self._heed()
         self.forget(now)
         self._parked = self.e_stop.latched
 
     def forget(self, now: float) -> None:
-        """Stand at the last known pose; commands given before do not count."""
+        """Stop at the last known pose; earlier commands do not count."""
         self._target, self._command_time = None, None
         self._since = now
         self._mode = "hold"
         self._stand()
 
     def resume_from(self, positions: Sequence[float]) -> None:
-        """Take over a pose that is known from elsewhere, in [rad], clamped to the limits, and stand there."""
+        """Take over a pose in [rad] that is known from elsewhere, clamped to the limits, and stop there."""
         self.positions = tuple(
             limits.clamp(position) for limits, position in zip(self.limits, positions, strict=True)
         )
         self._stand()
 
     def command(self, angles_rad: Sequence[float], now: float) -> None:
-        """Take a new target; only the newest counts. It is clamped to the limits.
+        """Set a new target, clamped to the limits; only the newest counts.
 
-        While the e-stop is latched the command is checked and otherwise passed over.
+        While the e-stop is latched the command is checked and otherwise ignored.
 
         Raises:
             CommandError: wrong length, or a value that is not finite; the former target stays.
@@ -232,7 +232,7 @@ class ServoMotion:
         self._command_time = self._since = now
 
     def step(self, now: float) -> tuple[float, ...]:
-        """Positions in [rad] to send at `now`; no servo breaks its limits since the last step."""
+        """Return the positions in [rad] to send at `now`; no servo exceeds its limits since the last step."""
         if self._heed():
             return self.positions
         settings, silence = self.settings, now - self._since
@@ -246,18 +246,18 @@ class ServoMotion:
         return self._move(self.rest, settings.rest_speed, now)
 
     def step_to_rest(self, now: float) -> tuple[float, ...]:
-        """As `step`, but towards the rest pose at the limits' speed, as on the way out; an e-stop holds."""
+        """Return positions like `step`, but towards the rest pose at the limits' speed; an e-stop holds."""
         if self._heed():
             return self.positions
         self._mode, self._target = "rest", None
         return self._move(self.rest, math.inf, now)
 
     def brake(self, now: float) -> tuple[float, ...]:
-        """Positions in [rad] to send at `now` on the way to a stand, at the limit of acceleration."""
+        """Return the positions in [rad] to send at `now` while braking at the limit of acceleration."""
         return self.positions if self._heed() else self._brake(now)
 
     def _heed(self) -> bool:
-        """Look at the e-stop: whether it is latched. One latched since the last look ends every motion."""
+        """Return whether the e-stop is latched; a latching since the last check ends every motion."""
         latched = self.e_stop.latched
         if self.e_stop.count != self._stops_seen:
             self._stops_seen = self.e_stop.count
@@ -286,7 +286,7 @@ class ServoMotion:
     def _passed(self, now: float) -> float:
         passed = 0.0 if self._last_step is None else now - self._last_step
         self._last_step = now
-        return min(max(passed, 0.0), self.settings.longest_step_s)
+        return min(max(passed, 0.0), self.settings.longest_step_s)  # time lost between ticks is not caught up
 
     def _take(self, states: Iterable[tuple[float, float]]) -> tuple[float, ...]:
         self.positions, self.velocities = zip(*states, strict=True)

@@ -1,4 +1,4 @@
-"""Servos: joint angle to degree byte, pulse width or bus position, and back. Pure functions.
+"""Conversion of joint angles to degree bytes, pulse widths or bus positions, and back. Pure functions.
 
 byte = clip( floor( sign * (angle * 180 / pi) + trim_deg ) + zero_byte,  byte_min,  byte_max )
 
@@ -15,25 +15,25 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from servo_bridge.errors import PacketError
-from softsim_core.base.errors import CommandError, SceneError
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene.board import BusServo, ServoCalibration
+from servo_bridge import PacketError
+from softsim_core.base import CommandError, SceneError
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import BusServo, ServoCalibration
 
 PULSE_MIN_US, PULSE_US_PER_180 = 544, 1856
-"""A servo byte of a degrees is a pulse of 544 + a * 1856 / 180 in [us]."""
+"""A servo byte of `a` degrees is a pulse of 544 + a * 1856 / 180 in [us]."""
 
 _ANGLE_STEP = 2.0**-50
-"""One or a few units in the last place of an angle below 8 rad, in [rad]."""
+"""A few units in the last place of an angle below 8 rad, in [rad]."""
 
 
 def _degrees_on_servo(angle_rad: float, servo: ServoCalibration) -> float:
-    """Degrees of the servo above its zero byte, before floor and clip."""
+    """Return the degrees of the servo above its zero byte, before floor and clip."""
     return servo.sign * (angle_rad * 180.0 / math.pi) + servo.trim_deg
 
 
 def angle_to_byte(angle_rad: float, servo: ServoCalibration) -> int:
-    """Degree byte of a joint angle in [rad], clipped to the servo's range.
+    """Return the degree byte of a joint angle in [rad], clipped to the servo's range.
 
     Raises:
         CommandError: the angle is not a finite number.
@@ -48,7 +48,7 @@ def angle_to_byte(angle_rad: float, servo: ServoCalibration) -> int:
 
 
 def byte_to_angle(servo_byte: int, servo: ServoCalibration) -> float:
-    """Nominal joint angle in [rad] of a degree byte: the lower edge of the byte's interval of servo degrees.
+    """Return the nominal joint angle in [rad] of a degree byte: the lower edge of the byte's interval.
 
     It is the exact inverse: `angle_to_byte(byte_to_angle(b, servo), servo) == b` for every byte in range.
 
@@ -59,7 +59,7 @@ def byte_to_angle(servo_byte: int, servo: ServoCalibration) -> float:
         raise PacketError(f"servo byte {servo_byte} for joint {servo.joint} refused: allowed are 0..180")
     whole = servo_byte - servo.zero_byte
     angle = servo.sign * (whole - servo.trim_deg) * math.pi / 180.0
-    for _ in range(8):  # rounding may land just below the edge; a few last-place steps bring it onto it
+    for _ in range(8):  # rounding may end just below the edge
         if _degrees_on_servo(angle, servo) >= whole:
             break
         angle += servo.sign * _ANGLE_STEP
@@ -67,14 +67,14 @@ def byte_to_angle(servo_byte: int, servo: ServoCalibration) -> float:
 
 
 def angle_to_width(angle_rad: float, servo: ServoCalibration) -> int:
-    """Pulse width in whole [us] of a joint angle in [rad], clipped to the servo's range; finer than a byte.
+    """Return the pulse width in whole [us] of a joint angle in [rad], clipped to the servo's range.
 
-    At the nominal angle of a byte it is that byte's width, `byte_to_width`.
+    It is finer than a byte. At the nominal angle of a byte it is that byte's width, `byte_to_width`.
 
     Raises:
         CommandError: the angle is not a finite number.
     """
-    angle_to_byte(angle_rad, servo)  # refuses what is not finite
+    angle_to_byte(angle_rad, servo)  # raises if the angle is not finite
     lowest, highest = servo.byte_min - servo.zero_byte, servo.byte_max - servo.zero_byte
     return round(
         byte_to_width(min(max(_degrees_on_servo(angle_rad, servo), lowest), highest) + servo.zero_byte)
@@ -82,18 +82,18 @@ def angle_to_width(angle_rad: float, servo: ServoCalibration) -> int:
 
 
 def width_to_angle(width_us: float, servo: ServoCalibration) -> float:
-    """Joint angle in [rad] at a pulse width in [us]."""
+    """Return the joint angle in [rad] at a pulse width in [us]."""
     return servo.sign * math.radians(width_to_byte(width_us) - servo.zero_byte - servo.trim_deg)
 
 
 def width_limits(servo: ServoCalibration) -> tuple[int, int, int]:
-    """Smallest, rest and largest pulse width in [us] of a servo."""
+    """Return the smallest, rest and largest pulse width in [us] of a servo."""
     least, rest, largest = map(byte_to_width, (servo.byte_min, servo.rest_byte, servo.byte_max))
     return round(least), round(rest), round(largest)
 
 
 def angles_to_bytes(angles_rad: Sequence[float], servos: Sequence[ServoCalibration]) -> tuple[int, ...]:
-    """Degree bytes of joint angles in [rad], one per servo in packet order, each clipped to its own range.
+    """Return degree bytes of joint angles in [rad], one per servo in packet order, clipped to their ranges.
 
     Raises:
         CommandError: wrong number of angles, or one that is not finite; nothing is converted.
@@ -107,7 +107,7 @@ def angles_to_bytes(angles_rad: Sequence[float], servos: Sequence[ServoCalibrati
 
 
 def bytes_to_angles(servo_bytes: Sequence[int], servos: Sequence[ServoCalibration]) -> tuple[float, ...]:
-    """Nominal joint angles in [rad] of the servo bytes of a packet (header not included), in packet order.
+    """Return nominal joint angles in [rad] of the servo bytes of a packet, in packet order, without header.
 
     Raises:
         PacketError: wrong number of bytes, or one outside 0..180.
@@ -118,24 +118,24 @@ def bytes_to_angles(servo_bytes: Sequence[int], servos: Sequence[ServoCalibratio
 
 
 def byte_to_width(servo_byte: float) -> float:
-    """Pulse width in [us] of a servo byte (degrees of the servo; need not be whole)."""
+    """Return the pulse width in [us] of a servo byte (degrees of the servo; need not be whole)."""
     return PULSE_MIN_US + servo_byte * PULSE_US_PER_180 / 180.0
 
 
 def width_to_byte(width_us: float) -> float:
-    """Degrees of the servo at a pulse width in [us]; the inverse of `byte_to_width`."""
+    """Return the degrees of the servo at a pulse width in [us]; the inverse of `byte_to_width`."""
     return (width_us - PULSE_MIN_US) * 180.0 / PULSE_US_PER_180
 
 
 PULSES_PER_RAD = 4096.0 / (2.0 * math.pi)
-"""Pulses of one [rad]."""
+"""Pulses per [rad]."""
 
 _SLACK = 1e-9
-"""Part of a pulse by which rounding may miss the pulse of a limit."""
+"""Fraction of a pulse by which rounding may miss the pulse of a limit."""
 
 
 def angle_to_pulse(angle_rad: float, servo: BusServo) -> int:
-    """Pulse of a joint angle in [rad], rounded, clipped to the servo's range.
+    """Return the pulse of a joint angle in [rad], rounded, clipped to the servo's range.
 
     Raises:
         CommandError: the angle is not a finite number.
@@ -149,15 +149,15 @@ def angle_to_pulse(angle_rad: float, servo: BusServo) -> int:
 
 
 def pulse_to_angle(pulse: float, servo: BusServo) -> float:
-    """Joint angle in [rad] of a pulse; the inverse of `angle_to_pulse` within the servo's range."""
+    """Return the joint angle in [rad] of a pulse; inverts `angle_to_pulse` within the servo's range."""
     return servo.sign * (pulse - servo.zero_pulse) / PULSES_PER_RAD
 
 
 def within(servo: BusServo, limits: JointLimits) -> BusServo:
-    """The servo with no pulse left in its range that lies outside a joint's limits.
+    """Return the servo with its pulse range narrowed to the limits of a joint.
 
     Raises:
-        SceneError: its rest pulse lies outside.
+        SceneError: its rest pulse lies outside of them.
     """
     ends = sorted(
         servo.sign * end * PULSES_PER_RAD + servo.zero_pulse for end in (limits.lower, limits.upper)

@@ -1,4 +1,4 @@
-"""Taking over a board's pose: it is asked for before any pose is sent, and compared with the assumed one."""
+"""Takeover of a board's pose: it is queried before any pose is sent, and compared with the assumed one."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from collections import deque
 from servo_bridge.driver.link import BoardLink
 from servo_bridge.driver.safety import ServoMotion
 from servo_bridge.protocols import Ability, BoardProtocol
-from softsim_core.physics.mechanics.limits import check_command
+from softsim_core.physics.mechanics import check_command
 
 NEWS_KEPT = 20
-"""Sentences kept for whoever reports them; older ones are forgotten."""
+"""Messages stored until they are reported; older ones are dropped."""
 
 
 class Takeover:
-    """From the moment at which the board's pose is no longer known to the moment at which it is again.
+    """A takeover, from the moment at which the board's pose becomes unknown until it is known again.
 
-    A board that takes the servos' ranges is told them, again and again, until it says that it has taken them:
-    what it says of its pose from then on is newer than the question. Any other board has answered at once.
+    A board with the ability LIMITS is sent the servos' ranges repeatedly until it acknowledges them: a pose
+    that it reports from then on is newer than the request. Any other board has answered at once.
 
     Attributes:
-        pending: Whether the board has still to answer.
-        reason: Why the pose has to be taken over, a sentence; empty for an ordinary start.
-        count: Takeovers with a reason, in total.
-        news: Sentences about them, oldest first; whoever reports them takes them out.
+        pending: Whether the answer of the board is still missing.
+        reason: Message that says why the pose has to be taken over; empty for an ordinary start.
+        count: Number of takeovers with a reason.
+        news: Messages about them, oldest first; the caller that reports a message removes it.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Takeover:
         self._asked = False
 
     def begin(self, reason: str = "") -> None:
-        """The board's pose is not known any more."""
+        """Start a takeover: the board's pose is unknown from now on."""
         self.pending, self._asked = True, False
         self.reason = reason
         if reason:
@@ -44,7 +44,7 @@ class Takeover:
             self.news.append(f"{reason}; the bridge goes on from where the board stands")
 
     def ask(self, board: BoardProtocol) -> bytes:
-        """The packet to write; empty once the board has answered."""
+        """Return the packet to write; empty once the board has answered."""
         if not self._asked:
             self._asked = True
             board.begin_takeover()
@@ -59,59 +59,59 @@ class Takeover:
 
 
 STALL_S = 0.4
-"""Longer without a tick in [s], and the bridge stood still: a board of ours holds after 0.5 s by itself."""
+"""A longer time between ticks in [s] is a stall of the bridge; our firmware holds after 0.5 s by itself."""
 
 SAME_POSE = math.radians(1.5)
-"""Poses of board and bridge nearer than this in [rad] are one: a hobby servo's dead band."""
+"""Poses of board and bridge closer than this in [rad] are the same: a hobby servo's dead band."""
 
 
 class BoardPose:
-    """What has happened since the board's pose was last known, and how it becomes known again.
+    """Detects that the board's pose has become unknown, and takes it over.
 
     Args:
-        motion: Goes on from the pose that is taken over.
-        lock: Held while the motion is changed, and never while the board is spoken to, which may hang.
+        motion: The motion that continues from the pose that is taken over.
+        lock: Acquired while the motion is changed, and never during a call of the protocol, which may hang.
 
     Attributes:
-        moved: Whether the board was told a pose since its port was opened.
-        takeover: Whether and why its pose has to be asked for before a pose is sent.
+        moved: Whether a pose was sent to the board since its port was opened.
+        takeover: Whether and why the board has to be asked for its pose before a pose is sent.
     """
 
     def __init__(self, motion: ServoMotion, lock: threading.RLock) -> None:
         self.moved = False
         self.takeover = Takeover()
         self._motion, self._lock = motion, lock
-        self._held = False  # told to hold, and no pose since
+        self._held = False  # commanded to hold, and no pose sent since
         self._last_tick: float | None = None
 
     def opened(self) -> None:
-        """A port was opened: nothing is known of the board behind it."""
+        """Record that a port was opened: the pose of the board behind it is unknown."""
         self.moved = self._held = False
         self.begin()
 
     def begin(self) -> None:
-        """Sending begins: the time before does not count as a stall."""
+        """Record that sending begins: the time before does not count as a stall."""
         self._last_tick = None
         self.takeover.begin()
 
     def held(self) -> None:
-        """The board was told to hold."""
+        """Record that the board was commanded to hold."""
         self._held = True
 
     def passed_s(self, now: float) -> float:
-        """Time in [s] since the tick before, 0 for the first."""
+        """Return the time in [s] since the tick before, 0 for the first."""
         before, self._last_tick = self._last_tick, now
         return 0.0 if before is None else now - before
 
     def look(self, link: BoardLink, now: float, stalled_s: float, *, restarted: bool, listens: bool) -> None:
-        """Whether something has happened after which the pose has to be asked for.
+        """Check for an event after which the board has to be asked for its pose, and start a takeover then.
 
         Args:
-            link: The conversation with the board.
+            link: The link to the board.
             now: The time in [s].
             stalled_s: Time in [s] since the tick before.
-            restarted: The board says that it has started.
-            listens: No pose is to be sent.
+            restarted: Whether the board reports that it has started.
+            listens: Whether no pose is sent at present.
 
         Raises:
             PortError: the protocol failed.
@@ -130,7 +130,7 @@ class BoardPose:
                 self._lose(f"the board {deviation}", now)
 
     def question(self, link: BoardLink) -> bytes:
-        """The packet that asks the board where it stands; empty where that is known.
+        """Return the packet that asks the board for its pose; empty if the pose is known.
 
         Raises:
             PortError: the protocol failed.
@@ -149,7 +149,7 @@ class BoardPose:
             self.takeover.begin(reason)
 
     def _take(self, board: BoardProtocol) -> None:
-        """Go on from the pose that the board says it has; where it says none, from the last one sent."""
+        """Continue from the pose that the board reports; without one, from the last pose sent."""
         self._motion.top_speed = board.top_speed
         pose = board.pose()
         if pose is None:

@@ -1,4 +1,4 @@
-"""A thread that calls a function at a fixed rate, nothing queued or caught up; and calls that may hang."""
+"""A thread that calls a function at a fixed rate without catching up, and a watch for calls that hang."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 HANG_S = 1.0
-"""A call that has lasted for so long in [s] does not come back: five times what a write may take."""
+"""A call that has lasted this long in [s] counts as hanging: five times what a write may take."""
 
 LONGEST_LOOK_S = 0.15
-"""Time in [s] that one look stands for at most: longer, and it was this computer that slept."""
+"""Most time in [s] that one check counts for; in a longer gap this computer was asleep."""
 
 JOIN_S = 1.0
 """Longest wait in [s] for the end of a thread, or of a call that may hang."""
@@ -22,12 +22,12 @@ JOIN_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class PeriodFigures:
-    """How well a rate was kept, over the newest calls.
+    """Regularity of the newest calls.
 
     Attributes:
         mean_s: Mean period in [s].
-        worst_s: Largest deviation of a period from the wanted one in [s].
-        missed: Calls left out because the one before came too late, in total.
+        worst_s: Largest deviation of a period from the nominal one in [s].
+        missed: Total number of calls that were skipped because the one before was late.
     """
 
     mean_s: float
@@ -36,16 +36,16 @@ class PeriodFigures:
 
 
 class PeriodicThread:
-    """Calls `tick` every `period` seconds of the steady clock until it is stopped, or raises.
+    """Thread that calls `tick` every `period` seconds of the steady clock until `stop`, or until it raises.
 
     Args:
-        tick: Called in the thread.
+        tick: Function to call in the thread.
         period: Time between calls in [s], finite and > 0.
         name: Name of the thread.
 
     Attributes:
-        failure: What `tick` raised: the thread has ended; None while it lives, or was stopped.
-        call: Number of the call that runs now; None between calls.
+        failure: The exception of `tick` that ended the thread; None while it runs, and after `stop`.
+        call: Number of the call in progress; None between calls.
 
     Raises:
         ValueError: the period is not allowed.
@@ -65,19 +65,20 @@ class PeriodicThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the thread to end; it may be in its last call still."""
+        """Ask the thread to end; its last call may still be in progress."""
         self._stopped = True
         self._wake.set()
 
     def hurry(self) -> None:
-        """Make the next call at once; the beat goes on from there."""
+        """Make the next call at once; later calls follow at the period from there."""
         self._wake.set()
 
     def join(self, timeout_s: float = JOIN_S) -> bool:
         """Wait for the end of the thread; call it without a lock that `tick` takes.
 
         Returns:
-            Whether it has ended, or ends with the call from which it was joined; False: `tick` hangs.
+            True if the thread has ended, or ends with the call from which it was joined; False if `tick`
+            hangs.
         """
         if self._thread is threading.current_thread():
             return True
@@ -85,7 +86,7 @@ class PeriodicThread:
         return not self._thread.is_alive()
 
     def figures(self) -> PeriodFigures | None:
-        """Of the newest second; None before two calls."""
+        """Return the regularity over the newest second; None before two calls."""
         periods = tuple(self._periods)
         if not periods:
             return None
@@ -95,7 +96,7 @@ class PeriodicThread:
     def _run(self) -> None:
         try:
             self._keep_time()
-        except Exception as error:  # told to whoever supervises the thread
+        except Exception as error:  # reported by the supervisor of the thread, see `failure`
             self.failure = error
 
     def _keep_time(self) -> None:
@@ -118,19 +119,20 @@ class PeriodicThread:
             self.call = None
             due += self.period
             late = time.monotonic() - due
-            if late > 0.0:  # the missed calls are left out; the next one keeps the beat
+            if late > 0.0:  # skip the missed calls; the next one is on the original schedule
                 skipped = int(late / self.period) + 1
                 self._missed += skipped
                 due += skipped * self.period
 
 
 class HangWatch:
-    """Whether a thread's call does not come back, judged by looks at it while it lasts.
+    """Detects a call of a thread that does not return, by repeated checks while it lasts.
 
-    A look counts for little, however long ago the one before was: a computer that slept finds no hang.
+    One check counts for at most LONGEST_LOOK_S, however long ago the one before was, so a computer that slept
+    finds no hang.
 
     Args:
-        thread: Watched.
+        thread: The thread to watch.
         clock: Steady clock in [s].
     """
 
@@ -141,11 +143,11 @@ class HangWatch:
 
     @property
     def hangs(self) -> bool:
-        """Whether the looks so far say so."""
+        """Whether the watched call counts as hanging."""
         return self._lasted_s >= HANG_S
 
     def look(self) -> bool:
-        """Look now; call it several times a second. Whether the call hangs."""
+        """Check now and return whether the call hangs; call this several times per second."""
         now, call = self._clock(), self._thread.call
         same = call is not None and call == self._call
         self._lasted_s = self._lasted_s + min(now - self._looked, LONGEST_LOOK_S) if same else 0.0
@@ -154,10 +156,10 @@ class HangWatch:
 
 
 def ends_in_time(call: Callable[[], object], timeout_s: float = JOIN_S) -> bool:
-    """Make a call that may hang in a thread of its own; whether it came back, also with an error, in time."""
+    """Run a call that may hang in a thread of its own; return whether it ended in time, also by an error."""
 
     def run() -> None:
-        with contextlib.suppress(Exception):  # whoever closes a port that failed can do no more about it
+        with contextlib.suppress(Exception):  # nothing more can be done about a port that fails to close
             call()
 
     thread = threading.Thread(target=run, name="servo_board_closer", daemon=True)

@@ -12,7 +12,7 @@ from servo_bridge.emulator.simavr import BAUD_RATE, EXTERNAL, FREQUENCY, POWER_O
 
 CHANNELS = 3
 QUIET_CYCLES = FREQUENCY // 25
-"""A pin without a pulse for so long (40 ms, two frames) tells its servo nothing."""
+"""A pin without a pulse for this time (40 ms, two periods) does not command its servo."""
 
 
 class Pulse(NamedTuple):
@@ -30,7 +30,7 @@ class Pulse(NamedTuple):
 
     @property
     def start_s(self) -> float:
-        """When it began, in [s] since the first power-on."""
+        """Start of the pulse in [s] since the first power-on."""
         return self.start / FREQUENCY
 
     @property
@@ -43,7 +43,7 @@ class PulseLog:
     """Collects edges of the servo pins into pulses.
 
     Args:
-        length: Pulses kept; older ones are forgotten.
+        length: Number of pulses stored; older ones are dropped.
 
     Attributes:
         pulses: Whole pulses, oldest first.
@@ -57,7 +57,7 @@ class PulseLog:
         self._last: list[Pulse | None] = [None] * CHANNELS
 
     def edge(self, channel: int, level: int, cycle: int) -> None:
-        """Take an edge."""
+        """Process an edge."""
         rise = self._rise[channel]
         if level:
             if rise is None:
@@ -69,7 +69,7 @@ class PulseLog:
             self._last[channel] = pulse
 
     def reset(self, cycle: int) -> None:
-        """The processor was reset: a pulse that was on ends here."""
+        """Record a reset of the processor: a pulse in progress ends here."""
         for channel, rise in enumerate(self._rise):
             if rise is not None:
                 self.cut.append(Pulse(channel, rise, cycle - rise))
@@ -77,12 +77,12 @@ class PulseLog:
         self._last = [None] * CHANNELS
 
     def last(self, cycle: int) -> tuple[Pulse, ...] | None:
-        """The newest pulse of each pin; None where a pin has had none for two frames."""
+        """Return the newest pulse of each pin; None if a pin has had none for two periods."""
         newest = tuple(pulse for pulse in self._last if pulse and cycle - pulse.start <= QUIET_CYCLES)
         return newest if len(newest) == CHANNELS else None
 
     def clear(self) -> None:
-        """Forget the pulses so far."""
+        """Drop the pulses so far."""
         self.pulses.clear()
         self.cut.clear()
 
@@ -95,12 +95,12 @@ FRAME_S = 0.020
 
 
 class EmulatedBoard:
-    """A servo board in lock-step: time passes only in `run` and is the same in every run.
+    """A servo board in lock-step: time passes only in `run`, and is the same on every execution.
 
     Args:
-        hex_path: Firmware; None for this package's own.
+        hex_path: Firmware; None selects the one of this package.
         bootloader: Boot loader (Intel hex) that runs first after a reset; None for none.
-        log_length: Pulses kept in `pulses`; older ones are forgotten.
+        log_length: Number of pulses stored in `pulses`; older ones are dropped.
         baud_rate: Speed of the line to the board.
 
     Raises:
@@ -139,7 +139,7 @@ class EmulatedBoard:
 
     @property
     def processor(self) -> Processor:
-        """The emulated processor, for tests that look deeper."""
+        """The emulated processor, for tests of its internals."""
         return self._processor
 
     @property
@@ -154,43 +154,43 @@ class EmulatedBoard:
 
     @property
     def transmitted(self) -> bytes:
-        """What the firmware sent since the start or the last `take_transmitted`."""
+        """Bytes that the firmware sent since the start or the last `take_transmitted`."""
         return bytes(self._sent)
 
     @property
     def resets(self) -> int:
-        """Resets so far: the power-on, external ones, the watchdog's."""
+        """Number of resets so far: power-on, external ones, the watchdog's."""
         return self._processor.resets
 
     @property
     def pending(self) -> int:
-        """Bytes still on the line to the board."""
+        """Number of bytes still on the line to the board."""
         return self._processor.waiting
 
     def take_transmitted(self) -> bytes:
-        """What the firmware sent, forgotten here."""
+        """Return the bytes that the firmware sent, and drop them here."""
         sent = bytes(self._sent)
         self._sent.clear()
         return sent
 
     def clear(self) -> None:
-        """Forget the pulses and the sent bytes so far; the board runs on."""
+        """Drop the pulses and the sent bytes so far; the board runs on."""
         self._log.clear()
         self._sent.clear()
 
     def feed(self, data: bytes) -> None:
-        """Put bytes on the line; as time passes they arrive one after the other."""
+        """Put bytes on the line; they arrive one after the other as time passes."""
         self._processor.feed(data)
 
     def run(self, seconds: float) -> None:
-        """Let `seconds` of virtual time pass."""
+        """Advance virtual time by `seconds`."""
         self._processor.run_to(self._processor.cycle + round(seconds * FREQUENCY))
 
     def run_until(self, predicate: Callable[[EmulatedBoard], bool], limit_s: float = 10.0) -> bool:
-        """Let time pass, a quarter frame at a time, until `predicate(board)` holds.
+        """Advance virtual time, a quarter period at a time, until `predicate(board)` holds.
 
         Returns:
-            False when `limit_s` seconds of virtual time passed first.
+            False if `limit_s` seconds of virtual time passed first.
         """
         end = self.time_s + limit_s
         while not predicate(self):
@@ -200,15 +200,15 @@ class EmulatedBoard:
         return True
 
     def widths_us(self) -> tuple[float, ...] | None:
-        """Widths of the newest pulses on pins 9, 10, 11 in [us]; None while there are no pulses."""
+        """Return the widths of the newest pulses on pins 9, 10, 11 in [us]; None without pulses."""
         newest = self._log.last(self._processor.cycle)
         return None if newest is None else tuple(pulse.width_us for pulse in newest)
 
     def settle(self, limit_s: float = 10.0) -> tuple[float, ...] | None:
-        """Let time pass until the line is empty and the widths stay the same for three frames (or `limit_s`).
+        """Advance until the line is empty and the widths are the same for three periods, or `limit_s`.
 
         Returns:
-            The widths in [us], or None where there are no pulses.
+            The widths in [us], or None without pulses.
         """
         self.run_until(lambda board: not board.pending, limit_s)
         end = self.time_s + limit_s
@@ -223,12 +223,12 @@ class EmulatedBoard:
         return before
 
     def reset(self) -> None:
-        """Press the reset button (what opening the port does on a real board)."""
+        """Press the reset button, as opening the port does on a real board."""
         self._log.reset(self._processor.cycle)
         self._processor.reset(EXTERNAL)
 
     def power_cycle(self) -> None:
-        """Take the power away and give it back: nothing is left in the processor's memory."""
+        """Switch the power off and on: the processor's memory is lost."""
         self._log.reset(self._processor.cycle)
         self._processor.forget_memory()
         self._processor.reset(POWER_ON)

@@ -1,10 +1,11 @@
-"""A pseudo-terminal with a board behind it: what the virtual and the emulated board have in common.
+"""A pseudo-terminal with a board behind it: common base of the virtual and the emulated board.
 
 The bridge opens it with real pyserial on a real tty. How the port behaves, and why:
 
-* The slave end is made raw and closed at once. From then on a hang-up on the master means that nobody has the
-  port open, and its end means that somebody opened it: on a real board the moment at which DTR resets it.
-* A stable name is a symbolic link that is replaced at once. Unplugging removes it and closes the master;
+* The slave end is set to raw mode and closed at once. From then on a hang-up on the master means that no
+  program has the port open, and the end of the hang-up means that one opened it: on a real board DTR resets
+  it then.
+* A stable name is a symbolic link that is replaced atomically. Unplugging removes it and closes the master;
   plugging in again is a power-on behind a new port under the same link.
 * A thread serves the port; it ends when the cable is pulled.
 """
@@ -22,13 +23,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, TypeVar
 
-from servo_bridge.errors import PortError
+from servo_bridge import PortError
 
 Board = TypeVar("Board", bound="PtyBoard")
 
 
 class Heard(NamedTuple):
-    """What came in, and whether some program has the port open."""
+    """Received bytes, and whether some program has the port open."""
 
     data: bytes
     opened: bool
@@ -38,7 +39,7 @@ class MasterEnd:
     """The board's end of a new pseudo-terminal.
 
     Attributes:
-        device: Name of the other end, to be opened.
+        device: Name of the other end, which programs open.
     """
 
     def __init__(self) -> None:
@@ -59,23 +60,23 @@ class MasterEnd:
             each.register(self._awake, select.POLLIN)
 
     def hear(self, patience_s: float | None) -> Heard | None:
-        """Wait at most `patience_s` seconds for bytes or a closing; None once the cable is out."""
+        """Wait at most `patience_s` seconds for bytes or a hang-up; return None once the cable is pulled."""
         events = dict(self._line.poll(None if patience_s is None else patience_s * 1000.0))
         if self._awake in events:
             return None
         state = events.get(self._master, 0)
         data = b""
         if state & select.POLLIN:
-            with contextlib.suppress(OSError):  # nobody has it open any more: the hang-up says so
+            with contextlib.suppress(OSError):  # no program has it open any more, which the hang-up shows
                 data = os.read(self._master, 4096)
         return Heard(data, not state & select.POLLHUP)
 
     def pause(self, seconds: float) -> bool:
-        """Wait without listening; True once the cable is out."""
+        """Wait without listening; return True once the cable is pulled."""
         return bool(self._pause.poll(seconds * 1000.0))
 
     def write(self, data: bytes) -> None:
-        """Send; what a full line, or one just closed, does not take is lost, as on a wire."""
+        """Send bytes; what a full or closed line does not take is lost, as on a wire."""
         with contextlib.suppress(OSError):
             os.write(self._master, data)
 
@@ -84,13 +85,15 @@ class MasterEnd:
         os.write(self._wake, b"x")
 
     def close(self) -> None:
-        """Close the port under whoever has it open."""
+        """Close the port, also while a program has it open."""
         for each in (self._master, self._awake, self._wake):
             os.close(each)
 
 
 class PtyBoard(ABC):
-    """A board behind a pseudo-terminal; use it as a context manager. A subclass calls `replug` when ready.
+    """A board behind a pseudo-terminal; use it as a context manager.
+
+    A subclass calls `replug` when it is ready.
 
     Args:
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
@@ -106,19 +109,19 @@ class PtyBoard(ABC):
 
     @abstractmethod
     def _serve(self, end: MasterEnd) -> None:
-        """Be the board, in a thread, until the cable is out."""
+        """Serve the port in a thread until the cable is pulled."""
 
     @abstractmethod
     def _power_on(self) -> None:
-        """The cable has been put in; called with the lock held, before anybody can open the port."""
+        """React to the plugged-in cable; called with the lock acquired, before the port can be opened."""
 
     @abstractmethod
     def _power_off(self) -> None:
-        """The cable has been pulled; called with the lock held."""
+        """React to the pulled cable; called with the lock acquired."""
 
     @property
     def port(self) -> str:
-        """Name to open: the link where there is one, else the pseudo-terminal (empty while unplugged)."""
+        """Name to open: the link if there is one, else the pseudo-terminal (empty while unplugged)."""
         if self.link is not None:
             return str(self.link)
         end = self._end
@@ -132,27 +135,27 @@ class PtyBoard(ABC):
 
     @property
     def open_count(self) -> int:
-        """How many times the port was seen to be opened; each one resets a real board."""
+        """Number of times that the port was opened; each one resets a real board."""
         with self._changed:
             return self._open_count
 
     @property
     def received(self) -> int:
-        """Bytes that came from the computer so far, good or bad."""
+        """Number of bytes received from the computer so far, valid or not."""
         with self._changed:
             return self._received
 
     def wait_for(self: Board, predicate: Callable[[Board], bool], deadline_s: float = 120.0) -> bool:
-        """Wait until `predicate(board)` holds, looking after every change of the board.
+        """Wait until `predicate(board)` holds; it is evaluated after every change of the board.
 
         Returns:
-            False when `deadline_s` seconds passed first.
+            False if `deadline_s` seconds passed first.
         """
         with self._changed:
             return self._changed.wait_for(lambda: predicate(self), timeout=deadline_s)
 
     def unplug(self) -> None:
-        """Pull the cable: the port vanishes under whoever has it open. The servos lose power."""
+        """Pull the cable: the port vanishes even while a program has it open. The servos lose power."""
         if self._end is None:
             return
         self._end.wake()
@@ -166,10 +169,10 @@ class PtyBoard(ABC):
             self._changed.notify_all()
 
     def replug(self) -> None:
-        """Put the cable back: a power-on behind a new port (most often another number) and the same link.
+        """Plug the cable in: a power-on behind a new port (usually with another number) and the same link.
 
         Raises:
-            PortError: the link cannot be made, or something that is no link is in its place.
+            PortError: the link cannot be created, or its path exists and is no link.
         """
         if self._end is not None:
             return
@@ -201,10 +204,10 @@ class PtyBoard(ABC):
 
 
 def make_link(link: Path | None, device: str) -> None:
-    """Let `link` point to `device`, in one step for whoever looks at it; None does nothing.
+    """Point `link` to `device` in one atomic step; do nothing if it is None.
 
     Raises:
-        PortError: the link cannot be made, or something that is no link is in its place.
+        PortError: the link cannot be created, or its path exists and is no link.
     """
     if link is None:
         return

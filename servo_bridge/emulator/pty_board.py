@@ -1,13 +1,13 @@
-"""The emulated board behind a pseudo-terminal, in wall time: what a bridge opens like a real board's port.
+"""The emulated board behind a pseudo-terminal, in wall time: a bridge opens it like a real board's port.
 
 How the port behaves, and why:
 
-* Opening the port resets the board, as DTR does on a real one; plugging it in is a power-on. While nobody
-  listens, what the firmware sends is dropped. The rest stands in `servo_bridge.emulator.pty`.
-* Virtual time never runs ahead of wall time. Where this computer was busy and virtual time is more than 50 ms
-  behind, it stays behind: to catch up by racing would let the firmware's time limits run out by mistake. So
-  poses are to be asserted once they are settled, and statements about timing belong to the lock-step board.
-* Stepping releases the interpreter's lock; one thread a board is fine.
+* Opening the port resets the board, as DTR does on a real one; plugging it in is a power-on. Bytes that the
+  firmware sends while the port is closed are dropped. See `servo_bridge.emulator.pty` for the rest.
+* Virtual time never runs ahead of wall time. If this computer was busy and virtual time is more than 50 ms
+  behind, it stays behind: catching up quickly would let the firmware's time limits expire by mistake. So
+  assert poses only once they are settled, and test timing with the lock-step board.
+* Stepping releases the interpreter's lock, so one thread per board is enough.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from servo_bridge.emulator.pty import MasterEnd, PtyBoard
 from servo_bridge.emulator.simavr import BAUD_RATE, EmulatorError
 
 SLICE_S = 0.004
-"""Virtual time passes in pieces of about this length, in [s]."""
+"""Virtual time advances in slices of about this length, in [s]."""
 
 LARGEST_SLICE_S = 0.010
 LARGEST_LAG_S = 0.050
@@ -32,20 +32,21 @@ class EmulatedBoardPty(PtyBoard):
     """A servo board with its real firmware behind a pseudo-terminal; use it as a context manager.
 
     Args:
-        hex_path: Firmware; None for this package's own.
+        hex_path: Firmware; None selects the one of this package.
         bootloader: Boot loader (Intel hex) that runs first after a reset; None for none.
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
-        baud_rate: Speed of the line to the board; what the port is opened with does not matter.
-        line: What the line makes of bytes, either way: noise, for tests; None leaves them as they are.
-        log_length: Pulses kept in `pulses`; older ones are forgotten.
+        baud_rate: Speed of the line to the board; the rate with which the port is opened does not matter.
+        line: Function applied to bytes on the line in both directions, such as noise for tests; None changes
+            nothing.
+        log_length: Number of pulses stored in `pulses`; older ones are dropped.
 
     Attributes:
-        reset_wired: Whether opening the port resets the processor; False: its wire is cut, too.
+        reset_wired: Whether opening the port resets the processor; False models a cut reset wire.
 
     Raises:
         EmulatorMissingError: libsimavr is not installed.
         EmulatorError: an image cannot be read or does not fit.
-        PortError: the link cannot be made, or something that is no link is in its place.
+        PortError: the link cannot be created, or its path exists and is no link.
     """
 
     def __init__(
@@ -67,7 +68,7 @@ class EmulatedBoardPty(PtyBoard):
 
     @property
     def resets(self) -> int:
-        """Resets so far: power-ons, openings of the port, the watchdog's."""
+        """Number of resets so far: power-ons, openings of the port, the watchdog's."""
         with self._changed:
             return self._board.resets
 
@@ -85,27 +86,27 @@ class EmulatedBoardPty(PtyBoard):
 
     @property
     def failure(self) -> str:
-        """Why the processor stopped for good; empty while it runs."""
+        """Message about why the processor stopped for good; empty while it runs."""
         with self._changed:
             return self._failure
 
     def widths_us(self) -> tuple[float, ...] | None:
-        """Widths of the newest pulses on pins 9, 10, 11 in [us]; None while there are no pulses."""
+        """Return the widths of the newest pulses on pins 9, 10, 11 in [us]; None without pulses."""
         with self._changed:
             return None if self._end is None else self._board.widths_us()
 
     def read_flash(self, address: int, length: int) -> bytes:
-        """Bytes of the board's program memory."""
+        """Return bytes of the board's program memory."""
         with self._changed:
             return bytes(self._board.processor.flash[address : address + length])
 
     def clear(self) -> None:
-        """Forget the pulses logged so far; the board runs on."""
+        """Drop the pulses logged so far; the board runs on."""
         with self._changed:
             self._board.clear()
 
     def kill(self) -> None:
-        """Stop the board's processor for good, as a failed supply does; the port stays and says nothing."""
+        """Stop the board's processor for good, like a failed supply; the port stays and sends nothing."""
         with self._changed:
             self._running = False
             self._changed.notify_all()

@@ -1,29 +1,30 @@
 """An ATmega328P from Debian's libsimavr through ctypes: firmware, time, pins, serial line, I2C, resets.
 
-libsimavr is loaded at run time where it is installed (apt-get install libsimavr2); it is no part of this
-suite. It was made for programs that watch a firmware. Driving one byte-exactly and fast needs the following,
-each point found by a wrong measurement:
+libsimavr is loaded at run time if it is installed (apt-get install libsimavr2); it is not part of this suite.
+It was made for programs that observe a firmware. Driving one byte-exactly and fast needs the following; each
+point was found by a wrong measurement:
 
-* Bytes to the board come from cycle timers inside the emulation. A loop around `avr_run` cannot hand them
-  over in time: a sleeping core jumps to its next timer, and they would arrive in bunches.
-* Whether such a timer runs is remembered here: `avr_cycle_timer_status` says "none" of one that is overdue.
-* The UART delays a byte that is handed over by its whole byte time, and halves the rate while another one
-  waits. So its byte time is made short for the moment of the hand-over, and put back for the sending side.
-  That byte time is 11 bits: the board sends a tenth slower than a real one.
-* Its receiver holds 64 bytes, the chip's two and one in the making: what overruns there is counted here.
-* Its default is to sleep in wall time at every look at the status register, and to print what is sent. Both
-  are switched off.
+* Bytes to the board come from cycle timers inside the emulation. A loop around `avr_run` cannot deliver them
+  in time: a sleeping core jumps to its next timer, and they would arrive in bunches.
+* This module stores whether such a timer runs: `avr_cycle_timer_status` reports "none" for an overdue one.
+* The UART delays a delivered byte by its whole byte time, and halves the rate while another one waits. So its
+  byte time is short during the delivery and is restored for the sending side. That byte time is 11 bits: the
+  board sends a tenth slower than a real one.
+* Its receiver buffers 64 bytes, that of the chip two and one in progress: overruns of the chip are counted
+  here.
+* By default it sleeps in wall time at every read of the status register, and prints sent bytes. Both are
+  switched off.
 * A core whose firmware sleeps would sleep in wall time, too: `avr->sleep` is replaced.
-* One `avr_run` is one instruction unless `run_cycle_limit` is raised. Every reset, the watchdog's included,
-  puts the limit back and forgets all cycle timers; that is also how a watchdog's reset is noticed.
-* A sleeping core overshoots the end of a slice of time unless a timer stands there.
-* A core that is done or has crashed stands still in time: a loop until some moment would never end.
-* An external reset must set its bit in MCUSR by hand, or a boot loader does not know why it runs. The RAM
-  keeps its contents over a reset, as on the chip.
-* The I2C bus leaves its flag "done" set while a byte is on its way, and says of an acknowledged address what
-  belongs to a byte: the flag is cleared here, the firmware takes both for acknowledged.
-* A new prescaler of a running watchdog counts only from the next time it is fed.
-* The callbacks must stay referenced as long as the core lives, and the library's log needs a place to go.
+* One `avr_run` is one instruction unless `run_cycle_limit` is raised. Every reset, including the watchdog's,
+  restores the limit and removes all cycle timers; a reset by the watchdog is detected by that.
+* A sleeping core overshoots the end of a time slice unless a timer is set there.
+* Time does not advance in a core that is done or has crashed: a loop until some time would never end.
+* An external reset must set its bit in MCUSR explicitly, or a boot loader cannot know why it runs. The RAM is
+  unchanged by a reset, as on the chip.
+* The I2C bus leaves its flag "done" set while a byte is transferred, and reports for an acknowledged address
+  the status of a byte: the flag is cleared here, and the firmware accepts both as acknowledged.
+* A new prescaler of a running watchdog applies only from the next time that the watchdog is reset.
+* The callbacks must stay referenced as long as the core exists, and the library needs a log function.
 * The layout of the C structures is the same in simavr 1.6 and 1.7, and checked at start.
 """
 
@@ -39,7 +40,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from softsim_core.base.errors import SoftSimError
+from softsim_core.base import SoftSimError
 
 # Conditions on the bus in messages of simavr: bits 8..15 of the value; address in 16..23, data in 24..31.
 _START, _STOP, _ACKNOWLEDGE, _WRITE, _READ = 1 << 0, 1 << 1, 1 << 3, 1 << 4, 1 << 5
@@ -47,12 +48,14 @@ _START, _STOP, _ACKNOWLEDGE, _WRITE, _READ = 1 << 0, 1 << 1, 1 << 3, 1 << 4, 1 <
 
 @dataclass(slots=True)
 class I2cRegisters:
-    """A device of 256 registers; the first byte written sets the register, the next ones go into it and on.
+    """A device of 256 registers on the I2C bus.
+
+    The first written byte selects a register; the next ones are stored from there on.
 
     Attributes:
         address: Address on the bus, 7 bits.
         registers: The registers' contents.
-        present: Whether it answers; False for a cable that is off.
+        present: Whether it responds; False models an unplugged cable.
     """
 
     address: int
@@ -62,7 +65,7 @@ class I2cRegisters:
     _pointer: int | None = None
 
     def answer(self, value: int) -> int | None:
-        """The bus's next message after a message of the processor; None where nothing is said."""
+        """Return the bus's next message after a message of the processor; None if there is none."""
         conditions, address, data = value >> 8 & 0xFF, value >> 16 & 0xFF, value >> 24 & 0xFF
         if conditions & _STOP:
             self._selected = -1
@@ -93,18 +96,19 @@ class I2cRegisters:
 
 
 class EmulatorMissingError(SoftSimError, OSError):
-    """The processor's emulator is not installed, or it is a version whose inside is not known."""
+    """The processor's emulator is not installed, or its version has an unknown memory layout."""
 
 
 class EmulatorError(SoftSimError, RuntimeError):
-    """The emulated processor cannot go on, or a firmware image cannot be loaded into it."""
+    """The emulated processor cannot continue, or a firmware image cannot be loaded into it."""
 
 
 def read_image(path: Path | str) -> tuple[int, bytes]:
-    """Address of the first byte and the bytes of an Intel hex file; gaps are filled with 0xFF.
+    """Read an Intel hex file; return the address of its first byte and its bytes, gaps filled with 0xFF.
 
     Raises:
-        EmulatorError: the file is missing, is no Intel hex, or has a wrong checksum; names file and line.
+        EmulatorError: the file is missing, is no Intel hex, or has a wrong checksum; the message names file
+            and line.
     """
     try:
         lines = Path(path).read_text(encoding="ascii").splitlines()
@@ -134,7 +138,7 @@ def read_image(path: Path | str) -> tuple[int, bytes]:
 
 
 def _record(line: str, where: str) -> tuple[int, int, bytes]:
-    """Kind, address and data of one line."""
+    """Return kind, address and data of one line."""
     try:
         raw = bytes.fromhex(line[1:])
     except ValueError:
@@ -147,10 +151,10 @@ def _record(line: str, where: str) -> tuple[int, int, bytes]:
 
 
 FREQUENCY = 16_000_000
-"""Cycles a second of the board's crystal."""
+"""Cycles per second of the board's crystal."""
 
 BAUD_RATE = 115200
-"""Speed of the line to the board, where nothing else is asked for."""
+"""Default speed of the line to the board."""
 
 FLASH_SIZE = 0x8000
 POWER_ON, EXTERNAL = 1 << 0, 1 << 1
@@ -189,10 +193,10 @@ _library_lock = threading.Lock()
 
 
 def load_library() -> ctypes.CDLL:
-    """The emulator's library, loaded once.
+    """Return the emulator's library, loaded once.
 
     Raises:
-        EmulatorMissingError: it is not installed, or its layout is not the known one.
+        EmulatorMissingError: it is not installed, or its memory layout is unknown.
     """
     global _library
     with _library_lock:
@@ -209,7 +213,7 @@ def load_library() -> ctypes.CDLL:
 
 
 def why_missing() -> str:
-    """Why no board can be emulated here, in one sentence; empty where one can."""
+    """Return a message that says why no board can be emulated here; empty if one can."""
     try:
         load_library()
     except EmulatorMissingError as error:
@@ -270,10 +274,10 @@ class Processor:
 
     Args:
         image: Pieces of flash: address and bytes each.
-        start: Where it begins after a reset: 0, or the address of the boot loader.
+        start: Address at which it starts after a reset: 0, or the address of the boot loader.
         on_pin: Called with (channel 0..2, level 0 or 1, cycle) at every edge of pins 9, 10, 11.
         on_byte: Called with every byte that the firmware sends.
-        on_reset: Called after every reset that the watchdog made.
+        on_reset: Called after every reset by the watchdog.
         baud_rate: Speed of the line to the board; a byte takes ten bits.
 
     Raises:
@@ -305,9 +309,9 @@ class Processor:
         self._waiting: deque[int] = deque()
         self._feeding = False
         self.lost_bytes = 0
-        """Bytes that came while the chip's receiver was full; on the chip they overrun."""
+        """Number of bytes that arrived while the chip's receiver was full; on the chip they overrun."""
         self.resets = 0
-        """Resets so far, the first power-on included."""
+        """Number of resets so far, including the first power-on."""
 
         ctypes.c_uint32.from_address(core + _FREQUENCY).value = FREQUENCY
         ctypes.c_uint32.from_address(core + _RESET_PC).value = start
@@ -346,11 +350,11 @@ class Processor:
 
     @property
     def waiting(self) -> int:
-        """Bytes still on their way to the board."""
+        """Number of bytes still on the line to the board."""
         return len(self._waiting)
 
     def feed(self, data: bytes) -> None:
-        """Put bytes on the line to the board; as time passes they arrive one by one."""
+        """Put bytes on the line to the board; they arrive one by one as time passes."""
         self._waiting.extend(data)
         if self._waiting and not self._feeding:
             self._feeding = True
@@ -374,7 +378,7 @@ class Processor:
         library.avr_irq_register_notify(library.avr_io_getirq(core, bus, 1), function, None)
 
     def run_to(self, cycle: int) -> None:
-        """Let time pass until a cycle; it ends at most one instruction late.
+        """Advance to a cycle; it ends at most one instruction late.
 
         Raises:
             EmulatorError: the processor crashed or stopped for good.
@@ -397,13 +401,13 @@ class Processor:
                 )
 
     def reset(self, cause: int = EXTERNAL) -> None:
-        """Reset it; bytes on their way to the board go on to whatever runs next."""
+        """Reset it; bytes on the line to the board are received by the program that runs next."""
         self._library.avr_reset(self._core)
         self._mcusr.value = cause
         self._after_reset()
 
     def forget_memory(self) -> None:
-        """Fill the RAM as a loss of power does; to be followed by a power-on reset."""
+        """Fill the RAM as a loss of power does; call a power-on reset afterwards."""
         self._ram[:] = [0xA5] * _RAM_SIZE
 
     def close(self) -> None:
@@ -441,7 +445,7 @@ class Processor:
         self._end_timer = _TimerFunction(lambda core, when, parameter: 0)
 
     def _uart_address(self) -> int:
-        """Address of the UART's own structure: the parameter of its hook on the line into it."""
+        """Return the address of the UART's structure: the parameter of its hook on its input line."""
         hook = ctypes.c_void_p.from_address(self._receive_irq + 32).value
         while hook:
             # struct avr_irq_hook_t: next, busy (int), chain, notify, param
@@ -466,7 +470,7 @@ class Processor:
             self.lost_bytes += 1
         else:
             usual = self._uart_byte_time.value
-            self._uart_byte_time.value = _HAND_OVER_CYCLES
+            self._uart_byte_time.value = _HAND_OVER_CYCLES  # else the UART delays it by a byte time
             self._library.avr_raise_irq(self._receive_irq, value)
             self._uart_byte_time.value = usual
         return when + self._byte_cycles

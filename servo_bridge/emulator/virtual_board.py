@@ -1,8 +1,8 @@
-"""A board without hardware: a pseudo-terminal that speaks the board's side of the protocol.
+"""A board without hardware: a pseudo-terminal that speaks the board's side of a protocol.
 
-What it takes and says is the model that a protocol has of its boards (`BoardProtocol.board_model`), by
-default one that says nothing, forgets a packet begun when the port is opened, and keeps the last servo bytes
-when the line falls silent. The firmware itself runs in the emulator.
+It behaves like the model that a protocol has of its boards (`BoardProtocol.board_model`). The default model
+sends nothing, drops an unfinished packet when the port is opened, and stays at the last servo bytes when no
+packets arrive. The firmware itself runs in the emulator.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from pathlib import Path
 
 from servo_bridge.emulator.pty import MasterEnd, PtyBoard
 from servo_bridge.protocols import AUTO, model_of_board
-from softsim_core.scene.board import Servo, ServoCalibration
+from softsim_core.scene import Servo, ServoCalibration
 
 START_S = 0.2
-"""Time in [s] from the opening of the port to the first word; a real board's boot loader takes 1.4 s."""
+"""Time in [s] from the opening of the port to the first message; a real board's boot loader takes 1.4 s."""
 
 RESET_POWER_ON, RESET_EXTERNAL = 1, 2
-"""Reset causes of a board that is plugged in, and of one whose port is opened."""
+"""Reset causes of a board that is plugged in, and of one with a port that is opened."""
 
 IDLE_POLL_S = 0.02
-"""How often a port that nobody has open is looked at, in [s]."""
+"""Interval in [s] at which a port is checked that no program has open."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReceivedPacket:
-    """Servo bytes, or pulses, of one accepted packet and when it came, on `time.monotonic`, in [s]."""
+    """Servo bytes, or pulses, of one accepted packet, and its time on `time.monotonic` in [s]."""
 
     time_s: float
     servo_bytes: tuple[int, ...]
@@ -39,17 +39,18 @@ class VirtualBoard(PtyBoard):
     """A pseudo-terminal with a model of a servo board behind it; use it as a context manager.
 
     Args:
-        servos: What it drives; a number stands for so many hobby servos.
+        servos: The servos that it drives; a number stands for that many hobby servos.
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
-        log_length: Packets kept in `packets`; older ones are forgotten.
-        protocol: Name of the protocol it speaks; auto: one that does not say what it is, or a bus of servos.
+        log_length: Number of packets stored in `packets`; older ones are dropped.
+        protocol: Name of its protocol; "auto" gives a board that does not identify itself, or a bus of
+            servos.
 
     Attributes:
-        model: What is behind the port.
+        model: The model behind the port.
 
     Raises:
-        ProtocolError: the protocol is unknown, or has no model of such a board.
-        PortError: the link cannot be made, or something that is no link is in its place.
+        ProtocolError: the protocol is unknown, or has no model of a board with these servos.
+        PortError: the link cannot be created, or its path exists and is no link.
     """
 
     def __init__(
@@ -70,13 +71,13 @@ class VirtualBoard(PtyBoard):
 
     @property
     def servo_bytes(self) -> tuple[int, ...] | None:
-        """What the servos are told now, in degrees or pulses; None before the first packet."""
+        """Newest command of the servos in degrees or pulses; None before the first packet."""
         with self._changed:
             return self._servo_bytes
 
     @property
     def widths_us(self) -> tuple[float, ...] | None:
-        """Widths in [us] that the servos have reached; None without pulses, or where not modelled."""
+        """Widths in [us] that the servos have reached; None without pulses, or if not modelled."""
         with self._changed:
             return self.model.widths_us
 
@@ -88,23 +89,23 @@ class VirtualBoard(PtyBoard):
 
     @property
     def accepted(self) -> int:
-        """Poses accepted by the board so far."""
+        """Number of poses accepted by the board so far."""
         with self._changed:
             return self.model.accepted
 
     @property
     def dropped(self) -> int:
-        """Packets dropped or refused by the board so far."""
+        """Number of packets dropped or refused by the board so far."""
         with self._changed:
             return self.model.dropped
 
     def clear(self) -> None:
-        """Forget the packets logged so far; the servos stay."""
+        """Drop the packets logged so far; the servos are unchanged."""
         with self._changed:
             self._log.clear()
 
     def restart(self, cause: int) -> None:
-        """Reset the board, which forgets its pose; `cause` as in `BoardModel.reset`."""
+        """Reset the board, which loses its pose; `cause` as in `BoardModel.reset`."""
         with self._changed:
             self._servo_bytes = None
             self.model.reset(cause)
@@ -132,13 +133,13 @@ class VirtualBoard(PtyBoard):
 
     def _patience_s(self) -> float | None:
         if not self._opened:
-            return 0.0  # an opening by itself wakes no poll
+            return 0.0  # the opening of the port alone does not wake a poll
         if self.model.say_period_s is None:
             return None
         return max(self._say_due - time.monotonic(), 0.0)
 
     def _speak(self, end: MasterEnd) -> None:
-        """What the board has to say unasked by now."""
+        """Send what the board has to send by now without a request."""
         now, period_s = time.monotonic(), self.model.say_period_s
         if period_s is None or now < self._say_due:
             return

@@ -1,4 +1,4 @@
-"""A node around a board on a pseudo-terminal: its link, its status line, its end."""
+"""Base of the nodes with a board on a pseudo-terminal: its link, its status line, its end."""
 
 from __future__ import annotations
 
@@ -11,36 +11,34 @@ from typing import Any, ClassVar
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
-from servo_bridge.emulator.pty import PtyBoard
-from softsim_node.guards import GuardedNode
-from softsim_node.parameters import declare, parameter
-from softsim_node.text import takes_escapes
+from servo_bridge.emulator import PtyBoard
+from softsim_node import GuardedNode, declare, parameter, takes_escapes
 
 STATUS_PERIOD_S = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoardSettings:
-    """What the parameters of every board begin with."""
+    """Parameters that every board node has."""
 
     robot: str = parameter("tripod", "Robot whose namespace the board takes", fixed=True)
     link: str = parameter("", "Path of a symbolic link to the port; empty: none", fixed=True)
 
 
 class BoardNode(GuardedNode):
-    """A board, what it does as a topic, and where wished as a line on standard output.
+    """A board, its servo commands as a topic, and on request a status line on standard output.
 
-    A subclass makes its `board` with a link to `link_path`, then calls `begin`.
+    A subclass creates its `board` with a link to `link_path`, then calls `begin`.
 
     Args:
         link: Path of a link to the port; None takes the parameter `link` (empty: no link).
-        show: Write the port's name and a status line to standard output.
+        show: Whether to write the port's name and a status line to standard output.
         node_name: Name of the node.
         **node_kwargs: Passed on to rclpy's Node.
 
     Attributes:
-        defaults: Parameters and their defaults; a subclass may have more.
-        settings: The same as they were given.
+        defaults: Parameters with their defaults; a subclass may have more.
+        settings: Parameters with the values given at the start.
     """
 
     board: PtyBoard
@@ -56,14 +54,14 @@ class BoardNode(GuardedNode):
     @property
     @abstractmethod
     def pose_text(self) -> str:
-        """What the servos are told now, for a status line."""
+        """Newest pose command as text for the status line."""
 
     @abstractmethod
     def publish_pose(self) -> None:
-        """Publish what the servos are told."""
+        """Publish the newest pose command."""
 
     def begin(self, what: str, publish_period_s: float) -> None:
-        """The board is there: say so, and publish from now on."""
+        """Announce the board and start to publish; called once the board exists."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(publish_period_s, self.publish_pose, clock=steady)
         self.create_timer(STATUS_PERIOD_S, self._show_status, clock=steady)

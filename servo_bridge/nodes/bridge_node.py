@@ -13,40 +13,33 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
-from servo_bridge.driver.board_session import BoardSession, Recovery
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.ports import find_port
-from servo_bridge.driver.safety import EStop
-from servo_bridge.errors import PortError, WriterError
+from servo_bridge import PortError, WriterError
+from servo_bridge.driver import BoardSession, EStop, Recovery, ServoDriver, find_port
 from servo_bridge.nodes import parameters
 from servo_bridge.nodes.bridge_services import EStopServices, GuardedLifecycleNode
 from servo_bridge.nodes.commands import CommandInput
 from servo_bridge.nodes.parameters import BridgeSettings, assemble
 from servo_bridge.nodes.reports import Reports
-from softsim_core.base.errors import SoftSimError
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.frames import prefix_of
-from softsim_node.parameters import LiveParameters, Program
-from softsim_node.process import run_node
-from softsim_node.text import sentence
-from softsim_node.topics import StateTopics
+from softsim_core.base import SoftSimError
+from softsim_core.scene import RobotDescription
+from softsim_node import LiveParameters, Program, StateTopics, prefix_of, run_node, sentence
 
 SUPERVISION_PERIOD_S = 0.1
 RETRY_JITTER = 0.2
 
 
 class ServoBridge(GuardedLifecycleNode):
-    """Thin: lifecycle, parameters and timers; decisions live in safety, driver, board_session and recovery.
+    """Lifecycle, parameters and timers of the bridge; the decisions are in safety, driver and board_session.
 
     Topics (relative): `joint_states`, `position_controller/commands` or `joint_commands` in,
-    `applied_joint_states` out (what was really sent, one message a packet), `imu` where the board has one,
+    `applied_joint_states` out (the applied command, one message per packet), `imu` if the board has one,
     `/diagnostics` at 1 Hz; latched and on a change `~/state`, `~/connected`, `~/sending`, `~/e_stop_latched`,
-    `~/commanded_by`. Packets leave from a thread of their own, at a fixed rate whatever the executor is busy
-    with; it runs as long as the port is open, and looks at the e-stop for each packet. Services: the
-    lifecycle ones, and `~/e_stop`, `~/clear_e_stop` on an executor of their own.
+    `~/commanded_by`. A thread of its own sends packets at a fixed rate, whatever the executor is busy with;
+    it runs as long as the port is open, and checks the e-stop for each packet. Services: the lifecycle ones,
+    and `~/e_stop`, `~/clear_e_stop` on an executor of their own.
 
     Args:
-        scene: Robot already loaded; None loads the parameter `robot` at configure.
+        scene: A robot that is already loaded; None loads the one of the parameter `robot` at configure.
         node_name: Name of the node.
         **node_kwargs: Passed on to rclpy's Node (namespace, parameter_overrides, context, ...).
     """
@@ -65,7 +58,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._scene = scene
         self._lock = threading.RLock()  # in-process, close() may come from another thread than the callbacks
         self._session = BoardSession(lambda driver: self._reports.tell_applied(driver))
-        self._e_stop = EStop(self._session.hurry)  # outside that lock
+        self._e_stop = EStop(self._session.hurry)  # without that lock
         base_frame = f"{self.get_parameter('frame_prefix').value}base_link"
         self._reports = Reports(self, self._session, self._e_stop, base_frame)
         self._input: CommandInput | None = None
@@ -83,7 +76,7 @@ class ServoBridge(GuardedLifecycleNode):
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the robot and open the port; failure leaves the node unconfigured, with a sentence."""
+        """Load the robot and open the port; a failure is reported and leaves the node unconfigured."""
         self._state_topics.refresh()
         with self._lock:
             try:
@@ -97,20 +90,20 @@ class ServoBridge(GuardedLifecycleNode):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Send from where the board stands; refused without a port and while the e-stop is latched."""
+        """Send from the board's present pose; refused without a port and while the e-stop is latched."""
         with self._lock:
             driver, refusal = self._session.driver, self._activation_refusal()
             if refusal or driver is None:
                 self.get_logger().error(refusal)
                 return TransitionCallbackReturn.FAILURE
-            self._forget_commands()  # sent while a port was opened
+            self._forget_commands()  # commands sent while the port was opened
             self._session.start()
             self._reports.trouble = ""
         self.get_logger().info(f"sending to {driver.port} at {1.0 / driver.period:g} Hz")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go to the safe pose and stop sending; the port stays open."""
+        """Move to the safe pose and stop sending; the port stays open."""
         self._state_topics.refresh()
         self._recovery.give_up()
         self._stop_sending()
@@ -124,16 +117,16 @@ class ServoBridge(GuardedLifecycleNode):
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go to the safe pose and close the port, for good."""
+        """Move to the safe pose and close the port for good."""
         self._state_topics.refresh()
         self._recovery.give_up()
         self._disconnect()
         return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """After an unforeseen error: safe pose, port closed, unconfigured."""
+        """Go to the safe pose, close the port and become unconfigured after an unexpected error."""
         self.get_logger().error("a transition failed unexpectedly; the bridge is unconfigured again")
-        self._recovery.give_up()  # it would configure any board that is there
+        self._recovery.give_up()  # recovery would configure any board that is present
         self._disconnect()
         return super().on_error(state)
 
@@ -146,7 +139,7 @@ class ServoBridge(GuardedLifecycleNode):
             self._state_topics.refresh()
 
     def close(self) -> None:
-        """Reach the safe pose and close the port, in whatever state; a second call does nothing."""
+        """Move to the safe pose and close the port, in any state; a second call does nothing."""
         with self._lock:
             if not self._closed:
                 self._closed = True
@@ -155,7 +148,7 @@ class ServoBridge(GuardedLifecycleNode):
                 self._state_topics.refresh()
 
     def destroy_node(self) -> None:
-        """Close, then destroy the node; the e-stop is served until the port is closed."""
+        """Close, then destroy the node; the e-stop service runs until the port is closed."""
         self.close()
         self._e_stop_services.close()
         super().destroy_node()
@@ -229,14 +222,14 @@ class ServoBridge(GuardedLifecycleNode):
                     self._recovery.failed(time.monotonic())
 
     def _lose_writer(self, error: WriterError) -> None:
-        """Nothing sends any more: the servos hold, the bridge is inactive until it is activated."""
+        """React to a dead thread: the servos hold, and the bridge is inactive until it is activated."""
         self._session.hold()
         self._reports.report(str(error))
         self._leave_active()
         self._recovery.give_up()
 
     def _lose_port(self, error: PortError) -> None:
-        """The port vanished: inactive, port closed, trying to open it again and then to go on as before."""
+        """React to a lost port: become inactive, close it, and request to open it and continue as before."""
         was_sending = self._session.sending
         self._session.close()
         self._reports.report(f"{error}; the bridge tries to open it again")
@@ -248,7 +241,7 @@ class ServoBridge(GuardedLifecycleNode):
             self.trigger_deactivate()
 
     def _pursue(self) -> bool:
-        """One try to reach what recovery wishes; True when there is no more to try."""
+        """Make one attempt to reach the state that recovery requests; return whether it is finished."""
         wish = self._recovery.wish
         if self.lifecycle_state == "unconfigured":
             if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
@@ -294,9 +287,9 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the bridge until a signal or the end of its parent; the servos end in the safe pose.
+    """Run the bridge until a signal or the end of its parent process; the servos end in the safe pose.
 
-    Its namespace is the robot's name unless `-r __ns:=/other` says otherwise.
+    Its namespace is the robot's name unless `-r __ns:=/other` is given.
 
     Returns:
         Exit code: 0 after a normal end, 1 for a parameter that cannot be used, 2 for a wrong command line.

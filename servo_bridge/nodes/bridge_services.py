@@ -16,17 +16,16 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from servo_bridge.driver.safety import EStop
-from softsim_core.base.errors import listing
-from softsim_node.guards import GuardedNode
-from softsim_node.text import sentence, shortened
+from servo_bridge.driver import EStop
+from softsim_core.base import listing
+from softsim_node import GuardedNode, sentence, shortened
 
 
 class GuardedLifecycleNode(GuardedNode, LifecycleNode):
-    """rclpy's LifecycleNode behind doors, and safe against transitions that the present state does not have.
+    """LifecycleNode of rclpy with callback guards, which refuses invalid transitions.
 
-    rclpy raises from the service's callback then, which ends the process: any `ros2 lifecycle set` typed in
-    the wrong state would stop a robot.
+    rclpy raises from the service's callback if the present state does not have a transition. That would end
+    the process: any `ros2 lifecycle set` typed in the wrong state would stop a robot.
     """
 
     def __init__(self, node_name: str, **node_kwargs: Any) -> None:
@@ -36,11 +35,11 @@ class GuardedLifecycleNode(GuardedNode, LifecycleNode):
 
     @property
     def lifecycle_state(self) -> str:
-        """Present lifecycle state: unconfigured, inactive, active, finalized, or a transition's."""
+        """Present lifecycle state: unconfigured, inactive, active, finalized, or that of a transition."""
         return str(self.state_message().label)
 
     def state_message(self) -> State:
-        """Present lifecycle state with its number."""
+        """Return the present lifecycle state with its number."""
         number, label = self._state_machine.current_state
         return State(id=number, label=label)
 
@@ -62,23 +61,25 @@ class GuardedLifecycleNode(GuardedNode, LifecycleNode):
 SPIN_PERIOD_S = 0.1
 
 HEED_S = 0.25
-"""Longest wait in [s] for the packet that carries the stop: more than a period of the slowest rate."""
+"""Longest wait in [s] for the packet that carries the stop: longer than a period of the slowest rate."""
 
 ARRIVES_S = 0.5
-"""The node outlives its last answer by so long in [s]: one that nobody has read yet goes with the process."""
+"""Time in [s] that the node outlives its last response: an unread response is lost when the process ends."""
 
 
 class EStopServices:
-    """Both services on a node, an executor and a thread of their own; they set a latch.
+    """The services `~/e_stop` and `~/clear_e_stop`, on a node, an executor and a thread of their own.
 
-    A stop is answered when the packet that carries it has left, or when it is clear that there is none.
+    Both only set a latch. A stop is answered when the packet that carries it was sent, or when it is clear
+    that there is none.
 
     Args:
-        bridge: Gives the services their names, remapped as its own would be, and the log.
+        bridge: Node whose name and remappings the services use, and whose log they write.
         e_stop: The latch.
-        forget: Called before it is cleared; drops commands that were sent earlier and wait still.
-        changed: Called in that thread after it was set or cleared.
-        told: What the board was told at a stop, for a sentence; gets whether whoever writes packets saw it.
+        forget: Called before the latch is cleared; drops earlier commands that are still queued.
+        changed: Called in that thread after the latch was set or cleared.
+        told: Returns what was sent to the board at a stop, for the message; receives whether the latch was
+            acknowledged.
     """
 
     def __init__(
@@ -109,7 +110,7 @@ class EStopServices:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread, and the node once its last answer can have arrived; a second call does nothing."""
+        """End the thread, then the node once its last response can have arrived; idempotent."""
         if self._stop.is_set():
             return
         self._stop.set()
@@ -154,5 +155,5 @@ class EStopServices:
         return response
 
     def _tell(self) -> None:
-        with contextlib.suppress(Exception):  # the services must live on, whatever telling it runs into
+        with contextlib.suppress(Exception):  # the services must survive any error of the notification
             self._changed()

@@ -1,4 +1,4 @@
-"""Commands of the bridge: bounded messages, checked and put into the order of the servos."""
+"""Commands of the bridge: ROS messages of bounded size, checked and put into the order of the servos."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.driver.driver import ServoDriver
-from softsim_core.base.errors import CommandError
-from softsim_core.physics.mechanics.limits import check_age, check_positions_only
-from softsim_node.text import named, sentence
+from servo_bridge.driver import ServoDriver
+from softsim_core.base import CommandError
+from softsim_core.physics.mechanics import check_age, check_positions_only
+from softsim_node import named, sentence
 
 MOST_BYTES = 65_536
-"""Longest message that is unpacked: a thousand joints, and no packet is late for it."""
+"""Longest ROS message that is deserialised: a thousand joints, which delays no packet."""
 
 
 class NamedCommand(NamedTuple):
-    """A command for some joints, not checked against those that there are.
+    """A command for some joints, not yet checked against the robot's joints.
 
     Attributes:
         names: Names of the joints.
-        positions: In [rad].
+        positions: Positions in [rad].
     """
 
     names: Sequence[str]
@@ -37,7 +37,7 @@ class NamedCommand(NamedTuple):
 
 
 def command_values(data: bytes) -> Sequence[float]:
-    """Values of a serialised Float64MultiArray.
+    """Return the values of a serialised Float64MultiArray.
 
     Raises:
         CommandError: the message is too long or damaged.
@@ -47,7 +47,7 @@ def command_values(data: bytes) -> Sequence[float]:
 
 
 def joint_positions(data: bytes) -> dict[str, float]:
-    """Positions by joint name of a serialised JointState.
+    """Return the positions by joint name of a serialised JointState.
 
     Raises:
         CommandError: the message is too long or damaged, names a joint twice, or has another number of names
@@ -68,14 +68,14 @@ def joint_positions(data: bytes) -> dict[str, float]:
 
 
 def named_command(data: bytes, now_s: float) -> NamedCommand:
-    """The command of a serialised JointState.
+    """Return the command in a serialised JointState.
 
     Args:
-        data: The message.
-        now_s: The time now in [s], on the clock of its stamp.
+        data: The serialised message.
+        now_s: Present time in [s], on the clock of its stamp.
 
     Raises:
-        CommandError: the message is too long, damaged or too old, or it says more than positions.
+        CommandError: the message is too long, damaged or too old, or it has more than positions.
     """
     message = _unpacked(data, JointState)
     stamp = message.header.stamp
@@ -91,7 +91,7 @@ def _unpacked(data: bytes, message_type: type[Any]) -> Any:
         )
     try:
         return deserialize_message(data, message_type)
-    except Exception as error:  # an RMWError, or what a field's setter says of text that is none
+    except Exception as error:  # an RMWError, or an error of a field's setter for invalid text
         raise CommandError(
             f"message refused: its {len(data)} bytes are no {message_type.__name__}; nothing was moved"
         ) from error
@@ -100,18 +100,18 @@ def _unpacked(data: bytes, message_type: type[Any]) -> Any:
 Values = TypeVar("Values")
 
 NAMED_DEPTH = 10
-"""Commands by name that may wait: each may be for other joints."""
+"""Queue length for commands by name: each may be for other joints."""
 
 REFUSAL_LOG_PERIOD_S = 2.0
 
 
 class CommandInput:
-    """A subscription from its making to `close`.
+    """A subscription to commands, from its creation to `close`.
 
     Args:
-        node: Owner of the subscription, and the log of refusals.
+        node: Owner of the subscription and of the log for refusals.
         source: Kind of commands: joint_states, commands or joint_commands.
-        obeys: The driver that is to follow them now; None while nothing is.
+        obeys: Returns the driver that follows the commands now; None if none does.
 
     Attributes:
         topic: Full name of the topic.
@@ -130,9 +130,10 @@ class CommandInput:
         self.topic = str(self._subscription.topic_name)
 
     def forget(self) -> None:
-        """Drop commands that wait to be read; in any thread, also after `close`.
+        """Drop queued commands; callable from any thread, also after `close`.
 
-        As many as can wait: those that come meanwhile are newer, and may come without end.
+        It drops at most as many as the queue holds: commands that arrive meanwhile are newer, and might never
+        end.
         """
         waiting = self._subscription.handle
         with contextlib.suppress(InvalidHandle), waiting:
@@ -141,7 +142,7 @@ class CommandInput:
                     break
 
     def close(self) -> None:
-        """Follow the topic no more."""
+        """Remove the subscription."""
         self._node.destroy_subscription(self._subscription)
 
     def _on_command(self, data: bytes) -> None:

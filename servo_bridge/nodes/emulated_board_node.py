@@ -1,4 +1,4 @@
-"""The node `emulated_board`: the real firmware, emulated; its pulses as status line and topic."""
+"""The node `emulated_board`: the real firmware, emulated, with its pulses as status line and topic."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ from std_msgs.msg import Float64MultiArray
 from servo_bridge.emulator import EmulatedBoardPty
 from servo_bridge.nodes.board_node import BoardNode, BoardSettings, add_link
 from servo_bridge.nodes.parameters import robot_namespace
-from softsim_node.parameters import Program, parameter
-from softsim_node.process import run_node
+from softsim_node import Program, parameter, run_node
 
 
 @dataclass(frozen=True, kw_only=True)
 class EmulatedBoardSettings(BoardSettings):
-    """Values of the parameters."""
+    """Parameters of the node."""
 
     firmware: str = parameter("", "Firmware to run (Intel hex); empty: this package's own", fixed=True)
 
@@ -36,7 +35,7 @@ PROGRAM = Program(
 PUBLISH_PERIOD_S = 0.1
 
 KEPT = 1000
-"""Pulses that the board remembers: it runs for days."""
+"""Number of pulses that are stored; bounded since the node may run for days."""
 
 
 class EmulatedBoardNode(BoardNode):
@@ -44,7 +43,7 @@ class EmulatedBoardNode(BoardNode):
 
     Args:
         link: Path of a link to the port; None takes the parameter `link` (empty: no link).
-        show: Write the port's name and a status line to standard output.
+        show: Whether to write the port's name and a status line to standard output.
         node_name: Name of the node.
         **node_kwargs: Passed on to rclpy's Node.
 
@@ -75,14 +74,14 @@ class EmulatedBoardNode(BoardNode):
 
     @property
     def pose_text(self) -> str:
-        """Measured pulse widths."""
+        """Measured pulse widths as text for the status line."""
         if self.board.failure:
             return self.board.failure
         widths = self.board.widths_us()
         return "pulses none yet" if widths is None else f"pulses {' '.join(f'{w:.0f}' for w in widths)} µs"
 
     def publish_pose(self) -> None:
-        """Publish the newest pulse widths; say once why the processor stopped."""
+        """Publish the newest pulse widths; log once why the processor stopped."""
         if self.board.failure and not self._failed:
             self._failed = True
             self.get_logger().error(self.board.failure)

@@ -1,4 +1,4 @@
-"""Parameters of the bridge node, the files they name, and the driver that they describe."""
+"""Parameters of the bridge node, the files that they name, and the driver that they describe."""
 
 from __future__ import annotations
 
@@ -6,20 +6,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeVar, get_args
 
-from servo_bridge.driver.calibration import calibrated_robot, file_for
-from servo_bridge.driver.driver import FASTEST_HZ, SLOWEST_HZ, ServoDriver
-from servo_bridge.driver.safety import EStop, MotionSettings
+from servo_bridge.driver import (
+    FASTEST_HZ,
+    SLOWEST_HZ,
+    EStop,
+    MotionSettings,
+    ServoDriver,
+    calibrated_robot,
+    file_for,
+)
 from servo_bridge.protocols import AUTO, TiltReading, names
-from softsim_core.base.errors import ConfigError, SoftSimError, listing
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.parameters import ParameterError, declare, parameter, parameter_probe
-from softsim_node.text import shortened
+from softsim_core.base import ConfigError, SoftSimError, listing
+from softsim_core.scene import RobotDescription
+from softsim_node import ParameterError, declare, parameter, parameter_probe, shortened
 
 Loaded = TypeVar("Loaded")
 
 
 def load_robot(name: str) -> RobotDescription:
-    """The robot of a name or file.
+    """Load a robot by name or file.
 
     Raises:
         SoftSimError: it cannot be read.
@@ -30,7 +35,7 @@ def load_robot(name: str) -> RobotDescription:
 
 
 def read_named(parameter: str, value: str, read: Callable[[], Loaded]) -> Loaded:
-    """What `read` gives; anything that the value makes it raise becomes a sentence about the parameter."""
+    """Call `read` and return its result; turn any unexpected error into a message about the parameter."""
     try:
         return read()
     except SoftSimError:
@@ -55,7 +60,7 @@ _TIMES = MotionSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BridgeSettings:
-    """Values of the parameters."""
+    """Parameters of the node."""
 
     robot: str = parameter("tripod", "Robot: a name from configs/robots, or the path of its file", fixed=True)
     port: str = parameter(
@@ -138,7 +143,9 @@ class BridgeSettings:
 
 
 def robot_namespace(node_name: str) -> str:
-    """Namespace for the robot of a node's command line; empty where it is unknown (configure says why).
+    """Return the namespace for the robot of a node's command line; empty if the robot cannot be loaded.
+
+    The error is reported by configure.
 
     Raises:
         ParameterError: a value given at the start is not allowed.
@@ -154,15 +161,15 @@ def robot_namespace(node_name: str) -> str:
 def check(
     settings: BridgeSettings, changed: frozenset[str] = frozenset(), *, configured: bool = False
 ) -> None:
-    """Raise where values cannot be used, for a reason that their ranges cannot say.
+    """Raise if the values cannot be used, for a reason that their ranges cannot express.
 
     Args:
-        settings: The values as they would be.
-        changed: Names of those that are set.
+        settings: The values after the change.
+        changed: Names of the parameters that are set.
         configured: Whether the bridge is configured.
 
     Raises:
-        ParameterError: they cannot be.
+        ParameterError: the values cannot be used.
     """
     fixed = sorted(changed & FIXED_WHILE_CONFIGURED)
     if configured and fixed:
@@ -177,7 +184,7 @@ def check(
 
 @dataclass(frozen=True, slots=True)
 class Assembled:
-    """A driver that is not connected yet.
+    """A driver that is not connected yet, and the files that it was made from.
 
     Attributes:
         driver: The driver.
@@ -196,16 +203,16 @@ def assemble(
     e_stop: EStop,
     on_tilt: Callable[[TiltReading], None],
 ) -> Assembled:
-    """A driver as the settings say.
+    """Create the driver that the settings describe.
 
     Args:
-        settings: The bridge's.
-        scene: Robot already loaded; None loads the one of the settings.
-        e_stop: The latch that the driver looks at.
+        settings: Settings of the bridge.
+        scene: A robot that is already loaded; None loads the one of the settings.
+        e_stop: The latch that the driver checks.
         on_tilt: Called with every reading of a board's IMU.
 
     Raises:
-        SoftSimError: robot or calibration cannot be read, or the robot has no board that can be driven so.
+        SoftSimError: robot or calibration cannot be read, or the robot has no board that fits the settings.
     """
     robot = load_robot(settings.robot) if scene is None else scene
     calibration = read_named(

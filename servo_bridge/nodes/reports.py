@@ -1,4 +1,4 @@
-"""What a bridge publishes: poses sent, the board's tilts, its state, its line in /diagnostics."""
+"""Publications of a bridge: applied poses, tilts of the board, state topics, the status in /diagnostics."""
 
 from __future__ import annotations
 
@@ -13,26 +13,23 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, String
 
-from servo_bridge.driver.board_session import BoardSession
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.link import BoardLink
-from servo_bridge.driver.safety import EStop
-from servo_bridge.driver.writer import PeriodFigures
-from servo_bridge.errors import PortError
+from servo_bridge import PortError
+from servo_bridge.driver import BoardLink, BoardSession, EStop, PeriodFigures, ServoDriver
 from servo_bridge.nodes.bridge_services import GuardedLifecycleNode
 from servo_bridge.protocols import Ability, TiltReading
-from softsim_node.text import printable
-from softsim_node.topics import Facts
+from softsim_node import Facts, printable
 
 TILT_VARIANCE = math.radians(1.0) ** 2
-"""Variance in [rad^2] of a tilt: about a degree, as small IMUs with sensor fusion state."""
+"""Variance in [rad^2] of a tilt: about one degree, as small IMUs with sensor fusion specify."""
 
 HEADING_VARIANCE = math.pi**2
 """Variance in [rad^2] of the heading, which is not measured."""
 
 
 def imu_message(reading: TiltReading, frame: str, stamp: Any) -> Imu:
-    """Orientation of the two tilts; rates and accelerations are marked as absent (first covariance -1).
+    """Return the orientation of two tilts as a ROS message.
+
+    Rates and accelerations are marked as absent (first covariance -1).
 
     Args:
         reading: Tilts in [rad].
@@ -70,14 +67,14 @@ def bridge_status(
     calibration: str = "",
     period: PeriodFigures | None = None,
 ) -> DiagnosticStatus:
-    """Status message of the bridge.
+    """Return the status of the bridge for /diagnostics.
 
     Args:
         name: Full name of the node.
         state: Lifecycle state.
         driver: The driver; None before the first configure.
         e_stopped: Whether the software e-stop is latched.
-        trouble: Sentence of what keeps the bridge from working; empty when nothing does.
+        trouble: Message about the problem that stops the bridge; empty without one.
         reconnects: Times that a lost port was opened again.
         calibration: File of the servos' calibration; empty without one.
         period: How evenly packets are sent; None while none are.
@@ -129,7 +126,7 @@ def bridge_status(
 
 
 def _link_values(driver: ServoDriver) -> dict[str, object]:
-    """What is known of the board: its protocol, what it can do, and what it said last."""
+    """Return the protocol, the abilities and the newest values of the board, by name."""
     link = driver.link
     if link is None:
         return {"link": "closed"}
@@ -153,7 +150,7 @@ def _link_values(driver: ServoDriver) -> dict[str, object]:
 
 
 class Reports:
-    """Publishers of a bridge, and what is told through them; any thread may call.
+    """Publishers of a bridge; any thread may call the methods.
 
     Args:
         node: The bridge.
@@ -162,8 +159,8 @@ class Reports:
         base_frame: Frame of the topic applied_joint_states.
 
     Attributes:
-        trouble: Sentence of what keeps the bridge from working; empty when nothing does.
-        reconnects: Times that a lost port was opened again.
+        trouble: Message about the problem that stops the bridge; empty without one.
+        reconnects: Number of times that a lost port was opened again.
         calibration: File of the servos' calibration; empty without one.
         imu_frame: Frame of the topic imu.
         source_topic: Full name of the topic with commands; empty before the first configure.
@@ -176,14 +173,14 @@ class Reports:
         self._base_frame = base_frame
         self.trouble = self.calibration = self.imu_frame = self.source_topic = ""
         self.reconnects = 0
-        self._known: BoardLink | None = None  # whose board's abilities were told
+        self._known: BoardLink | None = None  # link whose abilities were logged
         depth = QoSProfile(depth=10)
         self._applied: Publisher = node.create_publisher(JointState, "applied_joint_states", depth)
         self._diagnostics: Publisher = node.create_publisher(DiagnosticArray, "/diagnostics", depth)
         self._imu: Publisher = node.create_publisher(Imu, "imu", depth)
 
     def facts(self) -> Facts:
-        """The state topics."""
+        """Return the state topics with their readers."""
         return {
             "~/state": (State, self._node.state_message),
             "~/connected": (Bool, lambda: Bool(data=self._session.connected)),
@@ -200,7 +197,7 @@ class Reports:
             self._node.get_logger().error(text)
 
     def tell_applied(self, driver: ServoDriver) -> None:
-        """The pose that the servos were told last."""
+        """Publish the pose that was sent to the servos last."""
         if not self._node.context.ok():
             return
         message = JointState(name=list(driver.servo_joints))
@@ -210,12 +207,12 @@ class Reports:
         self._publish(self._applied, message)
 
     def tell_tilt(self, reading: TiltReading) -> None:
-        """A reading of the board's IMU."""
+        """Publish a reading of the board's IMU."""
         stamp = self._node.get_clock().now().to_msg()
         self._publish(self._imu, imu_message(reading, self.imu_frame, stamp))
 
     def tell_news(self) -> None:
-        """Log what has happened between bridge and board, and once a port what the board cannot be told."""
+        """Log the events between bridge and board, and once per port that the board cannot hold."""
         driver = self._session.driver
         if driver is None:
             return
@@ -227,7 +224,10 @@ class Reports:
                 self._node.get_logger().warning(f"{driver.port}: {self._no_hold(driver)}")
 
     def told_at_stop(self, heeded: bool) -> str:
-        """What an e-stop has told the board, for a sentence; `heeded`: whoever writes packets saw it."""
+        """Return what an e-stop has sent to the board, as part of a message.
+
+        `heeded` says whether the thread that writes packets has acknowledged the latch.
+        """
         driver = self._session.driver
         if driver is None or not driver.connected:
             return "no port is open, and nothing is sent before ~/clear_e_stop"
@@ -246,7 +246,7 @@ class Reports:
         )
 
     def diagnose(self) -> None:
-        """One message for people."""
+        """Publish the status of the bridge."""
         if not self._node.context.ok():
             return
         status = bridge_status(
@@ -268,7 +268,7 @@ class Reports:
         return driver is not None and driver.sending
 
     def _commanded_by(self) -> str:
-        """The topic whose commands the servos follow now; empty: they hold, rest or are stopped."""
+        """Return the topic that the servos follow now; empty while they hold, rest or are stopped."""
         driver = self._session.driver
         follows = driver is not None and driver.sending and driver.motion.mode == "track"
         return self.source_topic if follows else ""
@@ -278,5 +278,5 @@ class Reports:
             if self._node.context.ok():
                 publisher.publish(message)
         except Exception:
-            if self._node.context.ok():  # else the context went down under the call, at a signal: no fault
+            if self._node.context.ok():  # else a signal shut the context down during the call
                 raise

@@ -13,19 +13,18 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import UInt8MultiArray, UInt16MultiArray
 
-from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.emulator import VirtualBoard
 from servo_bridge.nodes.board_node import BoardNode, BoardSettings, add_link
 from servo_bridge.nodes.parameters import load_robot, robot_namespace
 from servo_bridge.protocols import AUTO, names
-from softsim_core.base.errors import listing
-from softsim_core.scene.board import BoardDescription, Servo
-from softsim_node.parameters import Program, parameter
-from softsim_node.process import run_node
+from softsim_core.base import listing
+from softsim_core.scene import BoardDescription, Servo
+from softsim_node import Program, parameter, run_node
 
 
 @dataclass(frozen=True, kw_only=True)
 class VirtualBoardSettings(BoardSettings):
-    """Values of the parameters."""
+    """Parameters of the node."""
 
     servos: int = parameter(0, "Servo bytes in a packet; 0: the robot's servos", within=(0, 16), fixed=True)
     protocol: str = parameter(
@@ -46,24 +45,24 @@ PROGRAM = Program(
 PUBLISH_PERIOD_S = 0.02
 
 KEPT = 100
-"""Packets that the board remembers: it runs for days."""
+"""Number of packets that are stored; bounded since the node may run for days."""
 
 
 class VirtualBoardNode(BoardNode):
-    """A virtual board and what its servos are told.
+    """A virtual board and the commands that its servos receive.
 
     Hobby servos: on `virtual_board/servo_bytes`, in [deg]; servos on a bus: on `virtual_board/servo_pulses`.
 
     Args:
         described: Board of the robot; None takes the one of the parameter `robot`.
         link: Path of a link to the port; None takes the parameter `link` (empty: no link).
-        show: Write the port's name and a status line to standard output.
+        show: Whether to write the port's name and a status line to standard output.
         node_name: Name of the node.
         **node_kwargs: Passed on to rclpy's Node.
 
     Raises:
         PortError: the link cannot be made.
-        ProtocolError: the protocol is unknown, or has no model of such a board.
+        ProtocolError: the protocol is unknown, or has no model of a board with these servos.
     """
 
     board: VirtualBoard
@@ -97,13 +96,13 @@ class VirtualBoardNode(BoardNode):
 
     @property
     def pose_text(self) -> str:
-        """What the servos are told, and how many packets were dropped."""
+        """Newest command of the servos and the number of dropped packets, as text for the status line."""
         told, unit = self.board.servo_bytes, "°" if self._in_degrees else ""
         pose = "told nothing yet" if told is None else " ".join(f"{value:3d}{unit}" for value in told)
         return f"servos {pose}  dropped {self.board.dropped}"
 
     def publish_pose(self) -> None:
-        """Publish what a new packet tells the servos."""
+        """Publish the servo positions of a new packet."""
         accepted, servo_bytes = self.board.accepted, self.board.servo_bytes
         if accepted != self._seen and servo_bytes is not None and self.context.ok():
             self._seen = accepted

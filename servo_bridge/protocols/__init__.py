@@ -4,38 +4,6 @@ Derive a class from `BoardProtocol` and `register` it in the robot's Python file
 settings (`BoardDescription(protocol=...)`) or in the bridge's parameter `protocol`.
 """
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from servo_bridge.protocols.protocol import (
-    Ability,
-    BoardModel,
-    BoardProtocol,
-    Decoded,
-    EncodedPacket,
-    TiltReading,
-)
-from servo_bridge.protocols.registry import (
-    AUTO,
-    WAITING,
-    candidates,
-    model_of_board,
-    names,
-    protocol_named,
-    register,
-)
-
-__all__ = [
-    "AUTO",
-    "WAITING",
-    "Ability",
-    "BoardModel",
-    "BoardProtocol",
-    "Decoded",
-    "EncodedPacket",
-    "TiltReading",
-    "candidates",
-    "model_of_board",
-    "names",
-    "protocol_named",
-    "register",
-]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

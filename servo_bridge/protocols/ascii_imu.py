@@ -1,8 +1,8 @@
 """The text protocol of boards with an IMU, 57600 baud: servo bytes out, two tilts in.
 
-The numbers are degrees: the first turns about our y axis and the second about our x axis (x and z of a frame
-with y up). Such boards say a few lines of text when they start; whatever is no line of two angles is passed
-over. A board of another protocol may send such lines as well.
+The numbers are degrees: the first is a rotation about our y axis, the second about our x axis (x and z of a
+frame with y up). Such boards send a few lines of text when they start; every line but those of two angles is
+ignored. A board of another protocol may send such lines, too.
 
 to the board:    n0 n1 n2 LF         whole degrees of the servos, 60..180, in text
 from the board:  a,b, CR LF          tilts in degrees, a line for each packet; see LineParser
@@ -15,8 +15,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from servo_bridge.driver.servo import angles_to_bytes, bytes_to_angles
-from servo_bridge.errors import PacketError
+from servo_bridge import PacketError
+from servo_bridge.driver import angles_to_bytes, bytes_to_angles
 from servo_bridge.protocols.protocol import (
     Ability,
     BoardModel,
@@ -25,22 +25,22 @@ from servo_bridge.protocols.protocol import (
     EncodedPacket,
     TiltReading,
 )
-from softsim_core.scene.board import BoardDescription, Servo
+from softsim_core.scene import BoardDescription, Servo
 
 LONGEST_LINE = 80
-"""Characters after which a line without end is given up."""
+"""Number of characters after which a line without an end is dropped."""
 
 _NUMBER = rb"[+-]?(?:\d{1,4}(?:\.\d{0,8})?|\.\d{1,8})"
 _LINE = re.compile(rb"\s*(" + _NUMBER + rb")\s*,\s*(" + _NUMBER + rb")\s*,[^,]*\Z")
 
 
 def text_of(data: bytes) -> bytes:
-    """The bytes that can be text, without those of frames among them."""
+    """Return the bytes that can be text; drop the bytes of frames."""
     return bytes(value for value in data if value < 0x80)
 
 
 def parse_line(line: bytes) -> TiltReading | None:
-    """The reading of one line without its end; None for any other text, or angles beyond 360 degrees."""
+    """Parse one line without its end; return None for any other text, or for angles beyond 360 degrees."""
     match = _LINE.match(line)
     if match is None:
         return None
@@ -52,13 +52,13 @@ def parse_line(line: bytes) -> TiltReading | None:
 
 @dataclass(slots=True)
 class LineParser:
-    """Finds lines of two angles in a stream of bytes.
+    """Parser that finds lines of two angles in a stream of bytes.
 
-    A line counts only when its beginning was seen: what stands before the first line end may be cut.
+    A line counts only if its beginning was received: the text before the first line end may be cut.
 
     Attributes:
-        accepted: Readings so far.
-        ignored: Other lines so far.
+        accepted: Number of readings so far.
+        ignored: Number of other lines so far.
     """
 
     accepted: int = 0
@@ -66,15 +66,15 @@ class LineParser:
     _line: bytearray | None = field(default=None, repr=False)
 
     def reset(self) -> None:
-        """Forget a line begun; the counters stay."""
+        """Drop an unfinished line; the counters stay."""
         self._line = None
 
     def values(self) -> Mapping[str, object]:
-        """Count of other lines for /diagnostics; nothing before the first reading."""
+        """Return the number of other lines for /diagnostics; empty before the first reading."""
         return {"lines ignored": self.ignored} if self.accepted else {}
 
     def feed(self, data: bytes) -> list[TiltReading]:
-        """Readings of the lines that these bytes complete, oldest first; never raises."""
+        """Return the readings of the lines that these bytes complete, oldest first; never raises."""
         readings = []
         *ended, rest = re.split(rb"[\r\n]", data)
         for piece in ended:
@@ -103,14 +103,14 @@ class LineParser:
 
 
 ASCII_BAUD_RATE = 57600
-"""Bits a second of boards that speak this protocol."""
+"""Bits per second of boards that speak this protocol."""
 
 BYTE_LOW, BYTE_HIGH = 60, 180
 """Range of servo bytes that such boards accept."""
 
 
 class AsciiImuProtocol(BoardProtocol):
-    """Lines of servo bytes to a board that answers each with the tilts of its IMU."""
+    """Lines of servo bytes to a board that responds to each with the tilts of its IMU."""
 
     name = "ascii_imu"
     abilities = Ability.IMU
@@ -122,7 +122,7 @@ class AsciiImuProtocol(BoardProtocol):
 
     @classmethod
     def refusal(cls, board: BoardDescription) -> str:
-        """Servos that may be sent beyond 60..180 do not fit."""
+        """Refuse servos whose range exceeds 60..180."""
         for servo in board.hobby_servos:
             if servo.byte_min < BYTE_LOW or servo.byte_max > BYTE_HIGH:
                 return (
@@ -133,25 +133,25 @@ class AsciiImuProtocol(BoardProtocol):
 
     @classmethod
     def board_model(cls, servos: Sequence[Servo]) -> BoardModel:
-        """A level board that keeps the newest line."""
+        """Return a model of a level board."""
         return AsciiImuBoard(len(servos))
 
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
-        """One line; it holds digits, blanks and a line feed, and so never a byte 100."""
+        """Encode one line; it has digits, blanks and a line feed, and so never a byte 100."""
         servo_bytes = angles_to_bytes(angles_rad, self.servos)
         return EncodedPacket(encode_line(servo_bytes), servo_bytes, bytes_to_angles(servo_bytes, self.servos))
 
     def decode(self, data: bytes) -> Decoded:
-        """Tilts of whole lines."""
+        """Return the tilts of whole lines."""
         return Decoded(tilts=tuple(self._lines.feed(text_of(data))))
 
     def values(self) -> Mapping[str, object]:
-        """Count of lines that were no tilts."""
+        """Return the number of lines without tilts."""
         return {"lines ignored": self._lines.ignored}
 
 
 def encode_line(servo_bytes: Sequence[int]) -> bytes:
-    """The line for servo bytes: `n0 n1 n2` and a line feed.
+    """Return the line for servo bytes: `n0 n1 n2` and a line feed.
 
     Raises:
         PacketError: a byte lies outside 60..180.
@@ -163,10 +163,10 @@ def encode_line(servo_bytes: Sequence[int]) -> bytes:
 
 
 class AsciiImuBoard(BoardModel):
-    """A board that takes lines of servo bytes and answers each with tilts of 0.
+    """A board that takes lines of servo bytes and responds to each with tilts of 0.
 
     Args:
-        servo_count: Numbers of a line.
+        servo_count: Number of servo bytes per line.
     """
 
     def __init__(self, servo_count: int) -> None:
@@ -176,16 +176,16 @@ class AsciiImuBoard(BoardModel):
 
     @property
     def accepted(self) -> int:
-        """Lines accepted so far."""
+        """Number of lines accepted so far."""
         return self._accepted
 
     @property
     def dropped(self) -> int:
-        """Lines dropped so far."""
+        """Number of lines dropped so far."""
         return self._dropped
 
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
-        """Servo bytes of the lines that these bytes complete, oldest first."""
+        """Return the servo bytes of the lines that these bytes complete, oldest first."""
         *lines, rest = (self._line + data).split(b"\n")
         self._line = rest[:LONGEST_LINE]
         poses = [pose for pose in map(self._take, lines) if pose is not None]
@@ -195,12 +195,12 @@ class AsciiImuBoard(BoardModel):
         return poses
 
     def say(self, now: float) -> bytes:
-        """One line of tilts for each line taken since the last call."""
+        """Return one line of tilts for each line accepted since the last call."""
         answers, self._answers = self._answers, 0
         return b"0.0000,0.0000,\r\n" * answers
 
     def reset(self, cause: int) -> None:
-        """Forget a line begun; the counters stay."""
+        """Drop an unfinished line; the counters stay."""
         self._line, self._answers = b"", 0
 
     def _take(self, line: bytes) -> tuple[int, ...] | None:

@@ -1,11 +1,11 @@
-"""Servos of the Dynamixel protocol 2.0 on a bus (XM430, XM540), which measure where they stand.
+"""Servos of the Dynamixel protocol 2.0 on a bus (XM430, XM540), which measure their positions.
 
-Such servos speak only when they are asked, one at a time. Each packet of the bridge ends with one bulk read:
-what all servos measure, and of one of them in turn what it is and does (`dynamixel_packets`). While the port
-is open and nothing is to move, only that is sent.
+Such servos send only responses, one at a time. Each packet of the bridge ends with one bulk read: the
+measured values of all servos, and of one servo in turn its settings or its state (`dynamixel_packets`). While
+the port is open and nothing is to move, only that request is sent.
 
-Before a servo gets torque it is told the place where it stands as its goal, and has to say so. From then on
-its own bus watchdog stops it when packets stop.
+Before a servo gets torque, its present position is written as its goal, and the servo has to confirm it. From
+then on its own bus watchdog stops it when packets stop.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
-from servo_bridge.driver.servo import angle_to_pulse, pulse_to_angle
-from servo_bridge.protocols import dynamixel_packets as packets
-from servo_bridge.protocols import dynamixel_packets as table
+from servo_bridge.driver import angle_to_pulse, pulse_to_angle
+from servo_bridge.protocols import dynamixel_packets as packets, dynamixel_packets as table
 from servo_bridge.protocols.dynamixel_bus import DynamixelBus
 from servo_bridge.protocols.dynamixel_packets import (
     ALERT,
@@ -26,33 +25,33 @@ from servo_bridge.protocols.dynamixel_packets import (
     ServoState,
 )
 from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol, Decoded, EncodedPacket
-from softsim_core.base.errors import listing
-from softsim_core.scene.board import BoardDescription, BusServo, Servo
+from softsim_core.base import listing
+from softsim_core.scene import BoardDescription, BusServo, Servo
 
 WATCHDOG = 25
-"""Bus watchdog of every servo that has torque, in units of 20 ms: it stops after 0.5 s without a packet."""
+"""Bus watchdog of every servo with torque, in units of 20 ms: stops it after 0.5 s without a packet."""
 
 DEAD_BAND = 17
-"""Pulses within which a servo stands at its goal: one and a half degrees."""
+"""A servo closer than this in pulses is at its goal: one and a half degrees."""
 
 MOST_PINGS = 10
-"""A servo that was asked so often without an answer is not there."""
+"""A servo that did not respond to this many requests is missing."""
 
 STALE = 2
-"""Questions without an answer after which a servo's position is too old to stop at."""
+"""Number of unanswered requests after which a servo's position is too old to stop at."""
 
 PATIENCE = 2
-"""Answers in a row that have to contradict; one may be of before."""
+"""Number of contradicting answers in a row; a single one may date from before."""
 
 LARGEST_LOAD = 0.8
-"""Part of the time between two packets that questions and answers may take on the line."""
+"""Share of the time between two packets that requests and responses may take on the line."""
 
 BITS_PER_BYTE = 10
 _STATUS_BYTES, _RETURN_DELAY_S = 11, 500e-6
 
 
 class DynamixelProtocol(BoardProtocol):
-    """Goals to the servos of a bus, and what they measure."""
+    """Goals to the servos of a bus, and their measurements."""
 
     name = "dynamixel"
     drives = BusServo
@@ -77,19 +76,19 @@ class DynamixelProtocol(BoardProtocol):
         self._states: dict[int, ServoState] = {}
         self._positions: dict[int, int] = {}  # newest, in pulses
         self._currents: dict[int, float] = {}
-        self._asked: Counter[int] = Counter()  # questions since the newest answer, by id
+        self._asked: Counter[int] = Counter()  # requests since the newest response, by id
         self._answers = 0
-        self._heard: set[int] = set()  # ids since the last time that all had answered
-        self._next = 0  # whose turn it is to be asked for more
-        self._goals: dict[int, int] | None = None  # told last; None: none since the takeover began
-        self._held: dict[int, int] | None = None  # told by the hold that lasts
-        self._fresh: set[int] = set()  # ids whose state has come since the takeover began
+        self._heard: set[int] = set()  # ids that responded since the last time that all had
+        self._next = 0  # turn of the servo that is queried for more
+        self._goals: dict[int, int] | None = None  # sent last; None: none since the takeover began
+        self._held: dict[int, int] | None = None  # goals of the hold in progress
+        self._fresh: set[int] = set()  # ids with a state reported since the takeover began
         self._taken_over: bool | None = None  # None before the first takeover
         self._contradictions: Counter[int] = Counter()
 
     @classmethod
     def refusal(cls, board: BoardDescription) -> str:
-        """A line that is too slow for so many servos at such a rate."""
+        """Refuse a line that is too slow for this number of servos at this rate."""
         places = {servo.id: table.PRESENT for servo in board.bus_servos}
         told = packets.sync_write(table.GOAL_POSITION, dict.fromkeys(places, bytes(4)))
         needed_s = _line_s(board, len(told) + len(packets.bulk_read(places))) + _answers_s(board)
@@ -104,13 +103,13 @@ class DynamixelProtocol(BoardProtocol):
 
     @classmethod
     def board_model(cls, servos: Sequence[Servo]) -> BoardModel:
-        """A bus of emulated XM430-W210."""
+        """Return a bus of emulated XM430-W210."""
         return DynamixelBus([servo.id for servo in servos if isinstance(servo, BusServo)])
 
-    # What is sent
+    # Sending
 
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
-        """Goals to all servos, and a question."""
+        """Encode the goals of all servos, and a request."""
         pairs = list(zip(angles_rad, self._servos.values(), strict=True))
         self._goals = {servo.id: angle_to_pulse(angle, servo) for angle, servo in pairs}
         self._held = None
@@ -121,20 +120,22 @@ class DynamixelProtocol(BoardProtocol):
         )
 
     def ask(self) -> bytes:
-        """A question alone."""
+        """Return a request alone."""
         return self._question()
 
     def limits(self) -> bytes:
-        """Gets every servo ready, step by step as its answers allow: standing at its goal, then with torque.
+        """Return the packet that prepares every servo: first its goal, then torque, as its responses allow.
 
-        The goal is written before the torque is switched on, and that only when the servo has told this goal.
-        One that has torque already is told a goal once: it may give way under its load by any distance.
+        The goal is written before the torque is switched on, and the torque only when the servo has reported
+        this goal. A servo that has torque already is sent one goal only once, since it may give way under its
+        load by any distance.
         """
         if self._fresh != set(self._servos):
             return self._question()
         before = self._goals or {}
         keep = {each for each in before if self._states[each].torque}
         goals = {each: before[each] if each in keep else self._stand(each) for each in self._servos}
+        # A servo with a tripped watchdog refuses goals, so the watchdog is cleared first.
         told = packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(goals, b"\x00"))
         told += packets.sync_write(table.PROFILE, {each: self._profile(each) for each in goals})
         told += self._tell_goals(goals)
@@ -147,10 +148,10 @@ class DynamixelProtocol(BoardProtocol):
         return told + self._question()
 
     def hold(self) -> bytes:
-        """Goals where the servos stand, the same as long as the hold lasts; torque that is off stays off.
+        """Return goals at the present positions, the same for the whole hold; torque that is off stays off.
 
-        The first one leaves at any moment, and answers to the question before may be on the line: there they
-        spoil what it says. So it says the same until all of them are over.
+        The first hold packet is sent at any moment. Responses to the request before may still be on the line
+        and damage it, so its goals are repeated until all of these are over.
         """
         if self._held is not None:
             return self._tell_goals(self._held) + self._question()
@@ -159,7 +160,7 @@ class DynamixelProtocol(BoardProtocol):
         return told * (2 + int(_answers_s(self.board) / _line_s(self.board, len(told)))) + self._question()
 
     def relax(self) -> bytes:
-        """Torque off."""
+        """Return the packet that switches torque and watchdog off."""
         off = packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(self._servos, b"\x00"))
         return off + packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(self._servos, b"\x00"))
 
@@ -169,7 +170,7 @@ class DynamixelProtocol(BoardProtocol):
         )
 
     def _question(self) -> bytes:
-        """Pings the next servo that is not known yet; else asks all, and the next one for more."""
+        """Ping the next servo that is not known yet; else query all, and one in turn for more."""
         ids = list(self._servos)
         unknown = [each for each in ids if each not in self._models]
         chosen = self._turn(unknown or ids)
@@ -184,10 +185,10 @@ class DynamixelProtocol(BoardProtocol):
         self._next += 1
         return among[self._next % len(among)]
 
-    # What comes back
+    # Receiving
 
     def decode(self, data: bytes) -> Decoded:
-        """Answers; the board is recognised whenever all servos have answered since the last time."""
+        """Process responses; the board is recognised each time that all servos have responded."""
         for packet in self._stream.feed(data):
             if packet.instruction == Instruction.STATUS and packet.servo_id in self._servos:
                 self._take(packet)
@@ -199,7 +200,7 @@ class DynamixelProtocol(BoardProtocol):
     def _take(self, packet: Packet) -> None:
         servo_id, said = packet.servo_id, packet.parameters
         if packet.error & ~ALERT:
-            return  # it refuses a packet that was damaged on its way
+            return  # the servo refuses a packet that was damaged on the line
         if len(said) == 3:
             self._models[servo_id] = int.from_bytes(said[:2], "little")
         elif len(said) == table.PRESENT[1]:
@@ -224,17 +225,17 @@ class DynamixelProtocol(BoardProtocol):
 
     @property
     def ready(self) -> bool:
-        """Whether every servo has told its settings and its state."""
+        """Whether every servo has reported its settings and its state."""
         return all(each in self._settings and each in self._states for each in self._servos)
 
     def identity(self) -> str | None:
-        """Models, firmware and settings of the servos, which have no number of their own."""
+        """Return models, firmware and settings of the servos, which have no serial number."""
         if not self.ready:
             return None
         return "; ".join(f"servo {each} {self._settings[each].kept}" for each in sorted(self._servos))
 
     def fault(self) -> str:
-        """A servo that is missing, is no XM, is set so that it cannot be driven, or has switched off."""
+        """Report a servo that is missing, is no XM, is set unsuitably, or has switched its torque off."""
         if missing := [
             each for each in self._servos if each not in self._models and self._asked[each] >= MOST_PINGS
         ]:
@@ -249,7 +250,7 @@ class DynamixelProtocol(BoardProtocol):
         return ""
 
     def _problem(self, servo_id: int) -> str:
-        """Why a servo cannot be driven; empty where it can, or has not told enough yet."""
+        """Return why a servo cannot be driven; empty if it can, or has not reported enough yet."""
         servo, model = self._servos[servo_id], self._models.get(servo_id)
         if model is not None and model not in table.MODELS:
             return f"is a model {model}; known are {listing(table.MODELS.values())}"
@@ -273,14 +274,14 @@ class DynamixelProtocol(BoardProtocol):
         return ""
 
     def begin_takeover(self) -> None:
-        """What the servos told of their state counts no more, nor do goals of before."""
+        """Start a takeover: reported states and goals from before do not count."""
         self._taken_over = False
         self._goals = self._held = None
         self._fresh.clear()
         self._contradictions.clear()
 
     def acknowledged(self) -> bool:
-        """Whether every servo has told that it has the goal it was given, torque and watchdog."""
+        """Return whether every servo reports the commanded goal, torque on and an armed watchdog."""
         goals = self._goals
         self._taken_over = goals is not None and all(
             self._obeys(each) and self._states[each].goal == goal for each, goal in goals.items()
@@ -288,19 +289,19 @@ class DynamixelProtocol(BoardProtocol):
         return self._taken_over
 
     def pose(self) -> tuple[float, ...] | None:
-        """Angles at which the servos stand: of their goals where they have reached them."""
+        """Return the angles of the servos: of their goals where they are reached, else as measured."""
         if len(self._positions) < len(self._servos):
             return None
         return tuple(pulse_to_angle(self._stand(each), servo) for each, servo in self._servos.items())
 
     def measured(self) -> tuple[float, ...] | None:
-        """Angles of the newest answers."""
+        """Return the angles of the newest responses."""
         if len(self._positions) < len(self._servos):
             return None
         return tuple(pulse_to_angle(self._positions[each], servo) for each, servo in self._servos.items())
 
     def deviation(self) -> str:
-        """A servo that has lost its torque, or was stopped by its watchdog."""
+        """Report a servo that has lost its torque, or was stopped by its watchdog."""
         for servo_id, count in self._contradictions.items():
             if count >= PATIENCE:
                 state = self._states[servo_id]
@@ -310,7 +311,7 @@ class DynamixelProtocol(BoardProtocol):
         return ""
 
     def values(self) -> Mapping[str, object]:
-        """What the servos measure and are."""
+        """Return measurements and properties of the servos."""
         ids = list(self._servos)
 
         def of_each(told: Mapping[int, object]) -> str:
@@ -334,13 +335,13 @@ class DynamixelProtocol(BoardProtocol):
             "questions unanswered": max(self._asked.values(), default=0),
         }
 
-    # What is known of a servo
+    # State of one servo
 
     def _stand(self, servo_id: int) -> int:
-        """Where a servo is to stay: at its goal within the dead band of it, else where it stands.
+        """Return where a servo is to stay: at its goal if it is within the dead band, else where it is.
 
-        Without an answer for a while nobody knows where it stands; then, too, it is to stay at its goal,
-        which is never far from it.
+        Its position is unknown after a few unanswered requests; it then also stays at its goal, which is
+        never far from it.
         """
         servo, state, position = self._servos[servo_id], self._states.get(servo_id), self._positions[servo_id]
         goal = None if self._goals is None else self._goals[servo_id]
@@ -351,11 +352,11 @@ class DynamixelProtocol(BoardProtocol):
         return min(max(position, servo.pulse_min), servo.pulse_max)
 
     def _may_wake(self, servo_id: int, state: ServoState) -> bool:
-        """Whether a servo without torque has told just now that its goal is where it stands."""
+        """Return whether a servo without torque has just reported its position as its goal."""
         return self._asked[servo_id] <= STALE and abs(state.goal - state.position) <= DEAD_BAND
 
     def _obeys(self, servo_id: int) -> bool:
-        """Whether a servo has torque, its watchdog and its profile."""
+        """Return whether a servo has torque, its watchdog and its profile."""
         state = self._states.get(servo_id)
         if state is None:
             return False
@@ -363,7 +364,10 @@ class DynamixelProtocol(BoardProtocol):
         return state.torque and state.watchdog == WATCHDOG and profile == self._profile(servo_id)
 
     def _profile(self, servo_id: int) -> bytes:
-        """No limit of acceleration, which the bridge keeps, and the servo's top speed."""
+        """Return the profile of a servo: its top speed, and no limit of acceleration.
+
+        The bridge limits the acceleration.
+        """
         return table.four(0) + table.four(max(1, int(self._servos[servo_id].speed / table.VELOCITY_UNIT)))
 
     def _named(self, servo_ids: Iterable[int]) -> str:
@@ -371,19 +375,19 @@ class DynamixelProtocol(BoardProtocol):
 
 
 def _line_s(board: BoardDescription, count: int) -> float:
-    """Time in [s] that so many bytes take on the line."""
+    """Return the time in [s] that a number of bytes takes on the line."""
     return count * BITS_PER_BYTE / board.baud_rate
 
 
 def _answers_s(board: BoardDescription) -> float:
-    """Longest time in [s] that the answers to one question take, as the servos are set by their makers."""
+    """Return the longest time in [s] of the responses to one request, with the servos' factory settings."""
     count = len(board.bus_servos)
     size = count * (_STATUS_BYTES + table.PRESENT[1]) + table.STATE[1]
     return _line_s(board, size) + count * _RETURN_DELAY_S
 
 
 def _setting_problem(settings: ServoSettings, servo: BusServo) -> str:
-    """Why a servo cannot be driven as it is set; empty where it can."""
+    """Return why a servo with these settings cannot be driven; empty if it can."""
     if settings.firmware < table.LEAST_FIRMWARE:
         return f"has firmware {settings.firmware}, and {table.LEAST_FIRMWARE} is needed; bring it up to date"
     if settings.operating_mode != table.POSITION_MODE:

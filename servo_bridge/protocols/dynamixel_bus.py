@@ -1,10 +1,9 @@
-"""A bus of Dynamixel servos without hardware: control tables, motion, status packets. Pure, no clock.
+"""A bus of Dynamixel servos without hardware: control tables, motion, status packets. No clock.
 
-It refuses what a real one refuses, moves by its profile, is stopped by its bus watchdog, and can be
-overloaded, turned by hand, or taken off the bus. Not modelled: load, gravity, current.
+It refuses what a real servo refuses, moves by its profile, is stopped by its bus watchdog, and can be
+overloaded, turned by hand, or taken off the bus. Load, gravity and current are not modelled.
 
-What comes back from it can be lost, late or damaged, drawn from a seed. Not modelled: the time of bytes on
-the line.
+Responses can be lost, late or damaged, drawn from a seed. The time of bytes on the line is not modelled.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from servo_bridge.driver.servo import PULSES_PER_RAD
+from servo_bridge.driver import PULSES_PER_RAD
 from servo_bridge.protocols import dynamixel_packets as table
 from servo_bridge.protocols.dynamixel_packets import (
     ALERT,
@@ -29,12 +28,12 @@ from servo_bridge.protocols.dynamixel_packets import (
     status,
 )
 from servo_bridge.protocols.protocol import BoardModel
-from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics import JointLimits
 
 MODEL, FIRMWARE = 1030, 45
 TABLE_SIZE, RAM_START = 147, 64
 LARGEST_ACCELERATION = 200.0 * PULSES_PER_RAD
-"""What the motor reaches without a profile, in [pulses/s^2]; a guess."""
+"""Acceleration of the motor without a profile, in [pulses/s^2]; a guess."""
 
 LONGEST_STEP_S = 0.005
 
@@ -46,9 +45,9 @@ class Item:
     """One number of the control table.
 
     Attributes:
-        size: Bytes.
+        size: Number of bytes.
         initial: Value after power-on.
-        range: Values that may be written; None: it can only be read.
+        range: Values that may be written; None for a read-only number.
     """
 
     size: int
@@ -111,21 +110,21 @@ ITEMS: Mapping[int, Item] = MappingProxyType(
         146: Item(1, 30),
     }
 )
-"""The table up to the temperature; addresses between are not defined, and read 0."""
+"""The table up to the temperature; addresses in between are not defined and read as 0."""
 
 
 class EmulatedServo:
     """One XM430-W210; times are seconds of any steady clock.
 
     Args:
-        servo_id: Its number.
+        servo_id: Id of the servo.
 
     Attributes:
-        answers: Whether it is on the bus, with power.
-        position: Where it stands, in pulses.
-        velocity: In [pulses/s].
-        goals: Least and largest goal that anybody ever told it, taken or not; None before the first.
-        refused: Writes refused.
+        answers: Whether it is on the bus and has power.
+        position: Position in pulses.
+        velocity: Velocity in [pulses/s].
+        goals: Smallest and largest goal that was ever sent to it, accepted or not; None before the first.
+        refused: Number of writes refused.
     """
 
     def __init__(self, servo_id: int) -> None:
@@ -137,11 +136,11 @@ class EmulatedServo:
         for address in ITEMS:
             self.put(address, ITEMS[address].initial)
         self.put(7, servo_id)
-        self._fed = 0.0  # newest instruction packet on the bus
+        self._fed = 0.0  # time of the newest instruction packet on the bus
         self.power_cycle()
 
     def power_cycle(self) -> None:
-        """Off and on: the settings stay, all else begins anew; it has no torque."""
+        """Switch it off and on: settings stay, the rest is initialised; it has no torque."""
         for address, item in ITEMS.items():
             if address >= RAM_START:
                 self.put(address, item.initial)
@@ -149,12 +148,12 @@ class EmulatedServo:
         self.put(table.GOAL_POSITION, round(self.position))
 
     def get(self, address: int) -> int:
-        """A number of its table."""
+        """Return a number of the control table."""
         raw = self._table[address : address + ITEMS[address].size]
         return int.from_bytes(raw, "little", signed=len(raw) > 1)
 
     def put(self, address: int, value: int) -> None:
-        """Set a number of its table, allowed or not."""
+        """Set a number of the control table, allowed or not."""
         size = ITEMS[address].size
         self._table[address : address + size] = value.to_bytes(size, "little", signed=size > 1 and value < 0)
 
@@ -165,25 +164,28 @@ class EmulatedServo:
 
     @property
     def goal(self) -> int:
-        """Where it is to go, in pulses."""
+        """Goal position in pulses."""
         return self.get(table.GOAL_POSITION)
 
     def fail(self, error: HardwareError) -> None:
-        """A hardware error; one that its setting names switches the torque off until the power was off."""
+        """Cause a hardware error.
+
+        An error that its setting names switches the torque off until the power was off.
+        """
         self.put(HARDWARE_ERROR, self.get(HARDWARE_ERROR) | error)
         if error & self.get(63):
             self.put(table.TORQUE_ENABLE, 0)
 
     def turn(self, pulse: float) -> None:
-        """Turn it by hand."""
+        """Turn it by hand to a position in pulses."""
         self.position = pulse
 
     def heard(self, now: float) -> None:
-        """Some instruction packet was on the bus."""
+        """Record that an instruction packet was on the bus."""
         self._fed = now
 
     def read(self, address: int, size: int) -> bytes | StatusError:
-        """Bytes of its table."""
+        """Return bytes of the control table, or the error of the request."""
         if size < 1 or address + size > TABLE_SIZE:
             return StatusError.ACCESS
         self.put(128, round(self.velocity / PULSES_PER_RAD / table.VELOCITY_UNIT))
@@ -191,7 +193,7 @@ class EmulatedServo:
         return bytes(self._table[address : address + size])
 
     def write(self, address: int, data: bytes) -> StatusError | None:
-        """Write whole numbers from an address on; all or none. What is against it, or None."""
+        """Write whole numbers from an address on, all or none; return the error, or None."""
         error = self._objection(address, data)
         if error is not None:
             self.refused += 1
@@ -203,7 +205,7 @@ class EmulatedServo:
         return None
 
     def advance(self, now: float, passed_s: float) -> None:
-        """Let the time up to `now` pass."""
+        """Advance by `passed_s` to the time `now`."""
         start = now - passed_s
         limit_s = self.get(WATCHDOG) * table.WATCHDOG_UNIT_S
         trips = self.torque and 0 < self.get(WATCHDOG) <= 127 and now - self._fed > limit_s
@@ -234,7 +236,7 @@ class EmulatedServo:
             )
 
     def _objection(self, address: int, data: bytes) -> StatusError | None:
-        """What is against a write, as a real servo says; None: nothing."""
+        """Return the error of a write, as a real servo reports it; None if it is allowed."""
         end = address + len(data)
         if address <= table.GOAL_POSITION < end <= TABLE_SIZE and end >= table.GOAL_POSITION + 4:
             goal = struct.unpack_from("<i", data, table.GOAL_POSITION - address)[0]
@@ -264,14 +266,14 @@ LONGEST_LAG_S = 10.0
 
 @dataclass(slots=True)
 class LineFaults:
-    """What happens to status packets on their way, each drawn for itself.
+    """Faults of status packets on the line, each drawn independently.
 
     Attributes:
-        lost: Share of those that never arrive.
-        late: Share of those that arrive with the next answers only.
-        damaged: Share of those in which a bit is flipped, or that are cut short.
-        unheard: Share of packets to the servos that no servo hears.
-        draw: Source of the draws.
+        lost: Share of packets that never arrive.
+        late: Share of packets that arrive with the next responses only.
+        damaged: Share of packets in which a bit is flipped, or that are cut short.
+        unheard: Share of packets to the servos that no servo receives.
+        draw: Random number generator.
     """
 
     lost: float = 0.0
@@ -281,7 +283,7 @@ class LineFaults:
     draw: random.Random = field(default_factory=lambda: random.Random(1))
 
     def happens(self, share: float) -> bool:
-        """One draw."""
+        """Draw whether a fault with this share happens."""
         return share > 0.0 and self.draw.random() < share
 
 
@@ -289,11 +291,11 @@ class DynamixelBus(BoardModel):
     """Servos on one line, and the adapter through which a computer reaches them.
 
     Args:
-        servo_ids: Their numbers.
+        servo_ids: Ids of the servos.
 
     Attributes:
-        servos: By number.
-        faults: What happens on the way; none at first.
+        servos: Servos by id.
+        faults: Faults of the line; none at first.
     """
 
     say_period_s = 0.02
@@ -310,21 +312,21 @@ class DynamixelBus(BoardModel):
 
     @property
     def accepted(self) -> int:
-        """Sync writes of goals to all servos that all have taken."""
+        """Number of sync writes with goals for all servos that all have accepted."""
         return self._accepted
 
     @property
     def dropped(self) -> int:
-        """Packets that came damaged, and writes refused."""
+        """Number of damaged packets and refused writes."""
         return self._damaged + self._stream.damaged + sum(servo.refused for servo in self.servos.values())
 
     def reset(self, cause: int) -> None:
-        """The port was opened: the adapter forgets what it was in; servos with power do not notice."""
+        """Open the port: the adapter drops unfinished packets; servos with power are not affected."""
         self._damaged += self._stream.damaged
         self._stream, self._answers, self._late = PacketStream(), [], []
 
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
-        """Take bytes; the goals that all servos have taken, in pulses, oldest first."""
+        """Process bytes; return the goals that all servos have accepted, in pulses, oldest first."""
         self.advance(now)
         poses = []
         for packet in self._stream.feed(data):
@@ -338,7 +340,7 @@ class DynamixelBus(BoardModel):
         return poses
 
     def answer(self, now: float) -> bytes:
-        """Status packets, after what happens to them on their way."""
+        """Return the status packets, with the faults of the line."""
         answers, self._late = self._late, []
         for each in self._answers:
             if self.faults.happens(self.faults.lost):
@@ -350,12 +352,12 @@ class DynamixelBus(BoardModel):
         return b"".join(answers)
 
     def say(self, now: float) -> bytes:
-        """Nothing: servos speak only when they are asked. Time passes."""
+        """Return nothing, since servos send only responses; time passes."""
         self.advance(now)
         return b""
 
     def advance(self, now: float) -> None:
-        """Let the servos move."""
+        """Advance the servos to `now`."""
         passed_s = 0.0 if self._now is None else min(max(now - self._now, 0.0), LONGEST_LAG_S)
         self._now = now
         for servo in self.servos.values():
@@ -363,11 +365,11 @@ class DynamixelBus(BoardModel):
 
     @property
     def positions(self) -> dict[int, float]:
-        """Where the servos stand, in pulses, by number."""
+        """Positions of the servos in pulses, by id."""
         return {servo_id: servo.position for servo_id, servo in self.servos.items()}
 
     def _carry_out(self, packet: Packet) -> bool:
-        """Do what a packet asks; whether all servos have taken goals of it."""
+        """Execute a packet; return whether all servos have accepted goals from it."""
         body = packet.parameters
         if packet.instruction == Instruction.SYNC_WRITE and len(body) >= 4:
             return self._sync_write(body)
@@ -396,7 +398,7 @@ class DynamixelBus(BoardModel):
         return address == table.GOAL_POSITION and taken == set(self.servos)
 
     def _read_all(self, instruction: int, body: bytes) -> None:
-        """Each servo answers after the one before it: behind one that is not there, none does."""
+        """Let the servos respond in turn; none responds after a missing one."""
         for servo_id, address, size in _places(instruction, body):
             servo = self.servos.get(servo_id)
             if servo is None or not servo.answers:
@@ -434,7 +436,7 @@ class DynamixelBus(BoardModel):
 
 
 def _places(instruction: int, body: bytes) -> Iterator[tuple[int, int, int]]:
-    """Number, address and size of each servo that is to be read."""
+    """Yield id, address and size for each servo that is read."""
     if instruction == Instruction.BULK_READ:
         for at in range(0, len(body) - 4, 5):
             yield struct.unpack_from("<BHH", body, at)

@@ -2,10 +2,10 @@
 
 FF FF FD 00, id, length (2), instruction, parameters, CRC-16 (2)
 
-Numbers of several bytes begin with the low one. The length counts what follows it. Where instruction and
-parameters contain FF FF FD, another FD is put in, so that a header occurs nowhere else; length and CRC count
-it. A status packet has the instruction 0x55, and an error byte before its parameters. The CRC-16 (polynomial
-0x8005, initial value 0, high bit first) runs from the header to the last parameter.
+Numbers of several bytes begin with the low byte. The length counts the bytes that follow it. If instruction
+and parameters contain FF FF FD, another FD is inserted, so that a header occurs nowhere else; length and CRC
+include it. A status packet has the instruction 0x55, and an error byte before its parameters. The CRC-16
+(polynomial 0x8005, initial value 0, high bit first) runs from the header to the last parameter.
 
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 
@@ -21,16 +21,16 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from types import MappingProxyType
 
-from servo_bridge.errors import PacketError
+from servo_bridge import PacketError
 
 HEADER = b"\xff\xff\xfd\x00"
 """First bytes of a packet."""
 
 BROADCAST = 0xFE
-"""Id of all servos of a bus."""
+"""Id that addresses all servos of a bus."""
 
 LARGEST_ID = 252
-"""Ids of servos run from 0 to this."""
+"""Largest id of a servo; the smallest is 0."""
 
 ALERT = 0x80
 """Bit of the error byte: the servo has a hardware error."""
@@ -41,7 +41,7 @@ _LEAST_LENGTH, _LARGEST_LENGTH = 3, 1024
 
 
 class Instruction(IntEnum):
-    """What a packet asks, or that it answers."""
+    """Instruction of a packet, or STATUS for a response."""
 
     PING = 0x01
     READ = 0x02
@@ -54,7 +54,7 @@ class Instruction(IntEnum):
 
 
 class StatusError(IntEnum):
-    """What a servo has against an instruction: the low seven bits of the error byte."""
+    """Why a servo refuses an instruction: the low seven bits of the error byte."""
 
     RESULT_FAIL = 1
     INSTRUCTION = 2
@@ -67,12 +67,12 @@ class StatusError(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A whole packet, its stuffing taken out.
+    """A whole packet with its stuffing removed.
 
     Attributes:
-        servo_id: Whom it is for, or who answers.
-        instruction: What it asks, as its byte.
-        parameters: What follows; of a status packet without the error byte.
+        servo_id: Servo that it addresses, or that responds.
+        instruction: Instruction byte.
+        parameters: Parameters; of a status packet without the error byte.
         error: Error byte of a status packet; 0 of any other.
     """
 
@@ -96,7 +96,7 @@ _CRC_TABLE = _crc_table()
 
 
 def crc16(data: bytes) -> int:
-    """The CRC-16 of some bytes."""
+    """Return the CRC-16 of some bytes."""
     crc = 0
     for value in data:
         crc = ((crc << 8) & 0xFFFF) ^ _CRC_TABLE[(crc >> 8) ^ value]
@@ -104,10 +104,10 @@ def crc16(data: bytes) -> int:
 
 
 def packet(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
-    """The bytes of a packet, stuffed, with length and CRC.
+    """Return the bytes of a packet, stuffed, with length and CRC.
 
     Raises:
-        PacketError: no servo has that id, or there are too many parameters.
+        PacketError: the id is not allowed, or there are too many parameters.
     """
     if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST):
         raise PacketError(f"servo id {servo_id} refused: allowed are 0..{LARGEST_ID}, {BROADCAST} for all")
@@ -120,35 +120,37 @@ def packet(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
 
 
 def status(servo_id: int, parameters: bytes = b"", error: int = 0) -> bytes:
-    """A status packet: what a servo answers."""
+    """Return a status packet: the response of a servo."""
     return packet(servo_id, Instruction.STATUS, bytes([error]) + parameters)
 
 
 def ping(servo_id: int) -> bytes:
-    """Asks who is there: model number (2) and firmware version (1) come back."""
+    """Return a ping; the response has model number (2) and firmware version (1)."""
     return packet(servo_id, Instruction.PING)
 
 
 def read(servo_id: int, address: int, size: int) -> bytes:
-    """Asks one servo for bytes of its control table."""
+    """Return a request for bytes of one servo's control table."""
     return packet(servo_id, Instruction.READ, _two(address) + _two(size))
 
 
 def write(servo_id: int, address: int, data: bytes) -> bytes:
-    """Writes bytes into one servo's control table; an empty status comes back."""
+    """Return a packet that writes bytes into one servo's control table; the response is an empty status."""
     return packet(servo_id, Instruction.WRITE, _two(address) + data)
 
 
 def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-    """Asks several servos for the same bytes; they answer one after the other, in this order."""
+    """Return a request to several servos for the same bytes; they respond one by one, in this order."""
     return packet(BROADCAST, Instruction.SYNC_READ, _two(address) + _two(size) + bytes(servo_ids))
 
 
 def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
-    """Writes bytes of one length into the same place of several servos, by id; nothing comes back.
+    """Return a packet that writes bytes of one length to the same address of several servos, by id.
+
+    There is no response.
 
     Raises:
-        PacketError: the lengths differ, or there are none.
+        PacketError: the lengths differ, or there is no servo.
     """
     sizes = {len(each) for each in data.values()}
     if len(sizes) != 1:
@@ -160,16 +162,16 @@ def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
 
 
 def bulk_read(places: Mapping[int, tuple[int, int]]) -> bytes:
-    """Asks several servos, by id, for (address, size) each; they answer one by one, in this order."""
+    """Return a request to several servos, by id, for (address, size) each; they respond in this order."""
     asked = (bytes([servo_id]) + _two(place[0]) + _two(place[1]) for servo_id, place in places.items())
     return packet(BROADCAST, Instruction.BULK_READ, b"".join(asked))
 
 
 class PacketStream:
-    """Finds whole packets in what a port gives: damaged, cut anywhere, or none of this protocol.
+    """Parser that finds whole packets in received bytes: damaged, cut anywhere, or of no packet at all.
 
     Attributes:
-        damaged: Packets given up: wrong CRC or length.
+        damaged: Number of packets dropped for a wrong CRC or length.
     """
 
     def __init__(self) -> None:
@@ -177,9 +179,9 @@ class PacketStream:
         self._data = bytearray()
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Packets that these bytes complete, oldest first; never raises.
+        """Return the packets that these bytes complete, oldest first; never raises.
 
-        A packet that is damaged is searched for the next header from its second byte on.
+        In a damaged packet the search for the next header begins at its second byte.
         """
         self._data += data
         found: list[Packet] = []
@@ -194,9 +196,9 @@ class PacketStream:
         return found
 
     def _whole(self) -> int | None:
-        """Length of the packet with which the buffer begins; 0: it is none; None: bytes are missing."""
+        """Return the length of the packet at the start of the buffer; 0: invalid; None: bytes are missing."""
         start = self._data.find(HEADER)
-        if start < 0:  # the end may be the beginning of a header
+        if start < 0:  # the last bytes may begin a header
             kept = next((n for n in (3, 2, 1) if self._data.endswith(HEADER[:n])), 0)
             del self._data[: len(self._data) - kept]
             return None
@@ -213,7 +215,7 @@ class PacketStream:
 
 
 def _unpacked(data: bytes) -> Packet | None:
-    """The packet of these bytes; None where its CRC is wrong, or it is a status without an error byte."""
+    """Parse a packet; return None if its CRC is wrong, or if it is a status without an error byte."""
     if crc16(data[:-2]) != int.from_bytes(data[-2:], "little"):
         return None
     body = data[_BEFORE_INSTRUCTION:-2].replace(_STUFFED, _PATTERN)
@@ -233,25 +235,25 @@ def _two(number: int) -> bytes:
 MODELS: Mapping[int, str] = MappingProxyType(
     {1020: "XM430-W350", 1030: "XM430-W210", 1120: "XM540-W270", 1130: "XM540-W150"}
 )
-"""Servos with this table and these units, by model number."""
+"""Servos with this control table and these units, by model number."""
 
 LEAST_FIRMWARE = 38
-"""Firmware from which there is a bus watchdog."""
+"""First firmware version with a bus watchdog."""
 
 POSITION_MODE = 3
-"""Operating mode of positions within one turn."""
+"""Operating mode for positions within one turn."""
 
 VELOCITY_UNIT = 0.229 * 2.0 * math.pi / 60.0
-"""A velocity of 1 in [rad/s]."""
+"""Unit of velocities in [rad/s]."""
 
 CURRENT_UNIT = 2.69e-3
-"""A current of 1 in [A]."""
+"""Unit of currents in [A]."""
 
 WATCHDOG_UNIT_S, WATCHDOG_TRIPPED = 0.020, 255
-"""A bus watchdog of 1 in [s]; what it reads once it has stopped the servo."""
+"""Unit of the bus watchdog in [s], and its value once it has stopped the servo."""
 
 RETURN_DELAY_UNIT_S = 2e-6
-"""A return delay of 1 in [s]."""
+"""Unit of the return delay in [s]."""
 
 DRIVE_MODE_TIME_PROFILE = 0x04
 """Bit of the drive mode: profiles are times, not speeds."""
@@ -260,11 +262,11 @@ TORQUE_ENABLE, BUS_WATCHDOG, PROFILE, GOAL_POSITION = 64, 98, 108, 116
 """Addresses that are written; PROFILE is acceleration (4) and velocity (4)."""
 
 SETTINGS, STATE, PRESENT = (0, 64), (64, 83), (126, 10)
-"""Blocks that are read, as (address, size); their sizes differ, so that an answer says what it is."""
+"""Blocks that are read, as (address, size); their sizes differ, so that a response shows which one it is."""
 
 
 class HardwareError(IntFlag):
-    """Bits of the hardware error status, and of the setting which of them switch the torque off."""
+    """Bits of the hardware error status, and of the setting that says which of them switch the torque off."""
 
     INPUT_VOLTAGE = 0x01
     OVERHEATING = 0x04
@@ -273,21 +275,21 @@ class HardwareError(IntFlag):
     OVERLOAD = 0x20
 
     def words(self) -> str:
-        """The errors, in words; "none" without."""
+        """Return the errors in words; "none" without any."""
         named = (str(each.name).lower().replace("_", " ") for each in HardwareError if each in self)
         return ", ".join(named) or "none"
 
 
 @dataclass(frozen=True, slots=True)
 class ServoSettings:
-    """What a servo keeps without power.
+    """Settings that a servo stores without power.
 
     Attributes:
         model: Model number.
         firmware: Version.
         return_delay_s: Pause before each answer in [s].
         drive_mode: Bits.
-        operating_mode: What goals mean.
+        operating_mode: Quantity that goals command.
         lowest, highest: Range of goals that the servo takes, in pulses.
         shutdown: Errors that switch the torque off.
     """
@@ -303,7 +305,7 @@ class ServoSettings:
 
     @property
     def kept(self) -> str:
-        """What tells it from another servo, as far as it can be told."""
+        """Settings that distinguish it from other servos, as far as possible, as text."""
         return (
             f"model {self.model} firmware {self.firmware} mode {self.operating_mode}/{self.drive_mode}"
             f" range {self.lowest}..{self.highest}"
@@ -312,19 +314,19 @@ class ServoSettings:
 
 @dataclass(frozen=True, slots=True)
 class ServoState:
-    """What a servo does and feels.
+    """State and measurements of a servo.
 
     Attributes:
         torque: Whether it has torque.
-        hardware_error: What is wrong with it.
-        watchdog: Its bus watchdog; `WATCHDOG_TRIPPED`: it has stopped.
+        hardware_error: Hardware errors.
+        watchdog: Bus watchdog; `WATCHDOG_TRIPPED` if it has stopped the servo.
         profile: Acceleration and velocity of its profile, raw.
-        goal: Where it goes, in pulses.
-        current: In [A].
-        velocity: In [pulses/s].
-        position: Where it stands, in pulses.
-        voltage: Of its supply, in [V].
-        temperature: In [degrees Celsius].
+        goal: Goal position in pulses.
+        current: Current in [A].
+        velocity: Velocity in [pulses/s].
+        position: Position in pulses.
+        voltage: Supply voltage in [V].
+        temperature: Temperature in [degrees Celsius].
     """
 
     torque: bool
@@ -340,7 +342,7 @@ class ServoState:
 
 
 def read_settings(block: bytes) -> ServoSettings:
-    """Settings of a block SETTINGS."""
+    """Parse a block SETTINGS."""
     model, firmware = struct.unpack_from("<H4xB", block, 0)
     delay, drive, mode = struct.unpack_from("<BBB", block, 9)
     highest, lowest = struct.unpack_from("<ii", block, 48)
@@ -350,7 +352,7 @@ def read_settings(block: bytes) -> ServoSettings:
 
 
 def read_state(block: bytes) -> ServoState:
-    """State of a block STATE."""
+    """Parse a block STATE."""
     start = STATE[0]
     acceleration, velocity, goal = struct.unpack_from("<iii", block, PROFILE - start)
     current, speed, position = read_present(block[PRESENT[0] - start :][: PRESENT[1]])
@@ -370,13 +372,13 @@ def read_state(block: bytes) -> ServoState:
 
 
 def read_present(block: bytes) -> tuple[float, float, int]:
-    """Current in [A], velocity in [pulses/s] and position in pulses of a block PRESENT."""
+    """Return current in [A], velocity in [pulses/s] and position in pulses of a block PRESENT."""
     current, velocity, position = struct.unpack("<hii", block)
     return current * CURRENT_UNIT, velocity * VELOCITY_UNIT * 4096.0 / (2.0 * math.pi), position
 
 
 def four(number: int) -> bytes:
-    """A number of the table in four bytes."""
+    """Return a number of the control table as four bytes."""
     return number.to_bytes(4, "little", signed=True)
 
 

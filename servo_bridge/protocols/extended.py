@@ -1,7 +1,7 @@
-"""The extended protocol: pulse widths in frames with CRC, to boards that talk back.
+"""The extended protocol: pulse widths in frames with CRC, to boards that send telemetry.
 
-Firmware of this protocol takes legacy packets, too, holds and goes to rest by itself when the line falls
-silent, and keeps the servos' ranges.
+Firmware of this protocol also takes legacy packets, holds and moves to rest by itself when no packets arrive,
+and stores the servos' ranges.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from servo_bridge.driver.servo import (
+from servo_bridge.driver import (
     PULSE_US_PER_180,
     angle_to_width,
     width_limits,
@@ -39,23 +39,24 @@ from servo_bridge.protocols.protocol import (
     Decoded,
     EncodedPacket,
 )
-from softsim_core.scene.board import BoardDescription, Servo
+from softsim_core.scene import BoardDescription, Servo
 
 TOLERANCE_US = 15.0
-"""Widths this far in [us] outside of all that was told are another pose: one and a half degrees."""
+"""Widths this far in [us] outside of all commanded ones are another pose: one and a half degrees."""
 
 PATIENCE = 2
-"""Telemetry frames in a row that have to contradict; one may have been sent in between."""
+"""Number of contradicting telemetry frames in a row; a single one may have been sent in between."""
 
 DEAF_PATIENCE = 6
-"""Telemetry frames in a row without a new acknowledgement, though frames were sent: 0.3 s."""
+"""Number of telemetry frames in a row without a new acknowledgement, though frames were sent: 0.3 s."""
 
 
 class Following:
-    """Compares each telemetry with the poses told since the board's pose was last taken over.
+    """Compares telemetry with the poses sent since the board's pose was last taken over.
 
     Attributes:
-        deviation: What the board does instead, for a sentence that begins with "the board"; empty: as told.
+        deviation: How the board deviates, as the end of a message that begins with "the board"; empty if it
+            does not.
     """
 
     def __init__(self) -> None:
@@ -66,21 +67,21 @@ class Following:
         self._contradictions = self._deaf = 0
 
     def begin(self) -> None:
-        """The board's pose is taken over: what it was told before does not count."""
+        """Begin a takeover: poses sent before do not count."""
         self.deviation = ""
         self._told.clear()
         self._contradictions = self._deaf = 0
 
     def sent(self) -> None:
-        """A frame was sent."""
+        """Record that a frame was sent."""
         self._sent += 1
 
     def told(self, seq: int, widths_us: Sequence[int]) -> None:
-        """A pose was sent, in the frame of that number."""
+        """Record that a pose was sent, in the frame with that number."""
         self._told.append((seq, tuple(widths_us)))
 
     def hear(self, telemetry: Telemetry) -> None:
-        """Judge a telemetry frame."""
+        """Compare a telemetry frame with the poses."""
         if telemetry.seq != self._acknowledged:
             self._deaf = 0
         elif self._sent and self._told and telemetry.seq != self._told[-1][0]:
@@ -94,10 +95,10 @@ class Following:
             self.deviation = contradiction
 
     def _contradiction(self, telemetry: Telemetry) -> str:
-        """What the telemetry says other than the poses up to the one that it acknowledges."""
+        """Return how the telemetry contradicts the poses up to the acknowledged one; empty if it does not."""
         numbers = [seq for seq, _ in self._told]
         if telemetry.seq not in numbers:
-            return ""  # no pose of this time has arrived yet
+            return ""  # no pose sent since the takeover has arrived yet
         flags = telemetry.flags
         if BoardFlags.ACTIVE not in flags:
             return "has no pulses"
@@ -118,17 +119,17 @@ RESET_CAUSES = {1: "power-on", 2: "external (port opened, or button)", 4: "brown
 
 
 MOST_QUESTIONS = 50
-"""A board that was asked so often for its number without an answer has none."""
+"""A board that was asked for its number this often without an answer has none."""
 
 
 def reset_cause_text(cause: int) -> str:
-    """The bits of a banner's reset cause in words."""
+    """Return the bits of a banner's reset cause in words."""
     return ", ".join(text for bit, text in RESET_CAUSES.items() if cause & bit) or f"unknown ({cause})"
 
 
 @dataclass(slots=True)
 class FrameCounts:
-    """What came from the board since the port was opened.
+    """Number of frames received from the board since the port was opened.
 
     Attributes:
         telemetry: Telemetry frames.
@@ -142,14 +143,14 @@ class FrameCounts:
 
 
 class ExtendedProtocol(BoardProtocol):
-    """Frames to and from our firmware; lines of tilts between them are read.
+    """Frames to and from our firmware; lines of tilts between them are parsed.
 
     Attributes:
         banner: Newest banner; None before the first.
         telemetry: Newest telemetry since the board's start; None before the first.
         seq: Sequence number of the newest frame encoded; None before the first.
-        unacknowledged: Frames that the newest telemetry had not acknowledged.
-        counts: What came from the board.
+        unacknowledged: Number of frames that the newest telemetry had not acknowledged.
+        counts: Number of frames received from the board.
     """
 
     name = "extended"
@@ -168,7 +169,7 @@ class ExtendedProtocol(BoardProtocol):
         self.counts = FrameCounts()
         self._frames, self._lines = FrameParser(), LineParser()
         self._following = Following()
-        self._limits_seq: int | None = None  # of the ranges told since the takeover began
+        self._limits_seq: int | None = None  # of the ranges sent since the takeover began
         self._number: int | None = None  # of the board; None: not known
         self._offered = frames.NO_IDENTITY  # number given to a board that has none
         self._questions = 0  # for its number, since the newest answer
@@ -176,7 +177,7 @@ class ExtendedProtocol(BoardProtocol):
 
     @classmethod
     def refusal(cls, board: BoardDescription) -> str:
-        """A frame speaks of three servos."""
+        """Refuse a board whose number of servos is not that of a frame."""
         if len(board.servos) == frames.SERVOS:
             return ""
         return (
@@ -186,11 +187,11 @@ class ExtendedProtocol(BoardProtocol):
 
     @classmethod
     def board_model(cls, servos: Sequence[Servo]) -> BoardModel | None:
-        """The firmware's model, of three servos."""
+        """Return the firmware's model, for three servos."""
         return ExtendedBoard(PacketParser(frames.SERVOS)) if len(servos) == frames.SERVOS else None
 
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
-        """A SET frame of pulse widths."""
+        """Encode a SET frame of pulse widths."""
         widths = [angle_to_width(angle, servo) for angle, servo in zip(angles_rad, self.servos, strict=True)]
         seq = self._next_seq()
         self._following.told(seq, widths)
@@ -201,7 +202,7 @@ class ExtendedProtocol(BoardProtocol):
         )
 
     def decode(self, data: bytes) -> Decoded:
-        """Banners and telemetry, and lines of tilts; frames that echo what was sent are passed over."""
+        """Process banners, telemetry and lines of tilts; frames that echo sent ones are ignored."""
         recognised = restarted = False
         for frame in self._frames.feed(data):
             if frame.kind is FrameType.BANNER:
@@ -216,11 +217,11 @@ class ExtendedProtocol(BoardProtocol):
 
     @property
     def ready(self) -> bool:
-        """Whether telemetry came since the board's start."""
+        """Whether telemetry was received since the board's start."""
         return self.telemetry is not None
 
     def fault(self) -> str:
-        """Another version of the protocol cannot be driven."""
+        """Refuse a board that speaks another version of the protocol."""
         if self.banner is None or self.banner.protocol == frames.PROTOCOL_VERSION:
             return ""
         return (
@@ -230,33 +231,36 @@ class ExtendedProtocol(BoardProtocol):
         )
 
     def pose(self) -> tuple[float, ...] | None:
-        """Angles of the widths that telemetry tells: of the pulses, or of those before the board's reset."""
+        """Return the angles of the widths in telemetry: of the pulses, or of those before a reset."""
         if self.telemetry is None or not all(self.telemetry.widths_us):
             return None
         widths = self.telemetry.widths_us
         return tuple(width_to_angle(width, servo) for width, servo in zip(widths, self.servos, strict=True))
 
     def identity(self) -> str | None:
-        """The number that the board keeps in its EEPROM; one that has none is given one."""
+        """Return the number in the board's EEPROM; a board without one is assigned one."""
         if self._number is not None:
             return f"number {self._number:012x}"
         return None if self._may_answer else ""
 
     def ask(self) -> bytes:
-        """IDENTIFY, until the board has said its number, or was asked often enough."""
+        """Return IDENTIFY until the board has reported its number, or was asked often enough."""
         if not self._may_answer or self._number is not None:
             return b""
         self._questions += 1
         return frames.identify(self._next_seq(), self._offered)
 
     def begin_takeover(self) -> None:
-        """What telemetry acknowledges from before is no answer; nor is a number said before."""
+        """Start a takeover: earlier acknowledgements and an earlier number are no answer."""
         self._limits_seq = None
         self._answered, self._questions = False, 0
         self._following.begin()
 
     def limits(self) -> bytes:
-        """IDENTIFY, then SET_LIMITS with range and rest of every servo; repetitions keep their number."""
+        """Return IDENTIFY, then SET_LIMITS with range and rest of every servo.
+
+        Repetitions of SET_LIMITS have the same sequence number.
+        """
         question = b""
         if not self._answered and self._may_answer:
             self._questions += 1
@@ -266,12 +270,13 @@ class ExtendedProtocol(BoardProtocol):
     def _set_limits(self) -> bytes:
         if self._limits_seq is None:
             self._limits_seq = self._next_seq()
+            # With the number that telemetry shows now, the frame would count as acknowledged at once.
             if self.telemetry is not None and self._limits_seq == self.telemetry.seq:
                 self._limits_seq = self._next_seq()
         return frames.set_limits(self._limits_seq, [width_limits(servo) for servo in self.servos])
 
     def acknowledged(self) -> bool:
-        """Whether telemetry carries the number of the ranges told, and the board has said who it is."""
+        """Return whether telemetry acknowledges the ranges, and the board has reported its number."""
         return (
             (self._answered or not self._may_answer)
             and self.telemetry is not None
@@ -280,25 +285,25 @@ class ExtendedProtocol(BoardProtocol):
         )
 
     def deviation(self) -> str:
-        """As telemetry contradicts the poses that were sent."""
+        """Return how telemetry contradicts the poses that were sent."""
         return self._following.deviation
 
     def hold(self) -> bytes:
-        """HOLD."""
+        """Return a HOLD frame."""
         self._following.begin()
         return frames.hold(self._next_seq())
 
     def relax(self) -> bytes:
-        """RELAX."""
+        """Return a RELAX frame."""
         return frames.relax(self._next_seq())
 
     @property
     def frames_dropped(self) -> int:
-        """Frames of the board that came damaged."""
+        """Number of damaged frames from the board."""
         return self._frames.dropped
 
     def values(self) -> Mapping[str, object]:
-        """Firmware, reset cause, and the newest telemetry."""
+        """Return firmware, reset cause, and the newest telemetry."""
         values: dict[str, object] = {}
         if self.banner is not None:
             values |= {
@@ -323,11 +328,11 @@ class ExtendedProtocol(BoardProtocol):
 
     def _take_banner(self, frame: Frame) -> None:
         self.banner = frames.read_banner(frame)
-        self.telemetry = None  # of before the reset
+        self.telemetry = None  # the telemetry was from before the reset
         self.counts.banners += 1
 
     def _take_number(self, number: int) -> None:
-        """Take the board's number; without one it is offered one with the next question."""
+        """Store the board's number; a board without one is offered one with the next query."""
         if number == frames.NO_IDENTITY:
             if self._offered == frames.NO_IDENTITY:
                 self._offered = secrets.randbelow(frames.NO_IDENTITY)
@@ -336,7 +341,7 @@ class ExtendedProtocol(BoardProtocol):
 
     @property
     def _may_answer(self) -> bool:
-        """Whether the firmware knows IDENTIFY, as far as its banner and its answers tell."""
+        """Whether the firmware knows IDENTIFY, according to its banner and its answers."""
         banner = self.banner
         old = banner is not None and (banner.major, banner.minor) < frames.IDENTIFYING_FIRMWARE
         return not old and self._questions < MOST_QUESTIONS

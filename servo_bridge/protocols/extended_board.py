@@ -1,14 +1,14 @@
-"""The board's side of the extended protocol, without hardware: frames in, banner and telemetry out. Pure.
+"""The board's side of the extended protocol, without hardware: frames in, banner and telemetry out.
 
-It answers and moves as firmware/tripod.c does, in its unit: ticks of half a microsecond, frames of 20 ms. The
-same bytes into both give the same counters and widths; a property test holds them to each other.
+It responds and moves as firmware/tripod.c does, in its unit: ticks of half a microsecond, pulse periods of 20
+ms. The same bytes into both give the same counters and widths; a property test compares them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from servo_bridge.driver.servo import PULSE_MIN_US, PULSE_US_PER_180, width_to_byte
+from servo_bridge.driver import PULSE_MIN_US, PULSE_US_PER_180, width_to_byte
 from servo_bridge.protocols import frames
 from servo_bridge.protocols.frames import (
     FRAME_HEADER,
@@ -24,24 +24,24 @@ from servo_bridge.protocols.legacy import PARTIAL_TIMEOUT_S, PacketParser
 from servo_bridge.protocols.protocol import BoardModel
 
 FRAME_S = 0.020
-"""Period of the servo pulses in [s]; once in it the widths move."""
+"""Period of the servo pulses in [s]; the widths move once per period."""
 
 TICKS_PER_US = 2
 SLEW_US_PER_FRAME = 61.0
-"""Largest change of a width in a frame in [us], unless SLEW sets another."""
+"""Largest change of a width per pulse period in [us], unless SLEW sets another."""
 
 PULSE_MAX_US = PULSE_MIN_US + PULSE_US_PER_180
 SLEW_MAX_US = 124
 
-_SLEW, _CREEP = round(SLEW_US_PER_FRAME * TICKS_PER_US), 20  # ticks a frame
+_SLEW, _CREEP = round(SLEW_US_PER_FRAME * TICKS_PER_US), 20  # ticks per pulse period
 _HOLD_FRAMES, _REST_FRAMES = 25, 100
 _REST_BYTE = 150
 _LARGEST_LAG_S = 0.5
-_PARTIAL_AT_MOST_S = 3 * FRAME_S  # half a packet is dropped then, whether a byte comes or not
+_PARTIAL_AT_MOST_S = 3 * FRAME_S  # an unfinished packet is dropped then, even without a new byte
 
 
 def byte_ticks(servo_byte: int) -> int:
-    """Pulse width in ticks of a servo byte, rounded as in the firmware."""
+    """Return the pulse width in ticks of a servo byte, rounded as in the firmware."""
     return PULSE_MIN_US * TICKS_PER_US + (servo_byte * PULSE_US_PER_180 * TICKS_PER_US + 90) // 180
 
 
@@ -51,17 +51,17 @@ _COUNTER = 0xFFF
 
 
 class BoardMotion:
-    """Widths of a board's servos, frame by frame; times are seconds of any steady clock.
+    """Widths of a board's servos, period by period; times are seconds of any steady clock.
 
     Args:
         kept: Widths in ticks of the pulses before the reset; None after a loss of power.
 
     Attributes:
-        started: A pose was commanded since the reset: before it there are no pulses.
-        relaxed: The pulses were switched off.
-        hold_asked: A frame asked to hold; only a pose in a frame ends it.
-        slew: Largest change of a width in a frame, in ticks.
-        ranges: Least and largest width of each servo in ticks.
+        started: Whether a pose was commanded since the reset; before that there are no pulses.
+        relaxed: Whether the pulses were switched off.
+        hold_asked: Whether a frame commanded to hold; only a pose in a frame ends that.
+        slew: Largest change of a width per pulse period, in ticks.
+        ranges: Smallest and largest width of each servo in ticks.
         rest: Width of each servo in ticks in the rest pose.
     """
 
@@ -73,7 +73,7 @@ class BoardMotion:
         self.rest = [byte_ticks(_REST_BYTE)] * SERVOS
         self._current = list(kept or self.rest)
         self._target = list(self._current)
-        self._silence = _REST_FRAMES  # frames since the newest valid command, saturating
+        self._silence = _REST_FRAMES  # pulse periods since the newest valid command, saturating
         self._next_frame: float | None = None
 
     @property
@@ -88,18 +88,18 @@ class BoardMotion:
 
     @property
     def homing(self) -> bool:
-        """Whether the servos creep to the rest pose, or stand there, for want of commands."""
+        """Whether the servos move slowly to the rest pose, or are there, since no commands arrive."""
         return self.active and not self.hold_asked and self._silence >= _REST_FRAMES
 
     @property
     def holding(self) -> bool:
-        """Whether the servos hold where they are: asked to, or for want of commands."""
+        """Whether the servos hold: on command, or since no commands arrive."""
         silent = _HOLD_FRAMES <= self._silence < _REST_FRAMES
         return self.started and (self.hold_asked or silent)
 
     @property
     def arrived(self) -> bool:
-        """Whether the servos stand where they are to go."""
+        """Whether the servos are at their target."""
         return self._current == self._within(self._target)
 
     @property
@@ -109,17 +109,17 @@ class BoardMotion:
 
     @property
     def kept(self) -> Sequence[int] | None:
-        """Widths in ticks that outlast a reset: of the newest pulses; None before the first."""
+        """Widths in ticks of the newest pulses, which survive a reset; None before the first pulses."""
         return tuple(self._current) if self.started or self._known else None
 
     @property
     def told_us(self) -> tuple[float, ...]:
-        """Widths in [us] as telemetry tells them: of the pulses, else of those before the reset, else 0."""
+        """Widths in [us] in telemetry: of the pulses, else of those before the reset, else 0."""
         told = self.active or (self._known and not self.started)
         return tuple(ticks / TICKS_PER_US if told else 0.0 for ticks in self._current)
 
     def command(self, ticks: Sequence[int]) -> None:
-        """Go to a pose; the first one after a loss of power is taken at once."""
+        """Set a target; the first one after a loss of power is reached at once."""
         self._target = self._within(ticks)
         if not (self.started or self._known):
             self._current = list(self._target)
@@ -127,17 +127,17 @@ class BoardMotion:
         self._silence = 0
 
     def stop(self) -> None:
-        """Stay where the servos are."""
+        """Stop where the servos are."""
         self._target = list(self._current)
 
     def heard(self) -> None:
-        """A valid command came; one that ends a silence finds the servos where they stay."""
+        """Record a valid command; after a silence the servos first stop where they are."""
         if not self.linked:
             self.stop()
         self._silence = 0
 
     def advance(self, now: float) -> None:
-        """Let the frames up to `now` pass; where nobody looked for long, time stretches instead of racing."""
+        """Advance to `now` in pulse periods; after a long gap the time is not caught up."""
         if self._next_frame is None or now - self._next_frame > _LARGEST_LAG_S:
             self._next_frame = now + FRAME_S
         while self._next_frame <= now:
@@ -170,12 +170,12 @@ class ExtendedBoard(BoardModel):
         legacy: Parser of legacy packets.
 
     Attributes:
-        refused: Well-formed packets and frames refused for what they ask.
+        refused: Number of well-formed packets and frames refused for their content.
         seq: Sequence number of the newest accepted frame.
-        silent: Say nothing any more, as a board that hangs.
-        deaf: Hear nothing any more, as behind a broken wire.
+        silent: Send nothing any more, as a board that hangs.
+        deaf: Receive nothing any more, as behind a broken wire.
         motion: The servos.
-        identity: Number of the board, kept for good; `frames.NO_IDENTITY` until it is given one.
+        identity: Number of the board, stored permanently; `frames.NO_IDENTITY` until one is assigned.
     """
 
     say_period_s = TELEMETRY_PERIOD_S
@@ -187,11 +187,11 @@ class ExtendedBoard(BoardModel):
         self._identity_wanted = False
         self.refused = self._accepted = 0
         self._legacy, self._frames = legacy, FrameParser()
-        self._begun = 0.0  # when the frame begun last did
+        self._begun = 0.0  # time at which the newest frame began
         self.reset()
 
     def reset(self, cause: int = RESET_EXTERNAL) -> None:
-        """Start anew; the banner is said next. Only a loss of power forgets where the servos were."""
+        """Restart; the banner is sent next. Only a loss of power loses the positions of the servos."""
         self._frames.reset()
         self._legacy.reset()
         self.motion = BoardMotion(None if cause == RESET_POWER_ON else self.motion.kept)
@@ -201,23 +201,23 @@ class ExtendedBoard(BoardModel):
 
     @property
     def limits_us(self) -> tuple[tuple[float, float], ...]:
-        """Ranges told by SET_LIMITS in [us]; empty before."""
+        """Ranges set by SET_LIMITS in [us]; empty before that."""
         if not self._limits_set:
             return ()
         return tuple((low / TICKS_PER_US, high / TICKS_PER_US) for low, high in self.motion.ranges)
 
     @property
     def accepted(self) -> int:
-        """Poses taken since it was made, of packets and frames."""
+        """Number of poses accepted since its creation, in packets and frames."""
         return self._accepted
 
     @property
     def dropped(self) -> int:
-        """Packets and frames dropped or refused so far."""
+        """Number of packets and frames dropped or refused so far."""
         return self._legacy.dropped + self._frames.dropped + self.refused
 
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
-        """Take bytes; the poses accepted among them as degrees of the servos, rounded, oldest first."""
+        """Process bytes; return the accepted poses as degrees of the servos, rounded, oldest first."""
         self.advance(now)
         if self.deaf:
             return []
@@ -240,7 +240,7 @@ class ExtendedBoard(BoardModel):
         return poses
 
     def say(self, now: float) -> bytes:
-        """The banner where it is due, then telemetry; nothing while it is silent."""
+        """Return the banner if it is due, then telemetry; nothing while `silent`."""
         self.advance(now)
         data = b""
         if self._banner_due:
@@ -253,12 +253,12 @@ class ExtendedBoard(BoardModel):
         return b"" if self.silent else data
 
     def answer(self, now: float) -> bytes:
-        """The board's number, where it was asked for."""
+        """Return the board's number, if it was requested."""
         wanted, self._identity_wanted = self._identity_wanted, False
         return frames.identity(self._next(), self.identity) if wanted and not self.silent else b""
 
     def advance(self, now: float) -> None:
-        """Let the servos move, and drop half a packet in time."""
+        """Let the servos move, and drop an unfinished packet in time."""
         self.motion.advance(now)
         self._drop_older(now, _PARTIAL_AT_MOST_S)
 
@@ -281,7 +281,10 @@ class ExtendedBoard(BoardModel):
         return BoardFlags(sum(flag for flag, is_set in states.items() if is_set))
 
     def _take_packet(self, servo_bytes: tuple[int, ...]) -> bool:
-        """Take a legacy packet, unless a hold lasts, or a frame came: a flipped bit makes one of it."""
+        """Accept a legacy packet, except during a hold, or while frames arrive.
+
+        A flipped bit in a frame can look like a legacy packet.
+        """
         if self.motion.hold_asked or (self._framed and self.motion.linked):
             self.refused += 1
             return False
@@ -290,7 +293,7 @@ class ExtendedBoard(BoardModel):
         return True
 
     def _take_frame(self, frame: Frame) -> bool:
-        """Carry a frame out; False, and nothing done, where a value of it is not allowed."""
+        """Execute a frame; return False, with nothing done, if one of its values is not allowed."""
         if frame.kind >= FrameType.BANNER:
             return False
         numbers = frames.join12(frame.payload)

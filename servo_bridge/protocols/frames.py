@@ -1,4 +1,4 @@
-"""The board's extended frames: pulse widths out, telemetry in, with sequence number and CRC. Pure, no I/O.
+"""Frames of the extended protocol: pulse widths out, telemetry in, with sequence number and CRC. No I/O.
 
     0xFE, type, seq, payload, CRC-8 (high two bits), CRC-8 (low six bits)
 
@@ -14,26 +14,26 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 
-from servo_bridge.errors import PacketError
+from servo_bridge import PacketError
 
 FRAME_HEADER = 0xFE
 """First byte of a frame; no other byte of a frame has this value."""
 
 PROTOCOL_VERSION = 2
-"""Version that the banner of a board of this protocol carries."""
+"""Protocol version in the banner of a board of this protocol."""
 
 FIRMWARE_VERSION = (2, 2)
 """Major and minor version of firmware/tripod.c, which the banner carries, too."""
 
 IDENTIFYING_FIRMWARE = (2, 2)
-"""Firmware from which a board answers IDENTIFY."""
+"""First firmware version that answers IDENTIFY."""
 
 SERVOS = 3
-"""Servos a frame speaks of."""
+"""Number of servos in a frame."""
 
 IDENTITY_SEXTETS = 8
 NO_IDENTITY = 64**IDENTITY_SEXTETS - 1
-"""Number of a board that has none; every smaller one, from 0 on, can be one."""
+"""Number of a board that has none; every smaller one, from 0 on, is a valid number."""
 
 SEQUENCES = 64
 """Sequence numbers run from 0 to 63 and start again."""
@@ -42,7 +42,7 @@ _LARGEST_12_BIT = 4095
 
 
 class FrameType(IntEnum):
-    """Types of frames; below 16 from the computer to the board, from 16 on from the board."""
+    """Types of frames: below 16 from the computer to the board, from 16 on from the board."""
 
     SET = 1
     RELAX = 2
@@ -74,11 +74,11 @@ _PAYLOAD_OF_NUMBER = {int(kind): length for kind, length in PAYLOAD_SEXTETS.item
 
 
 class BoardFlags(IntFlag):
-    """What the board says of itself in its telemetry.
+    """State of the board in its telemetry.
 
-    LINK: a valid command came within 0.5 s. HOLD: the servos hold. HOMING: they creep to the rest pose.
-    ACTIVE: pulses are on. RELAXED: they were switched off by RELAX. LIMITS_SET: SET_LIMITS was taken.
-    WATCHDOG: a watchdog reset was seen.
+    LINK: a valid command came within 0.5 s. HOLD: the servos hold. HOMING: they move slowly to the rest pose.
+    ACTIVE: pulses are on. RELAXED: they were switched off by RELAX. LIMITS_SET: SET_LIMITS was accepted.
+    WATCHDOG: a watchdog reset was detected.
     """
 
     LINK = 1
@@ -101,7 +101,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """What the board says after a reset: protocol version, firmware version, and why it was reset.
+    """Message of the board after a reset: protocol version, firmware version, and cause of the reset.
 
     Attributes:
         protocol: Version of this protocol.
@@ -135,7 +135,7 @@ class Telemetry:
 
 
 def crc8(values: Iterable[int]) -> int:
-    """CRC-8 of byte values: polynomial 0x07, initial value 0, no reflection, no final inversion."""
+    """Return the CRC-8 of byte values: polynomial 0x07, initial value 0, not reflected, not inverted."""
     crc = 0
     for value in values:
         crc ^= value
@@ -145,7 +145,7 @@ def crc8(values: Iterable[int]) -> int:
 
 
 def split12(values: Sequence[int]) -> tuple[int, ...]:
-    """Two sextets, high one first, for each 12-bit number.
+    """Return two sextets, high one first, for each 12-bit number.
 
     Raises:
         PacketError: a number is not within 0..4095.
@@ -157,12 +157,12 @@ def split12(values: Sequence[int]) -> tuple[int, ...]:
 
 
 def join12(sextets: Sequence[int]) -> tuple[int, ...]:
-    """The 12-bit numbers of pairs of sextets; the inverse of `split12`."""
+    """Return the 12-bit numbers of pairs of sextets; the inverse of `split12`."""
     return tuple((high << 6) | low for high, low in zip(sextets[::2], sextets[1::2], strict=True))
 
 
 def encode(frame: Frame) -> bytes:
-    """Bytes of a frame.
+    """Return the bytes of a frame.
 
     Raises:
         PacketError: the payload has the wrong length for its type, or a number does not fit.
@@ -179,7 +179,7 @@ def encode(frame: Frame) -> bytes:
 
 
 def set_widths(seq: int, widths_us: Sequence[int]) -> bytes:
-    """SET: pulse widths in [us], one per servo.
+    """Encode SET: pulse widths in [us], one per servo.
 
     Raises:
         PacketError: wrong number of widths, or one that does not fit into 12 bits.
@@ -188,22 +188,22 @@ def set_widths(seq: int, widths_us: Sequence[int]) -> bytes:
 
 
 def relax(seq: int) -> bytes:
-    """RELAX: pulses off."""
+    """Encode RELAX: pulses off."""
     return encode(Frame(FrameType.RELAX, seq))
 
 
 def hold(seq: int) -> bytes:
-    """HOLD: stay at the present widths."""
+    """Encode HOLD: stay at the present widths."""
     return encode(Frame(FrameType.HOLD, seq))
 
 
 def ping(seq: int) -> bytes:
-    """PING: only an acknowledgement is wanted."""
+    """Encode PING: request only an acknowledgement."""
     return encode(Frame(FrameType.PING, seq))
 
 
 def set_limits(seq: int, limits_us: Sequence[tuple[int, int, int]]) -> bytes:
-    """SET_LIMITS: smallest, rest and largest pulse width in [us], three a servo.
+    """Encode SET_LIMITS: smallest, rest and largest pulse width in [us], three per servo.
 
     Raises:
         PacketError: wrong number of servos, or a width that does not fit into 12 bits.
@@ -212,7 +212,7 @@ def set_limits(seq: int, limits_us: Sequence[tuple[int, int, int]]) -> bytes:
 
 
 def slew(seq: int, us_per_frame: int) -> bytes:
-    """SLEW: largest change of a pulse width in [us] a servo frame of 20 ms.
+    """Encode SLEW: largest change of a pulse width in [us] per pulse period of 20 ms.
 
     Raises:
         PacketError: the change does not fit into 12 bits.
@@ -221,7 +221,7 @@ def slew(seq: int, us_per_frame: int) -> bytes:
 
 
 def identify(seq: int, number: int = NO_IDENTITY) -> bytes:
-    """IDENTIFY: ask a board for its number, and give it one where it has none; nothing moves.
+    """Encode IDENTIFY: ask a board for its number, and assign one if it has none; nothing moves.
 
     Raises:
         PacketError: the number is not within 0..NO_IDENTITY.
@@ -230,7 +230,7 @@ def identify(seq: int, number: int = NO_IDENTITY) -> bytes:
 
 
 def identity(seq: int, number: int) -> bytes:
-    """IDENTITY, as the board sends it.
+    """Encode IDENTITY, as the board sends it.
 
     Raises:
         PacketError: the number is not within 0..NO_IDENTITY.
@@ -239,10 +239,10 @@ def identity(seq: int, number: int) -> bytes:
 
 
 def read_number(frame: Frame) -> int:
-    """The number that an IDENTIFY or IDENTITY frame carries.
+    """Return the number in an IDENTIFY or IDENTITY frame.
 
     Raises:
-        PacketError: it is a frame of another type.
+        PacketError: the frame is of another type.
     """
     if frame.kind is not FrameType.IDENTIFY:
         _need(frame, FrameType.IDENTITY)
@@ -259,7 +259,7 @@ def _number_sextets(number: int) -> tuple[int, ...]:
 
 
 def banner(seq: int, content: Banner) -> bytes:
-    """BANNER, as the board sends it.
+    """Encode BANNER, as the board sends it.
 
     Raises:
         PacketError: a number does not fit into a sextet.
@@ -269,7 +269,7 @@ def banner(seq: int, content: Banner) -> bytes:
 
 
 def telemetry(seq: int, content: Telemetry) -> bytes:
-    """TELEMETRY, as the board sends it.
+    """Encode TELEMETRY, as the board sends it.
 
     Raises:
         PacketError: wrong number of widths, or a number that does not fit.
@@ -279,20 +279,20 @@ def telemetry(seq: int, content: Telemetry) -> bytes:
 
 
 def read_banner(frame: Frame) -> Banner:
-    """Content of a BANNER frame.
+    """Return the content of a BANNER frame.
 
     Raises:
-        PacketError: it is a frame of another type.
+        PacketError: the frame is of another type.
     """
     _need(frame, FrameType.BANNER)
     return Banner(*frame.payload)
 
 
 def read_telemetry(frame: Frame) -> Telemetry:
-    """Content of a TELEMETRY frame.
+    """Return the content of a TELEMETRY frame.
 
     Raises:
-        PacketError: it is a frame of another type.
+        PacketError: the frame is of another type.
     """
     _need(frame, FrameType.TELEMETRY)
     flags, *widths, rejects, overruns = join12(frame.payload[1:])
@@ -306,14 +306,14 @@ def _need(frame: Frame, kind: FrameType) -> None:
 
 @dataclass(slots=True)
 class FrameParser:
-    """Finds frames in a stream of bytes, whatever stands between them.
+    """Parser that finds frames in a stream of bytes, whatever is between them.
 
-    The header always starts a new frame; a byte without the form of a sextet, an unknown type or a wrong CRC
-    drops the frame begun. Bytes outside frames (legacy packets, start-up text) are passed over.
+    The header always starts a new frame. A byte without the form of a sextet, an unknown type or a wrong CRC
+    drops the frame. Bytes outside frames (legacy packets, start-up text) are ignored.
 
     Attributes:
-        accepted: Frames accepted so far.
-        dropped: Frames dropped so far.
+        accepted: Number of frames accepted so far.
+        dropped: Number of frames dropped so far.
     """
 
     accepted: int = 0
@@ -326,16 +326,16 @@ class FrameParser:
         return self._body is not None
 
     def reset(self) -> None:
-        """Forget a frame begun; the counters stay."""
+        """Discard an unfinished frame; the counters stay."""
         self._body = None
 
     def drop(self) -> None:
-        """Drop a frame begun, and count it; without one nothing happens."""
+        """Discard an unfinished frame and count it; without one nothing happens."""
         if self._body is not None:
             self._drop()
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Frames completed by these bytes, oldest first; never raises."""
+        """Return the frames completed by these bytes, oldest first; never raises."""
         return [frame for frame in map(self._take, data) if frame is not None]
 
     def _take(self, value: int) -> Frame | None:

@@ -1,7 +1,7 @@
-"""The legacy packet: header 255, then one degree byte per servo (see `servo`); the board says nothing.
+"""The legacy packet: header 255, then one degree byte per servo (see `servo`); the board sends nothing.
 
-The header always begins a new packet. The board drops a packet with a byte outside 60..180 or older than
-40 ms, and keeps its last pose when the line falls silent.
+The header always begins a new packet. The board drops a packet with a byte outside 60..180 or older than 40
+ms, and stays at its last pose when no packets arrive.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from servo_bridge.driver.servo import angles_to_bytes, bytes_to_angles
-from servo_bridge.errors import PacketError
+from servo_bridge import PacketError
+from servo_bridge.driver import angles_to_bytes, bytes_to_angles
 from servo_bridge.protocols.ascii_imu import LineParser, text_of
 from servo_bridge.protocols.protocol import BoardModel, BoardProtocol, Decoded, EncodedPacket
-from softsim_core.scene.board import BoardDescription, Servo, ServoCalibration
+from softsim_core.scene import BoardDescription, Servo, ServoCalibration
 
 HEADER = 255
 """First byte of a packet; servo bytes never reach it."""
@@ -25,11 +25,11 @@ PARTIAL_TIMEOUT_S = 0.040
 """Age in [s] at which the board drops a packet that is not complete."""
 
 BOOT_LOADER_BYTE = 100
-"""0x64, the boot loader's "program a page": received first after a reset it erases the firmware's start."""
+"""0x64, "program a page" of the boot loader: received first after a reset it erases the firmware's start."""
 
 
 class LegacyProtocol(BoardProtocol):
-    """Degree bytes behind a header, to a board that only listens; lines of tilts from it are read."""
+    """Degree bytes behind a header, to a board that only receives; lines of tilts from it are parsed."""
 
     name = "legacy"
 
@@ -39,29 +39,29 @@ class LegacyProtocol(BoardProtocol):
 
     @classmethod
     def board_model(cls, servos: Sequence[Servo]) -> BoardModel:
-        """A board that keeps the newest whole packet."""
+        """Return a model of a board that takes legacy packets."""
         return LegacyBoard(len(servos))
 
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
-        """Header and degree bytes; a byte 100 becomes 101 unless that is switched off."""
+        """Encode header and degree bytes; a byte 100 becomes 101 unless that is switched off."""
         packet = encode_packet(angles_rad, self.servos, self.board.header)
         sent = avoid_byte_100(packet, self.servos) if self.avoid_byte_100 else packet
         servo_bytes = tuple(sent[1:])
         return EncodedPacket(sent, servo_bytes, bytes_to_angles(servo_bytes, self.servos), sent != packet)
 
     def decode(self, data: bytes) -> Decoded:
-        """Lines of tilts, if any; nothing of it tells this board from another."""
+        """Return the tilts of whole lines, if any; they do not distinguish this board from others."""
         return Decoded(tilts=tuple(self._lines.feed(text_of(data))))
 
     def values(self) -> Mapping[str, object]:
-        """Count of other text, where the board has sent tilts."""
+        """Return the number of other lines, if the board has sent tilts."""
         return self._lines.values()
 
 
 def encode_packet(
     angles_rad: Sequence[float], servos: Sequence[ServoCalibration], header: int = HEADER
 ) -> bytes:
-    """Packet for joint angles in [rad], one per servo in packet order: header, then their degree bytes.
+    """Encode joint angles in [rad], one per servo in packet order: header, then their degree bytes.
 
     Raises:
         CommandError: wrong number of angles, or one that is not finite; nothing is encoded.
@@ -70,16 +70,16 @@ def encode_packet(
 
 
 def rest_packet(servos: Sequence[ServoCalibration], header: int = HEADER) -> bytes:
-    """Packet of the safe pose: every servo at its rest byte."""
+    """Return the packet of the safe pose: every servo at its rest byte."""
     return bytes([header, *(servo.rest_byte for servo in servos)])
 
 
 def avoid_byte_100(packet: bytes, servos: Sequence[ServoCalibration]) -> bytes:
-    """The packet with every servo byte 100 replaced by 101 (by 99 for a servo that may not go beyond 100).
+    """Replace every servo byte 100 by 101, or by 99 for a servo whose range ends at 100.
 
-    A board that is reset in the middle of a packet runs its boot loader first; if the first byte it then sees
-    is 100, the boot loader erases the start of the firmware and the board is dead until the next upload. One
-    degree is the dead band of a hobby servo, so nothing is lost.
+    A board that is reset in the middle of a packet runs its boot loader first. If the first byte it receives
+    then is 100, the boot loader erases the start of the firmware, and the board is dead until the next
+    upload. One degree is the dead band of a hobby servo, so no accuracy is lost.
     """
     if BOOT_LOADER_BYTE not in packet[1:]:
         return packet
@@ -92,7 +92,7 @@ def avoid_byte_100(packet: bytes, servos: Sequence[ServoCalibration]) -> bytes:
 
 
 def decode_packet(packet: bytes, servo_count: int, header: int = HEADER) -> tuple[int, ...]:
-    """Servo bytes of one whole packet.
+    """Return the servo bytes of one whole packet.
 
     Raises:
         PacketError: wrong length, wrong header, or a servo byte outside 60..180.
@@ -109,9 +109,10 @@ def decode_packet(packet: bytes, servo_count: int, header: int = HEADER) -> tupl
 
 @dataclass(slots=True)
 class PacketParser:
-    """The board's side of the protocol, byte by byte, on a clock that is passed in.
+    """Parser of the board's side of the protocol, byte by byte, on a clock that is passed in.
 
-    The header always starts a new packet; a byte outside 60..180 drops the packet; so does an age of 40 ms.
+    The header always starts a new packet. A byte outside 60..180 drops the packet, and so does an age of 40
+    ms.
 
     Attributes:
         servo_count: Servo bytes in a packet.
@@ -128,16 +129,16 @@ class PacketParser:
     _started: float = field(default=0.0, repr=False)
 
     def reset(self) -> None:
-        """Forget a packet begun, as a reset of the board does; the counters stay."""
+        """Drop an unfinished packet, as a reset of the board does; the counters stay."""
         self._partial = None
 
     def drop_older(self, now: float, age_s: float) -> None:
-        """Drop a packet begun more than `age_s` seconds before `now`, and count it."""
+        """Drop a packet that began more than `age_s` seconds before `now`, and count it."""
         if self._partial is not None and now - self._started > age_s:
             self._drop()
 
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
-        """Packets completed by bytes received at the time `now` in [s] (any steady clock), oldest first."""
+        """Return the packets completed by bytes received at `now` in [s] (any steady clock), oldest first."""
         packets: list[tuple[int, ...]] = []
         for value in data:
             packet = self._take(value, now)
@@ -168,25 +169,25 @@ class PacketParser:
 
 
 class LegacyBoard(BoardModel):
-    """A board that takes legacy packets and says nothing."""
+    """A board that takes legacy packets and sends nothing."""
 
     def __init__(self, servo_count: int) -> None:
         self._packets = PacketParser(servo_count)
 
     @property
     def accepted(self) -> int:
-        """Packets accepted so far."""
+        """Number of packets accepted so far."""
         return self._packets.accepted
 
     @property
     def dropped(self) -> int:
-        """Packets dropped so far."""
+        """Number of packets dropped so far."""
         return self._packets.dropped
 
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
-        """Servo bytes of the packets that these bytes complete, oldest first."""
+        """Return the servo bytes of the packets that these bytes complete, oldest first."""
         return self._packets.feed(data, now)
 
     def reset(self, cause: int) -> None:
-        """Forget a packet begun; the counters stay."""
+        """Drop an unfinished packet; the counters stay."""
         self._packets.reset()

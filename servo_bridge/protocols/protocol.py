@@ -1,9 +1,9 @@
-"""The protocol of a board: how targets become bytes, and what the bytes that come back mean.
+"""The protocol of a board: how targets become bytes, and what the received bytes mean.
 
-A protocol is one class derived from `BoardProtocol`; an object of it is one conversation with one board, made
-anew whenever the port is opened. It does no I/O and reads no clock: the driver asks it for bytes and writes
-them, the link hands it what the port gave. Limits, ramps, hold, rest and the e-stop lie before it (`safety`),
-so a protocol gets finite angles within the servos' limits.
+A protocol is one class derived from `BoardProtocol`. An object of it serves one board on one open port and is
+created again whenever the port is opened. It does no I/O and reads no clock: the driver requests bytes from
+it and writes them, the link passes received bytes to it. Limits, ramps, hold, rest and the e-stop are applied
+before it (`safety`), so a protocol receives finite angles within the servos' limits.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from dataclasses import dataclass
 from enum import Flag
 from typing import ClassVar, final
 
-from softsim_core.base.errors import CommandError
-from softsim_core.scene.board import BoardDescription, Servo, ServoCalibration
+from softsim_core.base import CommandError
+from softsim_core.scene import BoardDescription, Servo, ServoCalibration
 
 
 class Ability(Flag):
     """What a board of a protocol can do beyond taking poses.
 
-    DETECT: soon after its port was opened it says unasked what no other board says. `auto` finds the built-in
-        ones by that; where the protocol is named, a board that does not say it is refused.
-    TELEMETRY: it keeps talking unasked; 0.5 s of silence is a lost board.
+    DETECT: soon after its port was opened it sends, without a request, what no other board sends. `auto`
+        detects the built-in ones by that; if the protocol is named, a board that does not send it is refused.
+    TELEMETRY: it sends without a request; after 0.5 s of silence it is lost.
     IMU: it reports tilts.
-    ASKED: it speaks only when it is asked, and is: as soon as its port is open, and then all the time. Only
-        where the robot's servos or a name leave no other protocol.
-    HOLD: it can be told to stay where it is, as while the e-stop is latched.
-    RELAX: it can be told to switch its pulses off.
-    LIMITS: it has to be told something before its pose is taken over: ranges that it keeps, or to get ready.
-    MEASURES: its servos tell where they stand, as measured: that is published, and not what they were told.
-    REST: it goes to its rest pose by itself where nothing comes any more.
+    ASKED: it sends only when it is asked, and is asked as soon as its port is open, and then all the time.
+        Only used if the robot's servos or a name leave no other protocol.
+    HOLD: it can be commanded to hold, which is used while the e-stop is latched.
+    RELAX: it can be commanded to switch its pulses off.
+    LIMITS: it needs a packet before its pose is taken over: ranges to store, or the command to get ready.
+    MEASURES: its servos measure their positions, which are published instead of the commanded ones.
+    REST: it moves to its rest pose by itself when no packets arrive.
     """
 
     DETECT = 1
@@ -48,7 +48,7 @@ class Ability(Flag):
 
 @dataclass(frozen=True, slots=True)
 class TiltReading:
-    """Tilts that an IMU measures, in [rad].
+    """Tilts measured by an IMU, in [rad].
 
     Attributes:
         tilt_x: Rotation about x.
@@ -59,7 +59,7 @@ class TiltReading:
     tilt_y: float
 
     def quaternion_xyzw(self) -> tuple[float, float, float, float]:
-        """Orientation Rx(tilt_x) Ry(tilt_y); the heading, which is not measured, is 0."""
+        """Return the orientation Rx(tilt_x) Ry(tilt_y); the heading, which is not measured, is 0."""
         sin_x, cos_x = math.sin(self.tilt_x / 2.0), math.cos(self.tilt_x / 2.0)
         sin_y, cos_y = math.sin(self.tilt_y / 2.0), math.cos(self.tilt_y / 2.0)
         return (sin_x * cos_y, cos_x * sin_y, sin_x * sin_y, cos_x * cos_y)
@@ -67,13 +67,13 @@ class TiltReading:
 
 @dataclass(frozen=True, slots=True)
 class EncodedPacket:
-    """A pose as bytes, and what the servos are really told by them.
+    """A pose as bytes, and the servo commands that the bytes really carry.
 
     Attributes:
         data: Bytes for one write.
-        servo_bytes: Degrees of hobby servos, in packet order, rounded where the packet is finer; pulses of
+        servo_bytes: Degrees of hobby servos, in packet order, rounded if the packet is finer; pulses of
             servos on a bus.
-        angles_rad: Nominal joint angles of what the packet says, in [rad], in packet order.
+        angles_rad: Nominal joint angles that the packet encodes, in [rad], in packet order.
         avoided: Whether a byte 100 was replaced.
     """
 
@@ -85,11 +85,12 @@ class EncodedPacket:
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """What some bytes of a board meant.
+    """Content of some received bytes.
 
     Attributes:
-        recognised: Among them was a whole message that only a board of this protocol sends unasked.
-        restarted: The board says that it has just started, and so forgot its pose and ranges.
+        recognised: Whether they contain a whole message that only a board of this protocol sends without a
+            request.
+        restarted: Whether the board reports that it has just started, and so has lost its pose and ranges.
         tilts: Readings of its IMU, oldest first.
     """
 
@@ -99,13 +100,13 @@ class Decoded:
 
 
 class BoardModel(ABC):
-    """The board's end of the line, without hardware: what a virtual board has behind its port.
+    """The board's end of the line, without hardware: the model behind the port of a virtual board.
 
     Times are seconds of any steady clock.
 
     Attributes:
-        say_period_s: How often it speaks unasked, in [s]; None: only in answer to what it is fed.
-        largest: Largest number of a pose: degrees, or pulses.
+        say_period_s: Period in [s] at which it sends without a request; None: it sends only responses.
+        largest: Largest value in a pose: degrees, or pulses.
     """
 
     say_period_s: float | None = None
@@ -114,49 +115,49 @@ class BoardModel(ABC):
     @property
     @abstractmethod
     def accepted(self) -> int:
-        """Poses accepted since it was made."""
+        """Number of poses accepted since its creation."""
 
     @property
     @abstractmethod
     def dropped(self) -> int:
-        """Packets dropped or refused since it was made."""
+        """Number of packets dropped or refused since its creation."""
 
     @abstractmethod
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
-        """Take bytes; the poses accepted among them as `EncodedPacket.servo_bytes` has them, oldest first."""
+        """Process bytes; return the accepted poses, like `EncodedPacket.servo_bytes`, oldest first."""
 
     @abstractmethod
     def reset(self, cause: int) -> None:
-        """Start anew, as when the port is opened.
+        """Restart, as when the port is opened.
 
         Args:
             cause: Bits of an Uno's reset cause: 1 power-on, 2 external, 4 brown-out, 8 watchdog.
         """
 
     def say(self, now: float) -> bytes:
-        """What the board says now; called at its period, or after `feed`."""
+        """Return what the board sends now; called at its period, or after `feed`."""
         return b""
 
     def answer(self, now: float) -> bytes:
-        """What the board says at once to what it was fed."""
+        """Return what the board sends at once in response to `feed`."""
         return self.say(now) if self.say_period_s is None else b""
 
     def advance(self, now: float) -> None:
-        """Let time pass, where nobody listens; nothing to do for a board that does not move by itself."""
+        """Advance to `now` while nothing is received; a board that does not move does nothing."""
         return
 
     @property
     def widths_us(self) -> tuple[float, ...] | None:
-        """Pulse widths in [us] that the servos have reached; None without pulses, or where not modelled."""
+        """Pulse widths in [us] that the servos have reached; None without pulses, or if not modelled."""
         return None
 
 
 class BoardProtocol(ABC):
-    """One conversation with one board; a subclass names itself and defines at least `encode_pose`.
+    """One board on one open port; a subclass sets its name and defines at least `encode_pose`.
 
-    The link makes sure that no two methods of an object run at a time. Methods of abilities that the class
-    does not name are never called. What a method raises counts as a failed port: the servos keep their last
-    pose, and the port is opened anew.
+    The link ensures that no two methods of an object run at the same time. Methods of abilities that the
+    class does not name are never called. An exception in a method counts as a failed port: the servos stay at
+    their last pose, and the port is opened again.
 
     Args:
         board: The robot's board; its servos give number and order of the angles.
@@ -164,14 +165,16 @@ class BoardProtocol(ABC):
     Attributes:
         servos: The board's hobby servos.
         joints: Joint of each servo.
-        name: Word for the parameter `protocol` and for a robot's board settings.
-        drives: Kind of servos that such a board drives.
+        name: Name for the parameter `protocol` and for a robot's board settings.
+        drives: Type of the servos that such a board drives.
         abilities: What such a board can do.
-        baud_rate: Bits a second of all boards of this protocol; None: as the robot's board settings say.
-        advice: What to do where no such board answers, for messages.
-        top_speed: Largest speed in [rad/s] with which such a board moves a servo; it is told none faster.
-        avoid_byte_100: The byte 100 shall not be sent where it can be helped: coming first after a reset amid
-            a packet it makes the boot loader of an Uno erase the firmware. Set before every `encode`.
+        baud_rate: Bits per second of all boards of this protocol; None takes the one of the robot's board
+            settings.
+        advice: What to do if no such board responds, for messages.
+        top_speed: Largest speed in [rad/s] with which such a board moves a servo; commands are not faster.
+        avoid_byte_100: Whether to avoid the byte 100 if possible: as the first byte after a reset in the
+            middle of a packet, it makes the boot loader of an Uno erase the firmware. Set before every
+            `encode`.
     """
 
     name: ClassVar[str]
@@ -188,17 +191,17 @@ class BoardProtocol(ABC):
 
     @classmethod
     def refusal(cls, board: BoardDescription) -> str:
-        """Why a board with such servos cannot be driven in this protocol; empty where it can."""
+        """Return why a board with these servos cannot be driven in this protocol; empty if it can."""
         return ""
 
     @classmethod
     def board_model(cls, servos: Sequence[Servo]) -> BoardModel | None:
-        """A board of this protocol without hardware, for tests and demos; None where there is no model."""
+        """Return a model of a board of this protocol, for tests and demos; None if there is none."""
         return None
 
     @final
     def encode(self, angles_rad: Sequence[float]) -> EncodedPacket:
-        """A pose as one packet.
+        """Encode a pose as one packet.
 
         Args:
             angles_rad: Joint angles in [rad], one per servo in the order of the board's servos.
@@ -220,74 +223,75 @@ class BoardProtocol(ABC):
 
     @abstractmethod
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
-        """The packet of a pose that `encode` has checked; angles beyond a servo's range are clipped to it."""
+        """Encode a pose that `encode` has checked; clip angles to the ranges of the servos."""
 
     def decode(self, data: bytes) -> Decoded:
-        """Take what the port gave, which may be nothing, damaged, cut anywhere, or of another protocol."""
+        """Process what the port returned: nothing, or bytes that may be damaged, cut, or foreign."""
         return Decoded()
 
     @property
     def ready(self) -> bool:
-        """Whether a board that was recognised may be written to; it is waited for until then."""
+        """Whether a recognised board may be written to; until then the bridge waits."""
         return True
 
     def fault(self) -> str:
-        """Why the board that was recognised cannot be driven, as "speaks version 2 ..."; empty: it can."""
+        """Return why a recognised board cannot be driven, as "speaks version 2 ..."; empty if it can."""
         return ""
 
     def ask(self) -> bytes:
-        """Packet that asks the board what is to be known of it next; it moves nothing. Empty: nothing is.
+        """Return the packet of the next query; it moves nothing. Empty if there is no query.
 
-        Sent whenever it is time for a packet and no other is sent; to a board that was not recognised yet
-        only with ability ASKED.
+        It is sent whenever a packet is due and no other is sent; to a board that was not recognised yet only
+        with ability ASKED.
         """
         return b""
 
     def identity(self) -> str | None:
-        """What tells this board from others of its kind, and outlasts a loss of its power.
+        """Return what distinguishes this board from others of its kind, and survives a loss of power.
 
-        A board that comes back after its port was lost is driven on only where it says the same.
+        A board that returns after its port was lost is driven on only if it reports the same identity.
 
         Returns:
-            None as long as the board has not said it; empty where it says nothing of the kind.
+            None until the board has reported it; empty if it reports none.
         """
         return ""
 
     def begin_takeover(self) -> None:
-        """The board's pose is not known any more: what it said so far does not count as an answer."""
+        """Start a takeover: what the board reported so far does not count as an answer."""
         return
 
     def limits(self) -> bytes:
-        """Packet that tells the board the ranges of its servos, or to get ready (ability LIMITS).
+        """Return the packet that sends the servos' ranges, or makes the board ready (ability LIMITS).
 
-        Sent when the board (re)started, and before its pose is taken over: again until `acknowledged`.
+        It is sent when the board has (re)started and before its pose is taken over, repeatedly until
+        `acknowledged`.
         """
         return b""
 
     def acknowledged(self) -> bool:
-        """Whether the board says that it has taken what `limits` gave since `begin_takeover`."""
+        """Return whether the board has acknowledged the packet of `limits` since `begin_takeover`."""
         return True
 
     def pose(self) -> Sequence[float] | None:
-        """Joint angles in [rad] at which the board stands; None where it has no pulses."""
+        """Return the joint angles in [rad] of the board's present pose; None if it has no pulses."""
         return None
 
     def measured(self) -> Sequence[float] | None:
-        """Joint angles in [rad] as the servos measured last (ability MEASURES); None before the first."""
+        """Return the newest measured joint angles in [rad] (ability MEASURES); None before the first."""
         return None
 
     def deviation(self) -> str:
-        """What the board does other than it was told, as "stands still ..."; empty: it does as told."""
+        """Return how the board deviates from its commands, as "stands still ..."; empty if it does not."""
         return ""
 
     def hold(self) -> bytes:
-        """Packet that makes the board stay where it is (ability HOLD); sent while the e-stop is latched."""
+        """Return the packet that makes the board hold (ability HOLD); sent while the e-stop is latched."""
         return b""
 
     def relax(self) -> bytes:
-        """Packet that switches the pulses off (ability RELAX); sent when the port is closed at rest."""
+        """Return the packet that switches pulses off (ability RELAX); sent when a port closes at rest."""
         return b""
 
     def values(self) -> Mapping[str, object]:
-        """What the board said last, by name with unit, for /diagnostics."""
+        """Return the newest values that the board reported, by name with unit, for /diagnostics."""
         return {}

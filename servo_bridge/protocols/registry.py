@@ -9,24 +9,23 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from servo_bridge.errors import ProtocolError
+from servo_bridge import ProtocolError
 from servo_bridge.protocols.ascii_imu import AsciiImuProtocol
 from servo_bridge.protocols.dynamixel import DynamixelProtocol
 from servo_bridge.protocols.extended import ExtendedProtocol
 from servo_bridge.protocols.legacy import LegacyProtocol
 from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol
-from softsim_core.base.errors import listing
-from softsim_core.base.names import known_names
-from softsim_core.scene.board import BoardDescription, Servo
+from softsim_core.base import known_names, listing
+from softsim_core.scene import BoardDescription, Servo
 
 AUTO = "auto"
-"""Stands for: find out by listening; a board that says nothing of its own is taken for `FALLBACK`."""
+"""Detect the protocol by listening; a board that does not identify itself gets `FALLBACK`."""
 
 WAITING = "waiting"
-"""State of a link whose board is not known yet; like `AUTO` no name of a protocol."""
+"""State of a link with a board that is not known yet; like `AUTO`, no name of a protocol."""
 
 FALLBACK: type[BoardProtocol] = LegacyProtocol
-"""Protocol of a board of hobby servos that does not say what it is."""
+"""Protocol of a board of hobby servos that does not identify itself."""
 
 _BUILT_IN: tuple[type[BoardProtocol], ...] = (
     LegacyProtocol,
@@ -50,15 +49,16 @@ Protocol = TypeVar("Protocol", bound=type[BoardProtocol])
 
 
 def register(protocol: Protocol) -> Protocol:
-    """Make a protocol known by its name; usable as a decorator of its class.
+    """Register a protocol by its name; usable as a decorator of its class.
 
-    A class of the same file and name replaces the one before: a scene that is loaded anew registers anew.
+    A class of the same file and name replaces the one before, since a scene that is loaded again registers
+    again.
 
     Returns:
         The class.
 
     Raises:
-        ProtocolError: the class is not whole, or its name is taken.
+        ProtocolError: the class is incomplete, or its name is taken.
     """
     if not (isinstance(protocol, type) and issubclass(protocol, BoardProtocol)):
         raise ProtocolError(f"{protocol!r} is no board protocol; derive a class from BoardProtocol")
@@ -87,12 +87,12 @@ def register(protocol: Protocol) -> Protocol:
 
 
 def names() -> tuple[str, ...]:
-    """Names of all known protocols, sorted."""
+    """Return the names of all known protocols, sorted."""
     return tuple(sorted(_registered))
 
 
 def protocol_named(name: str) -> type[BoardProtocol]:
-    """The protocol of a name.
+    """Return the protocol with a name.
 
     Raises:
         ProtocolError: nothing of that name is registered.
@@ -107,12 +107,12 @@ def protocol_named(name: str) -> type[BoardProtocol]:
 
 
 def candidates(choice: str, board: BoardDescription) -> tuple[type[BoardProtocol], ...]:
-    """The protocols that a board may speak; the last one is written in where none recognises it.
+    """Return the protocols that a board may speak; the last one is used if none recognises the board.
 
     Args:
-        choice: Name of a protocol, or `AUTO`: the robot's own where its board names one, else every protocol
-            built in that detects its boards, fits the servos and the baud rate, and then the fallback. What a
-            file registered is never asked unless it is named.
+        choice: Name of a protocol, or `AUTO`. `AUTO` stands for the protocol that the robot's board names;
+            without one, for every built-in protocol that detects its boards and fits the servos and the baud
+            rate, then the fallback. A registered protocol is only used by name.
         board: The robot's board.
 
     Raises:
@@ -137,11 +137,11 @@ def candidates(choice: str, board: BoardDescription) -> tuple[type[BoardProtocol
 
 
 def model_of_board(choice: str, servos: Sequence[Servo]) -> BoardModel:
-    """A board without hardware that speaks a protocol.
+    """Return a board without hardware that speaks a protocol.
 
     Args:
-        choice: Name of a protocol; `AUTO`: a board that does not say what it is, or a bus of servos.
-        servos: What it drives.
+        choice: Name of a protocol; `AUTO` gives a board that does not identify itself, or a bus of servos.
+        servos: The servos that it drives.
 
     Raises:
         ProtocolError: unknown name, or a protocol without a model of its board.
@@ -162,7 +162,7 @@ def _drives(protocol: type[BoardProtocol], board: BoardDescription) -> bool:
 
 
 def _refusal(protocol: type[BoardProtocol], board: BoardDescription) -> str:
-    """Why a board cannot be driven in a protocol; empty where it can."""
+    """Return why a board cannot be driven in a protocol; empty if it can."""
     if _drives(protocol, board):
         return protocol.refusal(board)
     kind = "servos on a bus, which have an id" if board.hobby_servos else "hobby servos, which have no id"
@@ -173,6 +173,6 @@ def _refusal(protocol: type[BoardProtocol], board: BoardDescription) -> str:
 
 
 def _origin(protocol: type[BoardProtocol]) -> tuple[str, str]:
-    """File and name of a class: a file that is loaded anew makes another class of the same origin."""
+    """Return file and name of a class; a file that is loaded again gives its class the same origin."""
     file = getattr(sys.modules.get(protocol.__module__), "__file__", None)
     return str(Path(file).resolve()) if file else protocol.__module__, protocol.__qualname__

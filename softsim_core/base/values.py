@@ -6,11 +6,14 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NewType, TypeAlias
+from typing import Final, Literal, NewType, TypeAlias
 
 from softsim_core.base.errors import SceneError
 
 Vector: TypeAlias = tuple[float, float, float]
+Backend: TypeAlias = Literal["auto", "numba", "scipy"]
+"""Implementation of the step: compiled, in plain NumPy and SciPy, or the first of them that is installed."""
+
 SceneName = NewType("SceneName", str)
 """Name of a robot or scene, or a file of one: text that leads to a file, as a Path does."""
 

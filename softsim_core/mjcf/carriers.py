@@ -8,13 +8,10 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement, Vector
+from softsim_core.base import Array, Placement, Vector
 from softsim_core.mjcf.reading import Loaded
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mechanics.pose import euler_of, rotation_exp
-from softsim_core.scene.description import Colour
-from softsim_core.scene.joint import JointDescription
+from softsim_core.physics.mechanics import JointLimits, euler_of, rotation_exp
+from softsim_core.scene import Colour, JointDescription
 
 Kind: TypeAlias = Literal["world", "joint", "frame", "free"]
 

@@ -11,10 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import MjcfError
-from softsim_core.base.extras import install_command
-from softsim_core.base.processes import python_command, run_process
+from softsim_core.base import Array, MjcfError, install_command, python_command, run_process
 from softsim_core.mjcf.probe import REFUSED
 
 INSTALL = f"{install_command('mujoco')} (MuJoCo 3.13 or newer)"

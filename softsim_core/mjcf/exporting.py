@@ -9,20 +9,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import MjcfError
+from softsim_core.base import Array, MjcfError
 from softsim_core.mjcf.reading import Told
-from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.actuation.cable.builder import cable_points
-from softsim_core.physics.fem.materials.elastomers import rest_stiffness
-from softsim_core.physics.mechanics.model import FIXED, FREE, Model
-from softsim_core.physics.mechanics.pose import quaternion_of
-from softsim_core.physics.mesh.rods import RodMesh
-from softsim_core.scene.building.builder import BuiltScene, build
-from softsim_core.scene.building.contact_builder import RigidBody
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import RigidBodyDescription, SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.physics.actuation.cable import CableDescription, cable_points
+from softsim_core.physics.fem.materials import rest_stiffness
+from softsim_core.physics.mechanics import FIXED, FREE, Model, quaternion_of
+from softsim_core.physics.mesh import RodMesh
+from softsim_core.scene import BodyDescription, JointDescription, RigidBodyDescription, SceneDescription
+from softsim_core.scene.building import BuiltScene, RigidBody, build
 
 _BITS = 31
 

@@ -9,16 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_core.mjcf.carriers import Carrier, colour, placement, vector
 from softsim_core.mjcf.reading import Loaded
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mesh import TetMesh
-from softsim_core.physics.mesh.checks import tet_volumes
-from softsim_core.scene.deformable import AddedMassDescription, AttachmentDescription, BodyDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.physics.mesh import TetMesh, tet_volumes
+from softsim_core.scene import (
+    AddedMassDescription,
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+)
 
 _EVEN = 1e-6
 _EXACT = 4

@@ -9,14 +9,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import MeshError
-from softsim_core.base.values import MeshFile
+from softsim_core.base import Array, MeshError, MeshFile
 from softsim_core.mjcf.carriers import Carrier, colour, placement, vector
 from softsim_core.mjcf.reading import Loaded
-from softsim_core.physics.mesh.shapes import Shape, sphere_surface, surface_of
-from softsim_core.physics.mesh.types import SurfaceMesh
-from softsim_core.scene.description import RigidBodyDescription
+from softsim_core.physics.mesh import Shape, SurfaceMesh, sphere_surface, surface_of
+from softsim_core.scene import RigidBodyDescription
 
 _OFF_CENTRE = 1e-3
 """Of the size of a body: a centre of mass that is off by less is where its shape has it."""

@@ -9,21 +9,16 @@ from typing import Final
 
 import numpy as np
 
-from softsim_core.base.errors import MeshError, MjcfError, SceneError
-from softsim_core.base.files import write_file
-from softsim_core.base.values import MeshFile
+from softsim_core.base import MeshError, MeshFile, MjcfError, SceneError, write_file
 from softsim_core.mjcf.carriers import carriers, vector
 from softsim_core.mjcf.flexes import SoftBody, cables, soft_bodies
 from softsim_core.mjcf.geoms import rigid_bodies
 from softsim_core.mjcf.reading import Loaded, Names, load_model
 from softsim_core.mjcf.source import Source
 from softsim_core.mjcf.touching import collisions
-from softsim_core.physics.mesh import TetMesh, write_surface, write_tets
-from softsim_core.physics.mesh.types import SurfaceMesh
-from softsim_core.scene.description import SceneDescription, SolverSettings
-from softsim_core.scene.io.files import comment
-from softsim_core.scene.io.portable import write_description
-from softsim_core.scene.robot import as_robot
+from softsim_core.physics.mesh import SurfaceMesh, TetMesh, write_surface, write_tets
+from softsim_core.scene import SceneDescription, SolverSettings, as_robot
+from softsim_core.scene.io import comment, write_description
 
 _POSE = "name class pos quat axisangle xyaxes zaxis euler"
 _READ: Final = {

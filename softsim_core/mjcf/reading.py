@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import MjcfError
+from softsim_core.base import Array, IndexArray, MjcfError
 from softsim_core.mjcf.engine import library, look_at
 from softsim_core.mjcf.source import MOST_VERTICES, Source, read_source
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-from softsim_core.base.errors import MjcfError
+from softsim_core.base import MjcfError
 
 MOST_BYTES: Final = 32_000_000
 """So long the model's text may be, all files that it includes together."""

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from softsim_core.mjcf.flexes import SoftBody
 from softsim_core.mjcf.geoms import RigidGeom
 from softsim_core.mjcf.reading import Loaded
-from softsim_core.physics.contact.settings import ContactSettings, PairFriction
-from softsim_core.scene.description import CollisionDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.physics.contact import ContactSettings, PairFriction
+from softsim_core.scene import CollisionDescription, JointDescription
 
 _GAP_M = 1e-4
 """Gap in [m] at which bodies rest where no flex has a radius."""

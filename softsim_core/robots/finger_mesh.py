@@ -16,11 +16,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import MeshError
-from softsim_core.base.units import MILLIMETRE
-from softsim_core.physics.mesh.generators import extrude, flip_to_delaunay, smooth, stitch
-from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.base import MILLIMETRE, Array, IndexArray, MeshError
+from softsim_core.physics.mesh import TetMesh, extrude, flip_to_delaunay, smooth, stitch
 from softsim_core.robots.level_files import write_mesh_files
 
 WIDTH = 15.0 * MILLIMETRE

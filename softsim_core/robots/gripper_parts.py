@@ -10,17 +10,21 @@ import math
 
 import numpy as np
 
-from softsim_core.base.values import Box, MeshFile, Placement, Vector
+from softsim_core.base import Box, MeshFile, Placement, Vector
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mesh.embedding import place
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import CollisionDescription, Colour, RigidBodyDescription
-from softsim_core.scene.io.files import config_file
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.scene import Part
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.physics.mesh import Shape, place
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    CollisionDescription,
+    Colour,
+    JointDescription,
+    MaterialDescription,
+    Part,
+    RigidBodyDescription,
+)
+from softsim_core.scene.io import config_file
 
 FINGER_LIMITS = JointLimits(lower=0.0, upper=0.035, speed=0.05)
 """Travel in [m] and top speed in [m/s] of a finger's cable."""

@@ -6,10 +6,8 @@ import argparse
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from softsim_core.base.errors import MeshError
-from softsim_core.physics.mesh.readers import write_surface, write_tets
-from softsim_core.physics.mesh.surface import boundary_surface
-from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.base import MeshError
+from softsim_core.physics.mesh import TetMesh, boundary_surface, write_surface, write_tets
 
 
 def write_mesh_files(

@@ -15,12 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray
-from softsim_core.base.errors import MeshError
-from softsim_core.base.units import MILLIMETRE
-from softsim_core.physics.mesh.formats import merge_corners
-from softsim_core.physics.mesh.readers import write_surface
-from softsim_core.physics.mesh.types import SurfaceMesh
+from softsim_core.base import MILLIMETRE, Array, BoolArray, MeshError
+from softsim_core.physics.mesh import SurfaceMesh, merge_corners, write_surface
 
 EDGE = 60.0 * MILLIMETRE
 """Edge length of the plate in [m]; its centre is the origin."""

@@ -12,16 +12,20 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import Box, MeshFile, Placement, Sphere, Vector
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mesh.types import TetMesh
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.io.files import config_file
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import Controller, RunningSimulation
-from softsim_core.scene.scene import Part, animated
+from softsim_core.base import Box, MeshFile, Placement, SceneError, Sphere, Vector
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    Controller,
+    JointDescription,
+    MaterialDescription,
+    Part,
+    RunningSimulation,
+    animated,
+)
+from softsim_core.scene.io import config_file
 
 MeshLevel: TypeAlias = Literal["low", "mid", "high"]
 

@@ -16,11 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import MeshError
-from softsim_core.base.units import MILLIMETRE
-from softsim_core.physics.mesh.generators import extrude, oriented
-from softsim_core.physics.mesh.types import MIDDLES, TetMesh, quadratic
+from softsim_core.base import MILLIMETRE, Array, BoolArray, IndexArray, MeshError
+from softsim_core.physics.mesh import MIDDLES, TetMesh, extrude, oriented, quadratic
 from softsim_core.robots.level_files import write_mesh_files
 
 

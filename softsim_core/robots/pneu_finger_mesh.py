@@ -15,10 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softsim_core.base.errors import MeshError
-from softsim_core.base.units import MILLIMETRE
-from softsim_core.physics.mesh.generators import extrude, oriented
-from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.base import MILLIMETRE, MeshError
+from softsim_core.physics.mesh import TetMesh, extrude, oriented
 from softsim_core.robots.level_files import write_mesh_files
 
 WIDTH = 14.0 * MILLIMETRE

@@ -13,10 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray
-from softsim_core.physics.mesh.formats import merge_corners
-from softsim_core.physics.mesh.readers import write_surface
-from softsim_core.physics.mesh.types import SurfaceMesh
+from softsim_core.base import Array, BoolArray
+from softsim_core.physics.mesh import SurfaceMesh, merge_corners, write_surface
 
 _ROUND = 1.0e-6
 """Corners nearer than this in [mm] are one."""

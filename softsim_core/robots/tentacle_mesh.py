@@ -14,8 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softsim_core.physics.mesh.generators import box_mesh
-from softsim_core.physics.mesh.types import TetMesh, quadratic
+from softsim_core.physics.mesh import TetMesh, box_mesh, quadratic
 from softsim_core.robots.level_files import write_mesh_files
 
 LENGTH, TAPER = 0.36, 0.305

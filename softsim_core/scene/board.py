@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import FieldError, need_positive
+from softsim_core.base import FieldError, SceneError, need_positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,8 +8,7 @@ import warnings
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import FieldError, Vector, need_finite, need_positive
+from softsim_core.base import FieldError, SceneError, Vector, need_finite, need_positive
 
 EffectorTask: TypeAlias = Literal["position", "orientation", "height_tilt", "pose"]
 Action: TypeAlias = Literal["start", "send", "e_stop", "clear_e_stop", "inverse", "reset", "pause", "quit"]

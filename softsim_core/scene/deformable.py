@@ -9,23 +9,25 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError, listing
-from softsim_core.base.values import (
+from softsim_core.base import (
     DIRECTION,
+    Array,
     Box,
     FieldError,
+    IndexArray,
     MeshFile,
     Placement,
+    SceneError,
     Sphere,
     Vector,
+    listing,
     need_finite,
     need_positive,
 )
 from softsim_core.physics.fem.elements import element
-from softsim_core.physics.fem.materials.section import SECTION
-from softsim_core.physics.mechanics.pose import rotation_euler
-from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.physics.fem.materials import SECTION
+from softsim_core.physics.mechanics import rotation_euler
+from softsim_core.physics.mesh import TetMesh
 from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.rod import FibresDescription, LayerDescription, RodDescription, RodEnd
 

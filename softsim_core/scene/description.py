@@ -10,24 +10,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias, get_args
 
-from softsim_core.base.errors import SceneError, listing
-from softsim_core.base.names import known_names, one_of
-from softsim_core.base.values import (
+from softsim_core.base import (
     DIRECTION,
+    Backend,
     Box,
     FieldError,
     MeshFile,
     Placement,
+    SceneError,
     Vector,
+    known_names,
+    listing,
     need_finite,
     need_positive,
+    one_of,
 )
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.dynamics import Backend
+from softsim_core.physics.contact import ContactSettings
 from softsim_core.physics.fem.materials import Material
-from softsim_core.physics.linalg.solvers import AUTO, linear_solver_names
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.physics.sensing.description import (
+from softsim_core.physics.linalg import AUTO, linear_solver_names
+from softsim_core.physics.mesh import Shape
+from softsim_core.physics.sensing import (
     ANY_BODY,
     PLACE,
     SOFT_BODY,

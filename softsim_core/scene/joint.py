@@ -5,13 +5,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import one_of
-from softsim_core.base.units import ANGLE, LENGTH, JointUnits
-from softsim_core.base.values import FieldError, Placement, Vector, need_finite, need_positive, need_unit
-from softsim_core.physics.actuation.building import ActuatorDescription
-from softsim_core.physics.actuation.registry import FRAME_KINDS, described_kinds
-from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.base import (
+    ANGLE,
+    LENGTH,
+    FieldError,
+    JointUnits,
+    Placement,
+    SceneError,
+    Vector,
+    need_finite,
+    need_positive,
+    need_unit,
+    one_of,
+)
+from softsim_core.physics.actuation import FRAME_KINDS, ActuatorDescription, described_kinds
+from softsim_core.physics.mechanics import JointLimits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

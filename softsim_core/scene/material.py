@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from softsim_core.base.errors import MaterialError, SceneError
-from softsim_core.base.names import known_names
-from softsim_core.base.values import FieldError
-from softsim_core.physics.fem.materials import Material, MaterialParameter, material
-from softsim_core.physics.fem.materials.elastomers import (
+from softsim_core.base import FieldError, MaterialError, SceneError, known_names
+from softsim_core.physics.fem.materials import (
     DEFAULT_FIT,
+    SHARE,
     SILICONE_POISSON_RATIO,
+    TIME,
+    Material,
+    MaterialParameter,
     elastomer,
+    material,
+    relaxing,
     stiffness_warning,
 )
-from softsim_core.physics.fem.materials.relaxing import SHARE, TIME, relaxing
 
 DEFAULT_LAW = "corotational"
 REFERENCE_LAW = "corotational_qr"

@@ -8,11 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import known_names, one_of
-from softsim_core.base.values import FieldError, need_finite
-from softsim_core.physics.mechanics.pose import Pose
+from softsim_core.base import Array, FieldError, SceneError, known_names, need_finite, one_of
+from softsim_core.physics.mechanics import Pose
 from softsim_core.scene.board import BoardDescription
 from softsim_core.scene.control import (
     KEY_NAMES,

@@ -9,23 +9,23 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import MaterialError, SceneError
-from softsim_core.base.values import (
+from softsim_core.base import (
     DIRECTION,
     POINT,
+    Array,
     Box,
     FieldError,
+    MaterialError,
     Placement,
+    SceneError,
     Sphere,
     Vector,
     need_finite,
     need_positive,
     need_unit,
 )
-from softsim_core.physics.fem.materials import Material
-from softsim_core.physics.fem.materials.strain import FIBRES, MEMBRANE
-from softsim_core.physics.mesh.embedding import place
+from softsim_core.physics.fem.materials import FIBRES, MEMBRANE, Material
+from softsim_core.physics.mesh import place
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

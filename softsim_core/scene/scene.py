@@ -6,11 +6,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import Vector
-from softsim_core.physics.actuation.trajectory import Mode, check_animation, factor_at, is_over
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.sensing.description import SimulatedSensorDescription
+from softsim_core.base import SceneError, Vector
+from softsim_core.physics.actuation import Mode, check_animation, factor_at, is_over
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.sensing import SimulatedSensorDescription
 from softsim_core.scene.board import BoardDescription
 from softsim_core.scene.control import CommandSettings, InverseSettings, KeyBinding, StartAnimation
 from softsim_core.scene.deformable import AttachmentDescription, BodyDescription

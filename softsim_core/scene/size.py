@@ -11,10 +11,9 @@ import os
 from dataclasses import dataclass
 from typing import Final
 
-from softsim_core.base.errors import SceneError
+from softsim_core.base import SceneError
 from softsim_core.physics.fem.elements import element
-from softsim_core.physics.mesh.readers import read_tets
-from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.physics.mesh import TetMesh, read_tets
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
 from softsim_core.scene.rod import RodDescription

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Literal, TypeAlias, get_args
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import FieldError, Vector, need_finite, need_positive
+from softsim_core.base import FieldError, SceneError, Vector, need_finite, need_positive
 
 StressMap: TypeAlias = Literal["viridis", "inferno", "coolwarm"]
 """A colour map: even steps of it look even."""

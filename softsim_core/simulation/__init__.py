@@ -1,7 +1,5 @@
 """A running scene: the public face of the physics."""
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from softsim_core.simulation.simulation import Simulation
-
-__all__ = ["Simulation"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

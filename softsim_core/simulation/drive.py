@@ -9,16 +9,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SceneError
-from softsim_core.base.names import known_names
-from softsim_core.physics.actuation.trajectory import factor_at, is_over
-from softsim_core.physics.mechanics.limits import check_command
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.pose import cross, rotation_of
-from softsim_core.physics.mechanics.state import State
-from softsim_core.scene.building.bodies import Body
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import Array, CommandError, SceneError, known_names
+from softsim_core.physics.actuation import factor_at, is_over
+from softsim_core.physics.mechanics import Model, State, check_command, cross, rotation_of
+from softsim_core.scene import RobotDescription
+from softsim_core.scene.building import Body
 
 ROUNDED: Final = 1e-3
 """By so much the length of a unit quaternion may differ from 1: those of messages are often of few digits."""

@@ -10,36 +10,37 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
-from softsim_core.base.arrays import Array, IndexArray, float_array
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.actuation.actuators import ActuatorView
-from softsim_core.physics.contact.collision_model import CollisionModel
-from softsim_core.physics.contact.settings import ContactLimits
-from softsim_core.physics.contact.surfaces import CollisionSurface
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.dynamics.actuator_statics import command_gains, condensed, reduced_stiffness
-from softsim_core.physics.dynamics.backends import make_stepper
-from softsim_core.physics.dynamics.bossak import BossakStepper
-from softsim_core.physics.dynamics.contact_step import ContactStepper
-from softsim_core.physics.dynamics.iterations import FreeTurning, IteratedStepper
-from softsim_core.physics.dynamics.memory import KeepingStepper, ViscousStepper, relaxing_groups
-from softsim_core.physics.dynamics.report import ContactReport, StepReport
-from softsim_core.physics.dynamics.statics import StaticResponse, response_of
-from softsim_core.physics.dynamics.stepper import Condensed, Stepper
-from softsim_core.physics.dynamics.substeps import SubstepStepper, torn_by_rough_steps
-from softsim_core.physics.fem.cells import stress_at_nodes
-from softsim_core.physics.fem.materials.material import von_mises
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.pose import Pose, quaternion_of
-from softsim_core.physics.mechanics.rows import Rows
-from softsim_core.physics.mechanics.state import COMMANDED, State
-from softsim_core.physics.mesh.follower import SurfaceFollower
-from softsim_core.physics.sensing.sensor import Seen
-from softsim_core.physics.sensing.sensors import Sensors
-from softsim_core.scene.building.bodies import Body
-from softsim_core.scene.building.builder import BuiltScene, build, sensors
-from softsim_core.scene.building.contact_builder import contacts
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base import Array, Backend, IndexArray, SceneError, float_array
+from softsim_core.physics.actuation import ActuatorView
+from softsim_core.physics.contact import CollisionModel, CollisionSurface, ContactLimits
+from softsim_core.physics.dynamics import (
+    BossakStepper,
+    Condensed,
+    ContactReport,
+    ContactStepper,
+    FreeTurning,
+    IteratedStepper,
+    KeepingStepper,
+    StaticResponse,
+    Stepper,
+    StepReport,
+    SubstepStepper,
+    ViscousStepper,
+    command_gains,
+    condensed,
+    make_stepper,
+    reduced_stiffness,
+    relaxing_groups,
+    response_of,
+    torn_by_rough_steps,
+)
+from softsim_core.physics.fem import stress_at_nodes
+from softsim_core.physics.fem.materials import von_mises
+from softsim_core.physics.mechanics import COMMANDED, Model, Pose, Rows, State, quaternion_of
+from softsim_core.physics.mesh import SurfaceFollower
+from softsim_core.physics.sensing import Seen, Sensors
+from softsim_core.scene import SceneDescription
+from softsim_core.scene.building import Body, BuiltScene, build, contacts, sensors
 from softsim_core.simulation.drive import checked, set_body_motion
 
 

@@ -12,8 +12,10 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.base.arrays import Array, BoolArray
-from softsim_core.base.errors import (
+from softsim_core.base import (
+    Array,
+    Backend,
+    BoolArray,
     DetectionOverflowError,
     FactorisationError,
     MaterialError,
@@ -21,30 +23,30 @@ from softsim_core.base.errors import (
     SnapshotError,
     SoftSimError,
     SolverDivergedError,
+    known_names,
 )
-from softsim_core.base.names import known_names
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.dynamics.actuator_statics import taut_commands
-from softsim_core.physics.dynamics.contact_step import runaway_speed
-from softsim_core.physics.dynamics.memory import let_relax
-from softsim_core.physics.dynamics.report import nothing
-from softsim_core.physics.dynamics.statics import StaticSolution, solve_static
-from softsim_core.physics.fem.group import locking_warning
-from softsim_core.physics.linalg.solvers import linear_solver
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.limits import check_command
-from softsim_core.physics.mechanics.state import (
+from softsim_core.physics.dynamics import (
+    StaticSolution,
+    let_relax,
+    nothing,
+    runaway_speed,
+    solve_static,
+    taut_commands,
+)
+from softsim_core.physics.fem import locking_warning
+from softsim_core.physics.linalg import linear_solver
+from softsim_core.physics.mechanics import (
     WARM_START_COLUMNS,
+    Control,
     State,
+    check_command,
     need_rotations,
     no_warm_start,
     pack,
     unpack,
 )
-from softsim_core.scene.building.contact_builder import need_apart
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.scene import MaterialDescription, RobotDescription, SceneDescription, as_robot
+from softsim_core.scene.building import need_apart
 from softsim_core.simulation.drive import (
     JointDrive,
     MovableBases,

@@ -14,19 +14,27 @@ from subprocess import Popen
 from threading import Thread
 from time import perf_counter, sleep
 
-from softsim_core.base.errors import SolverDivergedError
-from softsim_core.base.processes import python_command, start_process, use_safe_path
-from softsim_core.base.values import Box, Placement
+from softsim_core.base import (
+    Box,
+    Placement,
+    SolverDivergedError,
+    python_command,
+    start_process,
+    use_safe_path,
+)
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.kernels import Compiler, why_plain
-from softsim_core.physics.kernels.compile_process import alone, compile_process
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.physics.kernels import Compiler, alone, compile_process, why_plain
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    CollisionDescription,
+    JointDescription,
+    MaterialDescription,
+    RigidBodyDescription,
+    RobotDescription,
+    SceneDescription,
+)
 
 _NICE = 10
 """How much a process that compiles beside a simulation gives way."""
@@ -93,7 +101,7 @@ def get_ready_to_load() -> None:
     if _mark() is None:
         return
     from softsim_core.physics.dynamics.numba_backend import stepper  # noqa: F401
-    from softsim_core.physics.kernels.dispatchers import get_ready_to_load
+    from softsim_core.physics.kernels import get_ready_to_load
 
     get_ready_to_load()
 
@@ -178,18 +186,18 @@ def _compiling_contact() -> Popen[bytes]:
 
 
 def _warm_up_contact() -> None:
-    from softsim_core.physics.contact.warmup import warm_up_contact
+    from softsim_core.physics.contact import warm_up_contact
 
     warm_up_contact()
 
 
 def _compilers() -> tuple[Compiler, ...]:
-    from softsim_core.physics.actuation.compiled.compile import compiler as actuation
-    from softsim_core.physics.contact.compile import compiler as contact
-    from softsim_core.physics.contact.detection.compile import compiler as detection
-    from softsim_core.physics.contact.solver.compile import compiler as contact_solver
-    from softsim_core.physics.dynamics.numba_backend.compile import compiler as step
-    from softsim_core.physics.linalg.compile import compiler as linalg
+    from softsim_core.physics.actuation.compiled import compiler as actuation
+    from softsim_core.physics.contact import compiler as contact
+    from softsim_core.physics.contact.detection import compiler as detection
+    from softsim_core.physics.contact.solver import compiler as contact_solver
+    from softsim_core.physics.dynamics.numba_backend import compiler as step
+    from softsim_core.physics.linalg import compiler as linalg
 
     return (step, linalg, actuation, contact, detection, contact_solver)
 
@@ -239,7 +247,7 @@ def main(words: Sequence[str] | None = None) -> int:
     if chosen.beside or chosen.contact:
         _end_with_parent(chosen.parent)
         if why_plain() is None:
-            from softsim_core.physics.kernels.cache import be_silent
+            from softsim_core.physics.kernels import be_silent
 
             be_silent()
     if chosen.beside and hasattr(os, "nice"):

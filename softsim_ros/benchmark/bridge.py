@@ -1,8 +1,8 @@
-"""Latency from topic to wire and regularity of the servo bridge, seen from the far end of its line.
+"""Measure latency from topic to wire and regularity of the servo bridge, at the far end of its line.
 
-A virtual board listens, so that every packet has the time at which its last byte came out of the line: a
-bound from above of when it was written. Commands come at random times and go to and fro across the edge of
-one degree byte, so that each of them changes the very next packet that knows of it.
+A virtual board receives the packets and records the time at which the last byte of each leaves the line: an
+upper bound of the time at which it was written. Commands are sent at random times and alternate across the
+edge of one degree byte, so that each of them changes the next packet that contains it.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from typing import IO, Any
 
 import numpy as np
 
-from servo_bridge.driver.servo import angle_to_byte, byte_to_angle
-from servo_bridge.emulator.virtual_board import ReceivedPacket, VirtualBoard
+from servo_bridge.driver import angle_to_byte, byte_to_angle
+from servo_bridge.emulator import ReceivedPacket, VirtualBoard
 from softsim_core import load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SoftSimError
-from softsim_core.base.processes import python_command, start_process
-from softsim_core.scene.board import ServoCalibration
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import Array, SoftSimError, python_command, start_process
+from softsim_core.scene import RobotDescription, ServoCalibration
 
 LATENCY_LIMIT_MS = 25.0
-"""Largest 99th percentile from topic to last byte at 50 Hz, in [ms]: one period and what transport takes."""
+"""Largest 99th percentile from topic to last byte at 50 Hz, in [ms]: one period and the transport time."""
 
 SECONDS = 20.0
 PAUSE_S = (0.02, 0.05)
-"""Shortest and longest time between two commands in [s]; a servo's turn comes with every third."""
+"""Shortest and longest time between two commands in [s]; each servo gets every third command."""
 
 EDGE_BYTE = 130
 BELOW_RAD, ABOVE_RAD = 5e-4, 5e-4
-"""Distances of the poses from the edge in [rad]. Alike: the last hundredths of a way take a packet more, as
-the bridge brakes for its end, and the edge must lie before them on the way back, too."""
+"""Distances of the poses from the edge in [rad].
+
+They are equal: the last hundredths of a motion take one packet more, as the bridge brakes at its end, and the
+edge must lie before them on the way back, too.
+"""
 START_DEADLINE_S = 180.0  # kernels may have to be compiled
 END_DEADLINE_S = 20.0
 NAMESPACE = "latency_check"
@@ -49,19 +49,19 @@ SEED = 1
 
 
 class BridgeBenchmarkError(SoftSimError, RuntimeError):
-    """A process of the measurement did not start or ended early; the text holds what it said last."""
+    """A process of the measurement did not start or ended early; the text contains its last output."""
 
 
 @dataclass(frozen=True)
 class BridgeFigures:
-    """What the far end of the line saw.
+    """Results at the far end of the line.
 
     Attributes:
-        what: Which processes ran, for people.
-        latency_ms: Topic to last byte of each command, in [ms], shape (k,).
-        missed: Commands that no packet followed.
+        what: Description of the processes that ran.
+        latency_ms: Time from topic to last byte of each command, in [ms], shape (k,).
+        missed: Number of commands that no packet followed.
         periods_ms: Times between packets in [ms], shape (packets - 1,).
-        period_ms: The period asked for, in [ms].
+        period_ms: The requested period, in [ms].
     """
 
     what: str
@@ -72,11 +72,11 @@ class BridgeFigures:
 
     @property
     def late(self) -> bool:
-        """Whether the 99th percentile lies above `LATENCY_LIMIT_MS`, or commands got lost."""
+        """Whether the 99th percentile is above `LATENCY_LIMIT_MS`, or commands were lost."""
         return self.missed > 0 or float(np.percentile(self.latency_ms, 99)) > LATENCY_LIMIT_MS
 
     def lines(self) -> list[str]:
-        """The figures as text."""
+        """Return the figures as text."""
         p50, p99, longest = np.percentile(self.latency_ms, (50, 99, 100))
         off = np.abs(self.periods_ms - self.period_ms)
         off50, off99, off100 = np.percentile(off, (50, 99, 100))
@@ -92,7 +92,7 @@ class BridgeFigures:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A servo's angle went to the other side of a byte's edge, at `time_s` of `time.monotonic`."""
+    """A servo's angle crossed the edge of a byte at `time_s` of `time.monotonic`."""
 
     time_s: float
     servo: int
@@ -100,10 +100,10 @@ class Crossing:
 
 
 def measure_bridge(robot: str = "tripod", seconds: float = SECONDS) -> list[BridgeFigures]:
-    """Measure the bridge as a process with the simulator beside it, then inside `softsim up`.
+    """Measure the bridge as a process of its own beside the simulator, then inside `softsim up`.
 
-    The first takes `position_controller/commands` (from publication to last byte), the second mirrors
-    `joint_states` (from their arrival at a subscriber to last byte).
+    The first uses the source `position_controller/commands` (from publication to last byte), the second
+    mirrors `joint_states` (from their arrival at a subscriber to last byte).
 
     Raises:
         BridgeBenchmarkError: a process did not run.
@@ -117,9 +117,9 @@ def measure_bridge(robot: str = "tripod", seconds: float = SECONDS) -> list[Brid
 
 
 def latencies(crossings: Sequence[Crossing], packets: Sequence[ReceivedPacket]) -> tuple[Array, int]:
-    """Times in [ms] from each crossing to the first later packet with its byte, and how many have none.
+    """Return the times in [ms] from each crossing to the first later packet with its byte.
 
-    A crossing has none when the servo's next one came first.
+    Also return the number of crossings without such a packet: those whose servo crossed again first.
     """
     found, missed = [], 0
     times = np.array([packet.time_s for packet in packets])
@@ -138,7 +138,7 @@ def latencies(crossings: Sequence[Crossing], packets: Sequence[ReceivedPacket]) 
 
 
 def _measure(robot: RobotDescription, seconds: float, source: str, what: str) -> BridgeFigures:
-    domain = 60 + os.getpid() % 40  # apart from a robot that may run; ports of domains up to 101 are free
+    domain = 60 + os.getpid() % 40  # separate from a running robot; domains up to 101 have free ports
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     assert robot.board is not None
     with (
@@ -162,7 +162,7 @@ def _measure(robot: RobotDescription, seconds: float, source: str, what: str) ->
 
 
 def _programs(robot: str, port: str, source: str) -> list[list[str]]:
-    """Command lines of the processes to measure."""
+    """Return the command lines of the processes to measure."""
     if source == "joint_states":
         words = ["softsim_ros.cli", "up", robot, "--headless", "--send", "--board", port]
         return [[*words, "--namespace", NAMESPACE]]
@@ -178,7 +178,7 @@ def _programs(robot: str, port: str, source: str) -> list[list[str]]:
 def _running(
     commands: Sequence[Sequence[str]], environment: dict[str, str], log: IO[str]
 ) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Run modules as processes of their own session; Ctrl-C, then kill, at the end."""
+    """Run modules as processes of their own session; end them with Ctrl-C, then kill."""
     children = [
         start_process(
             python_command(module, *words),
@@ -218,7 +218,7 @@ def _wait(ready: Any, children: Sequence[subprocess.Popen[bytes]], log: IO[str])
 
 
 class _Probe:
-    """Publishes commands across a byte's edge and notes when they were published, or mirrored."""
+    """Publishes commands across a byte's edge and records when they were published, or mirrored."""
 
     def __init__(self, robot: RobotDescription, domain: int) -> None:
         assert robot.board is not None
@@ -237,8 +237,8 @@ class _Probe:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
 
-        from softsim_node.topics import NEWEST_ONLY
-        from softsim_ros.robot_node import SpinThread
+        from softsim_node import NEWEST_ONLY
+        from softsim_ros import SpinThread
 
         self._context = Context()
         self._context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=self._domain)
@@ -258,12 +258,15 @@ class _Probe:
         self._context.try_shutdown()
 
     def prepare(self) -> bool:
-        """Command the first pose; whether joint states come."""
+        """Command the first pose; return whether joint states arrive."""
         self._publish()
         return self._sides[0] is not None
 
     def command_for(self, seconds: float, source: str) -> list[Crossing]:
-        """Command for a time; the crossings of the source, without those of the way to the first pose."""
+        """Send commands for some time; return the crossings of the source.
+
+        Crossings before the first pose are left out.
+        """
         randomness, nap = random.Random(SEED), threading.Event()
         self._mirrored.clear()
         published, above, end, turn = [], [True] * len(self._servos), time.monotonic() + seconds, 0
@@ -275,7 +278,7 @@ class _Probe:
             self._publish()
             turn = (turn + 1) % len(self._servos)
             nap.wait(randomness.uniform(*PAUSE_S))
-        nap.wait(0.2)  # what is on its way
+        nap.wait(0.2)  # wait for messages in transit
         return published if source == "commands" else list(self._mirrored)
 
     def _publish(self) -> None:
@@ -291,6 +294,6 @@ class _Probe:
 
 
 def _side(servo: ServoCalibration, *, above: bool) -> float:
-    """Angle in [rad] just on one side of the edge between two servo bytes."""
+    """Return an angle in [rad] just on one side of the edge between two servo bytes."""
     edge = byte_to_angle(EDGE_BYTE, servo)
     return edge + (servo.sign * ABOVE_RAD if above else -servo.sign * BELOW_RAD)

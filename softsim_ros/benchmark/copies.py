@@ -1,4 +1,4 @@
-"""Steps per second of many copies of a scene, and of the environments that run them."""
+"""Measure steps per second of many copies of a scene, and of the environments that run them."""
 
 from __future__ import annotations
 
@@ -13,31 +13,29 @@ from time import perf_counter
 import numpy as np
 
 from softsim_core import Batch, Simulation
-from softsim_core.base.errors import MjcfError
-from softsim_core.base.extras import install_command
-from softsim_core.mjcf.engine import MujocoRun
-from softsim_core.mjcf.exporting import export_mjcf
-from softsim_core.scene.robot import RobotDescription
-from softsim_ros.benchmark.cases import TOUCHING, TouchingScene, describe
-from softsim_ros.benchmark.peers.body import held_body
+from softsim_core.base import MjcfError, install_command
+from softsim_core.mjcf import MujocoRun, export_mjcf
+from softsim_core.scene import RobotDescription
+from softsim_ros.benchmark.measured_scenes import TOUCHING, TouchingScene, describe
+from softsim_ros.benchmark.peers import held_body
 from softsim_ros.benchmark.records import aligned
 from softsim_ros.benchmark.timing import no_garbage_collection
 
 LIMIT = 0.10
-"""Share of the time that may be spent outside the physics at 64 copies."""
+"""Largest fraction of the time outside the physics at 64 copies."""
 ACTIONS = 5
-"""Of a turn."""
+"""Number of actions per turn."""
 
 
 @dataclass(frozen=True)
 class EnvironmentCost:
-    """One environment with some robots.
+    """One environment with several robots.
 
     Attributes:
         environment: Its id.
-        copies: How many robots.
-        rate: Actions of all of them per second, the best turn.
-        overhead: Share of that turn's time outside Batch.step, [-].
+        copies: Number of robots.
+        rate: Actions of all robots per second in the best turn.
+        overhead: Fraction of that turn's time outside Batch.step, [-].
     """
 
     environment: str
@@ -47,16 +45,16 @@ class EnvironmentCost:
 
     @property
     def missed(self) -> bool:
-        """Whether it is more than asked."""
+        """Whether the overhead reaches the limit."""
         return self.overhead >= LIMIT
 
     @property
     def sentence(self) -> str:
-        """What is missed."""
+        """Message about the missed target."""
         return f"{self.environment}: {100.0 * self.overhead:.1f} % outside the physics, target < {LIMIT:.0%}"
 
     def as_json(self) -> dict[str, object]:
-        """As a JSON object."""
+        """Return it as a JSON object."""
         return asdict(self)
 
 
@@ -66,8 +64,7 @@ def measure_environments(copies: int, rounds: int) -> list[EnvironmentCost]:
     Raises:
         ImportError: Gymnasium is not installed.
     """
-    from softsim_core.lab.learning.environments import RobotVectorEnv
-    from softsim_core.lab.learning.tasks import TASKS
+    from softsim_core.lab.learning import TASKS, RobotVectorEnv
 
     costs = []
     for name in TASKS:
@@ -99,7 +96,7 @@ def measure_environments(copies: int, rounds: int) -> list[EnvironmentCost]:
 
 
 def cost_table(costs: Sequence[EnvironmentCost]) -> list[str]:
-    """The costs as lines of aligned columns, head first."""
+    """Return the costs as lines of aligned columns, head first."""
     rows = [
         (each.environment, str(each.copies), f"{each.rate:.0f}", f"{100.0 * each.overhead:.1f} %")
         for each in costs
@@ -108,17 +105,20 @@ def cost_table(costs: Sequence[EnvironmentCost]) -> list[str]:
 
 
 MEASURED = (("tripod", "low"), ("tripod", "mid"), ("gripper_grasp", "low"))
-"""Scenes and meshes."""
+"""Measured scenes and meshes."""
 PEERS = (("held_centre", "low"), ("held_centre", "mid"))
-"""What is handed to MuJoCo: the Tripod's silicone, held, without joints."""
+"""Scenes for MuJoCo: the Tripod's silicone, clamped, without joints."""
 COUNTS, QUICK_COUNTS = (1, 2, 8, 64, 256), (1, 8)
 WORKERS = (1, 2)
 SAMPLE_S = 0.25
-"""How long in [s] one sample takes, about."""
+"""Approximate duration of one sample in [s]."""
 COLD, LEAST = 2, 8
-"""Steps after each restart that are not timed, and those that are at least: contacts are looked for anew."""
+"""Untimed steps after each restart, and the smallest number of timed ones.
+
+After a restart the contact search starts anew.
+"""
 PER_CORE, TWO_WORKERS = 0.90, 1.8
-"""What is asked: of the single run's rate per core, and of two workers by one."""
+"""Targets: rate per core over the rate of a single run, and rate of two workers over that of one."""
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,10 @@ class BatchRate:
     Attributes:
         scene, mesh: See cases.
         engine: "softsim" or "mujoco".
-        nodes: Of the scene.
-        copies, workers: How many.
+        nodes: Number of nodes of the scene.
+        copies, workers: Number of copies and of workers.
         rate: Steps of all copies per second of wall time, the best sample.
-        single: That of a single run in the same turns, by a plain Simulation, or MuJoCo with one copy.
+        single: Rate of a single run in the same turns, by a plain Simulation, or MuJoCo with one copy.
     """
 
     scene: str
@@ -145,11 +145,11 @@ class BatchRate:
 
     @property
     def per_core(self) -> float:
-        """By the single run's rate and the cores in use, [-]."""
+        """Rate per core in use over the rate of the single run, [-]."""
         return self.rate / (self.single * min(self.workers, self.copies))
 
     def as_json(self) -> dict[str, object]:
-        """As a JSON object."""
+        """Return it as a JSON object."""
         return {**asdict(self), "per_core": self.per_core}
 
 
@@ -159,7 +159,7 @@ def measure_copies(
     """Measure all scenes, each in turns with its single run."""
     for scene, mesh in MEASURED:
         description = describe(scene, mesh, reference)
-        with warnings.catch_warnings():  # slivers of a mesh are no news here
+        with warnings.catch_warnings():  # the warnings about slivers are known
             warnings.simplefilter("ignore", UserWarning)
             single = _in_motion(scene, description)
             for count in counts:
@@ -168,7 +168,7 @@ def measure_copies(
 
 
 def _in_motion(scene: str, description: RobotDescription) -> Simulation:
-    """A single run where the scene is measured."""
+    """Return a single run in the state in which the scene is measured."""
     if scene in TOUCHING:
         return TouchingScene(scene, description, "auto").simulation
     simulation = Simulation(description)
@@ -223,7 +223,7 @@ def _rate(
 def measure_peer(
     counts: Sequence[int], workers: Sequence[int], rounds: int, reference: Path
 ) -> Iterator[BatchRate]:
-    """Measure MuJoCo's own batched steps (mujoco.rollout) of the held silicone as a flex.
+    """Measure MuJoCo's own batched steps (mujoco.rollout) of the clamped silicone as a flex.
 
     Raises:
         MjcfError: MuJoCo is not installed.
@@ -252,7 +252,7 @@ def measure_peer(
 
 
 def peer_missing() -> str | None:
-    """Why MuJoCo is not measured; None: it is there."""
+    """Return why MuJoCo is not measured; None if it is available."""
     try:
         import_module("mujoco.rollout")
     except (ImportError, MjcfError) as error:
@@ -261,7 +261,7 @@ def peer_missing() -> str | None:
 
 
 def missed(rates: Sequence[BatchRate]) -> list[str]:
-    """What is slower than asked, a line each."""
+    """Return one line for each missed target."""
     ours = [each for each in rates if each.engine == "softsim"]
     lines = [
         f"{each.scene} {each.mesh}, {each.copies} copies: {each.per_core:.2f} of the single run per core, "
@@ -282,7 +282,7 @@ def missed(rates: Sequence[BatchRate]) -> list[str]:
 
 
 def rate_table(rates: Sequence[BatchRate]) -> list[str]:
-    """The rates as lines of aligned columns, head first."""
+    """Return the rates as lines of aligned columns, head first."""
     head = ("engine", "scene", "mesh", "nodes", "copies", "cores", "steps/s", "single", "per core")
     return aligned(
         [

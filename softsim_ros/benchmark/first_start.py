@@ -1,4 +1,4 @@
-"""The first start of a fresh copy of the checkout: empty environment, empty caches, each phase timed."""
+"""Measure the first start of a fresh checkout, with empty environment and caches, phase by phase."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from softsim_core.base.processes import start_process
+from softsim_core.base import start_process
 
 MOTION_WITHIN_S: Final = 45.0
 KERNELS_WITHIN_S: Final = 90.0
@@ -29,14 +29,14 @@ SLOWEST_FACTOR: Final = 0.9
 """Target for the real-time factor from the first motion until compiled kernels run, in each second, [-]."""
 
 REPORTED_S: Final = 1.5
-"""A report of the simulator tells of no more than this, in [s]: earlier ones may begin before the motion."""
+"""Longest interval in [s] that a report of the simulator covers: earlier ones may begin before the motion."""
 
 MOTION, KERNELS = "first motion is published", "compiled kernels run"
 
 TOLD_RAD, MOVED_RAD = 0.3, 1e-3
 END_WITHIN_S: Final = 30.0
 INSTALL_WITHIN_S: Final = 900.0
-"""What has not happened by then is not waited for, in [s]."""
+"""Time limit in [s] of the whole start."""
 
 LEFT_OUT: Final = (".git", ".softsim*", "__pycache__", ".*_cache", "*.egg-info", "build")
 FORGOTTEN: Final = (
@@ -45,7 +45,7 @@ FORGOTTEN: Final = (
     "NUMBA_NUM_THREADS",
 )  # fmt: skip
 
-_LINES: Final = (  # of the command -> the phase that has ended then
+_LINES: Final = (  # line of the command's output -> the phase that has ended then
     (re.compile(r"^\[\d/\d\] ([^:]+): done"), None),
     (re.compile(r"^starting "), "the program has started"),
     (re.compile(r"\]: simulating "), "the simulator runs"),
@@ -54,17 +54,17 @@ _LINES: Final = (  # of the command -> the phase that has ended then
 
 
 class FirstStart:
-    """Starts it and notes when each phase has ended.
+    """Starts the copy and records when each phase has ended.
 
     Args:
-        checkout: What is copied.
-        robot: Which robot is started.
-        say: Gets each phase with its time, in words, when it has ended.
+        checkout: Folder to copy.
+        robot: Robot to start.
+        say: Called with a message about each phase and its time when it has ended.
 
     Attributes:
         phases: When each ended, since the command was given, in [s].
         factors: Real-time factor of each second from the first motion until compiled kernels ran, [-].
-        output: Lines that it wrote.
+        output: Lines of its output.
     """
 
     def __init__(self, checkout: Path, robot: str, say: Callable[[str], None]) -> None:
@@ -76,7 +76,7 @@ class FirstStart:
         self.output: list[str] = []
 
     def run(self, within_s: float) -> int | None:
-        """Start, wait until compiled kernels run, end; the exit code, None: they did not run in time."""
+        """Start, wait until compiled kernels run, end; return the exit code, or None if time ran out."""
         with tempfile.TemporaryDirectory(prefix="softsim-first-") as folder, contextlib.ExitStack() as stack:
             copy = Path(folder) / "checkout"
             shutil.copytree(self._checkout, copy, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_OUT))
@@ -124,7 +124,10 @@ class FirstStart:
 
     @contextlib.contextmanager
     def _watching(self, domain: int) -> Iterator[None]:
-        """Tell the joints to move as soon as they are heard, note when and how fast; nothing without ROS."""
+        """Command the joints as soon as their states arrive, and record when and how fast.
+
+        Do nothing without ROS.
+        """
         try:
             from diagnostic_msgs.msg import DiagnosticArray
             from rclpy.context import Context
@@ -166,7 +169,7 @@ class FirstStart:
         def spin() -> None:
             while not over.is_set():
                 executor.spin_once(timeout_sec=0.1)
-                if seen.is_set():  # hearing them on takes a tenth of a core from what is measured
+                if seen.is_set():  # receiving them takes a tenth of a core away from the measurement
                     seen.clear()
                     node.destroy_subscription(joints)
 
@@ -183,7 +186,10 @@ class FirstStart:
 
 
 def judged(phases: Mapping[str, float], factors: Sequence[float]) -> tuple[list[str], int]:
-    """A sentence on each target, and how many are missed; `factors` see FirstStart, none are not judged."""
+    """Return a message on each target, and the number of missed ones.
+
+    Factors are those of FirstStart; they are not judged if there are none.
+    """
     told, missed = [], 0
     for phase, target in ((MOTION, MOTION_WITHIN_S), (KERNELS, KERNELS_WITHIN_S)):
         seconds = phases.get(phase, math.inf)
@@ -205,7 +211,7 @@ def _verdict(met: bool) -> str:
 
 
 def _environment(folder: Path, domain: int) -> dict[str, str]:
-    """That of this process, but with nothing of its environment, and caches that are empty."""
+    """Return this process's environment without its Python environment, and with empty caches."""
     kept = {name: value for name, value in os.environ.items() if name not in FORGOTTEN}
     own = [str(Path(sys.prefix) / "bin")]
     path = [each for each in kept.get("PATH", "").split(os.pathsep) if each not in own]

@@ -1,4 +1,4 @@
-"""The machine a measurement ran on, and the environment that keeps numeric libraries to one thread."""
+"""The machine of a measurement, and the environment that limits numeric libraries to one thread."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ THREAD_VARIABLES = (
     "BLIS_NUM_THREADS",
     "NUMBA_NUM_THREADS",
 )
-"""What numeric libraries read when they are loaded."""
+"""Environment variables that numeric libraries read when they are loaded."""
 
 
 def limit_threads(environment: MutableMapping[str, str]) -> bool:
-    """Ask every numeric library for one thread.
+    """Limit every numeric library to one thread.
 
     Args:
         environment: Changed in place, usually os.environ.
 
     Returns:
-        Whether that is in time: False where NumPy was already loaded with another setting.
+        Whether that is in time: False if NumPy was already loaded with another setting.
     """
     limited = all(environment.get(name) == "1" for name in THREAD_VARIABLES)
     environment.update(dict.fromkeys(THREAD_VARIABLES, "1"))
@@ -34,7 +34,7 @@ def limit_threads(environment: MutableMapping[str, str]) -> bool:
 
 
 def cpu_name() -> str:
-    """The processor's name as the kernel tells it."""
+    """Return the processor's name as the kernel reports it."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith(("model name", "Model")):
@@ -45,7 +45,7 @@ def cpu_name() -> str:
 
 
 def version_of(distribution: str) -> str | None:
-    """Version of an installed package; None where it is not installed."""
+    """Return the version of an installed package; None if it is not installed."""
     try:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
@@ -53,7 +53,7 @@ def version_of(distribution: str) -> str | None:
 
 
 def describe_machine() -> list[str]:
-    """Lines for the head of a report: processor, load, versions."""
+    """Return lines for the head of a report: processor, load, versions."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     load = f", load {os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else ""
     versions = {name: version_of(name) for name in ("numpy", "scipy", "numba")}

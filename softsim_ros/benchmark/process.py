@@ -1,4 +1,4 @@
-"""Memory of a simulator process, and what publishing everything costs it, seen from outside."""
+"""Measure memory of a simulator process, and the cost of publishing everything, from outside."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from statistics import median
 from typing import Any
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import SoftSimError
-from softsim_core.base.processes import python_command, run_process, start_process
+from softsim_core.base import SoftSimError, python_command, run_process, start_process
 
 MEMORY_LIMIT_MB = 400.0
 """Largest resident memory of the simulator process on the mid mesh, in [MB]."""
 
 PUBLISH_LIMIT_MS = 2.0
-"""Largest mean time to publish everything, a step, on the mid mesh, in [ms]."""
+"""Largest mean time per step to publish everything, on the mid mesh, in [ms]."""
 
 STEPS = 1000
 START_DEADLINE_S = 180.0  # kernels may have to be compiled
@@ -33,18 +32,18 @@ NODE_MODULE = "softsim_ros.nodes.simulator.simulator_node"
 
 
 class ProcessError(SoftSimError, RuntimeError):
-    """The simulator process did not start, or ended early; the text holds what it said last."""
+    """The simulator process did not start, or ended early; the text contains its last output."""
 
 
 @dataclass(frozen=True)
 class ProcessFigures:
-    """What a process needed.
+    """Resources that a process needed.
 
     Attributes:
-        what: Which process, for people.
-        steps: Steps it had done.
+        what: Description of the process.
+        steps: Number of steps it had done.
         memory_mb: Resident memory then, in [MB].
-        publish_ms: Mean time to publish, a step, in [ms], the median over seconds; None without ROS.
+        publish_ms: Mean time per step to publish, in [ms], the median over seconds; None without ROS.
         real_time_factor: Simulated over wall time, [-]; None without ROS.
     """
 
@@ -56,7 +55,7 @@ class ProcessFigures:
 
 
 def resident_mb(pid: int | str) -> float:
-    """Resident memory of a process in [MB] (10^6 bytes).
+    """Return the resident memory of a process in [MB] (10^6 bytes).
 
     Raises:
         OSError: no such process, or no /proc.
@@ -68,7 +67,7 @@ def resident_mb(pid: int | str) -> float:
 
 
 def measure_process(robot: str = "tripod_mid", steps: int = STEPS) -> ProcessFigures:
-    """Run the simulator node with every topic subscribed; without ROS a plain Simulation in its own process.
+    """Run the simulator node with every topic subscribed; without ROS, a plain Simulation in its own process.
 
     Raises:
         ProcessError: it did not run.
@@ -90,7 +89,7 @@ def _plain(robot: str, steps: int) -> ProcessFigures:
 
 
 def _node(robot: str, steps: int) -> ProcessFigures:
-    domain = 60 + os.getpid() % 40  # apart from a simulator that may run; ports of domains up to 101 are free
+    domain = 60 + os.getpid() % 40  # separate from a running simulator; domains up to 101 have free ports
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     words = python_command(NODE_MODULE, "--ros-args")
     for setting in (f"robot:={robot}", "mesh_rate:=1000.0", "publish_clock:=true"):
@@ -119,10 +118,10 @@ def _node(robot: str, steps: int) -> ProcessFigures:
 
 
 def wait_for_steps(child: subprocess.Popen[bytes], listener: Listener, steps: int) -> list[dict[str, float]]:
-    """The diagnostics of the node until it has done `steps` steps.
+    """Return the diagnostics of the node until it has done `steps` steps.
 
     Raises:
-        ProcessError: it ended, or does not get on.
+        ProcessError: it ended, or makes no progress.
     """
     deadline = time.monotonic() + START_DEADLINE_S
     while not listener.reports or listener.reports[-1]["steps"] < steps:
@@ -138,7 +137,7 @@ def wait_for_steps(child: subprocess.Popen[bytes], listener: Listener, steps: in
 
 
 def end_process(child: subprocess.Popen[bytes]) -> None:
-    """Ctrl-C, then kill: the node ends with its own session."""
+    """End a node in its own session with Ctrl-C, then kill."""
     if child.poll() is None:
         child.send_signal(signal.SIGINT)
         try:
@@ -149,7 +148,7 @@ def end_process(child: subprocess.Popen[bytes]) -> None:
 
 
 class Listener:
-    """Keeps the numbers of a simulator's diagnostics; subscribes to its topics, too, where `everything`."""
+    """Stores the values of a simulator's diagnostics; with `everything`, subscribes to its topics, too."""
 
     def __init__(self, domain: int, namespace: str, *, everything: bool = True) -> None:
         self._everything = everything
@@ -158,7 +157,7 @@ class Listener:
         self._domain, self._namespace = domain, namespace
 
     def __enter__(self) -> Listener:
-        """Listen from now on."""
+        """Start listening."""
         from diagnostic_msgs.msg import DiagnosticArray
         from geometry_msgs.msg import PoseStamped
         from rclpy.context import Context
@@ -168,9 +167,8 @@ class Listener:
         from shape_msgs.msg import Mesh
         from visualization_msgs.msg import Marker
 
-        from softsim_node.topics import LATCHED
-        from softsim_ros.optional_messages import optional_type
-        from softsim_ros.robot_node import SpinThread
+        from softsim_node import LATCHED
+        from softsim_ros import SpinThread, optional_type
 
         self._context = Context()
         self._context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=self._domain)
@@ -213,11 +211,11 @@ class Listener:
 
 
 def _ignore(_: bytes) -> None:
-    """The message is only received."""
+    """Ignore the message, which only has to be received."""
 
 
 def main(words: list[str]) -> int:
-    """Step a robot a number of times, then write this process's memory in [MB]: ROBOT STEPS."""
+    """Step a robot some times, then write this process's memory in [MB]; the words are ROBOT STEPS."""
     simulation = Simulation(load_scene(words[0]))
     for _ in range(int(words[1])):
         simulation.step()

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from softsim_core.base.files import write_file
-from softsim_ros.benchmark.cases import HELD_MS, LIMITS
+from softsim_core.base import write_file
+from softsim_ros.benchmark.measured_scenes import HELD_MS, LIMITS
 
 _SILICONE = {"low": (235, 579), "mid": (781, 2684), "high": (1455, 5221)}
 _FINGER = (158, 389)
@@ -17,26 +17,26 @@ _FINGERS = {"cable_finger": 1, "gripper_free": 3, "gripper_grasp": 3}
 
 
 def reference_size(scene: str, mesh: str) -> tuple[int, int]:
-    """Nodes and tetrahedra of a benchmark scene on the reference's mesh of the same level."""
+    """Return nodes and tetrahedra of a benchmark scene on the reference's mesh of the same level."""
     if scene in _FINGERS:
         return _FINGERS[scene] * _FINGER[0], _FINGERS[scene] * _FINGER[1]
     return _SILICONE[mesh.removeprefix("reference_")]
 
 
 HELD_LIMIT = 1.0 / 6.0
-"""The held body's step costs at most this share of one SuperLU factorisation of its matrix."""
+"""Largest cost of the clamped body's step, in SuperLU factorisations of its matrix."""
 
 TRIPOD_LIMIT = 1.6
-"""The full Tripod's step costs at most this many held-body steps on the same mesh."""
+"""Largest cost of the full Tripod's step, in steps of the clamped body on the same mesh."""
 
 
 TICK_LIMIT = 3.0
-"""A tick of inverse control costs at most this many steps of the Tripod on the same mesh."""
+"""Largest cost of a tick of inverse control, in steps of the Tripod on the same mesh."""
 
 
 @dataclass
 class Record:
-    """One measured thing.
+    """One measurement.
 
     Attributes:
         scene: "held_centre", "tripod", "inverse" (a tick of inverse control of the Tripod), or one of
@@ -48,11 +48,11 @@ class Record:
         min_ms: Shortest time in [ms] to advance the scene by its dt.
         median_ms: Median of that time in [ms].
         splu_min_ms: Shortest time in [ms] of one SuperLU factorisation of that step's matrix in the same run;
-            None where there is none.
-        extras: Further figures, written beside the others.
-        ratio: What is judged, [-]; None: nothing.
-        limit: The largest ratio that is right, [-].
-        against: What the ratio compares with, for people.
+            None if there is none.
+        extras: Further figures, written with the others.
+        ratio: Ratio to compare with the limit, [-]; None if there is none.
+        limit: Largest allowed ratio, [-].
+        against: Description of what the ratio refers to.
         scipy_ratio: Shortest time over that of the SciPy path in the same run, [-]; None without it.
     """
 
@@ -72,11 +72,11 @@ class Record:
 
     @property
     def missed(self) -> bool:
-        """Whether the ratio is over its limit."""
+        """Whether the ratio exceeds its limit."""
         return self.ratio is not None and self.limit is not None and not self.ratio <= self.limit
 
     def as_json(self) -> dict[str, object]:
-        """The record as a JSON object: the eight fixed keys, then what else is known."""
+        """Return the record as a JSON object: the eight fixed keys, then others that are known."""
         fixed: dict[str, object] = {
             "scene": self.scene,
             "mesh": self.mesh,
@@ -93,7 +93,7 @@ class Record:
 
 
 def judge(records: Iterable[Record]) -> None:
-    """Fill in the ratios that have a target, from the shortest times of one run."""
+    """Set the ratios that have a target, from the shortest times of one run."""
     records = list(records)
     tripod = {each.mesh: each for each in records if each.scene == "tripod" and each.path == "numba"}
     held = {each.mesh: each for each in records if each.scene == "held_centre" and each.path == "numba"}
@@ -122,10 +122,10 @@ def judge(records: Iterable[Record]) -> None:
 
 
 class Measured(Protocol):
-    """Something measured that has a JSON form."""
+    """A measurement with a JSON form."""
 
     def as_json(self) -> dict[str, object]:
-        """As a JSON object."""
+        """Return it as a JSON object."""
         ...
 
 
@@ -173,12 +173,12 @@ def _number(value: float | None) -> str:
 
 
 def _share(value: float) -> str:
-    """A ratio as people say it: 1/7.2 below one, 1.35 above."""
+    """Return a ratio in a readable form: 1/7.2 below one, 1.35 above."""
     return f"1/{1.0 / value:.1f}" if 0.0 < value < 0.9 else f"{value:.2f}"
 
 
 def row(record: Record) -> tuple[str, ...]:
-    """One record as text, a cell for each column of HEAD."""
+    """Return one record as text, a cell for each column of HEAD."""
     nodes, tets = reference_size(record.scene, record.mesh)
     cells = (
         record.scene,
@@ -199,7 +199,7 @@ def row(record: Record) -> tuple[str, ...]:
 
 
 def peer_row(record: Record) -> tuple[str, ...]:
-    """One record of another engine as text, a cell for each column of PEER_HEAD."""
+    """Return one record of another engine as text, a cell for each column of PEER_HEAD."""
     extras: dict[str, Any] = record.extras
     ours = float(extras["ours_min_ms"])
     return (
@@ -217,17 +217,17 @@ def peer_row(record: Record) -> tuple[str, ...]:
 
 
 def table(records: Iterable[Record]) -> list[str]:
-    """The records as lines of aligned columns, head first."""
+    """Return the records as lines of aligned columns, head first."""
     return aligned([HEAD, *(row(record) for record in records)])
 
 
 def peer_table(records: Iterable[Record]) -> list[str]:
-    """Records of other engines as lines of aligned columns, head first."""
+    """Return records of other engines as lines of aligned columns, head first."""
     return aligned([PEER_HEAD, *(peer_row(record) for record in records)])
 
 
 def aligned(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows as lines with columns of equal width."""
+    """Return rows as lines with columns of equal width."""
     widths = [max(len(cells[column]) for cells in rows) for column in range(len(rows[0]))]
     return [
         "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()

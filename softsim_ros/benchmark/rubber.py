@@ -1,4 +1,4 @@
-"""Steps of rubber and air: quadratic cells beside one factorisation of their matrix, chambers beside none."""
+"""Measure steps with rubber and air: quadratic cells against one factorisation, chambers against none."""
 
 from __future__ import annotations
 
@@ -9,17 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.scene import load_scene
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription, load_scene
 from softsim_ros.benchmark.records import aligned
 from softsim_ros.benchmark.steps import COMMAND_SPREAD, Factorisation
 from softsim_ros.benchmark.timing import Contender, take_turns
 
 QUADRATIC = {"cantilever_quadratic": 0.9, "tripod_quadratic": 2.0, "cable_finger_quadratic": 1.0}
-"""Scenes with quadratic cells, and the longest step in [ms] on a machine of its own."""
+"""Scenes with quadratic cells, and the longest step in [ms] on an otherwise idle machine."""
 CHAMBERS = ("pneu_finger", "pneu_arm", "inflated_cube")
 CHAMBER_LIMIT = 0.15
-"""A chamber costs at most this share of the step without it."""
+"""Largest cost of a chamber as a fraction of the step without it."""
 STEPS_A_TURN, LEAD_IN_STEPS = 10, 20
 
 
@@ -29,11 +28,11 @@ class RubberTime:
 
     Attributes:
         scene: Its name.
-        nodes: Nodes of its bodies.
-        step: Of a step.
-        beside: Of what it is compared with.
+        nodes: Number of nodes of its bodies.
+        step: Times of a step.
+        beside: Times of the comparison.
         against: "splu", one factorisation of the step's matrix; "none", a step without chambers.
-        limit: What is asked: of "splu" the shortest time, of "none" the cost as a share.
+        limit: Target: for "splu" the shortest time, for "none" the cost as a fraction.
     """
 
     scene: str
@@ -45,16 +44,16 @@ class RubberTime:
 
     @property
     def measured(self) -> float:
-        """What `limit` is for."""
+        """Value to compare with `limit`."""
         return self.step[0] if self.against == "splu" else self.step[0] / self.beside[0] - 1.0
 
     @property
     def missed(self) -> bool:
-        """Whether it is more than asked."""
+        """Whether the value exceeds the limit."""
         return not self.measured <= self.limit
 
     def as_json(self) -> dict[str, object]:
-        """As a JSON object."""
+        """Return it as a JSON object."""
         return {
             "scene": self.scene,
             "nodes": self.nodes,
@@ -68,10 +67,10 @@ class RubberTime:
 
 
 class _Moving:
-    """A scene whose joints go here and there: around the start pose, or in a part of their range."""
+    """A scene in which joints move: around the start pose, or in a part of their range."""
 
     def __init__(self, description: RobotDescription) -> None:
-        with warnings.catch_warnings():  # slivers of a mesh are no news here
+        with warnings.catch_warnings():  # the warnings about slivers are known
             warnings.simplefilter("ignore", UserWarning)
             self.simulation = Simulation(description, backend="numba")
         start, upper = description.start, [joint.limits.upper for joint in description.joints]
@@ -84,7 +83,7 @@ class _Moving:
             self.simulation.step()
 
     def stir(self) -> None:
-        """Another command; a body without joints falls anew."""
+        """Send another command; a body without joints falls again."""
         if len(self._middle):
             aside = self._random.uniform(-1.0, 1.0, len(self._middle))
             self.simulation.command(self._middle + self._spread * aside)
@@ -93,7 +92,7 @@ class _Moving:
 
 
 def measure_rubber(rounds: int, scenes: Sequence[str] = (*QUADRATIC, *CHAMBERS)) -> list[RubberTime]:
-    """Measure scenes, each in turns with what it is compared with."""
+    """Measure scenes, each in turns with its comparison."""
     return [
         _beside_factor(name, QUADRATIC[name], rounds) if name in QUADRATIC else _beside_none(name, rounds)
         for name in scenes
@@ -131,7 +130,7 @@ def _told(
 
 
 def rubber_table(times: Sequence[RubberTime]) -> list[str]:
-    """The times as lines of aligned columns, head first."""
+    """Return the times as lines of aligned columns, head first."""
     head = ("scene", "nodes", "min ms", "median ms", "beside", "min ms", "measured", "target", "verdict")
     rows: list[tuple[str, ...]] = [head]
     for each in times:

@@ -1,7 +1,7 @@
-"""How a step grows with its mesh: time, memory and the size of the factor, each mesh in a process of its own.
+"""Measure how a step grows with its mesh: time, memory and size of the factor, each mesh in its own process.
 
-A step alone is measured by the processor time of the one thread that works: steps of seconds are never alone
-on a machine. With all threads it is measured by the clock, in turns with steps of one thread.
+A step with one thread is measured by the processor time of that thread, since steps of several seconds never
+run undisturbed. With all threads it is measured by the clock, in turns with steps of one thread.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from softsim_core import (
     TetMesh,
     box_mesh,
 )
-from softsim_core.base.processes import python_command, run_process
-from softsim_core.physics.linalg.linear_solver import factorised
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.robots.tripod_mesh import tripod_silicone
+from softsim_core.base import python_command, run_process
+from softsim_core.physics.linalg import factorised
+from softsim_core.physics.mechanics import Model
+from softsim_core.robots import tripod_mesh
 from softsim_ros.benchmark.records import aligned
 from softsim_ros.benchmark.steps import step_matrix
 
@@ -47,12 +47,12 @@ SILICONE_LEVELS = {"1k": (3, 2), "3k": (5, 4), "10k": (8, 6), "30k": (12, 9), "5
 SILICONE = MaterialDescription(young_modulus=250e3, poisson_ratio=0.45)
 
 PEER_SIZES = QUICK_SIZES
-"""Larger bodies take other engines many seconds per step."""
+"""Sizes for other engines; larger bodies take them many seconds per step."""
 
 PEER_ROUNDS = 3
 
 SPLU_SIZES = QUICK_SIZES
-"""Larger matrices take SuperLU minutes."""
+"""Sizes for SuperLU; larger matrices take it minutes."""
 
 LEAD_IN_STEPS, MOST_STEPS, ENOUGH_S = 2, 30, 6.0
 HEAD = (
@@ -62,25 +62,25 @@ HEAD = (
 
 
 class ScalingError(Exception):
-    """A mesh could not be measured; the message says what its process said."""
+    """A mesh could not be measured; the message contains the output of its process."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What one mesh takes.
+    """Cost of one mesh.
 
     Attributes:
-        shape, size: Of SHAPES and SIZES.
-        nodes, elements: Of the mesh.
+        shape, size: From SHAPES and SIZES.
+        nodes, elements: Size of the mesh.
         plan_s: Processor time in [s] of planning the elimination of its free nodes.
-        step_ms: Shortest processor time of a step of one thread in [ms].
-        solve_ms: Share of factorisation or iteration of that in [ms], by the median of its shares.
-        iterations: Of conjugate gradients, median of the steps; 0: each step factors.
-        threads: That the step has where it is large enough.
+        step_ms: Shortest processor time of a step with one thread in [ms].
+        solve_ms: Part of factorisation or iteration in that in [ms], by the median of its fractions.
+        iterations: Conjugate gradient iterations, median over the steps; 0: each step factorises.
+        threads: Number of threads of a step that is large enough.
         threads_ms: Shortest time of a step with them by the clock in [ms].
-        speed_up: Of the shortest time with one thread by that with all, by the clock.
+        speed_up: Shortest time with one thread over that with all, by the clock.
         splu_ms: Shortest processor time of SuperLU on the matrix of the step in [ms]; None: not measured.
-        factor_entries: Numbers in the factor.
+        factor_entries: Number of entries of the factor.
         flops: Multiplications and additions of the factorisation.
         peak_mb: Largest resident memory of the process in [MB].
     """
@@ -102,19 +102,19 @@ class Scale:
     peak_mb: float
 
     def as_json(self) -> dict[str, object]:
-        """As a JSON object."""
+        """Return it as a JSON object."""
         return asdict(self)
 
 
 def mesh_of(shape: str, size: str) -> TetMesh:
-    """The mesh of that shape and size."""
+    """Return the mesh of that shape and size."""
     if shape == "box":
         return box_mesh((0.1, 0.1, 0.1), (BOX_CELLS[size],) * 3)
-    return tripod_silicone(*SILICONE_LEVELS[size])
+    return tripod_mesh.tripod_silicone(*SILICONE_LEVELS[size])
 
 
 def held_scene(mesh: TetMesh, threads: int = 1) -> SceneDescription:
-    """A body of silicone, held where it is near the z axis and low, that falls under gravity."""
+    """Return a silicone body that is clamped near the z axis at low height and falls under gravity."""
     near = Box(center=(0.0, 0.0, 0.0), size=(0.03, 0.03, 0.03))
     hold = AttachmentDescription(name="hold", body="body", to="world", box=near)
     body = BodyDescription(name="body", mesh=mesh, material=SILICONE, total_mass=0.05)
@@ -123,15 +123,15 @@ def held_scene(mesh: TetMesh, threads: int = 1) -> SceneDescription:
 
 
 def held(mesh: TetMesh, threads: int = 1) -> Simulation:
-    """That scene, compiled."""
-    with warnings.catch_warnings():  # slivers of a mesh are no news here
+    """Return a compiled simulation of `held_scene`."""
+    with warnings.catch_warnings():  # the warnings about slivers are known
         warnings.simplefilter("ignore", UserWarning)
         return Simulation(held_scene(mesh, threads), backend="numba")
 
 
 def measure_scale(shape: str, size: str) -> Scale:
     """Measure one mesh in this process."""
-    from softsim_core.physics.linalg.threads import alone, usable_cores
+    from softsim_core.physics.linalg import alone, usable_cores
 
     threads = usable_cores()
     simulation = held(mesh_of(shape, size), threads)
@@ -153,7 +153,7 @@ def measure_scale(shape: str, size: str) -> Scale:
         clock = perf_counter()
         simulation.step()
         by_clock[1].append(1e3 * (perf_counter() - clock))
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6  # before SuperLU has its own
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6  # before SuperLU runs
     plan_s, entries, flops = planned(simulation.model)
     splu = [factorisation_ms(simulation) for _ in range(3)] if size in SPLU_SIZES else []
     return Scale(
@@ -176,10 +176,9 @@ def measure_scale(shape: str, size: str) -> Scale:
 
 
 def planned(model: Model) -> tuple[float, int, float]:
-    """Seconds of planning the elimination of a model's free nodes, entries and flops of the factor."""
-    from softsim_core.physics.dynamics.numba_backend.cells.batches import node_pairs
-    from softsim_core.physics.linalg.simd import LANES, ROWS
-    from softsim_core.physics.linalg.symbolic import plan
+    """Return seconds of planning the elimination of a model's free nodes, entries and flops of the factor."""
+    from softsim_core.physics.dynamics.numba_backend.cells import node_pairs
+    from softsim_core.physics.linalg import LANES, ROWS, plan
 
     local = np.full(len(model.rest), -1, dtype=np.int64)
     local[model.free_nodes] = np.arange(len(model.free_nodes))
@@ -195,7 +194,7 @@ def planned(model: Model) -> tuple[float, int, float]:
 
 
 def factorisation_ms(simulation: Simulation) -> float:
-    """Processor time in [ms] of one SuperLU factorisation of the next step's matrix."""
+    """Return the processor time in [ms] of one SuperLU factorisation of the next step's matrix."""
     matrix = step_matrix(simulation)
     started = process_time()
     factorised(matrix)
@@ -219,7 +218,7 @@ def measure_scaling(sizes: Iterable[str], shapes: Iterable[str] = SHAPES) -> Ite
 
 
 def scaling_table(scales: Iterable[Scale]) -> list[str]:
-    """What was measured as lines; the exponent is of the step's time over nodes, from the mesh above."""
+    """Return the results as lines; the exponent of the step's time over nodes refers to the previous mesh."""
     rows: list[tuple[str, ...]] = [HEAD]
     before: Scale | None = None
     for each in scales:

@@ -1,4 +1,7 @@
-"""What sensors cost: the stage `sensors` of a step, each alone and all together, read once per step."""
+"""Measure the cost of sensors: the stage `sensors` of a step, each alone and all together.
+
+Every sensor is read once per step.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.physics.sensing.description import SimulatedSensorDescription
-from softsim_core.scene import load_scene
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import Array
+from softsim_core.physics.sensing import SimulatedSensorDescription
+from softsim_core.scene import RobotDescription, load_scene
 from softsim_ros.benchmark.records import aligned
 from softsim_ros.benchmark.timing import no_garbage_collection
 
 SCENE = "sensed_finger"
 LIMIT_MS = 0.5
-"""All sensors of the scene cost at most this per step, on a machine of their own."""
+"""Largest cost of all sensors of the scene per step, on an otherwise idle machine."""
 PULLED = 0.006
-"""Pull of the cable in [m]: the fingertip presses on the knob."""
+"""Pull of the cable in [m], at which the fingertip presses on the knob."""
 STEPS_A_TURN, LEAD_IN_STEPS = 10, 100
 ALL = "all of them"
 
@@ -31,7 +33,7 @@ class SensorTime:
     Attributes:
         sensor: Name and kind, or ALL.
         min_ms, median_ms: Shortest and median.
-        limit: What is asked of ALL in [ms]; None: nothing.
+        limit: Target of ALL in [ms]; None: no target.
     """
 
     sensor: str
@@ -41,11 +43,11 @@ class SensorTime:
 
     @property
     def missed(self) -> bool:
-        """Whether it is more than asked."""
+        """Whether the shortest time exceeds the limit."""
         return self.limit is not None and not self.min_ms <= self.limit
 
     def as_json(self) -> dict[str, object]:
-        """As a JSON object."""
+        """Return it as a JSON object."""
         return {
             "sensor": self.sensor,
             "min_ms": self.min_ms,
@@ -55,7 +57,7 @@ class SensorTime:
 
 
 class _Sensed:
-    """A scene that presses on what it feels, and how long its sensors took."""
+    """A scene that presses on its sensors, and the times that these took."""
 
     def __init__(self, description: RobotDescription) -> None:
         self.simulation = Simulation(description, backend="numba")
@@ -65,14 +67,14 @@ class _Sensed:
         self.times: list[float] = []
 
     def turn(self) -> None:
-        """Some more steps."""
+        """Run some steps."""
         for _ in range(STEPS_A_TURN):
             self.simulation.step()
             self.times.append(self.simulation.stage_times["sensors"])
 
 
 def measure_sensors(rounds: int) -> list[SensorTime]:
-    """Measure each sensor of the scene alone, and all, in turns."""
+    """Measure each sensor of the scene alone, and all together, in turns."""
     robot = load_scene(SCENE)
     every = tuple(replace(each, rate=None) for each in robot.scene.sensors)
     alone = {f"{each.name} ({each.kind})": (each,) for each in every}
@@ -93,7 +95,7 @@ def _told(name: str, times: Array) -> SensorTime:
 
 
 def sensor_table(times: Sequence[SensorTime]) -> list[str]:
-    """The times as lines of aligned columns, head first."""
+    """Return the times as lines of aligned columns, head first."""
     rows: list[tuple[str, ...]] = [("sensor", "min ms", "median ms", "target", "verdict")]
     for each in times:
         asked = (

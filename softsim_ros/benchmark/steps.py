@@ -1,4 +1,4 @@
-"""Time of a whole step of both implementations and of a tick of inverse control."""
+"""Measure a whole step of both implementations, and a tick of inverse control."""
 
 from __future__ import annotations
 
@@ -12,30 +12,28 @@ import numpy as np
 import scipy.sparse as sp
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.controller import InverseController
-from softsim_core.physics.actuation.actuators import Actuators
-from softsim_core.physics.dynamics.assembly import Unknowns
-from softsim_core.physics.dynamics.scipy_backend import ScipyStepper
-from softsim_core.physics.linalg.linear_solver import factorised
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.pose import Pose
-from softsim_core.scene.robot import RobotDescription
-from softsim_ros.benchmark.cases import TOUCHING, Case, TouchingScene
+from softsim_core.base import Array
+from softsim_core.control.inverse import InverseController
+from softsim_core.physics.actuation import Actuators
+from softsim_core.physics.dynamics import ScipyStepper, Unknowns
+from softsim_core.physics.linalg import factorised
+from softsim_core.physics.mechanics import Control, Pose
+from softsim_core.scene import RobotDescription
+from softsim_ros.benchmark.measured_scenes import TOUCHING, Case, TouchingScene
 from softsim_ros.benchmark.records import Record
 from softsim_ros.benchmark.timing import Contender, take_turns
 
 GOAL_SPREAD = 0.004
-"""Half the range in [m] around the effector's place in the start pose from which goals are drawn."""
+"""Half the range in [m] around the effector's position in the start pose from which goals are drawn."""
 
 
 def can_control() -> bool:
-    """Whether inverse control can run here: it needs daqp, and compiled steps to be worth measuring."""
+    """Return whether inverse control can be measured here: it needs daqp and compiled steps."""
     return bool(find_spec("daqp") and find_spec("numba"))
 
 
 class MovingGoal:
-    """Inverse control kept in motion: the goal jumps from place to place around the start pose."""
+    """Inverse control in motion: the goal jumps between positions around the start pose."""
 
     def __init__(self, description: RobotDescription) -> None:
         self.controller = InverseController(replace(description, start=None), backend="numba")
@@ -46,7 +44,7 @@ class MovingGoal:
         self._random = np.random.default_rng(1)
 
     def stir(self) -> None:
-        """Another goal."""
+        """Set another goal."""
         shift = self._random.uniform(-GOAL_SPREAD, GOAL_SPREAD, 3)
         self.controller.set_goal(Pose(self._home.position + shift, self._home.quaternion_xyzw))
 
@@ -54,10 +52,10 @@ class MovingGoal:
 STEPS_A_TURN = {"numba": 20, "scipy": 1}
 FACTORISATIONS_A_TURN = 2
 LEAD_IN_STEPS = {"numba": 60, "scipy": 30}
-"""Steps before the first timed one: the held body falls, the Tripod plays its start animation."""
+"""Steps before the first timed one: the clamped body falls, the Tripod plays its start animation."""
 
 FALL_STEPS = 40
-"""The held body swings this many steps, then falls from rest anew: implicit Euler damps it within 1 s."""
+"""Steps after which the clamped body falls from rest again, since implicit Euler damps it within 1 s."""
 
 COMMAND_SPREAD = 0.2
 """Half the range in [rad] around the start pose from which the Tripod's joint commands are drawn."""
@@ -66,15 +64,15 @@ Path = Literal["numba", "scipy"]
 
 
 def known_paths() -> list[Path]:
-    """Implementations of the step that can run here."""
+    """Return the implementations of the step that can run here."""
     return ["numba", "scipy"] if find_spec("numba") else ["scipy"]
 
 
 class MovingScene:
-    """A simulation kept in motion: the held body swings, the Tripod's joints follow random commands."""
+    """A simulation in motion: the clamped body swings, the Tripod's joints follow random commands."""
 
     def __init__(self, case: Case, path: Path) -> None:
-        with warnings.catch_warnings():  # slivers of a mesh are no news here
+        with warnings.catch_warnings():  # the warnings about slivers are known
             warnings.simplefilter("ignore", UserWarning)
             self.simulation = Simulation(case.description, backend=path)
         self._random = np.random.default_rng(1)
@@ -84,7 +82,7 @@ class MovingScene:
             self.simulation.step()
 
     def stir(self) -> None:
-        """Another joint command near the start pose; a body without joints falls anew now and then."""
+        """Send another joint command near the start pose; a body without joints falls again periodically."""
         start = self.simulation.robot.start
         if start is None:
             if self.simulation.step_count >= FALL_STEPS:
@@ -95,9 +93,10 @@ class MovingScene:
 
 
 def step_matrix(simulation: Simulation) -> sp.csc_matrix:
-    """Matrix of the next step over its unknowns: free nodes, frames and compliant joints, shape (d, d).
+    """Return the matrix of the next step over its unknowns, shape (d, d).
 
-    The rows and columns of prescribed joints are left out, as the step leaves them out.
+    Unknowns are free nodes, frames and compliant joints. Rows and columns of prescribed joints are left out,
+    as in the step.
     """
     model = simulation.model
     state = model.rest_state()
@@ -121,11 +120,11 @@ class Factorisation:
         self.prepare()
 
     def prepare(self) -> None:
-        """Take the matrix of the state that the simulation is in now."""
+        """Take the matrix of the simulation's present state."""
         self._matrix = step_matrix(self._simulation)
 
     def run(self) -> None:
-        """Factor it."""
+        """Factorise it."""
         factorised(self._matrix)
 
 
@@ -138,7 +137,7 @@ def measure(cases: Sequence[Case], paths: Sequence[Path], rounds: int) -> list[R
         rounds: Turns of each.
 
     Returns:
-        One record a case and path, not judged yet; inverse control needs daqp and the Numba path.
+        One record per case and path, not judged yet; inverse control needs daqp and the Numba path.
     """
     contenders: list[Contender] = []
     sizes: dict[str, tuple[int, int]] = {}

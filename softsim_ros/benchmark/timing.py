@@ -1,4 +1,4 @@
-"""Times of things that are compared, taken in turns: a slow moment of the machine hits all of them."""
+"""Time several functions in turns, so that a slow moment of the machine affects all of them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 
 
 def nothing() -> None:
@@ -19,13 +19,13 @@ def nothing() -> None:
 
 @dataclass(frozen=True)
 class Contender:
-    """Something whose time is taken.
+    """A function to time.
 
     Attributes:
         name: Key of its times in the result.
-        call: What is timed, once a sample.
-        calls: Samples a turn.
-        prepare: Done before each turn, not timed.
+        call: Timed function, called once per sample.
+        calls: Samples per turn.
+        prepare: Called before each turn, not timed.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Contender:
 
 @contextmanager
 def no_garbage_collection() -> Iterator[None]:
-    """The garbage collector runs on entry and then not before exit."""
+    """Run the garbage collector on entry, and disable it until exit."""
     gc.collect()
     was_on = gc.isenabled()
     gc.disable()

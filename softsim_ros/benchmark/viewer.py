@@ -1,4 +1,4 @@
-"""What the web viewer costs: processor time of its process, and the simulator's step time with it."""
+"""Measure the cost of the web viewer: its processor time, and the simulator's step time with it."""
 
 from __future__ import annotations
 
@@ -18,12 +18,9 @@ from typing import IO, Final
 
 import numpy as np
 
-from softsim_core.base.files import open_in_place, write_file
-from softsim_core.base.processes import python_command, start_process
-from softsim_core.base.values import Placement
-from softsim_core.physics.mesh import SurfaceMesh, read_surface
-from softsim_core.physics.mesh.readers import write_surface
-from softsim_core.scene.io.files import config_file, find_config
+from softsim_core.base import Placement, open_in_place, python_command, start_process, write_file
+from softsim_core.physics.mesh import SurfaceMesh, read_surface, write_surface
+from softsim_core.scene.io import config_file, find_config
 from softsim_ros.benchmark.process import (
     NODE_MODULE,
     Listener,
@@ -34,11 +31,11 @@ from softsim_ros.benchmark.process import (
 )
 
 ROBOT: Final = "tripod"
-"""Name of the robot that is watched, and its namespace."""
+"""Name of the simulated robot, and its namespace."""
 
 VIEWER_MODULE: Final = "softsim_ros.nodes.viewer.viewer_node"
 CORE_SHARE_LIMIT: Final = 0.10
-"""Largest share of a core that the viewer may need with one browser at 30 frames per second."""
+"""Largest fraction of a core that the viewer may need with one browser at 30 frames per second."""
 
 STEP_GROWTH_LIMIT: Final = 0.05
 """Largest growth of the simulator's processor time per step while a browser watches."""
@@ -52,7 +49,7 @@ QUANTITIES: Final = {
     "step_ms": "wall time of a step",
     "publishing_ms": "wall time of publishing",
 }
-"""What is compared, by its name in the simulator's diagnostics; wall time holds what other programs take."""
+"""Compared quantities, by name in the simulator's diagnostics; wall time includes other programs."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ class Growth:
     """A mean over each second, without and with viewer and browser.
 
     Attributes:
-        alone, watched: One value a second in [ms], at least one each.
+        alone, watched: One value per second in [ms], at least one each.
     """
 
     alone: Sequence[float]
@@ -68,16 +65,16 @@ class Growth:
 
     @property
     def of_median(self) -> float:
-        """Share by which the median second grew."""
+        """Relative growth of the median second."""
         return median(self.watched) / median(self.alone) - 1.0
 
     @property
     def of_quietest(self) -> float:
-        """Share by which the smallest value grew."""
+        """Relative growth of the smallest value."""
         return min(self.watched) / min(self.alone) - 1.0
 
     def line(self) -> str:
-        """What a person reads."""
+        """Return the values as text."""
         return (
             f"median {median(self.alone):.3f} and {median(self.watched):.3f} ms "
             f"({100.0 * self.of_median:+.1f} %), "
@@ -88,14 +85,14 @@ class Growth:
 
 @dataclass(frozen=True)
 class ViewerFigures:
-    """What was measured.
+    """Results of the measurement.
 
     Attributes:
         vertices: Vertices of the visible surface.
         core_share: Processor time of the viewer over wall time, [-].
-        megabytes_s: What one browser received, in [MB/s].
+        megabytes_s: Data rate to one browser, in [MB/s].
         memory_mb: Resident memory of the viewer in [MB].
-        steps: Of each quantity of a step by its name in `QUANTITIES`.
+        steps: Growth of each quantity of a step by its name in `QUANTITIES`.
     """
 
     vertices: int
@@ -106,7 +103,7 @@ class ViewerFigures:
 
     @property
     def growth(self) -> float:
-        """Share by which the processor time of a step grew."""
+        """Relative growth of the processor time of a step."""
         return self.steps["cpu_ms_per_step"].of_median
 
     @property
@@ -115,7 +112,7 @@ class ViewerFigures:
         return self.core_share > CORE_SHARE_LIMIT or self.growth > STEP_GROWTH_LIMIT
 
     def lines(self) -> list[str]:
-        """What a person reads."""
+        """Return the figures as text."""
         return [
             f"viewer, {self.vertices} vertices at 30 Hz, one browser: "
             f"{100.0 * self.core_share:.1f} % of a core (limit {100.0 * CORE_SHARE_LIMIT:.0f}), "
@@ -127,7 +124,7 @@ class ViewerFigures:
 
 
 def subdivided(surface: SurfaceMesh) -> SurfaceMesh:
-    """Each triangle cut into four at the middles of its edges."""
+    """Return the surface with each triangle divided into four at the midpoints of its edges."""
     triangles = surface.triangles
     edges = np.sort(
         np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
@@ -144,7 +141,7 @@ def measure_viewer(seconds: float = 6.0) -> ViewerFigures:
     """Run the Tripod on the mid mesh with a visible surface of 2400 vertices, alone and watched in turn.
 
     Args:
-        seconds: How long each turn is measured, in [s].
+        seconds: Duration of each turn in [s].
 
     Raises:
         ProcessError: a process did not run.
@@ -196,8 +193,8 @@ def _start(module: str, log: IO[str], environment: dict[str, str], *settings: st
 
 
 def _steps(listener: Listener, seconds: float) -> list[dict[str, float]]:
-    """The simulator's diagnostics, one per second, over some seconds from now."""
-    first = len(listener.reports) + 1  # the next report still tells of the time before
+    """Return the simulator's diagnostics, one per second, over some seconds from now."""
+    first = len(listener.reports) + 1  # the next report still covers the time before
     threading.Event().wait(seconds)
     return list(listener.reports[first:])
 
@@ -209,7 +206,7 @@ def _watch_once(
     environment: dict[str, str],
     seconds: float,
 ) -> tuple[float, float, float]:
-    """Share of a core, MB/s to the browser, and memory in [MB] of a viewer with one browser."""
+    """Return fraction of a core, MB/s to the browser, and memory in [MB] of a viewer with one browser."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -229,13 +226,13 @@ def _watch_once(
 
 
 def processor_s(pid: int) -> float:
-    """Processor time that a process has used, in [s]."""
+    """Return the processor time that a process has used, in [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 class Browser:
-    """Stands at the browser's end of the connection and counts what comes; draws nothing."""
+    """The browser's end of the connection; it counts received data and draws nothing."""
 
     def __init__(self, port: int) -> None:
         self._port, self.received = port, 0
@@ -244,10 +241,10 @@ class Browser:
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
 
     def start(self, within_s: float = 30.0) -> None:
-        """Connect; waits until the server is there.
+        """Connect, and wait until the server is available.
 
         Raises:
-            ProcessError: it did not come.
+            ProcessError: it did not start in time.
         """
         self._thread.start()
         if not self._connected.wait(within_s):

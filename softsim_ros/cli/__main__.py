@@ -2,7 +2,7 @@
 
 import sys
 
-from softsim_ros.cli.app import main
+from softsim_ros.cli.app import run_command
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_command())

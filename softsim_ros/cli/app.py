@@ -1,4 +1,4 @@
-"""The `softsim` program: finds the subcommand, sets the environment, runs it, reports errors."""
+"""The `softsim` program: find the subcommand, set the environment, run it, report errors."""
 
 from __future__ import annotations
 
@@ -9,11 +9,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from softsim_core import __version__
-from softsim_core.base.errors import SoftSimError
-from softsim_core.base.extras import install_command
-from softsim_core.base.names import known_names, nearest
-from softsim_node.ending import ending
-from softsim_node.environment import check_ros_variables, prepare_environment
+from softsim_core.base import SoftSimError, install_command, known_names, nearest
+from softsim_node import check_ros_variables, ending, prepare_environment
 from softsim_ros.cli.command import Colours, Command, Parser
 from softsim_ros.cli.completion import ASKED, complete
 
@@ -42,7 +39,7 @@ BROUGHT_BY: Final[Mapping[str, str]] = {
     "pydrake": "peers",
     "pytest": "test",
 }
-"""The extra that brings a module, by the module's first name."""
+"""The extra that installs a module, by the module's first name."""
 
 _WHERE: Final = {
     "ros": ", which exists for x86-64 Linux; elsewhere take a ROS 2 Jazzy of the system",
@@ -51,7 +48,7 @@ _WHERE: Final = {
 
 
 def what_is_missing(error: ImportError) -> str | None:
-    """Return which package is missing and how to install it, or None where no extra brings it."""
+    """Return which package is missing and how to install it, or None if no extra installs it."""
     module = (error.name or "").partition(".")[0]
     extra = BROUGHT_BY.get(module)
     if extra is None:
@@ -129,7 +126,7 @@ GROUPS = {
     "a real board": ("flash", "calibrate-servos"),
     "this suite": ("bench", "test", "completion"),
 }
-"""Commands as the overview shows them; what is in none comes last."""
+"""Commands in the order of the overview; commands in no group come last."""
 
 EXIT_CODES = {
     0: "done",
@@ -152,7 +149,7 @@ def _groups() -> dict[str, tuple[str, ...]]:
 
 
 def _overview(whole: bool) -> str:
-    """What `softsim` says of itself: a newcomer's commands, the names of the others; or a line on each."""
+    """Return the help of `softsim`: commands for newcomers and names of the others; or a line on each."""
     colour, width = Colours(sys.stdout), max(map(len, COMMANDS))
     (first, newcomers), *others = _groups().items()
 
@@ -185,7 +182,7 @@ def _dispatch(words: Sequence[str]) -> int:
         print(f"softsim {__version__}")
         return 0
     if name not in COMMANDS:
-        from softsim_core.scene.io.files import known_scenes
+        from softsim_core.scene.io import known_scenes
 
         near = known_names(name, COMMANDS, "known commands:", lists_all="softsim --help")
         if scene := next(iter(nearest(name, known_scenes())), ""):
@@ -207,7 +204,7 @@ def _dispatch(words: Sequence[str]) -> int:
     return int(module.run(arguments))
 
 
-def main(words: Sequence[str] | None = None) -> int:
+def run_command(words: Sequence[str] | None = None) -> int:
     """Run the `softsim` command.
 
     Args:
@@ -225,7 +222,7 @@ def main(words: Sequence[str] | None = None) -> int:
     except SoftSimError as error:
         print(f"{Colours(sys.stderr)('red', 'softsim:')} {error}", file=sys.stderr)
         code = 1
-    except ModuleNotFoundError as error:  # of a package that only an extra brings
+    except ModuleNotFoundError as error:  # of a package that only an extra installs
         sentence = what_is_missing(error)
         if sentence is None:
             raise

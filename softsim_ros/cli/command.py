@@ -1,4 +1,4 @@
-"""A subcommand of `softsim`: where it is, what it is for, its parser, colours of its output."""
+"""A subcommand of `softsim`: its module, its help, its parser, and colours of its output."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, Final, NamedTuple, TextIO
 
-from softsim_core.base.names import did_you_mean, one_of
+from softsim_core.base import did_you_mean, one_of
 
 _CODES: Final = {"bold": "1", "red": "31", "green": "32", "yellow": "33"}
 
@@ -17,10 +17,10 @@ _CODES: Final = {"bold": "1", "red": "31", "green": "32", "yellow": "33"}
 class Colours:
     """Colours text for one stream, or leaves it as it is.
 
-    It does where the stream is a terminal that has colours, and the environment variable NO_COLOR is not set.
+    It colours if the stream is a terminal with colours and the environment variable NO_COLOR is not set.
 
     Args:
-        stream: Where the text will be written.
+        stream: Stream to which the text will be written.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -28,15 +28,15 @@ class Colours:
         self._on = not plain and stream.isatty()
 
     def __call__(self, colour: str, text: str) -> str:
-        """The text in a colour: bold, red, green or yellow."""
+        """Return the text in a colour: bold, red, green or yellow."""
         return f"\x1b[{_CODES[colour]}m{text}\x1b[0m" if self._on else text
 
 
 class Parser(argparse.ArgumentParser):
-    """An argparse parser whose refusals propose the nearest option or value."""
+    """An argparse parser with error messages that propose the nearest option or value."""
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
-        """As argparse's, but an unknown option is answered with the nearest known ones."""
+        """Parse as argparse does, but propose the nearest known options for an unknown one."""
         arguments, rest = self.parse_known_args(args, namespace)
         if rest:
             options = [option for option in self._option_string_actions if option.startswith("--")]
@@ -56,8 +56,8 @@ class Command(NamedTuple):
     Attributes:
         module: Name of the module in this package.
         help: One line for `softsim --help`.
-        uses_ros: It imports rclpy, which some variables of the environment would end.
-        passes_on: Arguments it does not know are left to it in `arguments.rest`.
+        uses_ros: Whether it imports rclpy, which some environment variables would make fail.
+        passes_on: Whether unknown arguments are passed to it in `arguments.rest`.
     """
 
     module: str
@@ -66,5 +66,5 @@ class Command(NamedTuple):
     uses_ros: bool = False
 
     def imported(self) -> ModuleType:
-        """Its module."""
+        """Import and return its module."""
         return importlib.import_module(f"{__package__}.{self.module}")

@@ -1,4 +1,4 @@
-"""`softsim completion SHELL`: what makes Tab complete commands, options, robots and materials."""
+"""`softsim completion SHELL`: code with which Tab completes commands, options, robots and materials."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
-from softsim_core.base.extras import install_command
+from softsim_core.base import install_command
 from softsim_ros.cli.command import Command, Parser
 
 SHELLS: Final = ("bash", "zsh", "fish")
@@ -18,7 +18,7 @@ LINES: Final = {
     "fish": "softsim completion fish > ~/.config/fish/completions/softsim.fish",
 }
 ASKED: Final = "_ARGCOMPLETE"
-"""A shell that asks for completions sets this variable."""
+"""Variable that a shell sets when it asks for completions."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -43,10 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def complete(commands: Mapping[str, Command]) -> None:
-    """Answer a shell that asks how its line may go on, and end the process.
+    """Answer a shell's request for completions, and end the process.
 
     Args:
-        commands: All, by name.
+        commands: All commands, by name.
     """
     import argcomplete
 
@@ -73,25 +73,25 @@ def _completer(names: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
 
 
 def _scenes() -> Iterable[str]:
-    from softsim_core.scene.io.files import known_scenes
+    from softsim_core.scene.io import known_scenes
 
     return known_scenes()
 
 
 def _nodes() -> Iterable[str]:
-    from softsim_ros.cli.running.nodes import NODES
+    from softsim_ros.cli.running import NODES
 
     return NODES
 
 
 def _materials() -> Iterable[str]:
-    from softsim_core.physics.fem.materials.elastomers import elastomer_names
+    from softsim_core.physics.fem.materials import elastomer_names
 
     return elastomer_names()
 
 
 def _data_sets() -> Iterable[str]:
-    from softsim_core.lab.identification.files import known_data_sets
+    from softsim_core.lab.identification import known_data_sets
 
     return known_data_sets()
 
@@ -104,4 +104,4 @@ _NAMES: Final[dict[tuple[str, str], Callable[[], Iterable[str]]]] = {
     ("validate", "data_set"): _data_sets,
     ("calibrate", "calibration"): _data_sets,
 }
-"""What an argument's names are: by command (empty: of any) and argument."""
+"""Functions that list the values of an argument, by command (empty: of any) and argument."""

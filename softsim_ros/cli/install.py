@@ -1,7 +1,7 @@
-"""Makes the Python environment of a checkout; ./softsim runs it with any Python 3.10 to 3.13.
+"""Create the Python environment of a checkout; ./softsim runs this with any Python 3.10 to 3.13.
 
-Safe to interrupt (the next start begins again), safe to start twice (the second waits for the first), and it
-shows what it is doing: a line per stage, with a moving last line in a terminal.
+It can be interrupted (the next start begins again) and started twice (the second process waits for the
+first). It shows what it is doing: a line per stage, with a moving last line in a terminal.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from pathlib import Path
 
 NEEDED_BYTES = 1_500_000_000  # measured: 1.1 GB on disk, and the wheels pass through a cache
 TAIL_LINES, TAIL_COLUMNS = 15, 200
-BEAT_S = 0.2  # of the moving line in a terminal
-QUIET_BEAT_S = 15.0  # between lines where there is no terminal
+BEAT_S = 0.2  # period of the moving line in a terminal
+QUIET_BEAT_S = 15.0  # period of lines without a terminal
 EXIT_INTERRUPTED = 130
 
-CAUSES = (  # what an installer's log says -> what a person can do
+CAUSES = (  # pattern in an installer's log -> advice to the user
     (
         r"Hash mismatch|DO NOT MATCH THE HASHES|--require-hashes mode|Hash-checking is required",
         "a package came damaged or is not the one that requirements.lock describes, and was not installed; "
@@ -59,7 +59,7 @@ CAUSES = (  # what an installer's log says -> what a person can do
 
 
 HOPELESS = 4
-"""After a failure for one of the first so many causes, another installer fails as well."""
+"""Number of causes, from the first one on, after which another installer would fail as well."""
 
 OF_UV = {  # option of pip -> variable of uv
     "index-url": "UV_DEFAULT_INDEX",
@@ -78,14 +78,15 @@ LOCKED = re.compile(r"^([a-z0-9._-]+)==.*(?:\n[ \t]+.*)*\n", re.MULTILINE)
 TOTAL_STAGES = 5
 
 WITHOUT_UV = "SOFTSIM_WITHOUT_UV"
-"""Set to 1, pip installs, also where uv could be fetched."""
+"""Variable that, set to 1, selects pip even if uv could be fetched."""
 
 
 class InstallError(RuntimeError):
-    """The environment could not be made; the text says why and what to do.
+    """The environment could not be created; the text says why and what to do.
 
     Attributes:
-        is_hopeless: Another installer would fail, too: no network, no room, no right to write.
+        is_hopeless: Whether another installer would fail, too: no network, no disk space, no write
+            permission.
     """
 
     def __init__(self, sentence: str, is_hopeless: bool = True) -> None:
@@ -94,7 +95,7 @@ class InstallError(RuntimeError):
 
 
 def ros_wheels_fit() -> str | None:
-    """None where the pip wheels of ROS 2 run on this machine, else why they do not."""
+    """Return None if the pip wheels of ROS 2 run on this machine, else why they do not."""
     system, machine = platform.system(), platform.machine()
     if (system, machine) != ("Linux", "x86_64"):
         return f"they exist for x86-64 Linux only, and this is {system} on {machine}"
@@ -107,7 +108,7 @@ def ros_wheels_fit() -> str | None:
 
 
 def likely_cause(log: str) -> str:
-    """One sentence on why an installer failed, from its log (its last 200 lines)."""
+    """Return one sentence on why an installer failed, from its log (its last 200 lines)."""
     number = _cause(log)
     return "see the lines above" if number is None else CAUSES[number][1]
 
@@ -121,10 +122,10 @@ def _cause(log: str) -> int | None:
 
 
 class Stages:
-    """Shows stages as they run, and keeps everything the programs print in a log file."""
+    """Shows stages as they run, and writes everything that the programs print to a log file."""
 
     def __init__(self, log: Path, total: int) -> None:
-        """`total` stages will be shown; `log` is made anew."""
+        """Show `total` stages; create `log` anew."""
         self.log, self.total, self.number = log, total, 0
         self.terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
         self.log.write_text("", encoding="utf-8")
@@ -132,12 +133,12 @@ class Stages:
     def run(
         self, title: str, command: Sequence[str | Path], variables: Mapping[str, str] | None = None
     ) -> None:
-        """Run one program to its end, with more variables in its environment.
+        """Run one program to its end, with additional environment variables.
 
-        It runs beside the log: the current folder may be anybody's.
+        It runs in the folder of the log, because the current folder may contain foreign files.
 
         Raises:
-            InstallError: it failed; the message carries the likely cause and the log's place.
+            InstallError: it failed; the message contains the likely cause and the path of the log.
         """
         self.number += 1
         head = f"[{self.number}/{self.total}] {title}"
@@ -192,7 +193,7 @@ class Stages:
                 )
 
     def _newest(self) -> str:
-        """Last line of the log, short enough for one line of the terminal."""
+        """Return the last line of the log, short enough for one line of the terminal."""
         with self.log.open("rb") as log:
             log.seek(max(0, self.log.stat().st_size - 20_000))
             lines = log.read().decode(errors="replace").splitlines()
@@ -208,7 +209,7 @@ class Stages:
 
 
 def end(child: subprocess.Popen[bytes]) -> None:
-    """End a program that runs in its own session, and what it started."""
+    """End a program that runs in its own session, and its children."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError):
             os.killpg(child.pid, number)
@@ -221,7 +222,7 @@ def end(child: subprocess.Popen[bytes]) -> None:
 
 @contextlib.contextmanager
 def only_one(home: Path) -> Iterator[None]:
-    """Hold the folder's lock; where another process installs, say so and wait. Freed even by kill -9."""
+    """Lock the folder; if another process installs, report that and wait. Even kill -9 releases the lock."""
     with (home / "lock").open("w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -237,12 +238,12 @@ def python_program(python: str | Path, module: str) -> list[str]:
 
 
 def pip_settings(python: str | Path) -> dict[str, str]:
-    """What pip is told by its files and variables, by the name of the option; of no pip its variables."""
+    """Return the settings of pip's files and variables, by option name; without pip, of its variables."""
     done = subprocess.run(
         [*python_program(python, "pip"), "config", "list"], capture_output=True, text=True, check=False
     )
     settings: dict[str, str] = {}
-    for section in ("global", "install", ":env:"):  # the later ones win
+    for section in ("global", "install", ":env:"):  # later ones override earlier ones
         for line in done.stdout.splitlines():
             name, _, value = line.partition("=")
             if name.startswith(f"{section}."):
@@ -256,10 +257,13 @@ def pip_settings(python: str | Path) -> dict[str, str]:
 
 
 def uv_variables(pip: Mapping[str, str]) -> dict[str, str]:
-    """The variables that have uv ask the same index in the same way as pip; those of the person win."""
+    """Return variables that make uv use the same index in the same way as pip.
+
+    Variables that the user has set take precedence.
+    """
     told = {variable: " ".join(pip[option].split()) for option, variable in OF_UV.items() if pip.get(option)}
     if "UV_INDEX" in told:
-        told["UV_INDEX_STRATEGY"] = "unsafe-best-match"  # as pip: whichever index has the pinned version
+        told["UV_INDEX_STRATEGY"] = "unsafe-best-match"  # as pip does: any index that has the pinned version
     if "UV_FIND_LINKS" in told:
         told["UV_FIND_LINKS"] = told["UV_FIND_LINKS"].replace(" ", ",")
     if "HTTPS_PROXY" in told:
@@ -268,9 +272,9 @@ def uv_variables(pip: Mapping[str, str]) -> dict[str, str]:
 
 
 def uv_settings() -> dict[str, str]:
-    """Return the variables that have uv read the settings of the user or the system, and no folder's.
+    """Return variables that make uv read the settings of the user or the system, and those of no folder.
 
-    uv takes a `uv.toml` in the current folder or one above it, which may name another package index.
+    uv reads a `uv.toml` in the current folder or one above it, which may name another package index.
     """
     if os.environ.get("UV_CONFIG_FILE") or os.environ.get("UV_NO_CONFIG"):
         return {}
@@ -282,12 +286,12 @@ def uv_settings() -> dict[str, str]:
 
 
 def locked(lock: str, wanted: Callable[[str], bool]) -> str:
-    """Return the part of a lock that holds the packages with wanted names, with their versions and hashes."""
+    """Return the part of a lock file with the packages of wanted names, with their versions and hashes."""
     return "".join(found[0] for found in LOCKED.finditer(lock) if wanted(found[1]))
 
 
 def installer(python: Path, stages: Stages, of_uv: Path) -> tuple[list[str | Path], dict[str, str]] | None:
-    """Command and variables of uv: of the PATH, else fetched into the environment; None: plain pip has to do.
+    """Return command and variables of uv, from the PATH or else fetched into the environment; None: use pip.
 
     `of_uv` is the file that locks it.
 
@@ -318,14 +322,14 @@ def installer(python: Path, stages: Stages, of_uv: Path) -> tuple[list[str | Pat
 
 
 def of_file(requirements: Path) -> list[str | Path]:
-    """Return the options that install what a file lists, if each download has one of the hashes there."""
+    """Return the options that install the packages of a file, if each download has one of its hashes."""
     return ["--require-hashes", "-r", requirements]
 
 
 def make_environment(root: Path, home: Path, stages: Stages, with_ros: bool) -> None:
-    """Build `home/venv` and install the checkout at `root` into it, editable, with what it needs.
+    """Build `home/venv` and install the checkout at `root` into it, editable, with its dependencies.
 
-    Everything that is fetched has a version and a hash in `root/requirements.lock`.
+    Every download has a version and a hash in `root/requirements.lock`.
     """
     venv, lock = home / "venv", (root / "requirements.lock").read_text(encoding="utf-8")
     python = venv / "bin" / "python"
@@ -365,13 +369,13 @@ def make_environment(root: Path, home: Path, stages: Stages, with_ros: bool) -> 
 
 
 def install(root: Path, home: Path, stamp: str) -> None:
-    """Bring the environment to `stamp`; does nothing where another process has just done it.
+    """Bring the environment to `stamp`; do nothing if another process has just done it.
 
-    What fails or is interrupted while the environment is made leaves none behind; one that was only to be
-    changed is made anew by the next start.
+    If creating the environment fails or is interrupted, none is left. If changing it fails, the next start
+    creates it anew.
 
     Raises:
-        InstallError: with a sentence on what to do.
+        InstallError: with a message on what to do.
     """
     home.mkdir(parents=True, exist_ok=True)
     stamp_file, unfinished, venv = home / "stamp", home / "unfinished", home / "venv"
@@ -401,7 +405,7 @@ def install(root: Path, home: Path, stamp: str) -> None:
         stamp_file.unlink(missing_ok=True)
         try:
             make_environment(root, home, Stages(home / "install.log", TOTAL_STAGES), not missing)
-            whole = home / "stamp.new"  # a stamp is there whole or not at all, whatever happens now
+            whole = home / "stamp.new"  # written to another file first, so that a stamp is complete or absent
             whole.write_text(stamp + "\n", encoding="utf-8")
             whole.replace(stamp_file)
         except BaseException:
@@ -412,7 +416,7 @@ def install(root: Path, home: Path, stamp: str) -> None:
 
 
 def main() -> int:
-    """Entry point of the launcher; returns the exit code."""
+    """Run the launcher's entry point; return the exit code."""
     parser = argparse.ArgumentParser(description="Make the Python environment of a softsim checkout.")
     parser.add_argument("--root", type=Path, required=True, help="the checkout")
     parser.add_argument("--home", type=Path, required=True, help="folder that holds the environment")

@@ -1,4 +1,4 @@
-"""The servo bridge as a client sees it: its lifecycle state, starting and stopping to send, the e-stop."""
+"""Client of the servo bridge: its lifecycle state, starting and stopping it, the e-stop."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from softsim_ros import StateListener
 from softsim_ros.client.services import AsyncService, Done, Outcome, Request, unheeded
 from softsim_ros.client.state import BridgeState, Known
-from softsim_ros.listeners import StateListener
 
 STATES: Final[dict[int, BridgeState]] = {
     State.PRIMARY_STATE_UNCONFIGURED: "init",
@@ -20,15 +20,15 @@ STATES: Final[dict[int, BridgeState]] = {
     State.PRIMARY_STATE_ACTIVE: "comm",
     State.PRIMARY_STATE_FINALIZED: "finalized",
 }
-"""Lifecycle states by the names the robot's state machine gives them."""
+"""Lifecycle states by the names that the robot's state machine gives them."""
 
 
 class Bridge:
     """Follows `servo_bridge` by its state topics; changes its state on request.
 
     Args:
-        node: The node whose executor delivers the answers.
-        known: Where its state is kept.
+        node: The node whose executor delivers the responses.
+        known: Storage of its state.
     """
 
     def __init__(self, node: Node, known: Known) -> None:
@@ -43,14 +43,14 @@ class Bridge:
     # --- actions --------------------------------------------------------------------------------------
 
     def toggle(self, done: Done = unheeded) -> None:
-        """Start sending (opening the port first where needed), or stop it."""
+        """Start sending (opening the port first if needed), or stop it."""
         if self._known.state.bridge == "comm":
             self.stop(done)
         else:
             self.start(done)
 
     def start(self, done: Done = unheeded) -> None:
-        """Start sending to the servo board, opening its port first where needed."""
+        """Start sending to the servo board, opening its port first if needed."""
         state = self._known.state.bridge
         if self._cannot_change(done):
             return
@@ -74,11 +74,11 @@ class Bridge:
             self._end(False, f"the servo bridge is {state}; nothing was asked of it", done)
 
     def e_stop(self, done: Done = unheeded) -> None:
-        """Hold the servos still, latched."""
+        """Stop the servos where they are; the stop is latched."""
         self._stop.ask(Trigger.Request(), done)
 
     def clear_e_stop(self, done: Done = unheeded) -> None:
-        """Give the servos free again."""
+        """Clear the e-stop."""
         self._clear.ask(Trigger.Request(), done)
 
     # --- its state ------------------------------------------------------------------------------------
@@ -95,7 +95,7 @@ class Bridge:
         self._known.change(e_stopped=bool(latched))
 
     def _cannot_change(self, done: Done) -> bool:
-        """Say why no transition can be asked for, where it cannot."""
+        """Return whether no transition can be requested now; report the reason."""
         if self._change.is_busy:
             self._end(False, "the servo bridge is still changing state", done)
         elif self._known.state.bridge == "not running" or not self._change.is_there:

@@ -1,4 +1,4 @@
-"""Inverse control and the closed loop as a client sees them: switches, goal, reference, reports."""
+"""Clients of inverse control and of the closed loop: switches, goal, reference, reports."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.node import Node
 
-from softsim_core.base.units import MILLIMETRE
-from softsim_node.topics import MEASURED, NEWEST_ONLY
+from softsim_core.base import MILLIMETRE
+from softsim_node import MEASURED, NEWEST_ONLY
+from softsim_ros import StateListener
 from softsim_ros.client.services import Done, Outcome, Switch, unheeded
 from softsim_ros.client.state import (
     STALE_AFTER_S,
@@ -21,12 +22,14 @@ from softsim_ros.client.state import (
     known_effector,
     with_inverse,
 )
-from softsim_ros.listeners import StateListener
 from softsim_ros.messages import pose_stamped
 
 
 def moved_goal(state: RobotState, shift: Sequence[float], now: float) -> EffectorPose | None:
-    """The goal given from here, or else the effector's place, moved by `shift` (3,) in [m]; None: unknown."""
+    """Return the goal set by this client, or else the effector's pose, moved by `shift` (3,) in [m].
+
+    Return None if neither is known.
+    """
     start = state.goal or known_effector(state, now)
     if start is None:
         return None
@@ -35,17 +38,17 @@ def moved_goal(state: RobotState, shift: Sequence[float], now: float) -> Effecto
 
 
 def format_point(pose: EffectorPose) -> str:
-    """A position as "x 0.0 y -2.0 z 31.5", in mm."""
+    """Return a position as "x 0.0 y -2.0 z 31.5", in mm."""
     values = (round(value / MILLIMETRE, 1) + 0.0 for value in pose.position)  # + 0.0: no "-0.0"
     return " ".join(f"{axis} {value:.1f}" for axis, value in zip("xyz", values, strict=True))
 
 
 class ClosedLoop:
-    """Follows `closed_loop` of the node's namespace and gives it references by `tilt_reference`.
+    """Follows `closed_loop` of the node's namespace and sends references on `tilt_reference`.
 
     Args:
         node: The node whose executor delivers the messages.
-        known: Where its reference is kept.
+        known: Storage of its reference.
     """
 
     def __init__(self, node: Node, known: Known) -> None:
@@ -55,7 +58,7 @@ class ClosedLoop:
         self._reference = StateListener(node, "closed_loop/reference", self._on_change)
 
     def refer(self, reference: Tilt, done: Done = unheeded) -> None:
-        """Give the loop a reference; refused while it is off."""
+        """Send the loop a reference; refused while it is off."""
         if self._known.state.tilt is None:
             self._known.say("reference not given: the closed loop is off")
             done(Outcome(False, "reference not given: the closed loop is off"))
@@ -68,7 +71,7 @@ class ClosedLoop:
         done(Outcome(True, ""))
 
     def _on_change(self, _: object) -> None:
-        """References go on from the one that the loop had when it was seen to go on."""
+        """Continue from the reference that the loop had when it went on."""
         told = self._reference.value
         is_on = bool(self._enabled.value) and told is not None
         if is_on != (self._known.state.tilt is not None):
@@ -76,15 +79,15 @@ class ClosedLoop:
 
 
 class Inverse:
-    """Follows `inverse_controller` of the node's namespace and gives it goals.
+    """Follows `inverse_controller` of the node's namespace and sends it goals.
 
-    The effector is the measured one; where nobody measures it, the controller's model. Topics:
-    `effector_goal` out, and in again to see the goals of others; `effector_pose` and
-    `inverse_controller/model_pose` in.
+    The effector pose is the measured one, or that of the controller's model if nobody measures it. Published
+    topic: `effector_goal`. Subscribed topics: `effector_goal`, to see the goals of others; `effector_pose`;
+    `inverse_controller/model_pose`.
 
     Args:
         node: The node whose executor delivers the messages.
-        known: Where effector, goal and switch are kept.
+        known: Storage of effector pose, goal and switch.
     """
 
     def __init__(self, node: Node, known: Known) -> None:
@@ -103,7 +106,7 @@ class Inverse:
     # --- actions --------------------------------------------------------------------------------------
 
     def enable(self, enabled: bool, done: Done = unheeded) -> None:
-        """Switch it on or off."""
+        """Switch inverse control on or off."""
 
         def switched() -> str:
             self._known.put(with_inverse(self._known.state, enabled))
@@ -112,11 +115,11 @@ class Inverse:
         self._enable.set(enabled, done, switched)
 
     def toggle(self, done: Done = unheeded) -> None:
-        """Switch it on while it is off, and off while it is on."""
+        """Switch inverse control on if it is off, and off if it is on."""
         self.enable(self._enable.opposite(self._known.state.inverse), done)
 
     def give_goal(self, goal: EffectorPose, done: Done = unheeded) -> None:
-        """Give it a goal; nothing while it is off."""
+        """Send a goal; refused while inverse control is off."""
         if not self._known.state.inverse:
             self._end(Outcome(False, "goal not given: inverse control is off"), done)
             return
@@ -126,11 +129,11 @@ class Inverse:
         self._end(Outcome(True, ""), done)
 
     def move_goal(self, shift: Sequence[float], done: Done = unheeded) -> None:
-        """Move the goal; the first one is the effector's present pose, moved.
+        """Move the goal; the first goal is the effector's present pose, moved.
 
         Args:
-            shift: How far along world x, y, z in [m].
-            done: Called with the end.
+            shift: Shift along world x, y, z in [m].
+            done: Called with the outcome.
         """
         goal = moved_goal(self._known.state, shift, time.monotonic())
         if goal is None:
@@ -144,14 +147,14 @@ class Inverse:
             self._known.say(end.sentence)
         done(end)
 
-    # --- what it does ---------------------------------------------------------------------------------
+    # --- its state ------------------------------------------------------------------------------------
 
     def poll(self, now: float) -> None:
         """Give up calls that have waited too long; `now` is a steady clock in [s]."""
         self._enable.expire(now)
 
     def take_sentence(self, sentence: str) -> None:
-        """Take how the controller fares; after somebody else's switch it is said."""
+        """Store the controller's report; report it to the user after a switch by somebody else."""
         if self._tells_why and sentence:
             self._tells_why = False
             self._known.say(sentence)

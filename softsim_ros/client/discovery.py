@@ -1,4 +1,4 @@
-"""Which robots run: the namespaces in which a simulator or a servo bridge lives, and what lives there."""
+"""Find running robots: namespaces with a simulator or a servo bridge, and the robots in them."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-from softsim_core.base.errors import SoftSimError, listing
-from softsim_node.ending import ending
+from softsim_core.base import SoftSimError, listing
+from softsim_node import ending
 
 PEERS = ("simulator", "servo_bridge")
 
 FIRST_WITHIN_S: Final = 4.0
-"""Longest wait for the first sign of a robot in [s]; announcements come again after 3 s."""
+"""Longest wait for the first sign of a robot in [s]; announcements repeat after 3 s."""
 
 OTHERS_S: Final = 3.2
-"""How long in [s] another robot may stay unseen after the one before: announcements come again after 3 s."""
+"""Longest time in [s] between the discoveries of two robots; announcements repeat after 3 s."""
 
 ANSWER_S: Final = 2.0
-"""Longest wait in [s] for a node to say which robot it has."""
+"""Longest wait in [s] for a node's answer about its robot."""
 
 _TURN_S: Final = 0.05
 
 
 class RobotChoiceError(SoftSimError):
-    """Several robots run, and nothing says which one is meant."""
+    """Several robots run, and none was chosen."""
 
 
 class RunningRobot(NamedTuple):
-    """A robot that runs: name or file of its simulator's or bridge's parameter `robot`, and its namespace.
+    """A running robot: name or file from the parameter `robot` of its simulator or bridge, and its namespace.
 
-    The name is empty where no node answered and the namespace is "/", which names no robot.
+    The name is empty if no node answered and the namespace is "/", which names no robot.
     """
 
     robot: str
@@ -43,14 +43,14 @@ class RunningRobot(NamedTuple):
 
 
 def running_robots(node: Node) -> list[str]:
-    """Namespaces of the robots that `node` has discovered, such as "/tripod", sorted."""
+    """Return the namespaces of the robots that `node` has discovered, such as "/tripod", sorted."""
     return sorted({space for name, space in node.get_node_names_and_namespaces() if name in PEERS})
 
 
 def running_robot(
     namespace: str | None = None, domain: int | None = None, within_s: float = FIRST_WITHIN_S
 ) -> RunningRobot | None:
-    """The robot that runs; None: there is none.
+    """Return the running robot, or None if there is none.
 
     Args:
         namespace: Where to look; None: anywhere.
@@ -81,7 +81,7 @@ def running_robot(
 def _settled(
     node: Node, executor: SingleThreadedExecutor, namespace: str | None, within_s: float
 ) -> list[str]:
-    """The namespaces of robots once no more appear; the one that is named is waited for alone."""
+    """Return the namespaces of robots once no more appear; for a named one, wait for it alone."""
     wanted = None if namespace is None else f"/{namespace.strip('/')}"
     found: list[str] = []
     began = changed = time.monotonic()
@@ -96,7 +96,7 @@ def _settled(
 
 
 def _robot_in(node: Node, executor: SingleThreadedExecutor, space: str) -> str:
-    """What the parameter `robot` of a simulator or bridge there says; empty without an answer."""
+    """Return the parameter `robot` of a simulator or bridge there; an empty string without an answer."""
     names = {name for name, each in node.get_node_names_and_namespaces() if each == space}
     for peer in PEERS:
         if peer not in names:

@@ -1,4 +1,4 @@
-"""The joints as a client sees them: positions, requests, limits, commands and trajectories."""
+"""Client of the joints: positions, requests, limits, commands and trajectories."""
 
 from __future__ import annotations
 
@@ -15,12 +15,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from softsim_core.base.errors import CommandError, listing
-from softsim_core.base.units import Unit
-from softsim_core.physics.mechanics.limits import JointLimits, check_command
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.topics import MEASURED, NEWEST_ONLY
+from softsim_core.base import CommandError, Unit, listing
+from softsim_core.physics.mechanics import JointLimits, check_command
+from softsim_core.scene import JointDescription, RobotDescription
+from softsim_node import MEASURED, NEWEST_ONLY
 from softsim_ros.client.services import Done, Outcome, unheeded
 from softsim_ros.client.state import (
     REACHED,
@@ -41,7 +39,10 @@ INVERSE_OWNS = "nothing moved: inverse control drives the joints; press its key 
 
 @dataclass(frozen=True, slots=True)
 class StepJoints:
-    """Move some joints `by` [rad] or [m] from their last commands, or from where something else put them."""
+    """Request to move some joints `by` [rad] or [m].
+
+    They move from their last commands, or from where something else has moved them since.
+    """
 
     joints: tuple[str, ...]
     by: float
@@ -49,14 +50,14 @@ class StepJoints:
 
 @dataclass(frozen=True, slots=True)
 class GoToPose:
-    """Move all joints to a named pose."""
+    """Request to move all joints to a named pose."""
 
     pose: str
 
 
 @dataclass(frozen=True, slots=True)
 class MoveJoint:
-    """Move one joint to a position in [rad] or [m]."""
+    """Request to move one joint to a position in [rad] or [m]."""
 
     joint: str
     position: float
@@ -64,7 +65,7 @@ class MoveJoint:
 
 @dataclass(frozen=True, slots=True)
 class MoveAll:
-    """Move all joints to positions in [rad] or [m], joint order."""
+    """Request to move all joints to positions in [rad] or [m], in joint order."""
 
     positions: tuple[float, ...]
 
@@ -73,7 +74,7 @@ Wish: TypeAlias = StepJoints | GoToPose | MoveJoint | MoveAll
 
 
 class Decision(NamedTuple):
-    """What comes of a wish: the state after it, a sentence, and the command (None: nothing moves)."""
+    """Result of a request: the state after it, a message, and the command (None: nothing moves)."""
 
     state: RobotState
     sentence: str
@@ -81,12 +82,12 @@ class Decision(NamedTuple):
 
 
 def decide(state: RobotState, robot: RobotDescription, wish: Wish, now: float) -> Decision:
-    """What to command for a wish; joints that it does not name hold.
+    """Return what to command for a request; joints that it does not name stay.
 
     Args:
-        state: What is known before.
+        state: State before the request.
         robot: Joints, limits, poses.
-        wish: Where joints shall go; beyond an enforced limit they go to the limit.
+        wish: Requested motion; positions beyond an enforced limit are clamped to it.
         now: Steady clock in [s].
     """
     refusal = unknown_name(robot, wish) or refusal_to_move(state, now)
@@ -114,7 +115,7 @@ def decide(state: RobotState, robot: RobotDescription, wish: Wish, now: float) -
 
 
 def refusal_to_move(state: RobotState, now: float) -> str:
-    """Why no joint may be commanded at `now` in [s]; empty: they may."""
+    """Return why no joint may be commanded at `now` in [s]; an empty string if commands are allowed."""
     if state.measured is None:
         return "nothing moved: no joint_states received yet; is the simulator running?"
     if not state.is_fresh(now):
@@ -129,7 +130,7 @@ def refusal_to_move(state: RobotState, now: float) -> str:
 
 
 def unknown_name(robot: RobotDescription, wish: Wish) -> str:
-    """A sentence about a joint or pose that the robot does not have; empty: it has them all."""
+    """Return a message about a joint or pose that the robot does not have; an empty string if it has all."""
     if isinstance(wish, GoToPose):
         what, unknown, known = "pose", {wish.pose} - robot.poses.keys(), tuple(robot.poses)
     elif isinstance(wish, MoveAll):
@@ -162,7 +163,10 @@ def _command(
 def _limited(
     state: RobotState, robot: RobotDescription, wanted: Sequence[float], moved: Sequence[str]
 ) -> tuple[tuple[float, ...], list[str]]:
-    """The wanted positions, within enforced limits, and a note for each moved joint that stops there."""
+    """Return the requested positions, clamped to enforced limits.
+
+    Also return a note for each moved joint that stops at a limit.
+    """
     if not enforces_limits(state, robot):
         return tuple(wanted), []
     values = tuple(joint.limits.clamp(value) for joint, value in zip(robot.joints, wanted, strict=True))
@@ -179,37 +183,37 @@ def _limit_name(limits: JointLimits, value: float) -> str:
 
 
 def format_position(joint: JointDescription, position: float) -> str:
-    """A joint position for a person: "-1.4965 rad (-85.7 deg)" or "0.0123 m (12.3 mm)"."""
+    """Return a joint position as text: "-1.4965 rad (-85.7 deg)" or "0.0123 m (12.3 mm)"."""
     return _told(position, joint.units.position)
 
 
 def format_command(joint: JointDescription, command: float) -> str:
-    """A command for a person: as a position, or "2000 Pa (2.0 kPa)"."""
+    """Return a command as text: as a position, or "2000 Pa (2.0 kPa)"."""
     return _told(command, joint.units.command)
 
 
 def _told(value: float, unit: Unit) -> str:
-    value = round(value, 3 - round(math.log10(unit.step))) + 0.0  # no traces of rounding, no -0
+    value = round(value, 3 - round(math.log10(unit.step))) + 0.0  # no rounding errors, no -0
     digits = f"{value:.4f}" if unit.si in ("rad", "m") else f"{value:.4g}"
     return f"{digits} {unit.si} ({value * unit.per_si:.1f} {unit.shown})"
 
 
 HOLD_INTERVAL_S: Final = 0.2
-"""On a robot without simulator the newest command is repeated after this long, in [s]."""
+"""Period in [s] at which the newest command is repeated on a robot without simulator."""
 
 
 class Joints:
     """Follows and commands the joints of the node's namespace.
 
-    Topics: `position_controller/commands` out, and in again to see the commands of others;
-    `joint_trajectory` out; `joint_states` in, or, on a robot without simulator, `applied_joint_states` of the
-    bridge, and then the newest command is repeated so that the bridge does not rest;
-    `emulated_board/pulse_widths` in.
+    Published topics: `position_controller/commands`, `joint_trajectory`. Subscribed topics:
+    `position_controller/commands`, to see the commands of others; `joint_states`, or `applied_joint_states`
+    of the bridge on a robot without simulator; `emulated_board/pulse_widths`. Without simulator the newest
+    command is repeated, since the bridge goes to rest when commands stop.
 
     Args:
         node: The node whose executor delivers the messages.
-        known: Where the positions are kept.
-        simulated: Whether a simulator has been found.
+        known: Storage of the positions.
+        simulated: Returns whether a simulator has been found.
     """
 
     def __init__(self, node: Node, known: Known, simulated: Callable[[], bool]) -> None:
@@ -229,23 +233,23 @@ class Joints:
     # --- actions --------------------------------------------------------------------------------------
 
     def step(self, joints: Sequence[str], by: float, done: Done = unheeded) -> None:
-        """Move joints `by` [rad] or [m] from where they are; the others hold."""
+        """Move joints `by` [rad] or [m] from where they are; the others stay."""
         self.obey(StepJoints(tuple(joints), by), done)
 
     def move(self, joint: str, position: float, done: Done = unheeded) -> None:
-        """Ask a joint to a position in [rad] or [m]; the others hold."""
+        """Command a joint to a position in [rad] or [m]; the others stay."""
         self.obey(MoveJoint(joint, position), done)
 
     def go_to(self, pose: str, done: Done = unheeded) -> None:
-        """Go to a pose of the robot's file."""
+        """Command all joints to a pose of the robot's file."""
         self.obey(GoToPose(pose), done)
 
     def command(self, positions: Sequence[float], done: Done = unheeded) -> None:
-        """Ask all joints to positions in [rad] or [m], joint order."""
+        """Command all joints to positions in [rad] or [m], in joint order."""
         self.obey(MoveAll(tuple(positions)), done)
 
     def obey(self, wish: Wish, done: Done = unheeded) -> None:
-        """Publish what a wish asks for, within the limits, and say what was done or why nothing was."""
+        """Publish the command for a request, within the limits; report what was done or why nothing was."""
         now = time.monotonic()
         decision = decide(self._known.state, self._known.robot, wish, now)
         self._known.put(decision.state)
@@ -261,12 +265,12 @@ class Joints:
         *,
         begin_s: float = 0.0,
     ) -> None:
-        """Have the simulator move joints along way points, within their limits; a command ends it.
+        """Send the simulator a trajectory of way points within the joint limits; a command ends it.
 
         Args:
             way_points: Times from the start in [s], with positions in [rad] or [m] by joint: the same joints
                 at each.
-            done: Called with the end: they were sent, or why not.
+            done: Called with the outcome: the trajectory was sent, or why not.
             begin_s: Time of the start in [s], on the clock that stamps the joint states; 0: on arrival.
         """
         refusal = self._why_not_followed(way_points)
@@ -299,45 +303,48 @@ class Joints:
 
     @property
     def are_followed(self) -> bool:
-        """Whether somebody follows trajectories."""
+        """Whether a node follows trajectories."""
         return bool(self._trajectories.get_subscription_count() > 0)
 
     def are_there(self) -> bool:
-        """Whether the joints stand at the newest command."""
+        """Return whether the joints have reached the newest command."""
         state = commandable(self._known.state, self._known.robot)
         if state.commanded is None or state.measured is None:
             return False
         return all(abs(a - b) <= REACHED for a, b in zip(state.measured, state.commanded, strict=True))
 
-    # --- what they do ---------------------------------------------------------------------------------
+    # --- their state ----------------------------------------------------------------------------------
 
     def forget(self) -> None:
-        """Another robot has begun: nothing of the old one's joints holds."""
+        """Reset the state of the joints after another robot has been loaded."""
         self._order = ((), None)
         self._known.change(measured=None, commanded=None, measured_at=-math.inf, efforts=())
 
     def expect(self, pose: str) -> None:
-        """The simulator moves the joints to a pose by itself."""
+        """Record that the simulator itself moves the joints to a pose."""
         known = self._known
         if known.state.measured is not None:
             values = tuple(known.robot.poses[pose])
             known.put(with_command(known.state, known.robot, values, time.monotonic()))
 
     def poll(self, now: float) -> None:
-        """On a bare robot, repeat our command while it is the newest: to the bridge silence is the end."""
+        """On a robot without simulator, repeat our command while it is the newest.
+
+        The bridge takes silence as the end of control.
+        """
         state = self._known.state
         own = state.commanded if state.owns_command and not state.inverse else None
         if not self._is_bare(now):
             return
         if state.bridge != "comm":
-            if state.commanded is not None:  # a new start begins where the servos are
+            if state.commanded is not None:  # a later start begins from the servos' positions
                 self._known.change(commanded=None)
         elif own is not None and now - self._held_at >= HOLD_INTERVAL_S:
             self._held_at = now
             self._publish(own)
 
     def _is_bare(self, now: float) -> bool:
-        """No simulator, and nobody measures joints: only what the bridge applied is known."""
+        """Return whether only the bridge's applied positions are known: no simulator, no measured joints."""
         return now - self._states_at > STALE_AFTER_S and not self._simulated()
 
     def _publish(self, values: Sequence[float]) -> None:

@@ -14,11 +14,10 @@ from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.node import Node
 
-from softsim_core.base.errors import SoftSimError, listing
-from softsim_core.scene import load_scene
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.environment import prepare_environment
-from softsim_node.text import sentence_of
+from softsim_core.base import SoftSimError, listing
+from softsim_core.scene import RobotDescription, load_scene
+from softsim_node import prepare_environment, sentence_of
+from softsim_ros import ClosableNode, SpinThread
 from softsim_ros.client.bridge import Bridge
 from softsim_ros.client.control import ClosedLoop, Inverse
 from softsim_ros.client.discovery import running_robot, running_robots
@@ -26,25 +25,24 @@ from softsim_ros.client.joints import Joints
 from softsim_ros.client.services import Outcome
 from softsim_ros.client.simulator import Simulator
 from softsim_ros.client.state import Known, Reports, RobotState, Watcher
-from softsim_ros.robot_node import ClosableNode, SpinThread
 
 POLL_PERIOD_S: Final = 0.1
 
 
 class RobotClient:
-    """What one can see and do of the robot in a node's namespace; nothing here waits or blocks.
+    """Client of the robot in a node's namespace; none of its methods waits or blocks.
 
-    Every action takes a last argument `done`, which is called once with its `Outcome`; every outcome and
-    every change worth a sentence goes to `say`. Methods are called from the thread that spins the node, and
-    so are `done`, `say` and watchers (`connect` sees to that for scripts).
+    Every action takes a last argument `done`, which is called once with its `Outcome`. Outcomes and important
+    changes are also reported to `say`. Methods must be called from the thread that spins the node; `done`,
+    `say` and watchers are called from it (`connect` takes care of that for scripts).
 
     Args:
-        node: The node whose executor delivers messages and answers; the client does not own it.
+        node: The node whose executor delivers messages and responses; the client does not own it.
         robot: Joints, limits and poses.
-        say: Called with sentences for the person.
+        say: Called with messages for the user.
 
     Attributes:
-        node: That node, for topics of one's own.
+        node: That node, for the user's own topics.
         joints: Commands and trajectories within the limits.
         simulator: Start, pause, steps, reset, scenes, parameters, pulls.
         bridge: Sending to the servo board, e-stop.
@@ -68,7 +66,7 @@ class RobotClient:
 
     @property
     def state(self) -> RobotState:
-        """Everything known of the robot now; never changed, only replaced."""
+        """Present state of the robot; immutable, replaced at every change."""
         return self._known.state
 
     @property
@@ -77,7 +75,7 @@ class RobotClient:
         return self._known.robot
 
     def watch(self, watcher: Watcher) -> None:
-        """Have `watcher` called with the state after every change, from the thread that spins the node."""
+        """Call `watcher` with the state after every change, from the thread that spins the node."""
         self._known.watchers.append(watcher)
 
     def begin(self, robot: RobotDescription) -> None:
@@ -86,7 +84,7 @@ class RobotClient:
         self.joints.forget()
 
     def _poll(self) -> None:
-        """Housekeeping: unanswered calls, silent nodes, a held command."""
+        """Expire unanswered calls, check for silent nodes, repeat the command where needed."""
         now = time.monotonic()
         for part in (self.joints, self.simulator, self.bridge, self.inverse):
             part.poll(now)
@@ -94,28 +92,28 @@ class RobotClient:
 
 CONNECT_WITHIN_S: Final = 15.0
 SIMULATOR_WITHIN_S: Final = 4.0
-"""A simulator that was not found whole within this time in [s] is taken for none: robots need none."""
+"""Time in [s] to find a complete simulator; after it the robot is taken to have none."""
 
 LOOK_PERIOD_S: Final = 0.1
 DONE_WITHIN_S: Final = 90.0
-"""An action ends within this time in [s]; the client itself gives up calls without an answer earlier."""
+"""Longest duration of an action in [s]; the client itself gives up unanswered calls earlier."""
 
 START_ONE: Final = "start one with `softsim up tripod` in another terminal"
 
 
 class ClientError(SoftSimError):
-    """The robot is not there, an action was refused, or something did not come in time."""
+    """The robot is not there, an action was refused, or something took too long."""
 
 
 class RobotSession:
-    """A RobotClient for a script, from any thread but the one that spins the node.
+    """A RobotClient for a script; use it from any thread except the one that spins the node.
 
     Args:
         client: The client.
         spinner: The thread that serves its node.
 
     Attributes:
-        client: Its actions are done with `do`.
+        client: The client; run its actions with `do`.
     """
 
     def __init__(self, client: RobotClient, spinner: SpinThread) -> None:
@@ -125,26 +123,26 @@ class RobotSession:
 
     @property
     def state(self) -> RobotState:
-        """Everything known of the robot now."""
+        """Present state of the robot."""
         return self.client.state
 
     @property
     def is_running(self) -> bool:
-        """Whether ROS still runs in this process: no signal has ended it."""
+        """Whether ROS still runs in this process, so no signal has ended it."""
         return bool(self._spinner.executor.context.ok())
 
     def do(self, action: Callable[..., None], *arguments: Any) -> str:
-        """Do something and wait for its end: `robot.do(robot.client.joints.go_to, "mid")`.
+        """Run an action and wait for its outcome: `robot.do(robot.client.joints.go_to, "mid")`.
 
         Args:
             action: A method of a part of the client that takes `done` last.
-            *arguments: What it takes before that.
+            *arguments: Its other arguments.
 
         Returns:
-            The sentence of its outcome.
+            The message of its outcome.
 
         Raises:
-            ClientError: it was refused, or has no end within DONE_WITHIN_S.
+            ClientError: it was refused, or has no outcome within DONE_WITHIN_S.
         """
         ends: list[Outcome] = []
 
@@ -156,7 +154,7 @@ class RobotSession:
         def act() -> None:
             try:
                 action(*arguments, keep)
-            except Exception as error:  # what no action takes, such as a text for a position
+            except Exception as error:  # invalid arguments, such as a text for a position
                 keep(Outcome(False, f"{action.__qualname__} {sentence_of(error)}"))
 
         self._spinner.executor.create_task(act)
@@ -171,15 +169,15 @@ class RobotSession:
     def wait_until(
         self, condition: Callable[[RobotState], object], within_s: float = 10.0, what: str = "the condition"
     ) -> RobotState:
-        """Wait until the state fulfils a condition; returns that state.
+        """Wait until the state fulfils a condition; return that state.
 
         Args:
-            condition: Looked at after each change, and every LOOK_PERIOD_S.
+            condition: Checked after each change, and every LOOK_PERIOD_S.
             within_s: Longest wait in [s].
-            what: What is waited for, in words, for the error.
+            what: Name of the condition, for the error.
 
         Raises:
-            ClientError: it did not in time.
+            ClientError: it was not fulfilled in time.
         """
         end = time.monotonic() + within_s
         with self._changed:
@@ -193,7 +191,7 @@ class RobotSession:
         raise ClientError(f"{what} did not hold within {within_s:g} s; {_words(self.state)}")
 
     def wait_until_there(self, within_s: float = 10.0) -> RobotState:
-        """Wait until the joints stand at the newest command.
+        """Wait until the joints have reached the newest command.
 
         Raises:
             ClientError: they do not in time.
@@ -222,16 +220,16 @@ def connect(
     """Connect a script to a running robot for the `with` block.
 
     Args:
-        robot: Name or path of the robot, or the robot itself; None: the one that runs.
+        robot: Name or path of the robot, or the robot itself; None: the running one.
         namespace: Where it runs; None: the robot's own name.
         domain: ROS domain; None: that of the environment.
-        say: Called with sentences for the person, such as `print`.
+        say: Called with messages for the user; may be `print`.
         within_s: Longest wait for the robot in [s].
 
     Raises:
         SoftSimError: the robot is not known.
         RobotChoiceError: `robot` is None, and several run.
-        ClientError: none runs, or no joints of it were heard in time.
+        ClientError: none runs, or no joint states arrived in time.
     """
     prepare_environment()
     if robot is None:
@@ -260,7 +258,7 @@ def connect(
 
 
 def _wait_for_robot(session: RobotSession, node: ClosableNode, within_s: float) -> None:
-    """Wait until joints are heard, and the simulator's state, services and limits, where there is one."""
+    """Wait for joint states and, if there is a simulator, for its state, services and limits."""
 
     def is_whole(state: RobotState) -> bool:
         known = state.measured is not None and bool(state.simulator) and state.enforce_limits is not None

@@ -1,4 +1,4 @@
-"""Services called without blocking, and what the robot's nodes log."""
+"""Non-blocking service calls, and the log of the robot's nodes."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
-from softsim_node.topics import EVERY_ONE, latched
+from softsim_node import EVERY_ONE, latched
 
 LENGTH: Final = 200
-"""Lines that are kept."""
+"""Largest number of stored lines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,10 +24,10 @@ class LogLine:
     """A line of the log.
 
     Attributes:
-        time_s: When it was said, in [s] since 1970.
+        time_s: Time of the message, in [s] since 1970.
         level: 10, 20, 30, 40, 50 for debug, info, warning, error, fatal.
-        source: Who says so, without the robot's namespace: "simulator", "simulator.scene".
-        text: What is said.
+        source: Name of the logger without the robot's namespace: "simulator", "simulator.scene".
+        text: The message.
     """
 
     time_s: float
@@ -37,14 +37,14 @@ class LogLine:
 
 
 class RobotLog:
-    """Follows `/rosout` for the nodes of the node's namespace, from before it listened on.
+    """Follows `/rosout` for the nodes of the node's namespace, including earlier messages.
 
     Args:
         node: The node whose executor delivers the messages.
 
     Attributes:
         lines: Newest last.
-        count: Lines there were in all.
+        count: Number of lines since the start.
     """
 
     def __init__(self, node: Node) -> None:
@@ -54,7 +54,7 @@ class RobotLog:
         node.create_subscription(Log, "/rosout", self._on_log, latched(LENGTH))
 
     def add(self, line: LogLine) -> None:
-        """Keep one more line."""
+        """Store one more line."""
         self.lines.append(line)
         self.count += 1
 
@@ -66,11 +66,11 @@ class RobotLog:
 
 
 class Warnings:
-    """Tells a person warnings and errors of the robot's other nodes, and what the scene's own code prints.
+    """Reports warnings and errors of the robot's other nodes, and lines printed by the scene's own code.
 
     Args:
         node: The node whose executor delivers the messages; its own lines are left out.
-        say: Called with one sentence.
+        say: Called with each message.
     """
 
     def __init__(self, node: Node, say: Callable[[str], None]) -> None:
@@ -86,41 +86,44 @@ class Warnings:
 
 
 def source_within(namespace: str, logger: str) -> str:
-    """A logger's name without the robot's namespace, "simulator.scene"; empty: it is not the robot's."""
+    """Return a logger's name without the robot's namespace, such as "simulator.scene".
+
+    Return an empty string if it is not the robot's.
+    """
     prefix = f"{namespace.strip('/').replace('/', '.')}.".lstrip(".")
     return logger[len(prefix) :] if logger.startswith(prefix) else ""
 
 
 ANSWER_WITHIN_S: Final = 8.0
-"""Default time in [s] until a call is given up; a port may take a few seconds to open."""
+"""Default time in [s] after which a call is given up; opening a port may take a few seconds."""
 
 Answered = Callable[[Any], None]
-"""Called with the response, or with None when the call failed or was given up."""
+"""Called with the response, or with None if the call failed or was given up."""
 
 
 class Outcome(NamedTuple):
-    """How an action ended: whether it was done, and a sentence about it."""
+    """Outcome of an action: whether it was done, and a message about it."""
 
     success: bool
     sentence: str
 
 
 Done = Callable[[Outcome], None]
-"""Called once, from the node's executor, with the end of an action."""
+"""Called once, from the node's executor, with the outcome of an action."""
 
 
 def unheeded(_: Outcome) -> None:
-    """Nobody waits for this end."""
+    """Ignore the outcome."""
 
 
 class AsyncService:
-    """One service of another node.
+    """Non-blocking client of one service.
 
     Args:
-        node: The node whose executor delivers the answers.
+        node: The node whose executor delivers the responses.
         kind: Service type.
         name: Service name, relative to the node's namespace.
-        answer_within_s: Time in [s] after which a call without an answer is given up.
+        answer_within_s: Time in [s] after which a call without a response is given up.
     """
 
     def __init__(self, node: Node, kind: Any, name: str, answer_within_s: float = ANSWER_WITHIN_S) -> None:
@@ -133,16 +136,16 @@ class AsyncService:
 
     @property
     def is_there(self) -> bool:
-        """A server has been found."""
+        """Whether a server has been found."""
         return bool(self._client.service_is_ready())
 
     @property
     def is_busy(self) -> bool:
-        """A call is under way."""
+        """Whether a call is in progress."""
         return self._future is not None
 
     def call(self, request: Any, now: float, answered: Answered) -> None:
-        """Send a request; `answered` is called later from the executor. Only while not busy."""
+        """Send a request; `answered` is called later from the executor. Call only while not busy."""
         self._called_at, self._answered = now, answered
         self._future = self._client.call_async(request)
         self._future.add_done_callback(self._on_done)
@@ -155,7 +158,7 @@ class AsyncService:
             self._finish(None)
 
     def _on_done(self, future: Future) -> None:
-        if future is self._future:  # else an answer to a call given up before
+        if future is self._future:  # otherwise a response to a call given up before
             self._finish(None if future.exception() is not None else future.result())
 
     def _finish(self, response: Any) -> None:
@@ -165,15 +168,15 @@ class AsyncService:
 
 
 class Request:
-    """A service that answers success and a sentence, and tells a person how it went.
+    """Client of a service whose response has success and message; reports the outcome to the user.
 
     Args:
-        node: The node whose executor delivers the answers.
-        kind: Service type, whose response has `success` and `message`.
+        node: The node whose executor delivers the responses.
+        kind: Service type; its response has `success` and `message`.
         name: Service name, relative to the node's namespace.
-        who: The other node in words, such as "simulator".
-        say: Called with a sentence for the person.
-        answer_within_s: Time in [s] after which a call without an answer is given up.
+        who: Name of the other node in messages, such as "simulator".
+        say: Called with messages for the user.
+        answer_within_s: Time in [s] after which a call without a response is given up.
     """
 
     def __init__(
@@ -189,12 +192,12 @@ class Request:
 
     @property
     def is_there(self) -> bool:
-        """A server has been found."""
+        """Whether a server has been found."""
         return self._service.is_there
 
     @property
     def is_busy(self) -> bool:
-        """A call is under way."""
+        """Whether a call is in progress."""
         return self._service.is_busy
 
     def expire(self, now: float) -> None:
@@ -205,9 +208,9 @@ class Request:
         """Send a request.
 
         Args:
-            request: What is sent.
-            done: Called once with the end, also where nothing could be asked.
-            on_success: Called before that; returns what is said where the answer brings no sentence.
+            request: The request.
+            done: Called once with the outcome, also if nothing could be sent.
+            on_success: Called before `done`; returns the message to use if the response has none.
         """
         service = self._service
 
@@ -236,15 +239,15 @@ class Request:
 
 
 class Switch:
-    """A service that switches something on or off, with nothing lost where a person is faster than it.
+    """Client of a service that switches something on or off; no request is lost if the user acts fast.
 
-    What is asked for during a call is sent once that has ended; of several requests only the newest.
+    Requests made during a call are sent after it; of several requests only the newest is sent.
 
     Args:
-        node: The node whose executor delivers the answers.
+        node: The node whose executor delivers the responses.
         name: Name of the SetBool service, relative to the node's namespace.
-        who: The other node in words, such as "simulator".
-        say: Called with a sentence for the person.
+        who: Name of the other node in messages, such as "simulator".
+        say: Called with messages for the user.
     """
 
     def __init__(self, node: Node, name: str, who: str, say: Callable[[str], None]) -> None:
@@ -254,12 +257,12 @@ class Switch:
 
     @property
     def is_there(self) -> bool:
-        """A server has been found."""
+        """Whether a server has been found."""
         return self._request.is_there
 
     @property
     def is_busy(self) -> bool:
-        """A call is under way."""
+        """Whether a call is in progress."""
         return self._request.is_busy
 
     def expire(self, now: float) -> None:
@@ -267,11 +270,11 @@ class Switch:
         self._request.expire(now)
 
     def opposite(self, present: bool) -> bool:
-        """What a press asks for: the opposite of what is asked for and not answered yet, or of `present`."""
+        """Return the opposite of the pending request, or of `present` if there is none."""
         return not (present if self._asked is None else self._asked)
 
     def set(self, on: bool, done: Done, on_success: Callable[[], str]) -> None:
-        """Switch it on or off; see `Request.ask` for the other arguments."""
+        """Switch on or off; see `Request.ask` for the other arguments."""
         self._asked = on
         if self._request.is_busy:
             overtaken, self._next = self._next, (on, done, on_success)

@@ -1,4 +1,4 @@
-"""The simulator as a client sees it: run, pause, reset, scenes, pulls, edits, parameters."""
+"""Client of the simulator: run, pause, reset, scenes, pulls, edits, parameters."""
 
 from __future__ import annotations
 
@@ -17,31 +17,30 @@ from sensor_msgs.msg import MultiDOFJointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from softsim_core.base.errors import SoftSimError
+from softsim_core.base import SoftSimError
 from softsim_core.scene.editing import Edit
-from softsim_node.topics import EVERY_ONE, LATCHED, NEWEST_ONLY
+from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY
+from softsim_ros import StateListener
 from softsim_ros.client.control import Inverse
 from softsim_ros.client.joints import INVERSE_OWNS, Joints
 from softsim_ros.client.services import AsyncService, Done, Outcome, Request, Switch, unheeded
 from softsim_ros.client.state import Known
-from softsim_ros.listeners import StateListener
-from softsim_ros.messages import base_target, header
-from softsim_ros.messages.scene import Proposal, read_proposal, write_edits
+from softsim_ros.messages import Proposal, base_target, header, read_proposal, write_edits
 
 POLL_PERIOD_S: Final = 1.0
 ANSWER_WITHIN_S: Final = 20.0
-"""Another scene may have to be built before a set request is answered."""
+"""Time limit in [s] of a set request; another scene may have to be built before the response."""
 
 LIMITS: Final = "enforce_limits"
-"""This parameter is always followed: commands depend on it."""
+"""Parameter that is always followed, because commands depend on it."""
 
 
 class Parameters:
     """Follows and sets parameters of `simulator` in the node's namespace.
 
     Args:
-        node: The node whose executor delivers the answers.
-        known: Where the switch of the limits is kept.
+        node: The node whose executor delivers the responses.
+        known: Storage of the switch of the limits.
     """
 
     def __init__(self, node: Node, known: Known) -> None:
@@ -59,16 +58,16 @@ class Parameters:
         self._on_values: Callable[[dict[str, Any]], None] = lambda _: None
 
     def follow(self, names: Sequence[str], on_values: Callable[[dict[str, Any]], None]) -> None:
-        """Have `on_values` called with these parameters, in SI by name, whenever they arrive."""
+        """Call `on_values` with these parameters, in SI by name, whenever they arrive."""
         self._names, self._on_values = names, on_values
 
     def set(self, name: str, value: Any, done: Done = unheeded) -> None:
-        """Set a parameter; where requests follow each other fast, the newest value wins."""
+        """Set a parameter; if requests follow quickly, only the newest value is sent."""
         self._wanted[name] = value
         self._waiting.append(done)
 
     def poll(self, now: float) -> None:
-        """Send what is wanted and ask for the values now and then; `now` is a steady clock in [s]."""
+        """Send pending values and request present ones periodically; `now` is a steady clock in [s]."""
         self._get.expire(now)
         self._set.expire(now)
         if self._wanted and not self._set.is_busy:
@@ -129,24 +128,24 @@ class Parameters:
 
 EXPIRE_PERIOD_S: Final = 1.0
 APPLIED_WITHIN_S: Final = 60.0
-"""A proposal is built within this time in [s]; its kernels may have to be compiled."""
+"""Time limit in [s] for building a proposal, since its kernels may have to be compiled."""
 
 TOLD_WITHIN_S: Final = 8.0
-"""What edits propose is told within this time in [s], or they were lost with their simulator."""
+"""Time in [s] within which the proposal after an edit must arrive; after it the edit counts as lost."""
 
 ACTIONS: Final = ("begin", "undo", "redo", "discard", "apply", "save", "copy")
-"""What can be asked for by name, see docs/edit.md."""
+"""Names of the requests, see docs/edit.md."""
 
 
 class Editing:
     """Edits the scene of `simulator` in the node's namespace.
 
     Args:
-        node: The node whose executor delivers messages and answers.
-        say: Called with sentences for the person.
+        node: The node whose executor delivers messages and responses.
+        say: Called with messages for the user.
 
     Attributes:
-        proposal: The newest that was told; None: none was.
+        proposal: The newest proposal received; None if there is none.
     """
 
     def __init__(self, node: Node, say: Callable[[str], None]) -> None:
@@ -163,20 +162,20 @@ class Editing:
 
     @property
     def is_behind(self) -> bool:
-        """Something was asked for whose outcome is not known yet: an edit made now is one of an old scene."""
+        """Whether the outcome of a request is unknown yet; an edit made now would refer to an old scene."""
         return self._untold_since is not None or any(each.is_busy for each in self._requests.values())
 
     def change(self, edits: Sequence[Edit], stroke: str = "") -> None:
-        """Propose edits, which are undone together; those in a row with the same stroke, too."""
+        """Propose edits, which are undone together, as are consecutive edits with the same stroke."""
         self._edits.publish(String(data=write_edits(edits, stroke)))
         self._untold_since = time.monotonic()
 
     def ask(self, name: str, done: Done = unheeded) -> None:
-        """Ask for one of ACTIONS."""
+        """Send one of the requests in ACTIONS."""
         self._requests[name].ask(Trigger.Request(), done)
 
     def _expire(self) -> None:
-        """Give up what has waited too long."""
+        """Give up requests that have waited too long."""
         now = time.monotonic()
         for request in self._requests.values():
             request.expire(now)
@@ -197,17 +196,17 @@ class Editing:
 
 
 RELOAD_WITHIN_S: Final = 60.0
-"""A scene is loaded anew within this time in [s]; its kernels may have to be compiled."""
+"""Time limit in [s] for reloading a scene, since its kernels may have to be compiled."""
 
 
 class Simulator:
-    """Drives `simulator` of the node's namespace; `external_wrench` and `base_target` out.
+    """Controls `simulator` of the node's namespace; publishes `external_wrench` and `base_target`.
 
     Args:
-        node: The node whose executor delivers the answers.
-        known: Where its state is kept.
+        node: The node whose executor delivers the responses.
+        known: Storage of its state.
         joints: They are expected at the start pose after the start animation.
-        inverse: Switched off before a reset: else it would drive the joints back.
+        inverse: Switched off before a reset; otherwise it would drive the joints back.
 
     Attributes:
         parameters: Its parameters.
@@ -234,7 +233,7 @@ class Simulator:
 
     @property
     def is_there(self) -> bool:
-        """Whether it has been found."""
+        """Whether the simulator has been found."""
         return self._start.is_there
 
     @property
@@ -259,7 +258,7 @@ class Simulator:
         self._start.ask(Trigger.Request(), done, started)
 
     def reset(self, done: Done = unheeded) -> None:
-        """Back to the start of the scene."""
+        """Reset the simulation to the start of the scene."""
 
         def was_reset() -> str:
             self._known.change(commanded=None)
@@ -277,7 +276,7 @@ class Simulator:
             go_on(Outcome(True, ""))
 
     def pause(self, paused: bool, done: Done = unheeded) -> None:
-        """Pause, or go on."""
+        """Pause the simulation, or continue it."""
 
         def changed() -> str:
             self._known.change(simulator="paused" if paused else "running")
@@ -286,11 +285,11 @@ class Simulator:
         self._pause.set(paused, done, changed)
 
     def toggle_pause(self, done: Done = unheeded) -> None:
-        """Pause a simulation that runs, run one that stands."""
+        """Pause a running simulation, continue a paused one."""
         self.pause(self._pause.opposite(self._known.state.stands), done)
 
     def step(self, done: Done = unheeded) -> None:
-        """One step; a running simulation is paused first."""
+        """Advance by one step; a running simulation is paused first."""
 
         def go_on(end: Outcome) -> None:
             if end.success:
@@ -306,7 +305,7 @@ class Simulator:
     # --- scene ----------------------------------------------------------------------------------------
 
     def reload(self, done: Done = unheeded) -> None:
-        """Load the scene's files anew."""
+        """Reload the scene's files."""
         self._reload.ask(Trigger.Request(), done)
 
     def choose_scene(self, name: str, done: Done = unheeded) -> None:
@@ -314,13 +313,13 @@ class Simulator:
         self._known.say(f"loading {name} ...")
         self.parameters.set("robot", name, done)
 
-    # --- hands on the body ----------------------------------------------------------------------------
+    # --- pulls and bases ------------------------------------------------------------------------------
 
     def pull(self, frame: str, force: Sequence[float]) -> None:
-        """Pull on the body; it is let go soon unless this is repeated.
+        """Pull on the body; the pull ends soon unless it is repeated.
 
         Args:
-            frame: What is pulled: `mesh_point/INDEX`, a free frame or `ROBOT_effector`.
+            frame: Place of the pull: `mesh_point/INDEX`, a free frame or `ROBOT_effector`.
             force: In world axes in [N], shape (3,).
         """
         message = WrenchStamped(header=header(self._clock.now().to_msg(), frame))
@@ -328,17 +327,17 @@ class Simulator:
         self._wrenches.publish(message)
 
     def move_base(self, joint: str, position: Sequence[float]) -> None:
-        """Have the base of a joint go to a position (3,) in [m] in the world."""
+        """Move the base of a joint to a position (3,) in [m] in the world."""
         self._bases.publish(base_target(self._clock.now().to_msg(), joint, position))
 
     def poll(self, now: float) -> None:
-        """Give up calls that have waited too long, ask for parameters; `now` is a steady clock in [s]."""
+        """Give up calls that have waited too long, request parameters; `now` is a steady clock in [s]."""
         self.parameters.poll(now)
         for service in self._services:
             service.expire(now)
 
     def _on_change(self, _: object) -> None:
-        """The simulator's state in a word; a replay stands in for a simulator that does not run."""
+        """Update the simulator's state; a replay takes the place of a simulator that does not run."""
         faulted, paused, replay = (fact.value for fact in self._facts)
         if paused is None:
             self._known.change(real_time_factor=None, enforce_limits=None, fault="", scene_error="")

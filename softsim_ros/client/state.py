@@ -1,4 +1,4 @@
-"""What a client knows of a robot: joints, goal, nodes, reports."""
+"""State of a robot as a client knows it: joints, goal, nodes, reports."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.topics import EVERY_ONE
+from softsim_core.scene import RobotDescription
+from softsim_node import EVERY_ONE
 
 STALE_AFTER_S: Final = 2.0
-"""Age in [s] from which measured positions are no longer a base for a command."""
+"""Age in [s] from which measured positions are too old to base a command on."""
 
 SETTLING_S: Final = 0.5
-"""Time in [s] a joint gets, beyond its travel at top speed, to reach a command."""
+"""Time in [s] that a joint gets, beyond its travel at top speed, to reach a command."""
 
 REACHED: Final = 0.02
-"""A joint that is this near to its command, in [rad] or [m], is there (a compliant servo sags a little)."""
+"""Largest distance from its command, in [rad] or [m], at which a joint has arrived.
+
+It is not zero because a compliant servo sags a little.
+"""
 
 _REMEMBERED_ECHOES: Final = 32
 
@@ -44,35 +47,35 @@ class Tilt(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """Everything known of a robot and its nodes.
+    """Present state of a robot and its nodes.
 
     Attributes:
         measured: Measured joint positions in [rad] or [m], joint order; None before the first message.
         measured_at: Time of the newest measurement, steady clock, in [s].
-        efforts: Torque in [N m] or force in [N] of each joint, joint order; empty: not told.
+        efforts: Torque in [N m] or force in [N] of each joint, joint order; empty: not reported.
         commanded: Newest command on the topic, whoever sent it, same shape and unit; None: unknown.
         trusted_until: Time in [s] until which the joints may still be on their way to `commanded`.
-        owns_command: `commanded` was sent from here, so it is ours to repeat where repeating is needed.
-        echoes: Own commands that have not come back on the topic yet, oldest first.
-        simulator: The simulator's state in its own word ("running", "paused", "stopped"); empty: not heard.
-        real_time_factor: Simulated seconds a wall second in [-]; None: not heard.
-        time_s: Simulated time in [s]; None: not heard.
+        owns_command: Whether this client sent `commanded` and therefore has to repeat it where needed.
+        echoes: Own commands that have not returned on the topic yet, oldest first.
+        simulator: State that the simulator reports ("running", "paused", "stopped"); empty: none received.
+        real_time_factor: Simulated seconds per wall second in [-]; None: none received.
+        time_s: Simulated time in [s]; None: none received.
         time_at: Time of that report, steady clock, in [s].
-        dt: Time step in [s]; None: not heard.
-        fault: What the simulator says is wrong; empty while nothing is.
-        scene_error: The same where a file of the scene is the cause.
-        enforce_limits: Whether the simulator keeps joint limits; None: not heard, the robot's file decides.
-        inverse: Inverse control is on, it owns the command topic.
-        inverse_note: The inverse controller's newest sentence, such as "unreachable, 3.2 mm away".
-        goal: The goal given from here; None before the first.
-        heard_goal: The newest goal on the topic while inverse control is on, whoever gave it.
-        effector: Where the effector is; None before the first message.
+        dt: Time step in [s]; None: none received.
+        fault: Fault that the simulator reports; empty if there is none.
+        scene_error: The same if a file of the scene is the cause.
+        enforce_limits: Whether the simulator enforces joint limits; None: unknown, the robot's file decides.
+        inverse: Whether inverse control is on, in which case only it may publish commands.
+        inverse_note: Newest report of the inverse controller, such as "unreachable, 3.2 mm away".
+        goal: Goal set by this client; None before the first.
+        heard_goal: The newest goal on the topic while inverse control is on, whoever sent it.
+        effector: Pose of the effector; None before the first message.
         effector_at: Time of that message, steady clock, in [s].
-        tilt: The closed loop's reference while the loop is on; None: it is not.
+        tilt: The closed loop's reference while the loop is on; None if it is off.
         bridge: State of the servo bridge.
-        e_stopped: Whether the servos are held still by the e-stop.
+        e_stopped: Whether the e-stop is latched.
         pulses_us: Pulse widths in [us] that an emulated board measures on its pins; empty: there are none.
-        pulses_at: Time of that message, steady clock, in [s]; without an emulated board there is none.
+        pulses_at: Time of that message, steady clock, in [s]; -inf without an emulated board.
     """
 
     measured: tuple[float, ...] | None = None
@@ -104,23 +107,23 @@ class RobotState:
 
     @property
     def stands(self) -> bool:
-        """The simulation makes no steps."""
+        """Whether the simulation makes no steps."""
         return self.simulator in ("paused", "stopped")
 
     @property
     def paused(self) -> bool:
-        """The simulation stands still because somebody paused it."""
+        """Whether the simulation stands still because somebody paused it."""
         return self.simulator == "paused"
 
     def is_fresh(self, now: float) -> bool:
-        """Whether the measured positions are recent enough to command from, at `now` in [s]."""
+        """Return whether the measured positions are recent enough to base a command on, at `now` in [s]."""
         return self.measured is not None and now - self.measured_at <= STALE_AFTER_S
 
 
 def with_measurement(
     state: RobotState, positions: Sequence[float], now: float, efforts: Sequence[float] = ()
 ) -> RobotState:
-    """The state after a measurement of all joints; one with a position that is not finite is not used."""
+    """Return the state after a measurement of all joints; one with a non-finite position is ignored."""
     if not all(map(math.isfinite, positions)):
         return state
     return replace(state, measured=tuple(positions), measured_at=now, efforts=tuple(efforts))
@@ -129,21 +132,21 @@ def with_measurement(
 def with_heard_command(
     state: RobotState, robot: RobotDescription, values: Sequence[float], now: float
 ) -> RobotState:
-    """The state after a command on the topic: our own changes nothing, another's becomes the newest."""
+    """Return the state after a command on the topic: our own changes nothing, another becomes the newest."""
     heard = tuple(values)
     if heard in state.echoes:
         return replace(state, echoes=state.echoes[state.echoes.index(heard) + 1 :])
     if state.owns_command and heard == state.commanded:
-        return state  # our own again: it is repeated
+        return state  # our own command, repeated
     if len(heard) != len(robot.joints) or not all(map(math.isfinite, heard)):
-        return state  # the simulator refuses it and says so
+        return state  # the simulator refuses it and reports that
     return with_command(state, robot, heard, now)
 
 
 def with_command(
     state: RobotState, robot: RobotDescription, values: tuple[float, ...], now: float, *, own: bool = False
 ) -> RobotState:
-    """The state once `values` are on their way to the joints; `own`: they will be heard back on the topic."""
+    """Return the state once `values` are commanded; with `own`, they are expected back on the topic."""
     start = commandable(state, robot).measured or values
     travel = max(
         (abs(b - a) / joint.limits.speed for a, b, joint in zip(start, values, robot.joints, strict=True)),
@@ -159,7 +162,7 @@ def with_command(
 
 
 def commandable(state: RobotState, robot: RobotDescription) -> RobotState:
-    """The state with efforts as measured where these are commanded, such as the pressure of a chamber."""
+    """Return the state with efforts as measured values where these are commanded (chamber pressures)."""
     if state.measured is None or len(state.efforts) != len(state.measured):
         return state
     values = tuple(
@@ -170,10 +173,10 @@ def commandable(state: RobotState, robot: RobotDescription) -> RobotState:
 
 
 def held_positions(state: RobotState, now: float) -> tuple[float, ...]:
-    """What to command joints that are not to move: their command, or where they are if it was overridden.
+    """Return commands for joints that are not to move.
 
-    A joint keeps its command while it may still be moving there, or stands there; otherwise something else (a
-    trajectory, a reset) moved it, and an old command must not pull it back.
+    A joint keeps its command while it may still be moving there, or has arrived. Otherwise something else (a
+    trajectory, a reset) moved it, and its present position is returned: an old command must not pull it back.
     """
     assert state.measured is not None
     if state.commanded is None:
@@ -185,17 +188,17 @@ def held_positions(state: RobotState, now: float) -> tuple[float, ...]:
 
 
 def with_inverse(state: RobotState, enabled: bool) -> RobotState:
-    """The state once inverse control is on, or off: either way the goal of before is forgotten."""
+    """Return the state once inverse control is on, or off; either way the previous goal is dropped."""
     return replace(state, inverse=enabled, goal=None, heard_goal=None, inverse_note="")
 
 
 def known_effector(state: RobotState, now: float) -> EffectorPose | None:
-    """Where the effector is at `now` [s]; None when it was not heard of lately."""
+    """Return the effector's pose at `now` [s], or None if no recent one has arrived."""
     return state.effector if now - state.effector_at <= STALE_AFTER_S else None
 
 
 def enforces_limits(state: RobotState, robot: RobotDescription) -> bool:
-    """Whether joint limits hold: as the simulator says, or before it does, as the robot's file says."""
+    """Return whether joint limits are enforced: as the simulator reports, else as the robot's file says."""
     return robot.commands.enforce_limits if state.enforce_limits is None else state.enforce_limits
 
 
@@ -208,12 +211,12 @@ class Known:
 
     Args:
         robot: Joints, limits and poses.
-        say: Called with every sentence for the person.
+        say: Called with every message for the user.
 
     Attributes:
-        robot: Another one after the simulator has loaded another scene.
-        state: Replaced whole, never changed.
-        watchers: Told of every change.
+        robot: Replaced after the simulator has loaded another scene.
+        state: Replaced as a whole, never modified.
+        watchers: Called after every change.
     """
 
     def __init__(self, robot: RobotDescription, say: Callable[[str], None]) -> None:
@@ -222,26 +225,26 @@ class Known:
         self.watchers: list[Watcher] = []
 
     def put(self, state: RobotState) -> None:
-        """Keep a newer state."""
+        """Replace the state and call the watchers."""
         if state is not self.state:
             self.state = state
             for watcher in self.watchers:
                 watcher(state)
 
     def change(self, **values: Any) -> None:
-        """Keep the state with other values of some attributes."""
+        """Replace the state by one with other values of some attributes."""
         self.put(replace(self.state, **values))
 
 
 class Reports:
     """Follows `/diagnostics` for simulator and inverse control of the node's namespace.
 
-    Whether something runs, is on or is paused is not read here: that is on typed topics.
+    Whether something runs, is on or is paused is not read here; typed topics report that.
 
     Args:
         node: The node whose executor delivers the messages.
-        known: Where the simulator's numbers are kept.
-        on_inverse: Called with the sentence of inverse control.
+        known: Storage of the simulator's values.
+        on_inverse: Called with the report of inverse control.
     """
 
     def __init__(self, node: Node, known: Known, on_inverse: Callable[[str], None]) -> None:

@@ -1,1 +1,5 @@
-"""What a robot is to ROS: its links and joints as a tree, and as URDF text."""
+"""Descriptions of a robot for ROS: its tree of links and joints, URDF, layouts and configuration files."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""A folder with everything about a robot that other programs read, ros2_control's parameters included."""
+"""Write a folder with all files about a robot for other programs, including ros2_control's parameters."""
 
 from __future__ import annotations
 
@@ -8,27 +8,26 @@ from typing import Any, Final
 import yaml
 
 from softsim_core import RobotDescription
-from softsim_core.base.files import make_folder, write_file
-from softsim_core.base.values import MeshFile
-from softsim_core.physics.mesh.readers import write_surface
-from softsim_core.simulation.scene_state import SceneState
-from softsim_node.frames import prefix_of
+from softsim_core.base import MeshFile, make_folder, write_file
+from softsim_core.physics.mesh import write_surface
+from softsim_core.simulation import SceneState
+from softsim_node import prefix_of
 from softsim_ros.description.layouts import foxglove_layout, rviz_config
-from softsim_ros.description.urdf import control_topics, urdf
+from softsim_ros.description.urdf_model import control_topics, urdf
 
 CONTROLLER: Final = "joint_trajectory_controller"
 UPDATE_RATE: Final = 100
-"""Updates of the controller manager a second."""
+"""Update rate of the controller manager in [Hz]."""
 
 GOAL_TOLERANCE: Final = 0.02
-"""How far from its goal a joint may end, in [rad] or [m]: silicone pulls at it."""
+"""Largest final distance of a joint from its goal, in [rad] or [m]; the silicone pulls on it."""
 
 GOAL_TIME: Final = 0.0
-"""So long after the end of a trajectory its joints may be on their way, in [s]; 0: as long as it takes."""
+"""How long after the end of a trajectory its joints may take to arrive, in [s]; 0: as long as it takes."""
 
 
 def controllers(robot: RobotDescription, namespace: str) -> str:
-    """YAML text: one trajectory controller over all joints, in the namespace of the robot."""
+    """Return YAML text with one trajectory controller for all joints, in the namespace of the robot."""
     start = f"/{namespace.strip('/')}".rstrip("/")
     kind = "joint_trajectory_controller/JointTrajectoryController"
     constraints: dict[str, Any] = {"stopped_velocity_tolerance": 0.0, "goal_time": GOAL_TIME}
@@ -49,7 +48,7 @@ def controllers(robot: RobotDescription, namespace: str) -> str:
 
 
 def companions(robot: RobotDescription, namespace: str) -> dict[str, str]:
-    """Names and texts of the files beside a robot's URDF."""
+    """Return names and texts of the files beside a robot's URDF."""
     prefix = prefix_of(namespace)
     return {
         f"{robot.name}_controllers.yaml": controllers(robot, namespace),
@@ -59,7 +58,7 @@ def companions(robot: RobotDescription, namespace: str) -> dict[str, str]:
 
 
 def write_folder(robot: RobotDescription, folder: Path, namespace: str) -> list[Path]:
-    """Write `NAME.urdf`, its meshes as STL files in `meshes/`, and what stands beside it.
+    """Write `NAME.urdf`, its meshes as STL files in `meshes/`, and the files beside it.
 
     Returns:
         The files, the URDF first.

@@ -11,21 +11,21 @@ from typing import Any, Final, NamedTuple
 import yaml
 
 from softsim_core import RobotDescription
-from softsim_node.frames import WORLD
+from softsim_node import WORLD
+from softsim_ros import chambers_of
 from softsim_ros.description.links import links_of
-from softsim_ros.topic_names import chambers_of
 
 
 class Shown(NamedTuple):
-    """A topic that is shown.
+    """A topic in a layout.
 
     Attributes:
         topic: Its name in the robot's namespace.
         type_name: Its type, such as "visualization_msgs/msg/Marker".
         kind: RViz's display for it.
-        name: What people call it.
+        name: Title of the display.
         enabled: Whether it is shown from the start.
-        latched: Whether it is sent once, to late joiners too.
+        latched: Whether it is sent once, also to late joiners.
         options: More settings of the display.
     """
 
@@ -61,11 +61,11 @@ SHOWN: Final = (
 
 
 def rviz_config(robot: RobotDescription, frame_prefix: str) -> str:
-    """The text of an .rviz file.
+    """Return the text of an .rviz file.
 
     Args:
-        robot: What is shown.
-        frame_prefix: Of its frames, such as "left/".
+        robot: The robot.
+        frame_prefix: Prefix of its frames, such as "left/".
     """
     at_rest = [link.name for link in links_of(robot) if link.part.startswith("bodies/")]
     displays = [
@@ -119,12 +119,12 @@ def _topic(name: str, *, latched: bool) -> dict[str, Any]:
 
 
 def foxglove_layout(robot: RobotDescription, namespace: str, frame_prefix: str) -> str:
-    """The text of a layout file.
+    """Return the text of a layout file.
 
     Args:
-        robot: What is shown.
-        namespace: Of its topics.
-        frame_prefix: Of its frames, such as "left/".
+        robot: The robot.
+        namespace: Namespace of its topics.
+        frame_prefix: Prefix of its frames, such as "left/".
     """
     start = f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
     panels: dict[str, Any] = {
@@ -172,7 +172,7 @@ def _curves(robot: RobotDescription, topic: str, field: str) -> dict[str, Any]:
 
 
 def _pressures(robot: RobotDescription, start: str) -> dict[str, Any]:
-    """Curves of the chambers in [Pa] against vacuum; empty for a robot without."""
+    """Return curves of the chambers' absolute pressures in [Pa]; empty for a robot without chambers."""
     paths = [
         {"value": f"{start}{topic}.fluid_pressure", "label": robot.joint_names[index], "enabled": True}
         for index, topic in chambers_of(robot.joints).items()

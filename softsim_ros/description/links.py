@@ -1,10 +1,10 @@
-"""The links of a robot and how each hangs on its parent: one tree for URDF and for /tf.
+"""The links of a robot and their parents: one tree for URDF and for /tf.
 
-`base_link` stands in the world's origin. A joint with a frame has two links, its base (`servo_0_base`) and
-what it moves (`servo_0_horn`; of a slide `vertical_slide`); the joint of an actuator has one
-(`finger_1_cable_end`), which moves along z from where the actuator is pulled. Free frames hang on the base by
-six degrees of freedom: the effector is called `effector`, others by their names. Rigid bodies that a joint or
-a free frame carries are links of their own, and so is each deformable body as it is at rest
+`base_link` is at the world's origin. A joint with a frame has two links, its base (`servo_0_base`) and the
+link that it moves (`servo_0_horn`; for a slide `vertical_slide`). The joint of an actuator has one link
+(`finger_1_cable_end`), which moves along z from the actuator's pull point. Free frames are connected to the
+base by six degrees of freedom: the effector is called `effector`, others by their names. Rigid bodies that a
+joint or a free frame carries are links of their own, and so is each deformable body in its rest shape
 (`silicone_at_rest`).
 """
 
@@ -18,33 +18,30 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from softsim_core import RobotDescription
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement, Vector
-from softsim_core.physics.mechanics.pose import rotation_exp
-from softsim_core.physics.mesh.embedding import rotation_matrix
-from softsim_core.scene.building.builder import with_rest_frames
-from softsim_core.scene.deformable import AttachmentDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_node.frames import BASE_LINK, EFFECTOR
+from softsim_core.base import Array, Placement, Vector
+from softsim_core.physics.mechanics import rotation_exp
+from softsim_core.physics.mesh import rotation_matrix
+from softsim_core.scene import AttachmentDescription, JointDescription, SceneDescription
+from softsim_core.scene.building import with_rest_frames
+from softsim_node import BASE_LINK, EFFECTOR
 
 Kind: TypeAlias = Literal["fixed", "floating", "revolute", "continuous", "prismatic"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Link:
-    """A link and the joint on which it hangs.
+    """A link and the joint that connects it to its parent.
 
     Attributes:
-        name: Of the link.
-        parent: Link it hangs on; one that comes before it.
-        joint: Name of the joint; where it has a position, that of `joint_states`.
-        kind: What the joint lets it do.
+        name: Name of the link.
+        parent: Name of the parent link, which precedes it.
+        joint: Name of the joint; if it has a position, the name in `joint_states`.
+        kind: Type of the joint.
         position: Its origin in the parent's frame at joint position 0, in [m], shape (3,).
         rotation: Its rotation there, shape (3, 3).
         axis: Unit axis of the joint in the link's frame, shape (3,).
-        part: What of the scene it shows, as KIND/NAME: bodies, joints, attachments or rigid_bodies.
-        measured: Its name among the frames of a simulation; empty: it follows from its joint.
+        part: Part of the scene that it shows, as KIND/NAME: bodies, joints, attachments or rigid_bodies.
+        measured: Its name among the frames of a simulation; empty: its pose follows from its joint.
     """
 
     name: str
@@ -58,7 +55,10 @@ class Link:
     measured: str = ""
 
     def pose(self, joint_position: float) -> tuple[Array, Array]:
-        """Position (3,) and rotation (3, 3) in the parent's frame at a joint position in [rad] or [m]."""
+        """Return position (3,) and rotation (3, 3) in the parent's frame.
+
+        The joint position is in [rad] or [m].
+        """
         if self.kind == "prismatic":
             return self.position + self.rotation @ (joint_position * self.axis), self.rotation
         if self.kind in ("revolute", "continuous"):
@@ -67,7 +67,7 @@ class Link:
 
 
 def links_of(robot: RobotDescription) -> tuple[Link, ...]:
-    """All links but `base_link`, every parent before its children."""
+    """Return all links except `base_link`, every parent before its children."""
     scene, links = robot.scene, list[Link]()
     moved = {joint.name: moved_link(joint) for joint in scene.joints}
     for joint in scene.joints:
@@ -89,7 +89,7 @@ def links_of(robot: RobotDescription) -> tuple[Link, ...]:
 
 
 def moved_link(joint: JointDescription) -> str:
-    """Name of the link that a joint moves."""
+    """Return the name of the link that a joint moves."""
     return f"{joint.name}_{'end' if not joint.moves_frame else 'horn' if _turns(joint) else 'slide'}"
 
 
@@ -102,7 +102,7 @@ def _base(joint: JointDescription) -> str:
 
 
 def _frame_links(joint: JointDescription, scene: SceneDescription, moved: dict[str, str]) -> list[Link]:
-    """A joint's base and what it moves."""
+    """Return a joint's base link and the link that it moves."""
     parent = BASE_LINK if joint.parent is None else moved[joint.parent]
     position, rotation = _seen_from(_carrier_at_rest(joint.parent, scene), _placed(joint.base))
     bounded = math.isfinite(joint.limits.lower) or math.isfinite(joint.limits.upper)
@@ -117,7 +117,7 @@ def _frame_links(joint: JointDescription, scene: SceneDescription, moved: dict[s
 
 
 def _end_link(joint: JointDescription, moved: dict[str, str], scene: SceneDescription) -> Link:
-    """Where an actuator is pulled from, as far along z as its joint's position."""
+    """Return the link at an actuator's pull point, which moves along z by its joint's position."""
     actuator = joint.actuator
     assert actuator is not None  # checked by the description
     place: Vector = getattr(actuator, "pull_point", None) or (0.0, 0.0, 0.0)
@@ -129,7 +129,7 @@ def _end_link(joint: JointDescription, moved: dict[str, str], scene: SceneDescri
 
 
 def _free_link(attachment: AttachmentDescription, name: str) -> Link:
-    assert attachment.frame is not None  # as with_rest_frames gives all of them
+    assert attachment.frame is not None  # with_rest_frames sets all of them
     position, rotation = _placed(attachment.frame)
     part = f"attachments/{attachment.name}"
     return Link(name, BASE_LINK, f"{name}_motion", "floating", position, rotation, _Z, part, attachment.name)
@@ -140,7 +140,7 @@ def _fixed(name: str, parent: str, position: Array, rotation: Array, part: str) 
 
 
 def _carrier_at_rest(joint: str | None, scene: SceneDescription) -> tuple[Array, Array]:
-    """Position and rotation in the world of the frame that a joint moves, all joints at rest."""
+    """Return position and rotation in the world of the frame that a joint moves, with all joints at rest."""
     if joint is None:
         return np.zeros(3), np.eye(3)
     described = scene.joints[scene.joint_names.index(joint)]
@@ -152,7 +152,7 @@ def _carrier_at_rest(joint: str | None, scene: SceneDescription) -> tuple[Array,
 
 
 def _seen_from(frame: tuple[Array, Array], place: tuple[Array, Array]) -> tuple[Array, Array]:
-    """A place in the axes of a frame; both are given in the world."""
+    """Return a pose in the axes of a frame; both are given in the world."""
     (origin, turn), (position, rotation) = frame, place
     return turn.T @ (position - origin), turn.T @ rotation
 
@@ -162,7 +162,7 @@ def _placed(placement: Placement) -> tuple[Array, Array]:
 
 
 def _free(name: str, links: Sequence[Link]) -> str:
-    """The name, or one like it where a link has it already."""
+    """Return the name, or a similar one if a link has it already."""
     taken = {BASE_LINK, *(link.name for link in links)}
     while name in taken:
         name = f"{name}_"

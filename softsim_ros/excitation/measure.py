@@ -1,4 +1,4 @@
-"""Measures a robot: plays motions, gathers what its sensors report, writes a data set after every session."""
+"""Measure a robot: play motions, collect its sensor messages, write a data set after every session."""
 
 from __future__ import annotations
 
@@ -11,45 +11,40 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SoftSimError
-from softsim_core.lab.identification.calibration import (
+from softsim_core.base import Array, SoftSimError
+from softsim_core.lab.identification import (
+    AlignmentDescription,
+    CommandColumns,
+    DataSetDescription,
+    ExcitationSettings,
+    Motion,
+    SessionDescription,
+    SplitDescription,
+    TimeColumn,
     first_calibration,
+    grid,
+    load_data_set,
+    load_session,
+    motions,
+    room_of,
+    way,
     write_calibration,
     write_description,
     write_table,
 )
-from softsim_core.lab.identification.description import (
-    AlignmentDescription,
-    CommandColumns,
-    DataSetDescription,
-    SessionDescription,
-    SplitDescription,
-    TimeColumn,
-)
-from softsim_core.lab.identification.excitation import (
-    ExcitationSettings,
-    Motion,
-    grid,
-    motions,
-    room_of,
-    way,
-)
-from softsim_core.lab.identification.files import load_data_set
-from softsim_core.lab.identification.session import load_session
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription
 from softsim_ros.excitation.player import Player
 from softsim_ros.excitation.readings import Readings, drifts, not_before, rings_from, times_of, told_at, whole
 from softsim_ros.excitation.sensors import IMU, SIMULATED, ExcitationError, Sensor
 
 
 class SetFolder:
-    """A new folder with a data set, whole after every change.
+    """A new folder with a data set, complete after every change.
 
     Args:
-        folder: Where; it must not exist.
+        folder: Path of the folder; it must not exist.
         robot: Name of the robot, or its file.
-        about: What it is, in a sentence.
+        about: Description in one sentence.
         source: Who measured it, and how.
 
     Raises:
@@ -71,14 +66,14 @@ class SetFolder:
 
     @property
     def sessions(self) -> tuple[SessionDescription, ...]:
-        """What there is so far."""
+        """Sessions written so far."""
         return tuple(self._sessions.values())
 
     def put(self, session: SessionDescription, columns: dict[str, Array]) -> None:
-        """Write a session, or write it anew.
+        """Write a session, or overwrite it.
 
         Raises:
-            ExcitationError: the disk takes no more.
+            ExcitationError: it cannot be written (disk full).
         """
         try:
             write_table(self.folder / session.file, columns, [session.note])
@@ -88,10 +83,10 @@ class SetFolder:
             raise ExcitationError(f"{self.folder} cannot be written ({error.strerror})") from error
 
     def finish(self, robot: RobotDescription) -> list[str]:
-        """Write a calibration to begin with, and read all as others will; returns what is told of it.
+        """Write an initial calibration, read everything back as other programs will, and return messages.
 
         Raises:
-            DataError: the sensors gave what nobody can use.
+            DataError: the sensors gave unusable data.
         """
         at_rest = [each.name for each in self.sessions if each.time is None]
         names = at_rest or [each.name for each in self.sessions]
@@ -106,18 +101,18 @@ class SetFolder:
 
 
 TRIES: Final = 5
-"""So many times it is waited for a robot to stand still; after that the row is marked."""
+"""Number of attempts to observe a robot at rest; after them the row is marked as moving."""
 
 
 FEWEST: Final = 6
-"""So many readings a look has at least."""
+"""Smallest number of readings of an observation."""
 
 HELD_OUT: Final = 0.25
-"""Part of the poses that is held out, from FEW_POSES on."""
+"""Fraction of the poses that is held out, if there are at least FEW_POSES."""
 
 FEW_POSES: Final = 8
 MOST_DELAY_S: Final = 0.1
-"""A sensor may be late by so much."""
+"""Largest delay of a sensor in [s]."""
 
 MOVING: Final = "moving"
 UNALIGNED: Final = AlignmentDescription()
@@ -130,17 +125,17 @@ NOTES: Final = {
 RINGS: Final = " What counts is the free motion."
 
 Progress = Callable[[str, float], None]
-"""Told what is done now, and how many of `duration_s` seconds are over."""
+"""Called with the present action, and with the elapsed part of `duration_s` in [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looks:
-    """How a robot at rest is looked at, and what of its sensors is known.
+    """How to observe a robot at rest, and what is unknown about its sensors.
 
     Attributes:
-        settle_s: After a move it is waited so long, in [s].
-        hold_s: Readings of so long are averaged, in [s].
-        alignment: What is not known of the sensors.
+        settle_s: Waiting time after a move, in [s].
+        hold_s: Time over which readings are averaged, in [s].
+        alignment: Unknown alignment of the sensors.
     """
 
     settle_s: float = 1.0
@@ -154,9 +149,9 @@ class Measurement:
     Args:
         robot: The robot.
         player: Moves it.
-        sensors: What it is measured with.
-        settings: What is played.
-        looks: How it is looked at.
+        sensors: Sensors to record.
+        settings: Motions to play.
+        looks: How it is observed at rest.
     """
 
     def __init__(
@@ -180,7 +175,7 @@ class Measurement:
 
     @property
     def pose_s(self) -> float:
-        """How long a pose takes on average, with the way to it, in [s]."""
+        """Mean time per pose, including the motion to it, in [s]."""
         at, ways = self._room.home, 0
         for pose in self._poses:
             ways += len(way(at, pose, self._room, self._settings.speed, self._settings.period_s))
@@ -190,17 +185,17 @@ class Measurement:
 
     @property
     def duration_s(self) -> float:
-        """How long all takes, about, in [s]."""
+        """Approximate total time in [s]."""
         return self.pose_s * len(self._poses) + sum(map(self._motion_s, self._motions))
 
     def _motion_s(self, motion: Motion) -> float:
         return motion.duration_s + self._looks.settle_s + self._looks.hold_s
 
     def run(self, out: SetFolder, progress: Progress) -> None:
-        """Play everything, writing what is measured as it comes.
+        """Play everything, and write measurements as they arrive.
 
         Raises:
-            ExcitationError: it ended before its time; what was measured is written.
+            ExcitationError: it ended early; the measurements so far are written.
             ClientError: the robot refused.
         """
         self._player.go(self._room.home)
@@ -219,7 +214,7 @@ class Measurement:
             try:
                 self._player.play(motion.commands, self._ticking(progress, motion, done))
             except SoftSimError:
-                with suppress(ExcitationError):  # a motion of which too little was seen
+                with suppress(ExcitationError):  # a motion with too few readings
                     out.put(*self._in_time(motion, counts))
                 raise
             out.put(*self._in_time(motion, counts))
@@ -236,7 +231,7 @@ class Measurement:
     # --- poses ----------------------------------------------------------------------------------------
 
     def _at_rest(self) -> Array:
-        """What sensors say at rest: the command, mean readings, their spread, and 1 if they still moved."""
+        """Return an observation at rest: command, mean readings, their spread, and 1 if they still moved."""
         self._player.wait(self._looks.settle_s)
         for _ in range(TRIES):
             row = self._look()
@@ -285,7 +280,7 @@ class Measurement:
     # --- motions --------------------------------------------------------------------------------------
 
     def _in_time(self, motion: Motion, counts: Sequence[int]) -> tuple[SessionDescription, dict[str, Array]]:
-        """What came since each topic had said so many messages."""
+        """Return session and columns of a motion: the messages since each topic had the given count."""
         series = [each.since(count) for each, count in zip(self._heard, counts, strict=True)]
         if any(len(stamps) < FEWEST for stamps, _, _ in series):
             raise ExcitationError(f"{motion.name}: a topic said nothing while the robot moved")

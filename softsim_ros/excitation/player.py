@@ -1,4 +1,4 @@
-"""Plays motions on a robot through its client, and ends where that is no longer safe or asked for."""
+"""Play motions on a robot through its client, and stop when they are no longer safe, or on request."""
 
 from __future__ import annotations
 
@@ -10,18 +10,15 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SoftSimError
-from softsim_core.lab.identification.excitation import ExcitationSettings, room_of, way
-from softsim_node.ending import ending
-from softsim_node.topics import LATCHED
-from softsim_ros.client.robot_client import RobotSession
-from softsim_ros.client.state import commandable
+from softsim_core.base import Array, SoftSimError
+from softsim_core.lab.identification import ExcitationSettings, room_of, way
+from softsim_node import LATCHED, ending
+from softsim_ros.client import RobotSession, commandable
 from softsim_ros.excitation.readings import Readings, silence_s
 from softsim_ros.excitation.sensors import ExcitationError, Sensor
 
 SILENT_S: Final = 2.0
-"""A topic from which nothing came for so long in [s] is taken for dead."""
+"""Time in [s] without messages after which a topic counts as dead."""
 
 LOOK_S: Final = 0.003
 FIRST_WITHIN_S: Final = 5.0
@@ -29,28 +26,28 @@ SHIFTED: Final = 1e-6
 KEEPS_UP: Final = 0.95
 DEPTH: Final = 500
 LATE_S: Final = 5.0
-"""A simulated robot has heard the last command of a way within this time of its own, in [s]."""
+"""Longest delay in [s], in its own time, at which a simulated robot receives the last command of a motion."""
 ARRIVED: Final = 1e-6
-"""A joint that is so near to its command, in [rad] or [m], is there."""
+"""Largest distance from its command, in [rad] or [m], at which a joint has arrived."""
 
 
 class MeasurementInterruptedError(ExcitationError):
-    """Somebody asked for the end."""
+    """The user requested the end."""
 
 
 class Player:
-    """Moves a robot on the topic that everybody uses, through all limits.
+    """Moves a robot on the usual command topic, with all limits applied.
 
-    Time is that of the robot: of the stamps of a simulator's joint states, which stand still with it, or of
-    this computer where the robot is real.
+    Time is that of the robot: for a simulator that of the stamps of its joint states, which stand still with
+    it, and for a real robot that of this computer.
 
     Args:
         session: The robot.
-        real: Whether the measured robot is moved by the servo bridge; else it is simulated.
-        settings: How quickly it is moved.
+        real: Whether the servo bridge moves the measured robot; otherwise it is simulated.
+        settings: Speed of its motions.
 
     Attributes:
-        joints: What the joints were told as the robot's own topics say, each as a command (j,).
+        joints: Commands of the joints as the robot's own topics report them, each of shape (j,).
         real: As given.
     """
 
@@ -70,10 +67,10 @@ class Player:
         self._shift: list[float] = []
         node.create_subscription(Float64, "base_shift", self._on_shift, LATCHED)
 
-    # --- what the joints were told --------------------------------------------------------------------
+    # --- commands of the joints ----------------------------------------------------------------------
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        """Every command is heard, the own ones, too; the client looks at the newest only."""
+        """Check every command on the topic, including the own ones; the client uses the newest only."""
         if self._sent and tuple(message.data) not in self._sent:
             self._foreign = True
 
@@ -87,7 +84,11 @@ class Player:
         return self._at
 
     def _told(self, message: JointState) -> Sequence[float]:
-        """A message as a command: of joints that follow exactly where they are, of others what we told."""
+        """Return joint states as a command.
+
+        For a real robot, and for joints that follow exactly, these are the positions; for others the last
+        command sent.
+        """
         robot, own = self._session.client.robot, self._at
         if len(message.position) != len(message.name) or any(
             name not in message.name for name in robot.joint_names
@@ -105,10 +106,10 @@ class Player:
     # --- moving ---------------------------------------------------------------------------------------
 
     def begin(self, sensors: Sequence[Sensor]) -> None:
-        """Wait for the first word of all topics; a simulated robot plays its start move first.
+        """Wait for the first message of all topics; a simulated robot plays its start animation.
 
         Raises:
-            ExcitationError: a topic says nothing.
+            ExcitationError: a topic has no messages.
             ClientError: the robot refuses.
         """
         self._heard = (self.joints, *(each.readings for each in sensors))
@@ -129,7 +130,7 @@ class Player:
 
     @property
     def is_slow(self) -> bool:
-        """Whether a simulator stamps with the wall clock and does not keep up with it."""
+        """Whether a simulator stamps with the wall clock but runs slower than it."""
         factor, newest = self._session.state.real_time_factor, self.joints.newest
         on_wall = newest is not None and abs(newest - time.time()) < FIRST_WITHIN_S
         return not self.real and on_wall and factor is not None and factor < KEEPS_UP
@@ -145,10 +146,10 @@ class Player:
         return time.monotonic() if self.real or newest is None else newest
 
     def wait(self, seconds: float, tick: Callable[[float], None] | None = None) -> None:
-        """Let time pass; `tick` is told how much has.
+        """Let time pass; `tick` is called with the elapsed time.
 
         Raises:
-            ExcitationError: the measurement cannot go on.
+            ExcitationError: the measurement cannot continue.
         """
         begin = self._now
         while (spent := self._now - begin) < seconds:
@@ -158,10 +159,10 @@ class Player:
             time.sleep(LOOK_S)
 
     def play(self, commands: Array, tick: Callable[[float], None] | None = None) -> None:
-        """Send commands (k, j), one every period; those that come late are left out.
+        """Send commands (k, j), one per period; late ones are skipped.
 
         Raises:
-            ExcitationError: the measurement cannot go on.
+            ExcitationError: the measurement cannot continue.
             ClientError: a command is refused.
         """
         begin, sent = self._now, -1
@@ -179,9 +180,10 @@ class Player:
         self.wait(self._period_s)
 
     def go(self, goal: Array) -> None:
-        """Go to a pose (j,) with the share of the limits that is asked for; raises as `play`.
+        """Go to a pose (j,) with the requested fraction of the limits; raises as `play`.
 
-        A simulated robot is waited for, LATE_S at most: on a busy computer it may hear of the way late.
+        For a simulated robot, wait for at most LATE_S until it has received the motion, since on a busy
+        computer it may receive it late.
         """
         self.play(way(self.command, goal, self._room, self._settings.speed, self._period_s))
         begin = self._now
@@ -192,7 +194,7 @@ class Player:
             self.wait(self._period_s)
 
     def leave(self) -> str:
-        """Go home whatever was asked for; returns why not, in a sentence, or nothing."""
+        """Go home whatever was requested; return why that failed, or an empty string."""
         self._leaving = True
         if self._at is None:
             return ""

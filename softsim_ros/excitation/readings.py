@@ -1,4 +1,4 @@
-"""Messages with stamps and times of arrival, and rows of a table made of them."""
+"""Messages with stamps and times of arrival, and rows of a table made from them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.lab.identification.replay import SAME
+from softsim_core.base import Array
+from softsim_core.lab.identification import SAME
 
 ONE_CLOCK_S: Final = 1.0
-"""Stamps of two topics whose clocks are farther apart than this in [s] are told by two clocks."""
+"""Largest difference in [s] of the offsets of two topics with the same clock."""
 
 
 class Readings:
@@ -20,7 +20,7 @@ class Readings:
 
     Args:
         topic: The topic's name, for messages.
-        numbers: The numbers of a message, always as many; an empty sequence leaves the message out.
+        numbers: Returns the numbers of a message, always as many; an empty sequence skips the message.
     """
 
     def __init__(self, topic: str, numbers: Callable[[Any], Sequence[float]]) -> None:
@@ -30,7 +30,7 @@ class Readings:
         self.frame = ""
 
     def __call__(self, message: Any) -> None:
-        """Take a message."""
+        """Store a message."""
         now, numbers = time.time(), tuple(self._numbers(message))
         if not numbers or (self._rows and len(numbers) != len(self._rows[0][2])):
             return
@@ -49,19 +49,22 @@ class Readings:
         return self._rows[-1][0] if self._rows else None
 
     def since(self, count: int) -> tuple[Array, Array, Array]:
-        """Stamps (k,), arrivals (k,) in [s] and numbers (k, n) of the messages after the first `count`."""
+        """Return stamps, arrivals and numbers of the messages after the first `count`.
+
+        Stamps (k,) and arrivals (k,) are in [s]; numbers have shape (k, n).
+        """
         rows = self._rows[count:]
         stamps, arrivals = (np.array([row[i] for row in rows], dtype=float) for i in (0, 1))
         return stamps, arrivals, np.array([row[2] for row in rows], dtype=float).reshape(len(rows), -1)
 
 
 def silence_s(readings: Readings) -> float:
-    """How long nothing has come, in [s]."""
+    """Return the time since the last message, in [s]."""
     return time.monotonic() - readings.arrived
 
 
 def times_of(all_readings: Sequence[tuple[Array, Array]]) -> list[Array]:
-    """Times of the messages of several topics on one clock: their stamps, else when they arrived.
+    """Return times of the messages of several topics on one clock: their stamps, else their arrivals.
 
     Args:
         all_readings: Stamps and arrivals of each topic, each with one message or more.
@@ -72,9 +75,10 @@ def times_of(all_readings: Sequence[tuple[Array, Array]]) -> list[Array]:
 
 
 def not_before(begin: float | None, all_readings: Sequence[tuple[Array, Array, Array]]) -> list[Array]:
-    """The numbers (k, n) of topics without what was so before `begin`.
+    """Return the numbers (k, n) of topics without those measured before `begin`.
 
-    A topic that is behind says for a while what was before; its stamps tell, where all are of one clock.
+    A delayed topic still reports earlier values for a while; its stamps show which, if all have the same
+    clock.
 
     Args:
         begin: By the stamps of the first topic, in [s]; None: not known.
@@ -90,16 +94,19 @@ def not_before(begin: float | None, all_readings: Sequence[tuple[Array, Array, A
 
 
 FREE: Final = 0.02
-"""A free motion that is a smaller part of the whole is none: then the whole counts."""
+"""Smallest free motion as a fraction of the whole motion; below it the whole motion is used."""
 
 STILL_MM: Final = 0.02
-"""A sensor that drifts by less from one half of a look to the next, or by less than its noise, is at rest."""
+"""Largest drift in [mm] of a sensor at rest from one half of an observation to the next.
+
+A sensor that drifts by less than its noise is at rest, too.
+"""
 
 
 def drifts(places: Array) -> bool:
-    """Whether places (k, 3) in [mm] that were read one after the other move by more than their noise.
+    """Return whether consecutive positions (k, 3) in [mm] move by more than their noise.
 
-    Noise is told by neighbours, which a slow motion hardly sets apart.
+    The noise is estimated from differences of neighbours, on which a slow motion has little influence.
     """
     half = len(places) // 2
     drift = np.abs(places[half:].mean(axis=0) - places[:half].mean(axis=0))
@@ -108,17 +115,19 @@ def drifts(places: Array) -> bool:
 
 
 def whole(numbers: Array) -> Array:
-    """The rows of numbers (k, n) that are all finite."""
+    """Return the rows of numbers (k, n) that are all finite."""
     return np.asarray(numbers[np.isfinite(numbers).all(axis=1)])
 
 
 def rings_from(times: Array, commands: Array, places: Array) -> float:
-    """From when on a free motion is seen, in [s]; 0: the body follows its joints, and hardly rings.
+    """Return the time in [s] from which a free motion is visible.
+
+    Return 0 if the body follows its joints and hardly oscillates.
 
     Args:
-        times: Of rows in [s], shape (k,).
-        commands: Of the joints, shape (k, j).
-        places: Of a sensor, shape (k, 3).
+        times: Times of rows in [s], shape (k,).
+        commands: Commands of the joints, shape (k, j).
+        places: Positions of a sensor, shape (k, 3).
     """
     moved = np.flatnonzero(np.abs(np.diff(commands, axis=0)).max(axis=1) > 0.0)
     if not len(moved):
@@ -130,7 +139,10 @@ def rings_from(times: Array, commands: Array, places: Array) -> float:
 
 
 def told_at(times: Array, commands: Array, when: Array, *, after: bool) -> Array:
-    """What joints were told at the times of rows: of a simulator where they stand after the step to come."""
+    """Return the joint commands at the times of rows; with `after`, those in effect after the next step.
+
+    Joint states of a simulator need `after`.
+    """
     if after:
         index = np.searchsorted(times, when + SAME, side="right")
     else:

@@ -1,4 +1,4 @@
-"""The sensors of a robot on its topics: which there are, where they sit, what a message reports."""
+"""The sensors of a robot on its topics: which exist, where they are mounted, what a message contains."""
 
 from __future__ import annotations
 
@@ -12,23 +12,21 @@ from geometry_msgs.msg import PoseArray, PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SoftSimError, listing
-from softsim_core.base.values import Vector
-from softsim_core.lab.identification.description import EFFECTOR, SensorDescription
-from softsim_node.topics import hearing_all
+from softsim_core.base import Array, SoftSimError, Vector, listing
+from softsim_core.lab.identification import EFFECTOR, SensorDescription
+from softsim_node import hearing_all
 from softsim_ros.excitation.readings import Readings
 
 
 class ExcitationError(SoftSimError, RuntimeError):
-    """A robot cannot be measured, or not to the end; what was recorded before is kept."""
+    """A robot cannot be measured, or not to the end; data recorded before are preserved."""
 
 
 POSE, MARKERS, IMU = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseArray", "sensor_msgs/msg/Imu"
 TYPES: Final = {POSE: PoseStamped, MARKERS: PoseArray, IMU: Imu}
 
 SIMULATED: Final = "effector_pose"
-"""What the simulator says of the effector."""
+"""Topic with the simulator's effector pose."""
 
 NOT_MEASURED: Final = frozenset(
     {
@@ -40,11 +38,11 @@ NOT_MEASURED: Final = frozenset(
         "frames",
     }
 )
-"""Poses in a robot's namespace that nobody measures."""
+"""Pose topics in a robot's namespace that no sensor measures."""
 
 FOUND_WITHIN_S: Final = 10.0
 SETTLED_S: Final = 1.5
-"""So long is looked for sensors that nobody named, in [s]."""
+"""Time in [s] of the search for sensors that were not named."""
 
 DEPTH: Final = 500
 IMU_FIELDS: Final = ("qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az")
@@ -56,7 +54,7 @@ class SensorChoice:
 
     Attributes:
         topic: In the robot's namespace, or absolute.
-        places: What its points sit on, one each: a frame of the robot, or a point of a body in [m].
+        places: Mount of each of its points: a frame of the robot, or a point of a body in [m].
     """
 
     topic: str
@@ -64,10 +62,10 @@ class SensorChoice:
 
 
 def sensor_choice(text: str) -> SensorChoice:
-    """TOPIC, or TOPIC=PLACE,PLACE... with places that are frames or points X:Y:Z in [m].
+    """Parse TOPIC, or TOPIC=PLACE,PLACE... with places that are frames or points X:Y:Z in [m].
 
     Raises:
-        ExcitationError: it is written otherwise.
+        ExcitationError: the text has another form.
     """
     topic, _, places = text.partition("=")
     if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", topic, re.ASCII):
@@ -89,13 +87,13 @@ def _place(text: str, whole: str) -> str | Vector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """A topic that is being heard.
+    """A subscribed topic.
 
     Attributes:
         topic: Its name as it was given.
         kind: Its type.
-        readings: What came; positions in [m], three numbers a point, or the numbers of an IMU.
-        described: Its points as a data set describes them; none of an IMU.
+        readings: Its messages; positions in [m], three numbers per point, or the numbers of an IMU.
+        described: Its points as a data set describes them; empty for an IMU.
     """
 
     topic: str
@@ -105,26 +103,27 @@ class Sensor:
 
     @property
     def columns(self) -> list[str]:
-        """What its numbers are called, in order."""
+        """Names of its numbers, in order."""
         if self.kind == IMU:
             return [f"{_word(self.topic)}_{field}" for field in IMU_FIELDS]
         return [column for each in self.described for column in each.columns]
 
     def in_units(self, numbers: Array) -> Array:
-        """Its numbers (k, n) in the units of its columns."""
+        """Return numbers (k, n) in the units of the columns."""
         return numbers if self.kind == IMU else 1e3 * numbers
 
 
 def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[[str], None]) -> list[Sensor]:
-    """Subscribe to the sensors that were chosen, else to those that are there, else to the simulator's.
+    """Subscribe to the chosen sensors, else to those that exist, else to the simulator's.
 
     Args:
         node: In the robot's namespace; it spins.
-        choices: What was asked for.
-        unknown: Told of what is there and cannot be used, in sentences.
+        choices: Requested sensors.
+        unknown: Called with messages about topics that exist but cannot be used.
 
     Raises:
-        ExcitationError: there is no such topic, it is of another type, or nobody says where its points sit.
+        ExcitationError: there is no such topic, it is of another type, or the mounts of its points are
+            unknown.
     """
     sensors = [_hear(node, each) for each in choices] if choices else _found(node, unknown)
     if all(each.kind == IMU for each in sensors):
@@ -139,7 +138,7 @@ def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[
 
 
 def _found(node: Node, unknown: Callable[[str], None]) -> list[Sensor]:
-    """Sensors that are there and say something; without any that tells a place, the simulator's, too."""
+    """Return existing sensors that publish; if none measures a position, add the simulator's."""
     sensors = [_hear(node, each) for each in _offered(node, unknown)]
     end = time.monotonic() + SETTLED_S
     while not all(len(each.readings) for each in sensors) and time.monotonic() < end:
@@ -220,7 +219,7 @@ def _pose(_: int) -> Callable[[Any], Sequence[float]]:
 
 def _poses(count: int) -> Callable[[Any], Sequence[float]]:
     def numbers(message: Any) -> Sequence[float]:
-        if len(message.poses) != count:  # a marker was lost: no one knows which
+        if len(message.poses) != count:  # a marker was lost, and it is unknown which
             return ()
         return [value for pose in message.poses for value in _point(pose)]
 

@@ -1,1 +1,5 @@
-"""What keys do, for every user interface: their names, a robot's table of them, and the rules of a press."""
+"""Keys of all user interfaces: their names, a robot's table of them, and the rules of a press."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

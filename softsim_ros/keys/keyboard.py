@@ -10,10 +10,9 @@ from typing import Final
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from softsim_core.scene.control import Action
-from softsim_node.parameters import LiveParameters, declare, parameter, parameter_probe
-from softsim_node.topics import EVERY_ONE
-from softsim_ros.client.robot_client import RobotClient
+from softsim_core.scene import Action
+from softsim_node import EVERY_ONE, LiveParameters, declare, parameter, parameter_probe
+from softsim_ros.client import RobotClient
 from softsim_ros.keys.press import (
     GOAL_STEP_M,
     REPEAT_INTERVAL_S,
@@ -46,24 +45,27 @@ class KeySettings:
 
 
 def requested_robot(node_name: str) -> str:
-    """The parameter `robot` given to this process, read before the node takes its namespace from it."""
+    """Return the parameter `robot` given to this process.
+
+    It is read before the node is created, since the node takes its namespace from it.
+    """
     with parameter_probe(node_name, namespace=DEFAULT_ROBOT) as probe:
         return declare(probe, KeySettings()).robot
 
 
 class Keyboard:
-    """Keys of a person; each goes out on the topic `keys` as well, for the scene's own functions.
+    """Keys of a user; each is also published on the topic `keys`, for the scene's own functions.
 
     Declares the node's parameters `KeySettings`.
 
     Args:
         node: The node of the user interface.
-        client: What is driven.
-        say: Called with one sentence for the person.
+        client: Client of the robot.
+        say: Called with a message for the user.
 
     Attributes:
-        state: What is known of the keys.
-        quit_requested: Whether a key has asked to end.
+        state: State of the keys.
+        quit_requested: Whether a key has requested to quit.
     """
 
     def __init__(self, node: Node, client: RobotClient, say: Callable[[str], None]) -> None:
@@ -82,7 +84,7 @@ class Keyboard:
         }
 
     def press(self, key: KeyPress, now: float) -> None:
-        """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
+        """Run the action of a key without blocking; `now` is a steady clock in [s]."""
         self._keys.publish(String(data=key.name))
         client, settings = self._client, self._settings.values
         self.state, deed, sentence = press(
@@ -94,13 +96,13 @@ class Keyboard:
             self._carry_out(deed)
 
     def click(self, name: str) -> None:
-        """A click on a key's button: it acts each time, as no key is held."""
+        """Run the action of a clicked button; it acts at each click, since no key is held down."""
         seen = {key: at for key, at in self.state.seen_at.items() if key != name}
         self.state = replace(self.state, seen_at=seen)
         self.press(KeyPress(name), time.monotonic())
 
     def press_with_ctrl(self, name: str) -> None:
-        """A key with Ctrl; one that is held down repeats, and is slowed down."""
+        """Press a key with Ctrl; a key that is held down repeats at a limited rate."""
         self.press(KeyPress(name, ctrl=True), time.monotonic())
 
     def _carry_out(self, deed: Deed) -> None:

@@ -7,11 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal, NamedTuple, TypeAlias
 
-from softsim_core.base.units import degrees
-from softsim_core.scene.control import Action, KeyBinding
-from softsim_core.scene.robot import RobotDescription
-from softsim_ros.client.joints import GoToPose, StepJoints
-from softsim_ros.client.state import RobotState, Tilt
+from softsim_core.base import degrees
+from softsim_core.scene import Action, KeyBinding, RobotDescription
+from softsim_ros.client import GoToPose, RobotState, StepJoints, Tilt
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +19,7 @@ class KeyPress:
     Attributes:
         name: One of `softsim_core.scene.control.KEY_NAMES`: "up", "plus", "space", a lower-case letter, a
             digit, a punctuation character.
-        ctrl: Ctrl (or Cmd) was held. Tab is Ctrl+I on every terminal.
+        ctrl: Whether Ctrl (or Cmd) was down. Tab is Ctrl+I on every terminal.
     """
 
     name: str
@@ -39,16 +37,16 @@ BUILT_IN: Final[Mapping[str, KeyBinding]] = {
     "r": KeyBinding(action="reset", help="reset the simulation"),
     "x": KeyBinding(action="quit", help="quit"),
 }
-"""Keys every robot has unless its file binds them to something else."""
+"""Keys of every robot, unless its file binds them to something else."""
 
 STOP_KEYS: Final[Mapping[str, KeyBinding]] = {
     "enter": KeyBinding(action="e_stop", help="E-STOP"),
     "e": KeyBinding(action="clear_e_stop", help="release the e-stop"),
 }
-"""Those of every robot with a servo board; the first is large, and known without looking."""
+"""Keys of every robot with a servo board. Enter is the emergency stop because it is the largest key."""
 
 GOAL_STEP_M: Final = 0.002
-"""How far one press moves the goal, in [m]."""
+"""Distance in [m] by which one press moves the goal."""
 
 GOAL_KEYS: Final[Mapping[str, tuple[int, str]]] = {
     "up": (1, "x"),
@@ -61,7 +59,7 @@ GOAL_KEYS: Final[Mapping[str, tuple[int, str]]] = {
 """Direction and world axis of each key while inverse control is on: REP-103, x forward, y left, z up."""
 
 TILT_STEP_RAD: Final = 0.1
-"""How far one press turns the reference of the closed loop, in [rad]."""
+"""Angle in [rad] by which one press turns the reference of the closed loop."""
 
 TILT_KEYS: Final[Mapping[str, str]] = {
     "up": "tilt about y",
@@ -69,22 +67,22 @@ TILT_KEYS: Final[Mapping[str, str]] = {
     "plus": "more tilt",
     "minus": "less tilt",
 }
-"""What each key does while the closed loop is on: arrows choose an axis, in a frame with y up its x and z."""
+"""Actions of keys while the closed loop is on: arrows choose an axis (x and z in a frame with y up)."""
 
 
 def key_table(robot: RobotDescription) -> dict[str, KeyBinding]:
-    """All bindings of a robot: its own, then the built-in ones it leaves free."""
+    """Return all bindings of a robot: its own, then the built-in ones of keys that it leaves free."""
     every = {**BUILT_IN, **(STOP_KEYS if robot.board else {})}
     return {**robot.keys, **{key: binding for key, binding in every.items() if key not in robot.keys}}
 
 
 def key_of(robot: RobotDescription, action: Action) -> str | None:
-    """The key that a robot has for an action."""
+    """Return the key that a robot has for an action, or None."""
     return next((key for key, binding in key_table(robot).items() if binding.action == action), None)
 
 
 def goal_help(name: str) -> str:
-    """What a goal key does, for the display: "goal +x"."""
+    """Return the action of a goal key, for the display: "goal +x"."""
     sign, axis = GOAL_KEYS[name]
     return f"goal {'+' if sign > 0 else '-'}{axis}"
 
@@ -93,33 +91,33 @@ REPEAT_INTERVAL_S: Final = 0.1
 """Shortest time in [s] between two effects of one key: a held key moves at most ten steps per second."""
 
 HOLD_GAP_S: Final = 0.75
-"""A key seen again within this time in [s] is still held: longer than the delay before keys repeat."""
+"""Longest time in [s] between two repeats of a held key; it exceeds the delay before keys repeat."""
 
 
 @dataclass(frozen=True, slots=True)
 class MoveGoal:
-    """Move the effector's goal along world x, y, z in [m]."""
+    """Action that moves the effector's goal along world x, y, z in [m]."""
 
     shift: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Refer:
-    """Give the closed loop a reference."""
+    """Action that sends the closed loop a reference."""
 
     reference: Tilt
 
 
 @dataclass(frozen=True, slots=True)
 class CallAction:
-    """Do what an action's name says."""
+    """Action given by its name."""
 
     action: Action
 
 
 @dataclass(frozen=True, slots=True)
 class Quit:
-    """End the program."""
+    """Action that ends the program."""
 
 
 Deed: TypeAlias = StepJoints | GoToPose | MoveGoal | Refer | CallAction | Quit
@@ -127,13 +125,13 @@ Deed: TypeAlias = StepJoints | GoToPose | MoveGoal | Refer | CallAction | Quit
 
 @dataclass(frozen=True, slots=True)
 class KeyState:
-    """What is known of the keys.
+    """State of the keys.
 
     Attributes:
-        seen_at: When each key was last seen, repeats included, in [s].
+        seen_at: When each key was last seen, including repeats, in [s].
         acted_at: When each key last had an effect, in [s].
         last_key: Label of the newest key.
-        show_help: The key table is shown.
+        show_help: Whether the key table is shown.
         axis: The axis about which keys turn the closed loop's reference.
     """
 
@@ -145,7 +143,7 @@ class KeyState:
 
 
 class Pressed(NamedTuple):
-    """What comes of a press: the keys' state after it, what is to be done, and a sentence (empty: none)."""
+    """Result of a press: the keys' new state, the action to run, and a message (empty: none)."""
 
     keys: KeyState
     deed: Deed | None = None
@@ -161,19 +159,19 @@ def press(
     repeat_interval_s: float = REPEAT_INTERVAL_S,
     goal_step_m: float = GOAL_STEP_M,
 ) -> Pressed:
-    """What a key press asks for.
+    """Return the action of a key press.
 
-    While inverse control is on the keys of GOAL_KEYS move the goal, or turn the closed loop's reference while
-    that gives the goals, whatever the robot's file binds them to.
+    While inverse control is on the keys of GOAL_KEYS move the goal. If the closed loop sends the goals, they
+    turn its reference instead. Both override the bindings of the robot's file.
 
     Args:
-        keys: What is known of the keys before.
+        keys: State of the keys before the press.
         robot: Joints, poses, key bindings.
-        state: What is known of the robot.
-        key: The key; plain and Ctrl+key do the same, except that Ctrl+C always quits.
+        state: State of the robot.
+        key: The key; plain and Ctrl+key have the same action, except that Ctrl+C always quits.
         now: Steady clock in [s].
         repeat_interval_s: Shortest time in [s] between two steps of one held key.
-        goal_step_m: How far a key moves the goal, in [m].
+        goal_step_m: Distance in [m] by which a key moves the goal.
     """
     if key == KeyPress("c", ctrl=True):
         return Pressed(replace(keys, last_key=str(key)), Quit())
@@ -222,7 +220,7 @@ def _goal_shift(name: str, step_m: float) -> MoveGoal:
 
 
 def _turn(keys: KeyState, reference: Tilt, name: str) -> Pressed:
-    """What a goal key asks for while the closed loop gives the goals."""
+    """Return the action of a goal key while the closed loop sends the goals."""
     if name not in TILT_KEYS:
         return Pressed(keys, None, "nothing moved: the closed loop gives the goals")
     if name in ("up", "right"):
@@ -234,12 +232,12 @@ def _turn(keys: KeyState, reference: Tilt, name: str) -> Pressed:
 
 
 def tilt_line(reference: Tilt, axis: str) -> str:
-    """The reference for the display, in degrees, and which axis the keys turn."""
+    """Return the reference for the display, in degrees, and the axis that the keys turn."""
     x, y = (round(degrees(value), 1) + 0.0 for value in reference)  # + 0.0: no "-0.0"
     return f"tilt reference deg: x {x:.1f} y {y:.1f}   + and - turn {axis}"
 
 
 def _shortest_interval(robot: RobotDescription, binding: KeyBinding, repeat_interval_s: float) -> float:
-    """Time in [s] between two steps, so that a held key moves no joint faster than its top speed."""
+    """Return the time in [s] between two steps, so that a held key moves no joint above its top speed."""
     speeds = [joint.limits.speed for joint in robot.joints if joint.name in binding.joints]
     return max(repeat_interval_s, *(abs(binding.by) / speed for speed in speeds), 0.0)

@@ -1,10 +1,8 @@
-"""Markers sent as bytes: serialised once, their numbers replaced in place.
+"""Marker messages in serialised form: serialised once, then their numbers are replaced in place.
 
-A Marker of thousands of triangles built from Point and ColorRGBA objects costs tens of milliseconds. Its
-serialised form keeps its layout as long as the number of triangles stays, so only the numbers are rewritten.
-
-Building thousands of Point objects costs milliseconds, see messages.marker; the serialised form keeps its
-layout as long as every marker keeps its number of points.
+Building a Marker of thousands of triangles from Point and ColorRGBA objects takes tens of milliseconds. The
+layout of the serialised form does not change while every marker keeps its number of points, so only the
+numbers are rewritten.
 """
 
 from __future__ import annotations
@@ -18,16 +16,15 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SoftSimError
+from softsim_core.base import Array, IndexArray, SoftSimError
 from softsim_ros.messages.meshes import stress_colours
 
 PROBE_STAMP = np.array([0x15EA51DE, 0x2B1D5EED], dtype="<u4")
-"""A time that no other part of a message looks like."""
+"""Time stamp that occurs nowhere else in a message."""
 
 
 def block(data: bytes, pattern: bytes, what: str) -> int:
-    """Offset of the only occurrence of a pattern."""
+    """Return the offset of the only occurrence of a pattern."""
     offset = data.find(pattern)
     if offset < 0 or data.find(pattern, offset + 1) >= 0:
         raise SoftSimError(
@@ -37,12 +34,12 @@ def block(data: bytes, pattern: bytes, what: str) -> int:
 
 
 def triangle_marker(frame: str, corners: Array, colours: Array) -> Marker:
-    """A TRIANGLE_LIST marker from message objects (slow; for the template and for comparison).
+    """Return a TRIANGLE_LIST marker built from message objects (slow; for the template and for comparison).
 
     Args:
         frame: Frame of the corners.
-        corners: Corner positions in [m], three a triangle, shape (3 q, 3).
-        colours: Red, green, blue, alpha in 0..1, one a corner, shape (3 q, 4).
+        corners: Corner positions in [m], three per triangle, shape (3 q, 3).
+        colours: Red, green, blue, alpha in 0..1, one per corner, shape (3 q, 4).
     """
     marker = Marker(ns="mesh", id=0, type=Marker.TRIANGLE_LIST, action=Marker.ADD)
     marker.header.frame_id = frame
@@ -55,7 +52,7 @@ def triangle_marker(frame: str, corners: Array, colours: Array) -> Marker:
 
 
 class MarkerTemplate:
-    """The serialised marker of one surface, with views on its changing numbers.
+    """The serialised marker of one surface, with views of the numbers that change.
 
     Args:
         frame: Frame of the positions.
@@ -86,7 +83,7 @@ class MarkerTemplate:
         self._check_round_trip()
 
     def fill(self, stamp: Time, points: Array, von_mises: Array, highest: float = 0.0) -> bytes:
-        """The serialised marker at this state, ready for `publisher.publish`.
+        """Return the serialised marker of a state, ready for `publisher.publish`.
 
         Args:
             stamp: Time of the positions.
@@ -101,7 +98,7 @@ class MarkerTemplate:
         return bytes(self._data)
 
     def _check_round_trip(self) -> None:
-        """Read a filled template back once: a changed layout is found at the start and not in a viewer."""
+        """Deserialise a filled template once, to detect a changed layout at the start and not in a viewer."""
         vertices = int(self._corner_vertices.max(initial=-1)) + 1
         points = np.linspace(-1.0, 1.0, 3 * vertices).reshape(vertices, 3)
         marker = deserialize_message(self.fill(Time(sec=7, nanosec=8), points, points[:, 2] + 1.0), Marker)
@@ -119,10 +116,10 @@ class MarkerTemplate:
 
 
 class MovingMarkers:
-    """The serialised array of some markers, with views on their stamps, places and colours.
+    """The serialised array of some markers, with views of their stamps, positions and colours.
 
     Args:
-        markers: As they are; one without points moves by its pose, any other by its points.
+        markers: The markers; one without points moves by its pose, any other by its points.
 
     Raises:
         SoftSimError: the middleware's serialised form is not the expected one.
@@ -157,17 +154,18 @@ class MovingMarkers:
             view[:] = marker.color.r, marker.color.g, marker.color.b, marker.color.a
 
     def _view(self, data: bytes, probe: Array, what: str) -> Array:
-        """The numbers of `self._data` that stand where `data` has those of a probe, in its shape."""
+        """Return a view of `self._data` at the offset at which `data` contains a probe, in its shape."""
         offset = block(data, probe.tobytes(), what)
         return np.frombuffer(self._data, probe.dtype, probe.size, offset).reshape(probe.shape)
 
     def fill(self, stamp: Time, places: Sequence[Array], colours: Sequence[Array] = ()) -> bytes:
-        """The serialised array at this state, ready for `publisher.publish`.
+        """Return the serialised array of a state, ready for `publisher.publish`.
 
         Args:
             stamp: Time of the positions.
             places: For each marker its points, shape (k, 3), or the position of its pose, shape (3,), in [m].
-            colours: For each marker red, green, blue and alpha in 0..1, shape (4,); without them they stay.
+            colours: For each marker red, green, blue and alpha in 0..1, shape (4,); without them the colours
+                stay.
         """
         for view, place, moment in zip(self._places, places, self._stamps, strict=True):
             view[:] = place

@@ -1,8 +1,8 @@
 """Surfaces with stress colours as messages.
 
-Colours are chosen in OKLCH, where equal steps of lightness look equal: from dark blue through magenta and
-orange to light yellow, so that order is seen even in grey.
-Source: Ottosson 2020, "A perceptual color space for image processing".
+Colours are chosen in OKLCH, in which equal steps of lightness look equal: from dark blue through magenta and
+orange to light yellow, so that the order is visible even in grey. Source: Ottosson 2020, "A perceptual color
+space for image processing".
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_ros.messages.states import header, message_array
 
 STEPS = 256
@@ -41,20 +41,23 @@ _RGB_OF_LMS = np.array(
 
 
 def linear_rgb(lightness: Array, chroma: Array, hue_rad: Array) -> Array:
-    """Linear red, green, blue of OKLCH colours, shape (n, 3); outside 0..1 where a screen cannot follow."""
+    """Return linear red, green, blue of OKLCH colours, shape (n, 3); outside 0..1 beyond a screen's range."""
     lab = np.stack([lightness, chroma * np.cos(hue_rad), chroma * np.sin(hue_rad)], axis=-1)
     rgb: Array = (lab @ _LMS_OF_LAB.T) ** 3 @ _RGB_OF_LMS.T
     return rgb
 
 
 def screen_rgb(linear: Array) -> Array:
-    """Screen (sRGB) values in 0..1 of linear ones, shape (n, 3); clipped to what a screen can show."""
+    """Return screen (sRGB) values in 0..1 of linear ones, shape (n, 3), clipped to a screen's range."""
     clipped = np.clip(linear, 0.0, 1.0)
     return np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1.0 / 2.4) - 0.055)
 
 
 def colour_table(steps: int = STEPS) -> NDArray[np.float32]:
-    """The scale as sRGB rows from lowest to highest value, shape (steps, 3), chroma lowered to fit."""
+    """Return the scale as sRGB rows from lowest to highest value, shape (steps, 3), with reduced chroma.
+
+    The chroma is the largest that a screen can show.
+    """
     along = np.linspace(0.0, 1.0, steps)
     lightness = _LIGHTNESS[0] + (_LIGHTNESS[1] - _LIGHTNESS[0]) * along
     hue = np.radians(_HUE_DEG[0] + (_HUE_DEG[1] - _HUE_DEG[0]) * along)
@@ -71,7 +74,7 @@ _TABLE = colour_table()
 
 
 def stress_colours(values: Array, highest: float) -> NDArray[np.float32]:
-    """Screen (sRGB) colours of values, the scale running from 0 to `highest`.
+    """Return screen (sRGB) colours of values on a scale from 0 to `highest`.
 
     Args:
         values: Stress in [Pa], shape (n,), >= 0.
@@ -92,7 +95,7 @@ POINT_FIELDS = ("x", "y", "z", "von_mises")
 
 
 def point_cloud(stamp: Time, frame: str, points: Array, von_mises: Array) -> PointCloud2:
-    """Vertices with their stress as float32 x, y, z, von_mises; the order of the vertices is kept.
+    """Return vertices with their stress as float32 x, y, z, von_mises, in the order of the vertices.
 
     Args:
         stamp: Time of the positions.
@@ -120,14 +123,15 @@ def point_cloud(stamp: Time, frame: str, points: Array, von_mises: Array) -> Poi
 
 
 def read_point_cloud(message: PointCloud2) -> NDArray[np.float32]:
-    """Rows (x, y, z, von_mises) of a message made by `point_cloud`, shape (p, 4); a view, not a copy."""
+    """Return rows (x, y, z, von_mises) of a message of `point_cloud`, shape (p, 4); a view, not a copy."""
     return np.frombuffer(message.data, dtype="<f4").reshape(-1, len(POINT_FIELDS))
 
 
 def topology(points: Array, triangles: IndexArray) -> Mesh:
-    """Rest vertices and triangles of a surface.
+    """Return rest vertices and triangles of a surface as a message.
 
-    Built from message objects: milliseconds for thousands of triangles; meant to be sent once.
+    It is built from message objects, which takes milliseconds for thousands of triangles; meant to be sent
+    once.
 
     Args:
         points: Rest positions in [m], shape (p, 3).
@@ -141,11 +145,11 @@ def topology(points: Array, triangles: IndexArray) -> Mesh:
 
 
 def mesh_checksum(cells: IndexArray, points: Array | None = None) -> int:
-    """CRC-32 by which a mesh is known again, whichever way it came.
+    """Return a CRC-32 that identifies a mesh, independent of how it was transferred.
 
     Args:
         cells: Point indices, shape (k, corners).
-        points: Rest positions in [m], shape (p, 3); None: the cells tell enough.
+        points: Rest positions in [m], shape (p, 3); None: the cells are sufficient.
     """
     before = 0 if points is None else crc32(np.ascontiguousarray(points, dtype="<f8").tobytes())
     return crc32(np.ascontiguousarray(cells, dtype="<u4").tobytes(), before)

@@ -1,4 +1,4 @@
-"""Messages about a scene: its structure, and edits with the scene they propose; both sides checked."""
+"""Messages about a scene: its structure, edits, and the proposal that they make; both sides are checked."""
 
 from __future__ import annotations
 
@@ -11,34 +11,31 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError
+from softsim_core.base import Array, CommandError
+from softsim_core.scene import RobotDescription
 from softsim_core.scene.editing import Edit, Put, Remove
-from softsim_core.scene.io.location import Place
-from softsim_core.scene.io.portable import read_description
-from softsim_core.scene.io.yaml_loader import Item, Steps
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.io import Item, Place, Steps, read_description
 
 MOST_NAMES: Final = 5000
 LONGEST_NAME: Final = 300
 
 
 def listed(value: Any) -> list[Any]:
-    """A list of at most MOST_NAMES."""
+    """Return a list of at most MOST_NAMES items; raise TypeError for anything else."""
     if not isinstance(value, list) or len(value) > MOST_NAMES:
         raise TypeError(f"a list of at most {MOST_NAMES}")
     return value
 
 
 def text_of(value: Any) -> str:
-    """Any text."""
+    """Return a text; raise TypeError for anything else."""
     if not isinstance(value, str):
         raise TypeError("text")
     return value
 
 
 def name_of(value: Any) -> str:
-    """A name that can be one of viser's nodes and options, too."""
+    """Return a name that viser also accepts for nodes and options."""
     found = text_of(value)
     if not 0 < len(found) <= LONGEST_NAME or not found.isprintable() or ".." in found:
         raise ValueError("name")
@@ -46,7 +43,7 @@ def name_of(value: Any) -> str:
 
 
 def whole(value: Any) -> int:
-    """A whole number >= 0."""
+    """Return an integer >= 0."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < math.inf:
         raise TypeError("a whole number")
     return value
@@ -57,18 +54,18 @@ LONGEST_TEXT: Final = 8_000_000
 
 @dataclass(frozen=True)
 class SceneMessage:
-    """What `scene/structure` tells, see `softsim_ros.nodes.simulator.scene_topics`.
+    """Content of `scene/structure`, see `softsim_ros.nodes.simulator.scene_topics`.
 
     Attributes:
-        generation: Number of the scene; another one is another scene, or the same one loaded anew.
+        generation: Number of the scene; it changes with another scene and when the same one is reloaded.
         robot: The scene; its `source` is the name of its file, which is not read here.
-        overrides: YAML text of what is laid over its file.
+        overrides: YAML text of the values that override its file.
         frames: Names in the order of the topic `frames`.
         bodies: `name`, `points`, `triangles`, `nodes`, `colour` of each.
         regions: `name` and `nodes` of each rigid region.
         scenes: Names of the scenes that the simulator can load.
-        places: Where the parts of the scene are written, see `places_of`.
-        checksums: Of the meshes that belong to this scene, by their topics, see `mesh_checksum`.
+        places: File and line of the parts of the scene, see `places_of`.
+        checksums: Checksums of the meshes of this scene, by topic, see `mesh_checksum`.
     """
 
     generation: int
@@ -82,12 +79,12 @@ class SceneMessage:
     checksums: Mapping[str, int] = field(default_factory=dict)
 
     def owns(self, topic: str, checksum: int) -> bool:
-        """Whether a mesh on a topic is this scene's; one of an older simulator, which tells none, may be."""
+        """Return whether a mesh on a topic belongs to this scene; True if there is no checksum for it."""
         return self.checksums.get(topic, checksum) == checksum
 
 
 def read_scene_message(text: str) -> SceneMessage:
-    """The scene that a message tells.
+    """Return the scene in a message.
 
     Raises:
         CommandError: it is no message of a simulator.
@@ -136,7 +133,7 @@ def _region(data: Any) -> dict[str, Any]:
 
 
 def _span(value: Any) -> tuple[int, int]:
-    """First and end index."""
+    """Return first and end index."""
     begin, end = map(whole, value)
     if end < begin:
         raise ValueError("span")
@@ -152,18 +149,18 @@ LONGEST_EDIT: Final = 100_000
 MOST_EDITS: Final = 200
 LONGEST_PROPOSAL: Final = 8_000_000
 MOST_POINTS: Final = 2000
-"""So many of the nodes that a part chooses are told."""
+"""Largest number of points in a message for the nodes that a part selects."""
 
 
 @dataclass(frozen=True)
 class ChosenPoints:
-    """Nodes that a part of the proposed scene chooses.
+    """Nodes that a part of the proposed scene selects.
 
     Attributes:
-        part: Such as "attachments/base".
-        count: How many.
-        points: Where they are at rest in [m], shape (k, 3), k at most MOST_POINTS.
-        problem: Why the scene cannot run so; "": nothing.
+        part: Name of the part, such as "attachments/base".
+        count: Number of selected nodes.
+        points: Their rest positions in [m], shape (k, 3), k at most MOST_POINTS.
+        problem: Why the scene cannot run so; "" if it can.
     """
 
     part: str
@@ -174,18 +171,18 @@ class ChosenPoints:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What `scene/proposal` tells.
+    """Content of `scene/proposal`.
 
     Attributes:
         revision: A number that grows with every message.
         robot: The scene as it is proposed; None: it cannot be edited, and `sentence` says why.
-        file: The file that it would be saved to.
+        file: The file to which it would be saved.
         unsaved: Why it cannot be saved there; "": it can.
-        undoable, redoable: How many changes can be undone, and done again.
+        undoable, redoable: How many changes can be undone and redone.
         is_changed: Whether it differs from the file.
-        is_applied: Whether it is what runs.
-        sentence: What came of the last request.
-        chosen: What its parts choose.
+        is_applied: Whether it is the running scene.
+        sentence: Result of the last request.
+        chosen: Nodes that its parts select.
         routes: Points of its cables in the world in [m], shapes (k, 3), by their joints.
     """
 
@@ -203,7 +200,7 @@ class Proposal:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What is wrong with parts of it, each with the name of the part."""
+        """Problems of its parts, each with the name of the part."""
         return tuple(f"{each.part}: {each.problem}" for each in self.chosen if each.problem)
 
 
@@ -211,15 +208,15 @@ class Proposal:
 
 
 def write_edits(edits: Sequence[Edit], stroke: str = "") -> str:
-    """Edits that belong together, as the topic `scene/edit` takes them."""
+    """Return edits that belong together as text for the topic `scene/edit`."""
     return json.dumps({"edits": [_plain(edit) for edit in edits], "stroke": stroke})
 
 
 def read_edits(text: str) -> tuple[tuple[Edit, ...], str]:
-    """The edits of `write_edits`, and their stroke.
+    """Return the edits in a text of `write_edits`, and their stroke.
 
     Raises:
-        CommandError: they are none.
+        CommandError: it contains no valid edits.
     """
     if len(text) > LONGEST_EDIT:
         raise CommandError(f"edit refused: longer than {LONGEST_EDIT} characters")
@@ -259,7 +256,7 @@ def _step(data: Any) -> str | Item:
 
 
 def write_proposal(told: Proposal, description: str) -> str:
-    """A proposal as the topic carries it; `description` is its scene as YAML text, "" without one."""
+    """Return a proposal as text for its topic; `description` is its scene as YAML text, "" without one."""
     return json.dumps(
         {
             "revision": told.revision,
@@ -286,7 +283,7 @@ def write_proposal(told: Proposal, description: str) -> str:
 
 
 def read_proposal(text: str) -> Proposal:
-    """The proposal of `write_proposal`; no file is looked for, no code runs.
+    """Return the proposal in a text of `write_proposal`; no file is accessed, no code runs.
 
     Raises:
         CommandError: it is no message of a simulator.
@@ -324,7 +321,7 @@ def _chosen(data: Any) -> ChosenPoints:
 
 
 def _rows(points: Array) -> list[list[float]]:
-    """Rows (k, 3) in [m], to a micrometre."""
+    """Return rows (k, 3) in [m], rounded to a micrometre."""
     rows: list[list[float]] = np.round(points, 6).tolist()
     return rows
 

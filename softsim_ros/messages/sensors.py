@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import FluidPressure, Image, Imu, JointState, PointCloud2, PointField
 from std_msgs.msg import Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.dynamics.report import ContactReport
+from softsim_core.base import Array
+from softsim_core.physics.dynamics import ContactReport
 from softsim_core.physics.sensing import (
     CableSensorDescription,
     ChamberSensorDescription,
@@ -37,16 +37,16 @@ _NUMBERS = (
 _BODIES = ("body_a", "body_b")
 
 CONTACT = np.dtype([*((name, "<f4") for name in _NUMBERS), *((name, "<i4") for name in _BODIES)])
-"""A contact: its place and its gap in [m], the unit normal from body b to body a, the force on a in [N]."""
+"""A contact: position and gap in [m], unit normal from body b to body a, force on a in [N]."""
 
 
 def contact_cloud(stamp: Time, frame: str, contacts: ContactReport) -> PointCloud2:
-    """All contacts of a step, with those that are only close (force 0).
+    """Return all contacts of a step as a message, including those that are only close (force 0).
 
     Args:
         stamp: Time of the step.
-        frame: Frame of places, normals and forces.
-        contacts: What touched.
+        frame: Frame of positions, normals and forces.
+        contacts: Contacts of the step.
     """
     rows = np.zeros(len(contacts.points), dtype=CONTACT)
     columns = (contacts.points, contacts.normals, contacts.forces, contacts.gaps[:, None])
@@ -72,12 +72,12 @@ def contact_cloud(stamp: Time, frame: str, contacts: ContactReport) -> PointClou
 
 
 def read_contact_cloud(message: PointCloud2) -> NDArray[np.void]:
-    """The contacts of a message made by `contact_cloud`, as rows of CONTACT; a view, not a copy."""
+    """Return the contacts of a message made by `contact_cloud` as rows of CONTACT; a view, not a copy."""
     return np.frombuffer(message.data, dtype=CONTACT)
 
 
 def step_profile(stages: Sequence[str], rows: Array) -> Float64MultiArray:
-    """Steps with the times of their stages.
+    """Return steps with the times of their stages as a message.
 
     Args:
         stages: Names of the stages, length s; the label of the second dimension joins them by commas.
@@ -92,7 +92,7 @@ def step_profile(stages: Sequence[str], rows: Array) -> Float64MultiArray:
 
 
 def read_step_profile(message: Float64MultiArray) -> tuple[tuple[str, ...], Array]:
-    """Stages and rows of a message made by `step_profile`."""
+    """Return stages and rows of a message made by `step_profile`."""
     steps, columns = message.layout.dim
     rows = np.frombuffer(message.data, dtype=float).reshape(steps.size, columns.size)
     return tuple(columns.label.split(",")[2:]), rows
@@ -105,7 +105,7 @@ Write: TypeAlias = Callable[[Header, SensorReading], Any]
 
 
 class Told(NamedTuple):
-    """One message of a kind of sensor: what stands behind the sensor's topic, its type, how it is written."""
+    """A message that a kind of sensor publishes: topic suffix, type, and the function that writes it."""
 
     below: str
     message: type
@@ -113,14 +113,14 @@ class Told(NamedTuple):
 
 
 def wrench(header: Header, reading: SensorReading) -> WrenchStamped:
-    """Force in [N] and moment in [N m] in the frame of the header."""
+    """Return force in [N] and moment in [N m] in the frame of the header."""
     message = WrenchStamped(header=header)
     message.wrench.force, message.wrench.torque = _vectors(reading.value)
     return message
 
 
 def tactile_image(header: Header, reading: SensorReading) -> Image:
-    """Pressures in [Pa] as an image of one float32 channel, a row of the image for each row of the grid."""
+    """Return pressures in [Pa] as an image with one float32 channel and a row for each row of the grid."""
     rows, columns = reading.value.shape
     return Image(
         header=header,
@@ -134,12 +134,15 @@ def tactile_image(header: Header, reading: SensorReading) -> Image:
 
 
 def read_tactile_image(message: Image) -> Array:
-    """Pressures in [Pa] of a message made by `tactile_image`, shape (rows, columns)."""
+    """Return pressures in [Pa] of a message made by `tactile_image`, shape (rows, columns)."""
     return np.frombuffer(message.data, dtype="<f4").reshape(message.height, message.width).astype(float)
 
 
 def imu(header: Header, reading: SensorReading) -> Imu:
-    """Specific force, angular rate and orientation with the variances of their noise; -1: no orientation."""
+    """Return specific force, angular rate and orientation with their noise variances.
+
+    The first orientation covariance is -1 if there is no orientation.
+    """
     described = reading.description
     assert isinstance(described, ImuDescription)
     message = Imu(header=header)
@@ -156,17 +159,17 @@ def imu(header: Header, reading: SensorReading) -> Imu:
 
 
 def marker_poses(header: Header, reading: SensorReading) -> PoseArray:
-    """Places of markers in [m], not turned; NaN where one is not seen."""
+    """Return positions of markers in [m] with identity rotation; NaN for a marker that is not visible."""
     return PoseArray(header=header, poses=[pose(place, UPRIGHT) for place in reading.value.tolist()])
 
 
 def number(_: Header, reading: SensorReading) -> Float64:
-    """One number."""
+    """Return one number."""
     return Float64(data=float(reading.value))
 
 
 def cable_state(header: Header, reading: SensorReading) -> JointState:
-    """Length in [m] as position and tension in [N] as effort of the cable's joint."""
+    """Return length in [m] as position and tension in [N] as effort of the cable's joint."""
     described = reading.description
     assert isinstance(described, CableSensorDescription)
     length, tension = reading.value
@@ -174,7 +177,7 @@ def cable_state(header: Header, reading: SensorReading) -> JointState:
 
 
 def chamber_pressure(atmosphere: float, header: Header, reading: SensorReading) -> FluidPressure:
-    """Pressure against vacuum in [Pa], `atmosphere` around, with the variance of its noise."""
+    """Return absolute pressure in [Pa] with its noise variance; `atmosphere` is the surrounding pressure."""
     described = reading.description
     assert isinstance(described, ChamberSensorDescription)
     pressure, variance = atmosphere + float(reading.value[1]), described.pressure_noise**2
@@ -182,12 +185,12 @@ def chamber_pressure(atmosphere: float, header: Header, reading: SensorReading) 
 
 
 def chamber_volume(_: Header, reading: SensorReading) -> Float64:
-    """Volume in [m^3]."""
+    """Return volume in [m^3]."""
     return Float64(data=float(reading.value[0]))
 
 
 def numbers(_: Header, reading: SensorReading) -> Float64MultiArray:
-    """All numbers, row by row: of a kind that a user has added."""
+    """Return all numbers, row by row; used for kinds of sensors that a user has added."""
     return Float64MultiArray(data=message_array(reading.value, "d"))
 
 
@@ -200,11 +203,11 @@ KINDS: Final[dict[type[SimulatedSensorDescription], tuple[Told, ...]]] = {
     MarkersDescription: (Told("", PoseArray, marker_poses),),
     CableSensorDescription: (Told("", JointState, cable_state),),
 }
-"""What is told of the package's kinds; of chambers see `told_of`, of others `numbers`."""
+"""Messages of the sensor kinds of this package; for chambers see `told_of`, for others `numbers`."""
 
 
 def told_of(described: SimulatedSensorDescription, atmosphere: float) -> tuple[Told, ...]:
-    """The messages of a sensor; `atmosphere` is the pressure of the air around in [Pa], against vacuum."""
+    """Return the messages of a sensor; `atmosphere` is the absolute pressure of the air in [Pa]."""
     if isinstance(described, ChamberSensorDescription):
 
         def pressure(header: Header, reading: SensorReading) -> FluidPressure:

@@ -8,28 +8,34 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, Quaternion, Transform, TransformStamped, Vector3
+from geometry_msgs.msg import (
+    Pose as PoseMessage,
+    PoseStamped,
+    Quaternion,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
 from numpy.typing import ArrayLike
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState, MultiDOFJointState
 from std_msgs.msg import Header
 
-from softsim_core.base.errors import CommandError
-from softsim_core.scene.io.catalog import shortened
+from softsim_core.base import CommandError
+from softsim_core.scene.io import shortened
 
 _TYPECODES: dict[str, Any] = {"d": np.dtype("<f8"), "f": np.dtype("<f4"), "I": np.dtype("<u4")}
 
 
 def message_array(values: ArrayLike, typecode: str) -> array[Any]:
-    """Values as the `array.array` of a message field.
+    """Return values as the `array.array` of a message field.
 
     Args:
         values: Numbers of any shape; taken row by row.
-        typecode: "d" (float64), "f" (float32), "I" (uint32) or "B" (raw bytes of the values as they are).
+        typecode: "d" (float64), "f" (float32), "I" (uint32) or "B" (raw bytes of the values).
 
     Returns:
-        A copy of the numbers; for "B" a copy of their memory, little-endian where the input is.
+        A copy of the numbers; for "B" a copy of their memory, little-endian if the input is.
     """
     numbers = np.asarray(values, dtype=_TYPECODES.get(typecode))
     buffer: array[Any] = array(typecode)
@@ -38,18 +44,18 @@ def message_array(values: ArrayLike, typecode: str) -> array[Any]:
 
 
 def time_message(seconds: float) -> Time:
-    """A time of `seconds` >= 0, rounded to the nearest nanosecond."""
+    """Return a time of `seconds` >= 0, rounded to the nearest nanosecond."""
     whole, nanoseconds = divmod(round(seconds * 1e9), 1_000_000_000)
     return Time(sec=whole, nanosec=nanoseconds)
 
 
 def header(stamp: Time, frame: str) -> Header:
-    """A header of that time and frame."""
+    """Return a header with that time and frame."""
     return Header(stamp=stamp, frame_id=frame)
 
 
 def clock(seconds: float) -> Clock:
-    """A /clock message at simulated time `seconds`."""
+    """Return a /clock message at simulated time `seconds`."""
     return Clock(clock=time_message(seconds))
 
 
@@ -61,15 +67,15 @@ def joint_state(
     velocities: ArrayLike,
     efforts: ArrayLike,
 ) -> JointState:
-    """Joint states in the order of `names`.
+    """Return joint states in the order of `names`.
 
     Args:
         stamp: Time of the state.
-        frame: Frame the joints sit in.
+        frame: Frame of the joints.
         names: Joint names, length nj.
         positions: [rad] or [m], shape (nj,).
         velocities: [rad/s] or [m/s], shape (nj,).
-        efforts: What a servo must hold, [N m] or [N], shape (nj,).
+        efforts: Torque or force that a servo must apply, [N m] or [N], shape (nj,).
     """
     return JointState(
         header=header(stamp, frame),
@@ -81,12 +87,12 @@ def joint_state(
 
 
 def fluid_pressure(stamp: Time, frame: str, pressure: float) -> FluidPressure:
-    """A pressure against vacuum in [Pa], of unknown variance, at a sensor in `frame`."""
+    """Return an absolute pressure in [Pa], of unknown variance, at a sensor in `frame`."""
     return FluidPressure(header=header(stamp, frame), fluid_pressure=pressure)
 
 
 def pose(position: Iterable[float], quaternion_xyzw: Iterable[float]) -> PoseMessage:
-    """A pose at `position` in [m] with a unit quaternion."""
+    """Return a pose at `position` in [m] with a unit quaternion."""
     message = PoseMessage()
     message.position.x, message.position.y, message.position.z = map(float, position)
     turn = message.orientation
@@ -97,14 +103,14 @@ def pose(position: Iterable[float], quaternion_xyzw: Iterable[float]) -> PoseMes
 def pose_stamped(
     stamp: Time, frame: str, position: Iterable[float], quaternion_xyzw: Iterable[float]
 ) -> PoseStamped:
-    """A pose in `frame`: position in [m], unit quaternion."""
+    """Return a pose in `frame`: position in [m], unit quaternion."""
     return PoseStamped(header=header(stamp, frame), pose=pose(position, quaternion_xyzw))
 
 
 def transform_stamped(
     stamp: Time, parent: str, child: str, position: Iterable[float], quaternion_xyzw: Iterable[float]
 ) -> TransformStamped:
-    """Where frame `child` sits in frame `parent`: position in [m], unit quaternion."""
+    """Return the pose of frame `child` in frame `parent`: position in [m], unit quaternion."""
     message = TransformStamped(header=header(stamp, parent), child_frame_id=child)
     shift, turn = message.transform.translation, message.transform.rotation
     shift.x, shift.y, shift.z = map(float, position)
@@ -116,18 +122,18 @@ WORLD = "world"
 
 
 def base_target(stamp: Time, joint: str, position: Sequence[float]) -> MultiDOFJointState:
-    """A message that sends the base of a joint to a position (3,) in [m] in `world`."""
+    """Return a message that moves the base of a joint to a position (3,) in [m] in `world`."""
     x, y, z = map(float, position)
     place = Transform(translation=Vector3(x=x, y=y, z=z))
     return MultiDOFJointState(header=header(stamp, WORLD), joint_names=[joint], transforms=[place])
 
 
 def read_base_target(message: MultiDOFJointState) -> tuple[str, tuple[float, float, float]]:
-    """Joint and position in [m] of a message.
+    """Return joint and position in [m] of a message.
 
     Raises:
         CommandError: another frame than `world`, not one joint with one transform, a rotation, velocities or
-            forces: only the place of a base can be chosen.
+            forces: only the position of a base can be set.
     """
     if message.header.frame_id != WORLD:
         raise CommandError(

@@ -12,7 +12,7 @@ from softsim_ros.messages.states import header
 
 
 def load_message(type_name: str) -> type:
-    """The class of a type such as "sensor_msgs/msg/JointState".
+    """Return the class of a type such as "sensor_msgs/msg/JointState".
 
     Raises:
         ImportError, AttributeError: its package is not installed, or has no such type.
@@ -26,22 +26,22 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 
 def shown(value: object) -> str:
-    """A value as text: floats with six significant digits, the rest as it prints."""
+    """Return a value as text: floats with six significant digits, others as they print."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def diagnostic_array(
     stamp: Time, name: str, hardware_id: str, level: bytes, message: str, values: Mapping[str, object]
 ) -> DiagnosticArray:
-    """One status in a DiagnosticArray.
+    """Return one status in a DiagnosticArray.
 
     Args:
         stamp: Time of the report.
         name: Component, for example "tripod/simulator".
-        hardware_id: Which robot.
+        hardware_id: Name of the robot.
         level: OK, WARN or ERROR of this module.
-        message: One sentence.
-        values: Named values in the order they are shown.
+        message: Text of the status.
+        values: Named values in the order in which they are shown.
     """
     status = DiagnosticStatus(
         level=level,
@@ -54,7 +54,7 @@ def diagnostic_array(
 
 
 def diagnostic_values(message: DiagnosticArray, name: str) -> dict[str, str]:
-    """Values of the status called `name`; empty where the message has none of that name."""
+    """Return the values of the status called `name`; empty if the message has none of that name."""
     for status in message.status:
         if status.name == name:
             return {entry.key: entry.value for entry in status.values}

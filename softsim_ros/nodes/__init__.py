@@ -1,1 +1,1 @@
-"""The ROS nodes of the suite, one package each."""
+"""The ROS nodes of the project, one package each."""

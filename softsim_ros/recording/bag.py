@@ -1,4 +1,4 @@
-"""Reading bags: topics, messages in time order, decoded without ROS."""
+"""Read bags without ROS: topics, messages in time order, decoded."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.scene.io.catalog import shortened
+from softsim_core.base import SoftSimError
+from softsim_core.scene.io import shortened
 from softsim_ros.recording.errors import BagError
 from softsim_ros.recording.integrity import guard_reader, hold_budget, is_torn
 
@@ -32,10 +32,10 @@ DAMAGE = (
     SerdeError,
     TypesysError,
 )
-"""What reading a damaged bag ends in, deep inside of the reader or of what takes its messages."""
+"""Errors that reading a damaged bag raises, in the reader or in the code that processes its messages."""
 
 MOST_REASON = 150
-"""So many characters of the reader's own reason are told."""
+"""Largest number of characters quoted from the reader's own error."""
 
 
 class RawMessage(NamedTuple):
@@ -43,7 +43,7 @@ class RawMessage(NamedTuple):
 
     Attributes:
         topic: Full name.
-        stamp_ns: When it came, in [ns] since 1970.
+        stamp_ns: Time of its arrival, in [ns] since 1970.
         data: Serialised (CDR).
     """
 
@@ -59,12 +59,12 @@ class Bag:
         path: Folder with metadata.yaml, or one storage file.
 
     Attributes:
-        path: What was opened.
+        path: The bag that was opened.
         robot: Name of the robot, from the metadata; else the namespace.
-        namespace: Namespace of the robot, such as "/tripod"; "/" where the bag does not tell.
+        namespace: Namespace of the robot, such as "/tripod"; "/" if the bag does not name it.
 
     Raises:
-        BagError: it cannot be read; says what to do.
+        BagError: it cannot be read; the message says what to do.
     """
 
     def __init__(self, path: Path) -> None:
@@ -83,7 +83,7 @@ class Bag:
             raise
 
     def _read_notes(self) -> None:
-        """Learn whose bag it is, and its message types."""
+        """Read robot, namespace and message types of the bag."""
         with self._sentences("cannot be read"):
             notes = getattr(self._reader.storage.metadata, "custom", None) or {}
             self.namespace = shortened(str(notes.get("namespace") or self._common_namespace()), 200)
@@ -91,16 +91,16 @@ class Bag:
             self._register_types()
 
     def __enter__(self) -> Bag:
-        """Open already."""
+        """Return the bag, which is open already."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the file; what its content has led to is said in a sentence.
+        """Close the file.
 
         Raises:
-            BagError: in the place of an error that a damaged or foreign bag leads to.
+            BagError: in place of an error that a damaged or foreign bag has caused.
         """
         self._reader.close()
         if isinstance(error, DAMAGE) and not isinstance(error, SoftSimError):
@@ -108,7 +108,7 @@ class Bag:
 
     @contextmanager
     def _sentences(self, what: str) -> Iterator[None]:
-        """Turn whatever a damaged bag leads to inside into a BagError."""
+        """Convert any error that a damaged bag causes inside the context to a BagError."""
         try:
             yield
         except SoftSimError:
@@ -128,7 +128,7 @@ class Bag:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages on each topic."""
+        """Number of messages on each topic."""
         counts: dict[str, int] = {}
         for each in self._reader.connections:
             counts[each.topic] = counts.get(each.topic, 0) + each.msgcount
@@ -145,11 +145,11 @@ class Bag:
         return max(0.0, 1e-9 * (self._reader.end_time - 1 - self._reader.start_time))
 
     def topic(self, name: str) -> str:
-        """Full name of a topic of the robot: "joint_states" is "/tripod/joint_states"."""
+        """Return the full name of a robot's topic: "joint_states" is "/tripod/joint_states"."""
         return name if name.startswith("/") else f"{self.namespace.rstrip('/')}/{name}"
 
     def offered_qos(self, topic: str) -> Qos | None:
-        """What its publisher offered; None where the bag does not tell."""
+        """Return the QoS profile that the publisher offered; None if the bag does not contain it."""
         for each in self._connections([topic]):
             if isinstance(each.ext, ConnectionExtRosbag2) and each.ext.offered_qos_profiles:
                 return each.ext.offered_qos_profiles[0]
@@ -158,7 +158,7 @@ class Bag:
     def raw_messages(
         self, topics: Collection[str] | None = None, since_ns: int | None = None, before_ns: int | None = None
     ) -> Iterator[RawMessage]:
-        """Messages in the order of their stamps.
+        """Yield messages in the order of their stamps.
 
         Args:
             topics: Full names to take; None takes all.
@@ -180,7 +180,7 @@ class Bag:
             yield RawMessage(message[0].topic, message[1], message[2])
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """Stamp in [ns] and decoded message of one topic, given by its full name."""
+        """Yield stamp in [ns] and decoded message of one topic, given by its full name."""
         type_name = self.topics.get(topic)
         if type_name is None:
             return
@@ -199,14 +199,14 @@ class Bag:
         return "/"
 
     def _register_types(self) -> None:
-        """Learn the message types that the bag describes and the reader does not know."""
+        """Register the message types that the bag describes and the reader does not know."""
         for each in self._reader.connections:
             if each.msgtype not in self._types.fielddefs and each.msgdef.data:
                 self._types.register(get_types_from_msg(each.msgdef.data, each.msgtype))
 
 
 def storage_of(path: Path) -> Path:
-    """What to open: the folder where it has metadata, else its only storage file.
+    """Return the path to open: the folder if it has metadata, else its only storage file.
 
     Raises:
         BagError: there is no bag, or its recorder was killed.

@@ -1,4 +1,4 @@
-"""A rosbag2 folder with one MCAP file: written so that a crash loses at most a second, and repaired."""
+"""Write a rosbag2 folder with one MCAP file, of which a crash loses at most a second; repair it."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, WriterError
 from rosbags.typesys import Stores, get_typestore
 
-from softsim_core.base.files import put_in_place, refuse_links, write_file
+from softsim_core.base import put_in_place, refuse_links, write_file
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.errors import BagError, RecordingError
 from softsim_ros.recording.integrity import ChecksummedWriter, end_torn_file, is_torn
 
 VERSION: Literal[9] = 9
-"""Version of the folder's metadata: ROS 2 Jazzy's."""
+"""Version of the folder's metadata, that of ROS 2 Jazzy."""
 
 
 class BagWriter:
-    """Writes serialised messages of several topics in the order they come.
+    """Writes serialised messages of several topics in the order in which they arrive.
 
     Args:
         folder: The bag; must not exist yet.
-        notes: Kept in the bag's metadata as custom data: the robot and its namespace.
+        notes: Stored in the bag's metadata as custom data: the robot and its namespace.
 
     Attributes:
         folder: The bag.
-        count: Messages written.
+        count: Number of messages written.
 
     Raises:
-        RecordingError: the folder exists or cannot be made.
+        RecordingError: the folder exists or cannot be created.
     """
 
     def __init__(self, folder: Path, notes: dict[str, str]) -> None:
@@ -57,7 +57,7 @@ class BagWriter:
         storage: Any = self._writer.storage
         self._file = storage  # the MCAP file, whose chunks `flush` closes
         self._file.bio.flush()
-        fcntl.flock(self._file.bio, fcntl.LOCK_EX | fcntl.LOCK_NB)  # tells `repair` that somebody writes
+        fcntl.flock(self._file.bio, fcntl.LOCK_EX | fcntl.LOCK_NB)  # shows `repair` that it is being written
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -66,7 +66,7 @@ class BagWriter:
 
     @property
     def size(self) -> int:
-        """Bytes on the disk and waiting to go there (these not compressed yet)."""
+        """Bytes on the disk and pending bytes, of which the latter are not compressed yet."""
         return int(self._file.bio.tell()) + int(self._file.chunk.bio.tell())
 
     @property
@@ -75,11 +75,11 @@ class BagWriter:
         return 1e-9 * (self._newest - self._begin)
 
     def knows(self, type_name: str) -> bool:
-        """Whether messages of a type such as "sensor_msgs/msg/JointState" can be described in a bag."""
+        """Return whether a bag can describe messages of a type such as "sensor_msgs/msg/JointState"."""
         return type_name in self._types.fielddefs
 
     def add_topic(self, topic: str, type_name: str, offered: Sequence[Qos] = ()) -> None:
-        """Announce a topic before its first message; known ones are left as they are."""
+        """Add a topic before its first message; a known one stays as it is."""
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(
                 topic, type_name, typestore=self._types, offered_qos_profiles=list(offered)
@@ -90,11 +90,12 @@ class BagWriter:
 
         Args:
             topic: A topic that was added.
-            stamp_ns: When it came, in [ns] since 1970; a clock that was set back is held.
+            stamp_ns: Time of its arrival, in [ns] since 1970; an earlier stamp than the last one is replaced
+                by that.
             data: The serialised message (CDR).
 
         Raises:
-            RecordingError: it cannot be written (disk full); the bag is closed with what it holds.
+            RecordingError: it cannot be written (disk full); the bag is closed with its present content.
         """
         self._newest = max(self._newest, stamp_ns)
         self._begin = self._begin or self._newest
@@ -105,7 +106,7 @@ class BagWriter:
         self.count += 1
 
     def flush(self) -> None:
-        """Bring everything so far to the operating system: it outlives a crash of this process.
+        """Pass everything so far to the operating system, so that it survives a crash of this process.
 
         Raises:
             RecordingError: as `write`.
@@ -129,7 +130,7 @@ class BagWriter:
             self._give_up(error)
 
     def _give_up(self, cause: OSError) -> None:
-        """Leave a readable file behind and say why it ends here."""
+        """Close the file so that it is readable, and raise with the reason why it ends here."""
         with suppress(OSError):
             self._writer.abort()
         kept = "what was written before could not be closed: see softsim record --repair"
@@ -140,7 +141,7 @@ class BagWriter:
 
 
 def repair(path: Path) -> str:
-    """Close a bag in place; what reached the disk is kept. Returns a sentence.
+    """Close a bag in place, with all data that reached the disk; return a message.
 
     Raises:
         BagError: no bag, not an MCAP file, or still being recorded.
@@ -171,7 +172,7 @@ def repair(path: Path) -> str:
 
 
 def _write_again(folder: Path, file: Path) -> int:
-    """Copy the messages into a bag with index and metadata, and put its files in place."""
+    """Copy the messages into a bag with index and metadata, and move its files into place."""
     aside = folder / "repaired"
     _clear(aside)
     with Bag(file) as torn:
@@ -190,10 +191,10 @@ def _write_again(folder: Path, file: Path) -> int:
 
 
 def _clear(aside: Path) -> None:
-    """Remove the folder of a repair, also of one that was ended before its last step.
+    """Remove the temporary folder of a repair, also of one that was interrupted.
 
     Raises:
-        BagError: it holds something else.
+        BagError: it contains something else.
     """
     for name in ("repaired.mcap", "metadata.yaml"):
         (aside / name).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""What a report shows: curves over time out of a bag, or a sentence on what is missing."""
+"""Curves of a report: quantities of a bag over time, or a message about missing topics."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softsim_core import RobotDescription
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_ros.recording.bag import Bag
 from softsim_ros.recording.tables import diagnostic_row
 
@@ -22,10 +22,10 @@ class Curve:
     """A quantity over time.
 
     Attributes:
-        name: For the legend; empty leaves it out.
-        times: Since the bag's first message in [s], shape (n,).
+        name: Name in the legend; an empty one is left out.
+        times: Time since the bag's first message in [s], shape (n,).
         values: In the chart's unit, shape (n,).
-        style: "line", "dashed", or "steps" for values that hold until the next.
+        style: "line", "dashed", or "steps" for values that are constant until the next one.
         colour: Number of the colour; curves that belong together share one.
     """
 
@@ -41,11 +41,11 @@ class Chart:
     """Curves with one axis.
 
     Attributes:
-        title: Above it.
-        unit: Of the vertical axis.
-        curves: What is drawn; empty where something is missing.
+        title: Title above the chart.
+        unit: Unit of the vertical axis.
+        curves: Curves to draw; empty if data are missing.
         levels: Horizontal lines, such as limits.
-        sentence: Said below the title: what is missing, or what is seen.
+        sentence: Text below the title: what is missing, or what the chart shows.
     """
 
     title: str
@@ -57,7 +57,7 @@ class Chart:
 
 @dataclass
 class _Series:
-    """Rows that are gathered one by one."""
+    """Rows that are collected one by one."""
 
     times: list[float] = field(default_factory=list)
     rows: list[Sequence[float]] = field(default_factory=list)
@@ -68,11 +68,11 @@ class _Series:
 
 
 def charts(bag: Bag, robot: RobotDescription | None) -> list[Chart]:
-    """All charts of a report, each with its curves or with a sentence that says what is missing.
+    """Return all charts of a report, each with its curves or with a message about missing topics.
 
     Args:
         bag: Open bag.
-        robot: The robot, for the units and limits of its joints; None where it is not known here.
+        robot: The robot, for the units and limits of its joints; None if it is not known here.
     """
     return [
         *_joint_charts(bag, robot),
@@ -85,7 +85,7 @@ def charts(bag: Bag, robot: RobotDescription | None) -> list[Chart]:
 
 
 def missing(bag: Bag, *topics: str) -> str:
-    """The sentence for topics that a bag does not hold; empty where it holds all."""
+    """Return a message about topics that a bag does not contain; an empty string if it contains all."""
     names = [bag.topic(topic) for topic in topics if not bag.counts.get(bag.topic(topic))]
     return f"Not in this recording: {', '.join(names)}." if names else ""
 
@@ -174,7 +174,7 @@ def _effector_charts(bag: Bag) -> Iterator[Chart]:
 
 
 def _diagnostics(bag: Bag, component: str, keys: Sequence[str]) -> dict[str, Curve]:
-    """Numbers in /diagnostics of the component whose name ends so; keys that never came are left out."""
+    """Return values in /diagnostics of the component whose name ends so; keys without values are left out."""
     points: dict[str, tuple[list[float], list[float]]] = {}
     for stamp, message in bag.messages("/diagnostics"):
         for status in message.status:
@@ -192,13 +192,13 @@ def _diagnostics(bag: Bag, component: str, keys: Sequence[str]) -> dict[str, Cur
 
 
 def _words(key: str) -> str:
-    """Name of a quantity as words; of a time without the unit, which the axis has."""
+    """Return the name of a quantity as words; for a time without the unit, which the axis has."""
     return key.removesuffix("_ms").replace("_", " ")
 
 
 def _from_diagnostics(bag: Bag, title: str, unit: str, component: str, keys: Sequence[str]) -> Chart:
     curves = list(_diagnostics(bag, component, keys).values())
-    if len(curves) == 1:  # the title says it
+    if len(curves) == 1:  # the title names it
         curves = [replace(curves[0], name="")]
     absent = f"Not in this recording: reports of {component.strip('/')} in /diagnostics."
     return Chart(title, unit, tuple(curves), sentence="" if curves else absent)

@@ -1,11 +1,12 @@
-"""Integrity of bags: torn ends, bounds on what they may unpack to, CRC-32 of their parts.
+"""Integrity of bags: torn ends, bounds on their unpacked size, CRC-32 of their parts.
 
 An MCAP file is a magic number, records (one byte of kind, eight of length, the content), and the magic number
 again. A file without the closing part cannot be opened; with it, and no index, it can.
 
-The reader unpacks what a file says. Here its decompressors are replaced by ones that stop at the size that
-the chunk announces; chunks and bags that announce too much are refused before they are read, and so are
-bags that are compressed as a whole, which the reader would unpack to the disk without end.
+The reader itself unpacks whatever a file contains. Here its decompressors are replaced by ones that stop at
+the size that the chunk announces. Chunks and bags that announce too much are refused before they are read.
+Bags that are compressed as a whole are refused too, because the reader would unpack them to the disk without
+limit.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer, reader, storage_mcap
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-from softsim_core.base.files import open_in_place
+from softsim_core.base import open_in_place
 from softsim_ros.recording.errors import BagError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -29,7 +30,7 @@ _HEAD: Final = struct.Struct("<BQ")
 
 
 def is_torn(file: Path) -> bool:
-    """Whether the file begins as an MCAP file but does not end as one."""
+    """Return whether the file begins as an MCAP file but does not end as one."""
     with file.open("rb") as stream:
         begins = stream.read(len(MAGIC)) == MAGIC
         size = stream.seek(0, 2)
@@ -38,7 +39,7 @@ def is_torn(file: Path) -> bool:
 
 
 def end_torn_file(file: Path) -> None:
-    """Cut a torn file after its last whole record before the summary, and close it without an index.
+    """Truncate a torn file after its last whole record before the summary, and close it without an index.
 
     Raises:
         BagError: it is no MCAP file.
@@ -56,7 +57,10 @@ def end_torn_file(file: Path) -> None:
 
 
 def _sound_length(stream: BinaryIO) -> int:
-    """Bytes up to the end of the last whole data record; 0 for a file of another kind."""
+    """Return the number of bytes up to the end of the last whole data record.
+
+    Return 0 for a file of another kind.
+    """
     if stream.read(len(MAGIC)) != MAGIC:
         return 0
     size = stream.seek(0, 2)
@@ -72,32 +76,35 @@ def _sound_length(stream: BinaryIO) -> int:
 
 
 CRC_OFFSET: Final = 9 + 24
-"""Where the checksum stands in a chunk: after the record's head, two times and the unpacked size."""
+"""Offset of the checksum in a chunk: after the record's head, two times and the unpacked size."""
 
 BLOCK_BYTES: Final = 2**20
-"""So much of a file is read at once."""
+"""Number of bytes of a file that are read at once."""
 
 _FOOTER: Final = struct.Struct("<QQI")
 _DATA_END: Final = struct.Struct("<BQI")
 
 
 class Checksum(NamedTuple):
-    """A checksum that a file tells, and what its bytes give; 0 is told where the writer left it out."""
+    """A stored checksum and the one computed from the bytes.
+
+    The stored one is 0 if the writer left it out.
+    """
 
     told: int
     counted: int
 
 
 def read_summary(stream: BinaryIO) -> Checksum | None:
-    """The checksum of the index at the end of an MCAP file; None: it has no index."""
+    """Return the checksum of the index at the end of an MCAP file; None if it has no index."""
     begin, end, told = _footer(stream)
     return Checksum(told, _crc_of(stream, begin, end - 4)) if begin else None
 
 
 def read_data_section(stream: BinaryIO) -> Checksum | None:
-    """The checksum of all that stands before the index of an MCAP file; None: it has no index.
+    """Return the checksum of everything before the index of an MCAP file; None if it has no index.
 
-    Where the file tells none its bytes are not counted.
+    If the file stores no checksum, none is computed.
     """
     begin = _footer(stream)[0]
     if begin < _DATA_END.size:
@@ -111,7 +118,10 @@ def read_data_section(stream: BinaryIO) -> Checksum | None:
 
 
 def _footer(stream: BinaryIO) -> tuple[int, int, int]:
-    """Begin of the index, end of the footer behind it, checksum of the index; 0, 0, 0: there is none."""
+    """Return begin of the index, end of the footer after it, and checksum of the index.
+
+    Return 0, 0, 0 if there is none.
+    """
     end = stream.seek(0, 2) - len(MAGIC)
     if end < _FOOTER.size:
         return 0, 0, 0
@@ -121,7 +131,7 @@ def _footer(stream: BinaryIO) -> tuple[int, int, int]:
 
 
 def _crc_of(stream: BinaryIO, begin: int, end: int, before: int = 0) -> int:
-    """CRC-32 of the bytes from `begin` to `end`, going on from that of what is `before` them."""
+    """Return the CRC-32 of the bytes from `begin` to `end`, continued from the CRC-32 `before`."""
     stream.seek(begin)
     for at in range(begin, end, BLOCK_BYTES):
         before = crc32(stream.read(min(BLOCK_BYTES, end - at)), before)
@@ -129,14 +139,14 @@ def _crc_of(stream: BinaryIO, begin: int, end: int, before: int = 0) -> int:
 
 
 class ChecksummedMcap(McapWriter):
-    """An MCAP file that carries its checksums; by itself the writer leaves them out."""
+    """An MCAP file with checksums, which the base class leaves out."""
 
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
-        self._counted, self._checksum = 0, 0  # of the file's first so many bytes
+        self._counted, self._checksum = 0, 0  # number of checksummed bytes, and their checksum
 
     def close_chunk(self) -> None:
-        """Write the pending chunk, with its checksum."""
+        """Write the pending chunk with its checksum."""
         begin, checksum = self.bio.tell(), crc32(self.chunk.bio.getbuffer())
         super().close_chunk()
         end = self.bio.tell()
@@ -158,7 +168,7 @@ class ChecksummedMcap(McapWriter):
             stream.write(struct.pack("<I", checksum))
 
     def _count(self, end: int) -> None:
-        """Let the checksum of the data go on to the byte `end`, which is still in the system's cache."""
+        """Extend the checksum of the data to the byte `end`; these bytes are still in the system's cache."""
         if not self.bio.closed:
             self.bio.flush()
         with self.path.open("rb") as stream:
@@ -167,19 +177,19 @@ class ChecksummedMcap(McapWriter):
 
 
 class ChecksummedWriter(Writer):
-    """A writer of bags whose MCAP files carry checksums."""
+    """A writer of bags with checksums in their MCAP files."""
 
     STORAGE_PLUGINS = MappingProxyType({**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: ChecksummedMcap})
 
 
 MOST_CHUNK_BYTES: Final = 128 * 2**20
-"""A chunk may unpack to so many bytes; a recorder's are of about one MiB."""
+"""Largest unpacked size of a chunk in bytes; a recorder's chunks have about one MiB."""
 
 MOST_BAG_BYTES: Final = 64 * 2**30
-"""All chunks together may unpack to so many bytes."""
+"""Largest unpacked size of all chunks together in bytes."""
 
 MOST_TIMES: Final = 1000
-"""So many times its own size a file may unpack to, beyond the size of one chunk."""
+"""Largest unpacked size of a file as a multiple of its own size, beyond the size of one chunk."""
 
 MOST_METADATA_BYTES: Final = 8 * 2**20
 CHUNK: Final = 0x06
@@ -189,7 +199,7 @@ _CHUNK_HEAD: Final = struct.Struct("<QQQI")
 def hold_budget(path: Path) -> None:
     """Refuse a bag (a folder or one storage file) that unpacks to too much or does not match its checksums.
 
-    Every byte is read, at the pace of the disk: the bytes between chunks have no other checksum.
+    Every byte is read at the speed of the disk, because the bytes between chunks have no other checksum.
 
     Raises:
         BagError: says what is too large or damaged.
@@ -207,11 +217,11 @@ def hold_budget(path: Path) -> None:
 
 
 def _unpacked_bytes(path: Path, file: Path) -> int:
-    """What all chunks of a file say that they unpack to, as far as its records are whole."""
+    """Return the unpacked size that all chunks of a file announce, as far as its records are whole."""
     size, total = file.stat().st_size, 0
     with file.open("rb") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
-            return 0  # the reader says so
+            return 0  # the reader reports that
         while len(head := stream.read(_HEAD.size)) == _HEAD.size:
             kind, length = _HEAD.unpack(head)
             begin = stream.tell()
@@ -235,7 +245,7 @@ def _unpacked_bytes(path: Path, file: Path) -> int:
 
 
 def _check_sums(path: Path, file: Path) -> None:
-    """Compare what stands before and in the index of a file with their checksums, where it has them."""
+    """Compare the data section and the index of a file with their checksums, if it has them."""
     with file.open("rb") as stream:
         summary, data = read_summary(stream), read_data_section(stream)
     if summary is not None and summary.told not in (0, summary.counted):
@@ -254,7 +264,7 @@ def _lz4(data: bytes, size: int) -> bytes:
 
 
 def _bounded(decompressor: Any, data: bytes, size: int) -> bytes:
-    """What data unpack to, never more than one byte beyond `size`."""
+    """Return unpacked data, at most one byte more than `size`."""
     if size > MOST_CHUNK_BYTES:
         raise ReaderError(f"a chunk would unpack to {size} bytes")
     try:
@@ -264,7 +274,7 @@ def _bounded(decompressor: Any, data: bytes, size: int) -> bytes:
 
 
 class _NoWholeFiles:
-    """Takes the place of the compression module where the reader unpacks what no chunk bounds."""
+    """Replaces the compression module in the reader for data that no chunk bounds."""
 
     @staticmethod
     def open(*_: object, **__: object) -> None:
@@ -276,7 +286,7 @@ class _NoWholeFiles:
 
 
 def guard_reader() -> None:
-    """Put the bounds into the reader; a second call changes nothing."""
+    """Install the bounds in the reader; a second call changes nothing."""
     storage_mcap.DECOMPRESSORS.update(zstd=_zstd, lz4=_lz4)
     module: Any = reader
     module.zstd = _NoWholeFiles

@@ -1,4 +1,4 @@
-"""The node `recorder`: every topic of a robot into a rosbag2 file, as it comes."""
+"""The node `recorder`: records every topic of a robot to a rosbag2 file, message by message."""
 
 from __future__ import annotations
 
@@ -31,21 +31,19 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
 from softsim_core import load_scene
-from softsim_core.base.errors import SoftSimError
-from softsim_node.parameters import Program, declare, parameter, parameter_probe
-from softsim_node.process import run_node
-from softsim_node.topics import StateTopics, hearing_all
-from softsim_ros.messages.types import load_message
+from softsim_core.base import SoftSimError
+from softsim_node import Program, StateTopics, declare, hearing_all, parameter, parameter_probe, run_node
+from softsim_ros import ClosableNode
+from softsim_ros.messages import load_message
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import RecordingError
-from softsim_ros.robot_node import ClosableNode
 
 FAST_DEPTH = 100
-"""A replay may be faster than the publisher was; so many messages may wait for a slow listener."""
+"""Queue length of replayed topics; a replay may be faster than the original publisher."""
 
 
 def bag_qos(profile: QoSProfile) -> Qos:
-    """The profile a publisher offers, as a bag keeps it."""
+    """Return a publisher's QoS profile in the form that a bag stores."""
     return Qos(
         QosHistory[profile.history.name],
         profile.depth,
@@ -60,7 +58,7 @@ def bag_qos(profile: QoSProfile) -> Qos:
 
 
 def publisher_qos(offered: Qos | None) -> QoSProfile:
-    """The profile with which a recorded topic is published again; reliable where the bag says nothing."""
+    """Return the profile with which to republish a recorded topic; reliable if the bag stores none."""
     if offered is None:
         return QoSProfile(depth=10)
     best_effort = offered.reliability is QosReliability.BEST_EFFORT
@@ -81,12 +79,15 @@ SHARED = ("/diagnostics", "/tf", "/tf_static", "/clock")
 """Topics that all robots share."""
 
 LEFT_OUT = ("mesh/marker", "step_profile", "recorder/enabled", "scene/edit", "scene/proposal")
-"""Not recorded unless asked for: made from mesh/points, at five times the size; each step ten times over; the
-recorder's own state; edits of the scene's file."""
+"""Topics that are recorded only on request.
+
+`mesh/marker` is made from mesh/points at five times the size; `step_profile` contains each step ten times;
+the others are the recorder's own state and edits of the scene's file.
+"""
 
 
 class Selection:
-    """The robot's topics and the shared ones, or those that were named.
+    """Topics to record: all of the robot and the shared ones, or named ones.
 
     Args:
         namespace: Namespace of the robot, such as "/tripod".
@@ -99,28 +100,28 @@ class Selection:
         self._left_out = {self.absolute(name) for name in LEFT_OUT}
 
     def absolute(self, name: str) -> str:
-        """Full name of a topic."""
+        """Return the full name of a topic."""
         return name if name.startswith("/") else self._prefix + name
 
     def wants(self, topic: str) -> bool:
-        """Whether a topic of the graph is taken."""
+        """Return whether a topic of the graph is recorded."""
         if self._names:
             return topic in self._names
-        if "/_" in topic:  # hidden, by ROS's rule, such as those of an action
+        if "/_" in topic:  # hidden by ROS's convention, such as those of an action
             return False
         return topic in SHARED or (topic.startswith(self._prefix) and topic not in self._left_out)
 
 
 NODE_NAME = "recorder"
 LOOK_PERIOD_S = 0.25
-"""New topics and publishers are looked for this often, in [s]."""
+"""Period in [s] of the search for new topics and publishers."""
 
 FLUSH_PERIOD_S = 1.0
 SILENCE_S = 5.0
-"""Without any message for this long a sentence says so, in [s]."""
+"""Time in [s] without any message after which the recorder reports it."""
 
 DEPTH = 1000
-"""Messages of a topic that may wait while the disk is slow."""
+"""Queue length of a topic while the disk is slow."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,19 +143,20 @@ class RecorderSettings:
 
 
 class Recorder(ClosableNode):
-    """Records while it is enabled; each time into a new bag.
+    """Records while it is enabled, each time into a new bag.
 
     Args:
         context: rclpy context; None takes the default one.
-        namespace: Whose topics; None takes the parameter `robot`, `-r __ns:=/other` wins over both.
-        parameter_overrides: Values at start, over those of the command line.
-        news: Gets sentences about begin and end; None writes them to the log.
+        namespace: Namespace of the topics; None takes the parameter `robot`; `-r __ns:=/other` overrides
+            both.
+        parameter_overrides: Values at the start, which override those of the command line.
+        news: Called with messages about begin and end; None writes them to the log.
 
     Attributes:
-        failure: Why the last recording ended before its time; None while all is well.
+        failure: Why the last recording ended early; None if it did not.
 
     Raises:
-        RecordingError: the bag cannot be made.
+        RecordingError: the bag cannot be created.
     """
 
     def __init__(
@@ -194,10 +196,10 @@ class Recorder(ClosableNode):
         return self._bag is not None
 
     def begin(self) -> str:
-        """Open a new bag; returns a sentence.
+        """Open a new bag; return a message.
 
         Raises:
-            RecordingError: it cannot be made, or one is open.
+            RecordingError: it cannot be created, or one is open.
         """
         if self._bag is not None:
             raise RecordingError(f"recording to {self._bag.folder} already; end it first")
@@ -210,16 +212,16 @@ class Recorder(ClosableNode):
         return self._say(f"recording to {folder}")
 
     def end(self) -> str:
-        """Close the bag; returns a sentence with what it holds.
+        """Close the bag; return a message about its content.
 
         Raises:
-            RecordingError: none is open, or it cannot be written to its end.
+            RecordingError: none is open, or it cannot be completed.
         """
         if self._bag is None:
             raise RecordingError("nothing is being recorded")
         self._take_what_waits()
         bag, self._bag = self._bag, None
-        if bag is None:  # the disk took no more of it
+        if bag is None:  # the disk is full
             raise self.failure or RecordingError("nothing is being recorded")
         for subscription, _ in self._heard.values():
             self.destroy_subscription(subscription)
@@ -244,7 +246,7 @@ class Recorder(ClosableNode):
     # --- topics ---------------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """Subscribe to topics that are new, or whose publishers now need another subscription."""
+        """Subscribe to new topics, and to topics whose publishers now need another subscription."""
         if self._bag is None:
             return
         for topic, types in self.get_topic_names_and_types():
@@ -294,7 +296,7 @@ class Recorder(ClosableNode):
             self._failed(error)
 
     def _take_what_waits(self) -> None:
-        """Record the messages that have come and wait for the executor."""
+        """Record the messages that wait for the executor."""
         for subscription, _ in self._heard.values() if self.context.ok() else ():
             for _ in range(DEPTH):
                 taken = subscription.handle.take_message(subscription.msg_type, True)
@@ -325,7 +327,7 @@ class Recorder(ClosableNode):
 
     def _failed(self, error: RecordingError) -> None:
         self._bag, self.failure = None, error
-        with suppress(Exception):  # on the way out there may be no log any more
+        with suppress(Exception):  # during shutdown there may be no log any more
             self.get_logger().error(str(error))
 
     def _say(self, sentence: str) -> str:
@@ -343,7 +345,7 @@ class Recorder(ClosableNode):
 
 
 def namespace_of(robot: str) -> str:
-    """The namespace of a robot's nodes: the name in its file; of one that is not known here the name itself.
+    """Return the namespace of a robot's nodes: the name in its file, or `robot` if it is not known here.
 
     Raises:
         RecordingError: neither a known robot nor a name that can be a namespace.
@@ -357,7 +359,7 @@ def namespace_of(robot: str) -> str:
 
 
 def _requested_robot(context: Context | None, overrides: list[Parameter]) -> str:
-    """The parameter `robot`, needed before the node: it names the namespace."""
+    """Return the parameter `robot`, which is needed before the node because it names the namespace."""
     with parameter_probe(NODE_NAME, context=context, parameter_overrides=overrides) as probe:
         return declare(probe, RecorderSettings()).robot
 
@@ -370,7 +372,7 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the recorder as a process; returns the exit code."""
+    """Run the recorder as a process; return the exit code."""
     return run_node(PROGRAM, lambda _: Recorder(), args)
 
 

@@ -1,4 +1,4 @@
-"""The node `replay`: a bag's messages again, byte for byte, at the times they came."""
+"""The node `replay`: publishes a bag's messages again, byte for byte, with their original timing."""
 
 from __future__ import annotations
 
@@ -18,16 +18,13 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_node.ending import ending
-from softsim_node.parameters import LiveParameters, parameter
-from softsim_node.process import serve_once
-from softsim_node.topics import STATE_TOPICS, StateTopics
-from softsim_ros.messages.types import load_message
-from softsim_ros.nodes.simulator.monitor import RateGate
+from softsim_node import STATE_TOPICS, LiveParameters, StateTopics, ending, parameter, serve_once
+from softsim_ros import ClosableNode
+from softsim_ros.messages import load_message
+from softsim_ros.nodes.simulator import RateGate
 from softsim_ros.recording.bag import Bag, RawMessage
 from softsim_ros.recording.errors import BagError, RecordingError
 from softsim_ros.recording.recorder_node import SHARED, publisher_qos
-from softsim_ros.robot_node import ClosableNode
 
 
 class ReplayClock:
@@ -36,7 +33,7 @@ class ReplayClock:
     Args:
         now: Steady clock in [s].
         position: Bag time to begin at in [s].
-        speed: Seconds of the bag a second of the clock, > 0.
+        speed: Seconds of the bag per second of the clock, > 0.
 
     Attributes:
         paused: Whether it stands still.
@@ -47,24 +44,24 @@ class ReplayClock:
         self.paused = False
 
     def position(self, now: float) -> float:
-        """Bag time in [s]."""
+        """Return the bag time in [s]."""
         return self._position + (0.0 if self.paused else (now - self._since) * self._speed)
 
     def wait_s(self, position: float, now: float) -> float:
-        """How long until a bag time comes: 0 or less where it has passed, infinite while paused."""
+        """Return the time until a bag time is reached: <= 0 if it has passed, infinite while paused."""
         return math.inf if self.paused else (position - self.position(now)) / self._speed
 
     def set_speed(self, speed: float, now: float) -> None:
-        """Go on from here at another speed."""
+        """Continue from here at another speed."""
         self._position, self._since = self.position(now), now
         self._speed = speed
 
     def seek(self, position: float, now: float) -> None:
-        """Go on from another bag time."""
+        """Continue from another bag time."""
         self._position, self._since = position, now
 
     def pause(self, paused: bool, now: float) -> None:
-        """Stop here, or go on."""
+        """Pause, or continue."""
         self._position, self._since = self.position(now), now
         self.paused = paused
 
@@ -74,7 +71,7 @@ BASE_SHIFT = "base_shift"
 
 
 class Event(NamedTuple):
-    """Something a replay does at a time of the bag.
+    """An action of a replay at a bag time.
 
     Attributes:
         stamp_ns: When, in [ns] since 1970.
@@ -88,7 +85,7 @@ class Event(NamedTuple):
 
 
 def command_topics(bag: Bag) -> list[str]:
-    """The bag's topics that move joints.
+    """Return the bag's topics that move joints.
 
     Raises:
         BagError: it has none.
@@ -100,7 +97,7 @@ def command_topics(bag: Bag) -> list[str]:
 
 
 def messages(bag: Bag, topics: list[str], since_ns: int) -> Iterator[Event]:
-    """Messages from `since_ns` on, after the newest earlier one of each latched topic."""
+    """Yield messages from `since_ns` on, after the newest earlier one of each latched topic."""
     for topic in topics:
         offered = bag.offered_qos(topic)
         if since_ns > bag.begin_ns and offered is not None and offered.durability.name == "TRANSIENT_LOCAL":
@@ -111,7 +108,7 @@ def messages(bag: Bag, topics: list[str], since_ns: int) -> Iterator[Event]:
 
 
 def commands(bag: Bag, since_ns: int) -> Iterator[Event]:
-    """Commands, and the start animations and resets that the shift of the bases tells of."""
+    """Yield commands, and the start animations and resets that the base shift shows."""
     sent = messages(bag, command_topics(bag), since_ns)
     calls = (event for event in _simulator_calls(bag) if event.stamp_ns >= since_ns)
     return heapq.merge(sent, calls, key=attrgetter("stamp_ns"))
@@ -127,17 +124,17 @@ def _simulator_calls(bag: Bag) -> Iterator[Event]:
 
 NODE_NAME = "replay"
 DISCOVERY_S = 1.5
-"""Time to hear of other nodes before anything is said about them, in [s]."""
+"""Time in [s] for the discovery of other nodes before anything is reported about them."""
 
 ROBOT_TOPICS = ("joint_states", "effector_pose", "mesh/points")
 """Topics that only one node may publish: a simulator, or a replay of everything."""
 
 RIVAL_PERIOD_S = 0.5
-"""While a bag plays, nodes that publish the same topics are looked for this often, in [s]."""
+"""Period in [s] of the search for nodes that publish the same topics, while a bag plays."""
 
 LISTENER_DEADLINE_S = 15.0
 LOOK_PERIOD_S = 0.05
-"""Services and parameters are served at least this often, in [s]."""
+"""Longest interval in [s] between two services of callbacks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,12 +148,12 @@ class Replay(ClosableNode):
     """Publishes a bag.
 
     Args:
-        bag: What to play, open.
-        namespace: Where to play it; None takes the namespace it was recorded in.
-        commands_only: Only what moves joints, for a simulator that runs; else everything.
+        bag: Bag to play, open.
+        namespace: Namespace in which to play it; None takes the one in which it was recorded.
+        commands_only: Publish only what moves joints, for a running simulator; otherwise everything.
         context: rclpy context; None takes the default one.
-        speed: Seconds of the bag a second; the parameter `speed` changes it.
-        start_s: Leave out that much of the beginning in [s]; the newest latched messages come all the same.
+        speed: Seconds of the bag per second; the parameter `speed` changes it.
+        start_s: Length of the beginning to skip in [s]; the newest latched messages are published anyway.
 
     Raises:
         BagError: nothing to play, or messages of a type that is not installed.
@@ -200,14 +197,14 @@ class Replay(ClosableNode):
             raise
 
     def target(self, topic: str) -> str:
-        """Where a recorded topic is published: the namespace it was recorded in becomes this node's."""
+        """Return the topic for a recorded one: this node's namespace replaces the recorded one."""
         recorded = self._bag.namespace.rstrip("/") + "/"
         if topic.startswith(recorded) and topic not in SHARED:
             return f"{self.get_namespace().rstrip('/')}/{topic[len(recorded) :]}"
         return topic
 
     def prepare(self, executor: Executor, *, reset: bool = False) -> None:
-        """Make the publishers; with commands, wait until somebody listens.
+        """Create the publishers; with commands, wait until somebody listens.
 
         Args:
             executor: Serves this node.
@@ -235,7 +232,7 @@ class Replay(ClosableNode):
             )
 
     def play(self, executor: Executor) -> None:
-        """Send everything once, from the start; returns early where the process shall end.
+        """Publish everything once, from the start; return early if the process is to end.
 
         Raises:
             RecordingError: another node has begun to publish the same topics.
@@ -249,7 +246,7 @@ class Replay(ClosableNode):
             publisher.wait_for_all_acked(Duration(seconds=5))
 
     def _wait_for(self, position: float, executor: Executor) -> bool:
-        """Serve callbacks until a bag time comes; False where the process shall end."""
+        """Serve callbacks until a bag time is reached; return False if the process is to end."""
         while (wait := self._playhead.wait_s(position, time.monotonic())) > 0.0 or self._serves.passes(
             time.monotonic()
         ):
@@ -270,7 +267,7 @@ class Replay(ClosableNode):
             self._senders[event.message.topic].publish(event.message.data)
             self.sent += 1
         elif self._simulator[event.service].service_is_ready():
-            self._call(event.service, executor)  # what follows shall find it done
+            self._call(event.service, executor)  # it must be done before the next event
 
     def _call(self, service: str, executor: Executor) -> bool:
         client = self._simulator[service]
@@ -280,7 +277,7 @@ class Replay(ClosableNode):
         return self._serve(executor, LISTENER_DEADLINE_S, future.done)
 
     def _serve(self, executor: Executor, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Serve callbacks until a condition holds; False when the time passed first."""
+        """Serve callbacks until a condition is true; return False if the time is over first."""
         end = time.monotonic() + seconds
         while not until():
             if time.monotonic() > end or ending.asked or not executor.context.ok():
@@ -289,7 +286,7 @@ class Replay(ClosableNode):
         return True
 
     def _refuse_rivals(self) -> None:
-        """Raise RecordingError where a whole replay and another node both say how the robot stands."""
+        """Raise RecordingError if another node publishes the robot's state during a whole replay."""
         if self._commands_only:
             return
         for topic in map(self._bag.topic, ROBOT_TOPICS):
@@ -320,6 +317,9 @@ class Replay(ClosableNode):
 
 
 def whole_topics(bag: Bag) -> list[str]:
-    """The topics of a whole replay: not those by which nodes said their state, for they do not run."""
+    """Return the topics of a whole replay.
+
+    The state topics of nodes are left out, since those nodes do not run.
+    """
     left_out = {bag.topic(name) for name in STATE_TOPICS}
     return [topic for topic in bag.topics if topic not in left_out]

@@ -1,4 +1,4 @@
-"""A bag of one run in this process, without nodes: what a recorder would have heard, at simulated times."""
+"""A bag of one run in this process, without nodes: the topics of a recorder, at simulated times."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from softsim_core.base.files import make_folder
+from softsim_core.base import make_folder
 from softsim_core.simulation import Simulation
 
 PERIOD_S = 1.0 / 30.0
-"""Between frames of the moving mesh in [s]; joints and effector are told after every step."""
+"""Period in [s] of frames of the moving mesh; joints and effector are written after every step."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunBags:
-    """Makes the bag of a run by its number.
+    """Creates the bag of a run by its number.
 
     Attributes:
-        folder: In which the bags lie, run_000007 and so on; one that is there already is replaced.
+        folder: Folder of the bags, run_000007 and so on; an existing one is replaced.
     """
 
     folder: Path
 
     def __call__(self, work: Any, number: int) -> tuple[Callable[[Simulation], None], Callable[[], None]]:
-        """What is told after each step, and what closes the bag."""
+        """Return a function to call after each step, and one that closes the bag."""
         bag = _RunBag(self.folder / f"run_{number:06d}")
         return bag.look, bag.close
 
@@ -39,8 +39,8 @@ class _RunBag:
         shutil.rmtree(folder, ignore_errors=True)
 
     def look(self, simulation: Simulation) -> None:
-        """Write the state that is now."""
-        from softsim_node.frames import WORLD
+        """Write the present state."""
+        from softsim_node import WORLD
         from softsim_ros import messages
 
         writer = self._begun(simulation)
@@ -64,7 +64,7 @@ class _RunBag:
             self._write(writer, "mesh/points", "sensor_msgs/msg/PointCloud2", at, cloud)
 
     def _begun(self, simulation: Simulation) -> Any:
-        """The writer; the first time it gets what does not move."""
+        """Return the writer; the first call creates it and writes the static part."""
         if self._writer is None:
             from softsim_ros import messages
             from softsim_ros.recording.bag_writer import BagWriter
@@ -84,6 +84,6 @@ class _RunBag:
         writer.write(full, at, serialize_message(message))
 
     def close(self) -> None:
-        """End the bag."""
+        """Close the bag."""
         if self._writer is not None:
             self._writer.close()

@@ -12,16 +12,15 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
-from softsim_core.base.arrays import IndexArray
-from softsim_core.base.files import make_folder, put_in_place, write_file
-from softsim_ros.nodes.simulator.monitor import RateGate
+from softsim_core.base import IndexArray, make_folder, put_in_place, write_file
+from softsim_ros.nodes.simulator import RateGate
 from softsim_ros.recording.bag import Bag
 
 POINT_COLUMNS = 4
 
 
 class MeshTopics(NamedTuple):
-    """Where a mesh lies in a bag.
+    """Topics of a mesh in a bag.
 
     Attributes:
         cells: Latched topic with the cells.
@@ -42,7 +41,7 @@ class MeshFrame(NamedTuple):
     """A mesh at a time.
 
     Attributes:
-        time_s: Since the bag's first message, in [s].
+        time_s: Time since the bag's first message, in [s].
         points: Positions in [m], shape (p, 3).
         von_mises: Stress at the points in [Pa], shape (p,).
         cells: Point indices, shape (k, corners); the same object as long as the scene is the same.
@@ -55,12 +54,12 @@ class MeshFrame(NamedTuple):
 
 
 def mesh_frames(bag: Bag, topics: MeshTopics = SURFACE, rate: float | None = None) -> Iterator[MeshFrame]:
-    """Frames in the order of time; those whose cells are not in the bag, or not told yet, are left out.
+    """Yield frames in time order; frames without their cells in the bag, or before them, are left out.
 
     Args:
         bag: Open bag.
         topics: Surface or volume.
-        rate: At most that many frames per second of the bag, in [Hz]; None takes all.
+        rate: Largest number of frames per second of the bag, in [Hz]; None takes all.
     """
     cells_of = [(stamp, _cells(message)) for stamp, message in bag.messages(bag.topic(topics.cells))]
     following = 0
@@ -77,13 +76,13 @@ def mesh_frames(bag: Bag, topics: MeshTopics = SURFACE, rate: float | None = Non
 
 
 class _Cells(NamedTuple):
-    """Cells as a message tells them, and the number of points that they join; None: it does not tell."""
+    """Cells of a message and the number of points that they join; None if the message does not contain it."""
 
     indices: IndexArray
     points: int | None
 
     def join(self, count: int) -> bool:
-        """Whether `count` points may be theirs, and not those of another scene."""
+        """Return whether `count` points may belong to the cells, and not to those of another scene."""
         return self.points in (None, count) and int(self.indices.max(initial=-1)) < count
 
 
@@ -95,13 +94,13 @@ def _cells(message: Any) -> _Cells:
 
 
 def write_vtu_series(frames: Iterable[MeshFrame], kind: str, folder: Path, name: str) -> tuple[Path, int]:
-    """Write a file per frame into `folder/name/` and `folder/name.pvd`, which lists them with their times.
+    """Write a file per frame into `folder/name/`, and `folder/name.pvd`, which lists them with their times.
 
     Args:
-        frames: What to write.
+        frames: Frames to write.
         kind: "triangle" or "tetra".
         folder: Existing folder.
-        name: Of the series.
+        name: Name of the series.
 
     Returns:
         The PVD file and the number of frames; points in [m], `von_mises` in [Pa] at the points.

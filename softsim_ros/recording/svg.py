@@ -9,15 +9,15 @@ import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from softsim_ros.figures import figure_data
+from softsim_ros import figure_data
 from softsim_ros.recording.curves import Chart, Curve
 
 SIZE_INCHES = (8.0, 2.6)
 FRAME = (0.10, 0.18, 0.69, 0.76)
-"""Left, bottom, width and height of every chart as shares of the picture: time runs alike in all."""
+"""Left, bottom, width and height of every chart as fractions of the picture, so that all time axes align."""
 
 MOST_POINTS = 2000
-"""Points of a curve that are drawn; more make no finer picture and large files."""
+"""Largest number of drawn points of a curve; more make the file larger, but the picture no finer."""
 
 STYLES: dict[str, dict[str, Any]] = {
     "line": {"linewidth": 1.3},
@@ -27,11 +27,11 @@ STYLES: dict[str, dict[str, Any]] = {
 
 
 def draw(chart: Chart, duration_s: float) -> str:
-    """The chart as an SVG document.
+    """Return the chart as an SVG document.
 
     Args:
-        chart: With at least one curve.
-        duration_s: End of the time axis in [s]: charts of a report stand below one another.
+        chart: Chart with at least one curve.
+        duration_s: End of the time axis in [s], the same for all charts of a report.
     """
     figure = Figure(figsize=SIZE_INCHES)
     FigureCanvasSVG(figure)
@@ -52,7 +52,10 @@ def draw(chart: Chart, duration_s: float) -> str:
 
 
 def thinned(curve: Curve) -> tuple[Any, Any]:
-    """Times and values of a curve with at most MOST_POINTS: of each stretch its lowest and highest value."""
+    """Return times and values of a curve with at most MOST_POINTS.
+
+    A longer curve has the lowest and the highest value of each interval.
+    """
     count = len(curve.times)
     if count <= MOST_POINTS:
         return curve.times, curve.values

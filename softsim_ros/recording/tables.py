@@ -12,27 +12,25 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import DataError
-from softsim_core.base.files import write_file
-from softsim_core.base.names import known_names
-from softsim_core.lab.identification.tables import READERS, Table
+from softsim_core.base import Array, DataError, known_names, write_file
+from softsim_core.lab.identification import READERS, Table
 from softsim_ros.recording.bag import Bag
 
 LONGEST = 64
-"""Topics with longer arrays (meshes, images) are no tables and are left out."""
+"""Longest array in a table; topics with longer ones (meshes, images) are left out."""
 
 Row = dict[str, Any]
 
 
 class TooLongError(ValueError):
-    """A message holds an array that is too long for columns."""
+    """A message contains an array that is too long for columns."""
 
 
 def write_csv(bag: Bag, folder: Path) -> tuple[list[Path], list[str]]:
     """Write every topic that fits into a table.
 
-    The first column is `recorded_s`, the time since the bag's first message; floats keep every digit.
+    The first column is `recorded_s`, the time since the bag's first message; floats are written with all
+    digits.
 
     Args:
         bag: Open bag.
@@ -71,12 +69,12 @@ def _tables(bag: Bag, topic: str) -> dict[str, list[Row]]:
 
 
 def file_name(bag: Bag, topic: str) -> str:
-    """Name of a topic's file: without the robot's namespace, underscores for slashes."""
+    """Return the name of a topic's file: without the robot's namespace, underscores for slashes."""
     return _safe(topic.removeprefix(bag.namespace.rstrip("/") + "/"))
 
 
 def flat(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The values of a message by dotted names: "pose.position.x", "data.0"; the stamp as seconds.
+    """Yield the values of a message by dotted names: "pose.position.x", "data.0"; the stamp in seconds.
 
     Raises:
         TooLongError: an array with more than LONGEST entries.
@@ -103,7 +101,7 @@ def _flat_value(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def joint_row(message: Any) -> Row:
-    """Position, velocity and effort of each joint by its name."""
+    """Return position, velocity and effort of each joint by its name."""
     row: Row = dict(_flat_value(message.header, "header"))
     for quantity in ("position", "velocity", "effort"):
         values = getattr(message, quantity).tolist()
@@ -112,7 +110,7 @@ def joint_row(message: Any) -> Row:
 
 
 def diagnostic_row(status: Any) -> Row:
-    """Level, sentence and values of a component; numbers as numbers."""
+    """Return level, message and values of a component; numbers as numbers."""
     return {
         "level": int(status.level),
         "message": status.message,
@@ -142,22 +140,22 @@ def _write(file: Path, rows: Iterable[Row]) -> None:
 
 
 RECORDED: Final = "recorded_s"
-"""The column with the time of each row since the recording's first message, in [s]."""
+"""Column with the time of each row since the recording's first message, in [s]."""
 
 ENDINGS: Final = (".mcap", ".db3", "")
-"""Of what is read: files, and the folders that `softsim record` makes."""
+"""Suffixes of readable paths: files, and the folders that `softsim record` creates."""
 
 
 def read_bag(path: Path, columns: Sequence[str]) -> Table:
-    """The columns TOPIC:FIELD of a recording, such as `effector_pose:pose.position.x`.
+    """Return the columns TOPIC:FIELD of a recording, such as `effector_pose:pose.position.x`.
 
-    Rows are the messages of the first column's topic from which on all others have spoken. Of other topics,
-    the newest message before the row counts. Fields are named as `softsim export` names them; of joint
-    states, `joint_states:servo_0.position`.
+    Rows are the messages of the first column's topic, from the time on at which all other topics have a
+    message. For other topics the newest message before the row is used. Fields are named as `softsim export`
+    names them; for joint states, `joint_states:servo_0.position`.
 
     Args:
         path: Folder or file of a recording.
-        columns: What is asked for; `recorded_s` is the time of the row.
+        columns: Requested columns; `recorded_s` is the time of the row.
 
     Raises:
         BagError: it cannot be read.
@@ -191,7 +189,7 @@ def read_bag(path: Path, columns: Sequence[str]) -> Table:
 
 
 def _series(bag: Bag, topic: str, wanted: list[str]) -> tuple[Any, dict[str, Array]]:
-    """Stamps in [ns] and values of the fields of a topic's messages; nan where a message has none."""
+    """Return stamps in [ns] and values of the fields of a topic's messages; nan where a message has none."""
     if topic not in bag.topics:
         raise DataError(
             bag.path, f"topic {topic}", f"is not there; {known_names(topic, sorted(bag.topics), 'there are')}"
@@ -224,5 +222,5 @@ def _rows(bag: Bag, topic: str) -> Iterator[tuple[int, dict[str, Any]]]:
 
 
 def register() -> None:
-    """Let data sets name recordings as their tables."""
+    """Allow data sets to use recordings as their tables."""
     READERS.update(dict.fromkeys(ENDINGS, read_bag))

@@ -6,12 +6,11 @@ from typing import Any
 
 from small_scenes import body, scene, slab
 
-from softsim_core.base.values import Placement
+from softsim_core.base import Placement
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics import JointLimits
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene import JointDescription, SceneDescription
 
 POINTS = tuple((0.001 + 0.014 * k, 0.0, 0.004) for k in range(7))
 """Along a bar of 0.1 m, 4 mm above its middle."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 
 BEAM_LOCKING = {
     (0.0, 1): 0.244,

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import (
+from softsim_core.base import Array, Placement
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mesh import Shape
+from softsim_core.scene import (
+    BodyDescription,
     CollisionDescription,
     RigidBodyDescription,
     SceneDescription,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay
 
-from softsim_core.physics.mesh import TetMesh
-from softsim_core.physics.mesh.generators import oriented
+from softsim_core.physics.mesh import TetMesh, oriented
 
 CORE = 1.5
 """Radius of the evenly meshed core over the radius of contact."""

@@ -10,9 +10,9 @@ import pytest
 from tendon_bar import LENGTH, tendon_bar
 
 from softsim_core import InverseController, Pose, Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.static import effector, place, walk
-from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.base import Array
+from softsim_core.control.inverse import effector, place, walk
+from softsim_core.scene import RobotDescription, as_robot
 
 LOWER, UPPER = -2.0225, -0.0255
 """Joint limits of the Tripod in [rad]."""

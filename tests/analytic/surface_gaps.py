@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 
 _CHUNK = 1 << 16
 

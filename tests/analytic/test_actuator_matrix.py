@@ -11,19 +11,11 @@ import pytest
 from cable_scenes import bent_bar, cable_joint
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement
-from softsim_core.physics.actuation.actuators import Actuators
-from softsim_core.physics.actuation.building import Placed, Surroundings
-from softsim_core.physics.actuation.registry import actuator_kind, actuator_kinds
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.dynamics.actuator_statics import rows_on_unknowns
-from softsim_core.physics.dynamics.assembly import Unknowns, static_tangent
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mechanics.pose import rotation_exp
-from softsim_core.physics.mechanics.state import State
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.base import Array, Backend, Placement
+from softsim_core.physics.actuation import Actuators, Placed, Surroundings, actuator_kind, actuator_kinds
+from softsim_core.physics.dynamics import Unknowns, rows_on_unknowns, static_tangent
+from softsim_core.physics.mechanics import JointLimits, State, rotation_exp
+from softsim_core.scene import JointDescription, SceneDescription
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_actuator.py"
 load_scene(EXAMPLE)  # registers a kind of actuator

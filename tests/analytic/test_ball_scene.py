@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.physics.mechanics.pose import rotation_of
+from softsim_core.physics.mechanics import rotation_of
 
 RADIUS, CONTACT = 0.013, 0.0005
 HOLE = 0.005

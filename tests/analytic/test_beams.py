@@ -9,10 +9,10 @@ import pytest
 from closed_forms import BEAM_LOCKING, tip_deflection, uniaxial_stretch
 from small_scenes import body, scene, slab
 
-from softsim_core.physics.dynamics.statics import solve_static
-from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.dynamics import solve_static
+from softsim_core.physics.mechanics import Control
 from softsim_core.physics.mesh import TetMesh, box_mesh
-from softsim_core.scene.building.builder import build
+from softsim_core.scene.building import build
 
 LENGTH, HEIGHT, YOUNG = 0.1, 0.01, 1e6
 

@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.physics.dynamics.actuator_statics import reduced_stiffness
-from softsim_core.physics.dynamics.statics import solve_static
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.pose import rotation_log
-from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.dynamics import reduced_stiffness, solve_static
+from softsim_core.physics.mechanics import Control, State, rotation_log
 
 RANDOM = np.random.default_rng(11)
 TARGETS = RANDOM.uniform(-1.9, -0.2, (3, 3))

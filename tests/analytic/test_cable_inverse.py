@@ -9,8 +9,7 @@ import pytest
 from cable_scenes import POINTS, bent_bar, cable_joint
 
 from softsim_core import Pose, Simulation
-from softsim_core.control.inverse.controller import InverseController
-from softsim_core.control.inverse.sensitivity import analytic_sensitivity, sampled_sensitivity
+from softsim_core.control.inverse import InverseController, analytic_sensitivity, sampled_sensitivity
 
 OTHER = tuple((x, 0.004, -0.003) for x, _, _ in POINTS)
 THIRD = tuple((x, -0.004, -0.003) for x, _, _ in POINTS)

@@ -9,12 +9,10 @@ import pytest
 from cable_scenes import bent_bar, cable_joint
 
 from softsim_core import Simulation
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.base import Backend
+from softsim_core.physics.mechanics import JointLimits
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import JointDescription, MaterialDescription, SceneDescription
 
 FLOATING = (0.0, 0.0, 0.0)
 

@@ -12,13 +12,15 @@ from small_scenes import slab
 from test_chambers import SIDE, hollow, inflated
 
 from softsim_core import Simulation
-from softsim_core.base.values import Placement
-from softsim_core.control.inverse.controller import InverseController
-from softsim_core.control.inverse.sensitivity import analytic_sensitivity, sampled_sensitivity
-from softsim_core.control.inverse.static import solve_pose
-from softsim_core.control.inverse.tasks import PositionTask
-from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base import Placement
+from softsim_core.control.inverse import (
+    InverseController,
+    PositionTask,
+    analytic_sensitivity,
+    sampled_sensitivity,
+    solve_pose,
+)
+from softsim_core.scene import InverseSettings, SceneDescription
 
 LINE = {"line_volume": 3e-6, "exponent": 1.3, "line_compliance": 2e-11}
 TIP = Placement(translation=(0.06, 0.0, 0.0))

@@ -12,11 +12,8 @@ import pytest
 from test_chambers import CELL, SIDE, hollow, inflated
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import Box
-from softsim_core.physics.mesh import TetMesh, box_mesh, quadratic, read_tets
-from softsim_core.physics.mesh.faces import boundary_faces, cavities
+from softsim_core.base import Array, Box, IndexArray, SceneError
+from softsim_core.physics.mesh import TetMesh, boundary_faces, box_mesh, cavities, quadratic, read_tets
 
 
 def without(mesh: TetMesh, low: tuple[float, ...], high: tuple[float, ...]) -> TetMesh:

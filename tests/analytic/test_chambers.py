@@ -12,18 +12,13 @@ from scipy.spatial import ConvexHull
 from small_scenes import scene, slab
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.actuation.building import Placed, Surroundings
+from softsim_core.base import Array, SceneError
+from softsim_core.physics.actuation import Placed, Surroundings
 from softsim_core.physics.actuation.chamber import Chamber, ChamberDescription
-from softsim_core.physics.dynamics.actuator_statics import on_nodes
-from softsim_core.physics.mesh import TetMesh, box_mesh, quadratic
-from softsim_core.physics.mesh.faces import boundary_faces, cavities, encloses
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.physics.dynamics import on_nodes
+from softsim_core.physics.mesh import TetMesh, boundary_faces, box_mesh, cavities, encloses, quadratic
+from softsim_core.scene import BodyDescription, JointDescription, MaterialDescription, SceneDescription
+from softsim_core.scene.building import build
 
 SIDE, CELL = 0.04, 0.01
 

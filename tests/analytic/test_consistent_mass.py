@@ -14,16 +14,13 @@ from scipy.sparse.linalg import eigsh
 from small_scenes import GRAVITY, body, jittered, machine, scene, shaken, slab
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.dynamics.assembly import node_stiffness
-from softsim_core.physics.fem.elements import element, register_element
-from softsim_core.physics.fem.elements.tetrahedra import TET10
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.base import Array, SceneError
+from softsim_core.physics.dynamics import node_stiffness
+from softsim_core.physics.fem.elements import TET10, element, register_element
+from softsim_core.physics.mechanics import Model, rotation_exp
 from softsim_core.physics.mesh import TetMesh, box_mesh
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import BodyDescription
+from softsim_core.scene import BodyDescription
+from softsim_core.scene.building import build
 
 DENSITY, LENGTH, EDGE, YOUNG = 1000.0, 0.2, 0.02, 1e6
 ORDERS = pytest.mark.parametrize("order", [1, 2])

@@ -6,13 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
-from softsim_core.physics.contact import CollisionSurface, Detector, Proximities
-from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.contact import CollisionSurface, ContactSettings, Detector, Proximities
 from softsim_core.physics.mesh import SurfaceMesh, boundary_surface, box_mesh
 
 REACH = 0.006

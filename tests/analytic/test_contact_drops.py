@@ -11,14 +11,10 @@ from small_scenes import body
 from surface_gaps import smallest_gap
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import MeshFile, Placement
-from softsim_core.physics.mechanics.pose import rotation_euler, rotation_of
-from softsim_core.physics.mesh import TetMesh, box_mesh
-from softsim_core.physics.mesh.readers import write_surface
-from softsim_core.physics.mesh.shapes import Shape, box_surface
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import RigidBodyDescription
+from softsim_core.base import Array, MeshFile, Placement
+from softsim_core.physics.mechanics import rotation_euler, rotation_of
+from softsim_core.physics.mesh import Shape, TetMesh, box_mesh, box_surface, write_surface
+from softsim_core.scene import BodyDescription, RigidBodyDescription
 
 Vector = tuple[float, float, float]
 Spot = tuple[float, float]

@@ -12,11 +12,10 @@ from contact_scenes import DISTANCE, FLOOR, GRAVITY, loose, run, touching
 from small_scenes import body, slab
 
 from softsim_core import Simulation
-from softsim_core.base.values import Box
-from softsim_core.physics.mechanics.pose import rotation_of
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.deformable import AttachmentDescription
+from softsim_core.base import Box
+from softsim_core.physics.mechanics import rotation_of
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import AttachmentDescription
 
 
 def spun(sim: Simulation, velocity: tuple[float, ...]) -> None:

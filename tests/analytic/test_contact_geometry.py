@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
-from softsim_core.physics.contact import CollisionSurface, Detector, Proximities
-from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.contact import CollisionSurface, ContactSettings, Detector, Proximities
 from softsim_core.physics.mesh import boundary_surface, box_mesh
 
 SIZE = 0.04

@@ -15,17 +15,17 @@ from half_space import half_ball
 from small_scenes import body
 
 from softsim_core import Simulation
-from softsim_core.base.values import Box, Placement
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.deformable import AttachmentDescription
-from softsim_core.scene.description import (
+from softsim_core.base import Box, Placement
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mesh import Shape
+from softsim_core.scene import (
+    AttachmentDescription,
     CollisionDescription,
+    JointDescription,
     RigidBodyDescription,
     SceneDescription,
     SolverSettings,
 )
-from softsim_core.scene.joint import JointDescription
 
 RADIUS, DEPTH = 0.02, 0.0005
 CONTACT_RADIUS = math.sqrt(RADIUS * DEPTH)

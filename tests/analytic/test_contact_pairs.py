@@ -9,12 +9,11 @@ import pytest
 from contact_scenes import downhill, loose, touching
 
 from softsim_core import Simulation
-from softsim_core.base.errors import SceneError, SolverDivergedError
-from softsim_core.base.values import FieldError, Placement
+from softsim_core.base import FieldError, Placement, SceneError, SolverDivergedError
+from softsim_core.physics.contact import PairFriction
 from softsim_core.physics.contact.detection import detector
-from softsim_core.physics.contact.settings import PairFriction
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.description import RigidBodyDescription, SceneDescription
+from softsim_core.physics.mesh import Shape
+from softsim_core.scene import RigidBodyDescription, SceneDescription
 
 FLOOR = RigidBodyDescription(
     name="floor", shape=Shape(box=(1.0, 1.0, 0.02)), pose=Placement(translation=(0.0, 0.0, -0.01))

@@ -8,22 +8,19 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement
+from softsim_core.base import Array, Placement
+from softsim_core.physics.contact import CollisionSurface, ContactSettings, surfaces_cross
 from softsim_core.physics.contact.detection import Detector, Proximities
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.contact.surfaces import CollisionSurface, surfaces_cross
-from softsim_core.physics.mechanics.pose import rotation_euler
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape, box_surface
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import (
+from softsim_core.physics.mechanics import rotation_euler
+from softsim_core.physics.mesh import Shape, box_mesh, box_surface
+from softsim_core.scene import (
+    BodyDescription,
     CollisionDescription,
+    MaterialDescription,
     RigidBodyDescription,
     SceneDescription,
     SolverSettings,
 )
-from softsim_core.scene.material import MaterialDescription
 
 STEPS = 60
 BLOCK = 0.004

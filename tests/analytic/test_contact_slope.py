@@ -10,8 +10,7 @@ from contact_scenes import DISTANCE, FLOOR, GRAVITY, downhill, force_on, loose, 
 from small_scenes import body
 
 from softsim_core import Simulation
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.physics.mesh import Shape, box_mesh
 
 FRICTION = 0.3
 BLOCK = loose("block", Shape(box=(0.04, 0.04, 0.04)), 0.02 + DISTANCE)

@@ -8,8 +8,7 @@ from contact_scenes import DISTANCE, FLOOR, GRAVITY, force_on, loose, run, touch
 from small_scenes import body
 
 from softsim_core import Simulation
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.physics.mesh import Shape, box_mesh
 
 BOX = Shape(box=(0.04, 0.04, 0.04))
 MASSES = (0.03, 0.05, 0.02)

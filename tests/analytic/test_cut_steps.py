@@ -15,21 +15,24 @@ from test_chambers import hollow, inflated
 from test_pump_lines import GIVEN, LINES
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.values import Box, Placement
+from softsim_core.base import Box, Placement
 from softsim_core.physics.actuation.cable import CableDescription
 from softsim_core.physics.dynamics import substeps
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.physics.mesh import Shape, box_mesh
 from softsim_core.physics.sensing import (
     ForceTorqueDescription,
     SimulatedSensorDescription,
     TactileArrayDescription,
     WrenchSensorDescription,
 )
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import RigidBodyDescription, SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+    RigidBodyDescription,
+    SceneDescription,
+)
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_actuator.py"
 RUBBER = MaterialDescription(law="stable_neo_hookean", young_modulus=2e5, poisson_ratio=0.3)

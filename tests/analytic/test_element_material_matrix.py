@@ -13,29 +13,24 @@ import pytest
 from example_files import example
 from small_scenes import body, jittered, machine, scene, slab
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.dynamics.actuator_statics import reduced_stiffness
-from softsim_core.physics.dynamics.backends import make_stepper
-from softsim_core.physics.dynamics.statics import solve_static
-from softsim_core.physics.fem.cells import (
+from softsim_core.base import Array
+from softsim_core.physics.dynamics import make_stepper, reduced_stiffness, solve_static
+from softsim_core.physics.fem import (
+    ElementGroup,
     cauchy_stress,
     cell_energy,
     cell_forces,
     cell_stiffness,
     deformation_gradients,
     elastic_forces,
+    element_group,
 )
 from softsim_core.physics.fem.elements import element, element_names, register_element
-from softsim_core.physics.fem.group import ElementGroup, element_group
-from softsim_core.physics.fem.materials import material, material_names
-from softsim_core.physics.fem.materials.material import Material
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.pose import rotation_exp
-from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.fem.materials import Material, material, material_names
+from softsim_core.physics.mechanics import Control, State, rotation_exp
 from softsim_core.physics.mesh import TetMesh, boundary, box_mesh, quadratic
-from softsim_core.scene.building.builder import BuiltScene, build
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import BodyDescription, MaterialDescription
+from softsim_core.scene.building import BuiltScene, build
 
 KNOWN_AT_START = element_names(), material_names()
 HOOKE = {"young_modulus": 2e4, "poisson_ratio": 0.35}

@@ -12,26 +12,24 @@ from closed_forms import hooke_stress
 from numpy.random import Generator
 from small_scenes import body, jittered, scene
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.dynamics.statics import solve_static
-from softsim_core.physics.fem.cells import (
+from softsim_core.base import Array
+from softsim_core.physics.dynamics import solve_static
+from softsim_core.physics.fem import (
+    ElementGroup,
     cauchy_stress,
     cell_energy,
     cell_forces,
     cell_stiffness,
     deformation_gradients,
+    element_group,
     von_mises_stress,
 )
 from softsim_core.physics.fem.elements import element
-from softsim_core.physics.fem.group import ElementGroup, element_group
-from softsim_core.physics.fem.materials import material
-from softsim_core.physics.fem.materials.material import lame, von_mises
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.model import FIXED
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.fem.materials import lame, material, von_mises
+from softsim_core.physics.mechanics import FIXED, Control, rotation_exp
 from softsim_core.physics.mesh import boundary, box_mesh
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import MaterialDescription
+from softsim_core.scene.building import build
 
 LAWS = ("corotational", "corotational_qr", "stable_neo_hookean")
 WITH_POTENTIAL = ("corotational", "stable_neo_hookean")
@@ -236,8 +234,7 @@ def compiled_batch(way: str) -> Any:
     """A kernel around the vector code."""
     from numba import njit
 
-    from softsim_core.physics.dynamics.numba_backend.cells import elements as simd
-    from softsim_core.physics.dynamics.numba_backend.cells.corotational import rotate_lanes
+    from softsim_core.physics.dynamics.numba_backend.cells import elements as simd, rotate_lanes
 
     rotations, batch, exact = simd.polar_rotations, simd.turning_batch, way == "exact"
     if way == "frozen":
@@ -255,7 +252,7 @@ def compiled_batch(way: str) -> Any:
 
 def compiled_element(group: ElementGroup, corners: Array, move: Array, way: str) -> tuple[Array, Array]:
     """Forces (4, 3) and stiffness (12, 12) of an element in the first lane of a batch, alone in it."""
-    from softsim_core.physics.linalg.simd import LANES
+    from softsim_core.physics.linalg import LANES
 
     nodes = np.repeat(np.arange(4)[None, :, None], LANES, axis=2)
     gradients = np.repeat(group.gradients.reshape(1, 12, 1), LANES, axis=2)

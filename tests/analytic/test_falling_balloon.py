@@ -14,16 +14,17 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Sphere
+from softsim_core.base import Array, Sphere
 from softsim_core.physics.actuation.chamber import ChamberDescription
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mechanics import JointLimits, rotation_exp
 from softsim_core.physics.mesh import TetMesh, box_mesh, quadratic
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+    SceneDescription,
+)
 
 SIDE, CELLS = 0.03, 3
 PRESSURE = 6e3

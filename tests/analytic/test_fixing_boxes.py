@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.scene.deformable import nodes_in
+from softsim_core.scene import nodes_in
 
 SIZE = [0.020, 0.030, 0.030]
 

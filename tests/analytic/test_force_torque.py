@@ -9,13 +9,10 @@ import pytest
 from small_scenes import body, scene, slab
 
 from softsim_core import ForceTorqueDescription, SceneError, Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.mechanics.pose import rotation_euler, rotation_exp
+from softsim_core.base import Array, Backend, Placement
+from softsim_core.physics.mechanics import rotation_euler, rotation_exp
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene import JointDescription, SceneDescription
 
 DT = 0.005
 POSE = Placement(translation=(0.01, -0.02, 0.005), rotation_deg=(20.0, -30.0, 40.0))

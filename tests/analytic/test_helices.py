@@ -7,16 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Vector
-from softsim_core.physics.actuation.cable.description import CableDescription
-from softsim_core.physics.dynamics.statics import StaticSolution
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import RodDescription, RodSectionDescription
-from softsim_core.simulation.simulation import Simulation
+from softsim_core.base import Array, Vector
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.dynamics import StaticSolution
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+    RodDescription,
+    RodSectionDescription,
+    SceneDescription,
+)
+from softsim_core.simulation import Simulation
 
 LENGTH, RADIUS = 0.2, 0.02
 STRAIGHT = ((0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0))

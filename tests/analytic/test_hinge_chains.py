@@ -9,15 +9,11 @@ import pytest
 from small_scenes import body, scene, slab
 
 from softsim_core import CableDescription, Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.dynamics.actuator_statics import reduced_stiffness
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mechanics.pose import rotation_euler, rotation_exp
+from softsim_core.base import Array, Backend, Placement
+from softsim_core.physics.dynamics import reduced_stiffness
+from softsim_core.physics.mechanics import JointLimits, rotation_euler, rotation_exp
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene import JointDescription, SceneDescription
 
 SEED = np.random.default_rng(11)
 KINDS = ("revolute", "revolute", "prismatic", "revolute", "revolute")

@@ -9,13 +9,9 @@ import pytest
 from inverse_goals import COUNTS, LOWER, SHIFT, START, UPPER, goals
 
 from softsim_core import Pose, Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError
-from softsim_core.control.inverse.controller import InverseController, InverseReport
-from softsim_core.control.inverse.sensitivity import Sensitivity
-from softsim_core.control.inverse.static import effector, place
-from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.base import Array, CommandError
+from softsim_core.control.inverse import InverseController, InverseReport, Sensitivity, effector, place
+from softsim_core.scene import InverseSettings, MaterialDescription
 
 STEP = 3.5 * 0.01
 """Speed limit of a servo in [rad] a tick."""

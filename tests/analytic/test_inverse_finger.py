@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.control.inverse.controller import InverseController
+from softsim_core.control.inverse import InverseController
 
 
 @pytest.mark.parametrize("travel", [0.004, 0.012, 0.025])

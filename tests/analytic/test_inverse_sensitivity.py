@@ -9,11 +9,9 @@ import pytest
 from small_scenes import machine
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import NotConvergedError, SceneError
-from softsim_core.control.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.mechanics.pose import rotation_log, rotation_of
+from softsim_core.base import Array, Backend, NotConvergedError, SceneError
+from softsim_core.control.inverse import Sensitivity, analytic_sensitivity, sampled_sensitivity
+from softsim_core.physics.mechanics import rotation_log, rotation_of
 
 pytestmark = pytest.mark.slow
 

@@ -8,15 +8,10 @@ from inverse_goals import COUNTS, LOWER, UPPER, goals, tripod_at_start
 from small_scenes import body, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.control.inverse.sensitivity import analytic_sensitivity
-from softsim_core.control.inverse.static import solve_pose
-from softsim_core.control.inverse.tasks import PositionTask, task_for
-from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.control.inverse import PositionTask, analytic_sensitivity, solve_pose, task_for
+from softsim_core.physics.mechanics import JointLimits
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import InverseSettings, JointDescription, RobotDescription, SceneDescription
 
 
 @pytest.mark.slow

@@ -7,9 +7,9 @@ import pytest
 from tendon_bar import LENGTH, tendon_bar
 
 from softsim_core import InverseController, Pose, PositionTask, Simulation, solve_pose
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.pace import AdaptiveDamping, Pace, pace, slowest_period
-from softsim_core.scene.control import InverseSettings
+from softsim_core.base import Array
+from softsim_core.control.inverse import AdaptiveDamping, Pace, pace, slowest_period
+from softsim_core.scene import InverseSettings
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 DTS = (0.005, 0.02)

@@ -15,20 +15,19 @@ from scipy.optimize import root
 from small_scenes import body, comes_back_bit_for_bit, machine, scene, shaken, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import Box
-from softsim_core.physics.dynamics.backends import make_stepper
-from softsim_core.physics.dynamics.iterations import FreeTurning
-from softsim_core.physics.fem.cells import elastic_forces, stiffness_matrix
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import AttachmentDescription
-from softsim_core.scene.description import SceneDescription, SolverSettings
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import LayerDescription
+from softsim_core.base import Array, Box, SceneError
+from softsim_core.physics.dynamics import FreeTurning, make_stepper
+from softsim_core.physics.fem import elastic_forces, stiffness_matrix
+from softsim_core.physics.mechanics import Control
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import (
+    AttachmentDescription,
+    LayerDescription,
+    MaterialDescription,
+    SceneDescription,
+    SolverSettings,
+)
+from softsim_core.scene.building import build
 
 MANY = 30
 RUBBER = MaterialDescription(law="yeoh", c1=1.5e4, poisson_ratio=0.49)

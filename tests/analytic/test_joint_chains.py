@@ -9,14 +9,11 @@ import pytest
 from small_scenes import body, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.base.values import Placement
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.base import Backend, Placement
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import CollisionDescription, JointDescription, RigidBodyDescription, SceneDescription
 
 JOINTS = 8
 AXES = np.random.default_rng(4).normal(size=(JOINTS, 3))

@@ -10,15 +10,12 @@ from closed_forms import torsion_pendulum_angle, weight_torque
 from small_scenes import GRAVITY, body, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.values import Placement
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.dynamics.statics import solve_static
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.pose import rotation_exp, rotation_log, rotation_of
+from softsim_core.base import Backend, Placement
+from softsim_core.physics.dynamics import solve_static
+from softsim_core.physics.mechanics import Control, rotation_exp, rotation_log, rotation_of
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.simulation.drive import SPEED
+from softsim_core.scene import JointDescription, SceneDescription
+from softsim_core.simulation import SPEED
 
 MASS, LENGTH = 0.05, 0.1
 AXIS = (0.0, -1.0, 0.0)  # a positive angle lifts the tip

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.controller import InverseController
-from softsim_core.control.inverse.paths import find_path, maze_path, read_maze_plan
-from softsim_core.physics.mechanics.pose import rotation_of
+from softsim_core.base import Array
+from softsim_core.control.inverse import InverseController, find_path, maze_path, read_maze_plan
+from softsim_core.physics.mechanics import rotation_of
 
 PLATE = np.array([0.0, 0.0, 0.005])
 GOAL = np.array([0.0252857, -0.0252857])

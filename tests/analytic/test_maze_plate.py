@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.control.inverse.closed_loop import tilt_rotation
-from softsim_core.physics.mechanics.pose import rotation_of
-from softsim_core.scene.joint import JointDescription
+from softsim_core.control.inverse import tilt_rotation
+from softsim_core.physics.mechanics import rotation_of
+from softsim_core.scene import JointDescription
 
 GOAL = np.array([0.0252857, -0.0252857])
 CORRIDOR = 0.0037143

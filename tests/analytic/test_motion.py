@@ -9,15 +9,12 @@ import pytest
 from closed_forms import fall_height, fall_speed
 from small_scenes import GRAVITY, body, jittered, scene, slab
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.dynamics.backends import Backend, make_stepper
-from softsim_core.physics.fem.cells import cell_energy
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.pose import rotation_exp
-from softsim_core.physics.mechanics.state import State
+from softsim_core.base import Array, Backend
+from softsim_core.physics.dynamics import make_stepper
+from softsim_core.physics.fem import cell_energy
+from softsim_core.physics.mechanics import Control, Model, Parameters, State, rotation_exp
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.building.builder import BuiltScene, build
+from softsim_core.scene.building import BuiltScene, build
 
 LAWS = ("polar", "qr")
 

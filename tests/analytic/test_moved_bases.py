@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import CommandError
+from softsim_core.base import CommandError
 
 LIFT = np.array([0.0, 0.0, 0.005])
 

@@ -10,12 +10,11 @@ import pytest
 from small_scenes import body, jittered, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.physics.fem.cells import elastic_forces
-from softsim_core.physics.fem.materials.material import von_mises
+from softsim_core.base import Array
+from softsim_core.physics.fem import elastic_forces
+from softsim_core.physics.fem.materials import von_mises
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import BodyDescription, MaterialDescription
 
 YOUNG, POISSON = 1e5, 0.3
 SHEAR = YOUNG / (2.0 * (1.0 + POISSON))

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.control.inverse.static import place
-from softsim_core.control.observer.observer import Observer
-from softsim_core.control.observer.sensors import Sensor, effector_sensor, marker_sensors
-from softsim_core.control.observer.settings import Estimate, ObserverSettings
-from softsim_core.physics.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_of
+from softsim_core.base import Array, SceneError
+from softsim_core.control.inverse import place
+from softsim_core.control.observer import (
+    Estimate,
+    Observer,
+    ObserverSettings,
+    Sensor,
+    effector_sensor,
+    marker_sensors,
+)
+from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_of
 from softsim_core.physics.sensing import MarkersDescription
 
 pytestmark = pytest.mark.slow

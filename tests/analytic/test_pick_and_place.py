@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from softsim_core import RobotDescription, Simulation, load_scene
-from softsim_core.physics.contact.settings import PairFriction
-from softsim_ros.cli.demos.pick_and_place import AWAY, objects_of, way_of
+from softsim_core.physics.contact import PairFriction
+from softsim_ros.cli.demos import AWAY, objects_of, way_of
 
 RUNS = 20
 

@@ -10,13 +10,11 @@ import pytest
 from scipy.integrate import quad
 
 from softsim_core import InverseController, Simulation, load_scene
-from softsim_core.base.errors import MeshError
-from softsim_core.physics.fem.elements import element
-from softsim_core.physics.fem.elements.element import rest_quadrature
-from softsim_core.physics.mechanics.pose import rotation_exp
-from softsim_core.physics.mesh import check_tets
-from softsim_core.physics.mesh.faces import cavities
-from softsim_core.robots.pneu_arm_mesh import ArmShape, main, pneu_arm
+from softsim_core.base import MeshError
+from softsim_core.physics.fem.elements import element, rest_quadrature
+from softsim_core.physics.mechanics import rotation_exp
+from softsim_core.physics.mesh import cavities, check_tets
+from softsim_core.robots import ArmShape, pneu_arm, pneu_arm_mesh
 
 MESH = Path(__file__).resolve().parents[2] / "configs" / "meshes" / "pneu_arm.vtk"
 
@@ -44,7 +42,7 @@ def test_the_mesh_is_round_and_encloses_its_chambers(given: dict[str, Any]) -> N
 
 
 def test_the_robots_mesh_is_the_generated_one_and_has_no_slivers(tmp_path: Path) -> None:
-    assert main(["--out", str(tmp_path)]) == 0
+    assert pneu_arm_mesh.main(["--out", str(tmp_path)]) == 0
     for name in ("pneu_arm.vtk", "pneu_arm.stl"):
         assert (tmp_path / name).read_bytes() == MESH.with_name(name).read_bytes()
     assert not check_tets(pneu_arm()).warnings

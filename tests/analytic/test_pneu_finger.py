@@ -10,25 +10,28 @@ import numpy as np
 import pytest
 
 from softsim_core import InverseController, Simulation, load_scene, rotation_of
-from softsim_core.base.errors import MeshError
-from softsim_core.base.values import Placement
-from softsim_core.physics.mesh import check_tets, read_tets
-from softsim_core.physics.mesh.faces import cavities
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.robots.pneu_finger_mesh import CHAMBERS, HEIGHT, SIDE, WIDTH, length_of, main, pneu_finger
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.base import MeshError, Placement
+from softsim_core.physics.mesh import Shape, cavities, check_tets, read_tets
+from softsim_core.robots import pneu_finger, pneu_finger_mesh
+from softsim_core.scene import CollisionDescription, MaterialDescription, RigidBodyDescription
 
 MESH = Path(__file__).resolve().parents[2] / "configs" / "meshes" / "pneu_finger.vtk"
 
 
-@pytest.mark.parametrize("chambers", [1, 2, 5, CHAMBERS])
+@pytest.mark.parametrize("chambers", [1, 2, 5, pneu_finger_mesh.CHAMBERS])
 def test_the_mesh_is_a_bar_around_its_chambers(chambers: int) -> None:
     mesh = pneu_finger(chambers)
     report = check_tets(mesh)
     assert not report.warnings
-    hollow = chambers * 0.008 * (WIDTH - 2 * SIDE) * (HEIGHT - 2 * SIDE)
-    assert report.volume == pytest.approx(length_of(chambers) * WIDTH * HEIGHT - hollow)
+    hollow = (
+        chambers
+        * 0.008
+        * (pneu_finger_mesh.WIDTH - 2 * pneu_finger_mesh.SIDE)
+        * (pneu_finger_mesh.HEIGHT - 2 * pneu_finger_mesh.SIDE)
+    )
+    assert report.volume == pytest.approx(
+        pneu_finger_mesh.length_of(chambers) * pneu_finger_mesh.WIDTH * pneu_finger_mesh.HEIGHT - hollow
+    )
     assert len(cavities(mesh)) == chambers
 
 
@@ -38,7 +41,7 @@ def test_a_finger_without_chambers_is_refused() -> None:
 
 
 def test_the_shipped_mesh_is_the_generated_one(tmp_path: Path) -> None:
-    assert main(["--out", str(tmp_path)]) == 0
+    assert pneu_finger_mesh.main(["--out", str(tmp_path)]) == 0
     for name in ("pneu_finger.vtk", "pneu_finger.stl"):
         assert (tmp_path / name).read_bytes() == MESH.with_name(name).read_bytes()
     np.testing.assert_allclose(read_tets(MESH).points, pneu_finger().points, atol=1e-12)
@@ -63,7 +66,9 @@ def test_air_bends_it_towards_the_paper_and_paper_and_thread_do_not_stretch() ->
         bends.append(bend(simulation))
     assert 5e4 < simulation.joint_efforts[0] < 6e4
     assert np.all(np.diff(bends) > np.radians(15.0))
-    side = np.flatnonzero((np.abs(rest[:, 0]) < 1e-9) & (np.abs(np.abs(rest[:, 1]) - WIDTH / 2) < 1e-9))
+    side = np.flatnonzero(
+        (np.abs(rest[:, 0]) < 1e-9) & (np.abs(np.abs(rest[:, 1]) - pneu_finger_mesh.WIDTH / 2) < 1e-9)
+    )
     order = side[np.lexsort((-rest[side, 2], rest[side, 1]))]
     for edge in np.split(order, 2):  # along the paper's two long edges
         steps = [np.diff(x[edge], axis=0) for x in (rest, simulation.positions)]

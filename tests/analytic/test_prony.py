@@ -10,27 +10,23 @@ import pytest
 from small_scenes import comes_back_bit_for_bit, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.fem.cells import cell_forces
-from softsim_core.physics.fem.elements import element
-from softsim_core.physics.fem.group import ElementGroup, element_group
-from softsim_core.physics.fem.materials import material
-from softsim_core.physics.fem.materials.relaxing import relaxing
-from softsim_core.physics.fem.prony import (
+from softsim_core.base import Array, SceneError
+from softsim_core.physics.fem import (
+    ElementGroup,
+    cell_forces,
     during_step,
+    element_group,
     held_forces,
     held_stiffness,
     held_stress,
     memory_shape,
     remember,
 )
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.fem.elements import element
+from softsim_core.physics.fem.materials import material, relaxing
+from softsim_core.physics.mechanics import rotation_exp
 from softsim_core.physics.mesh import box_mesh, quadratic
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import BodyDescription, JointDescription, MaterialDescription, SceneDescription
 
 TERMS = ((0.3, 0.05), (0.2, 0.4))
 CONSTANTS: dict[str, dict[str, float]] = {

@@ -11,12 +11,9 @@ from small_scenes import scene
 from test_chambers import CELL, balloon, hollow, inflated
 
 from softsim_core import Simulation
-from softsim_core.base.errors import SceneError
+from softsim_core.base import SceneError
 from softsim_core.physics.actuation.chamber import ATMOSPHERE, ChamberDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import BodyDescription, JointDescription, MaterialDescription, SceneDescription
 
 HOLLOW, HOSE = 8.0 * CELL**3, 2e-6
 BACKENDS = ["scipy", pytest.param("numba", marks=pytest.mark.numba)]

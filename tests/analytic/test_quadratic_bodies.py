@@ -13,20 +13,20 @@ from scipy.sparse.linalg import spsolve
 from small_scenes import body, comes_back_bit_for_bit, jittered, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement
-from softsim_core.physics.dynamics.statics import solve_static
-from softsim_core.physics.fem.cells import elastic_forces, stiffness_matrix
-from softsim_core.physics.fem.elements.tetrahedra import TET10
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.model import FIXED
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.base import Array, Placement
+from softsim_core.physics.dynamics import solve_static
+from softsim_core.physics.fem import elastic_forces, stiffness_matrix
+from softsim_core.physics.fem.elements import TET10
+from softsim_core.physics.mechanics import FIXED, Control, rotation_exp
 from softsim_core.physics.mesh import TetMesh, box_mesh, quadratic
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription, SolverSettings
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import (
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+    SceneDescription,
+    SolverSettings,
+)
+from softsim_core.scene.building import build
 
 BEAM, CELLS, YOUNG = (0.1, 0.03, 0.03), (6, 2, 2), 263.8e3
 LAWS = ("corotational", "stable_neo_hookean", "yeoh")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from softsim_core import MeshFile, Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.controller import InverseController
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import Array
+from softsim_core.control.inverse import InverseController
+from softsim_core.scene import RobotDescription
 
 MESHES = Path(__file__).resolve().parents[2] / "configs" / "meshes"
 POSES = ((-0.785,) * 3, (-1.0467,) * 3, (-1.0467, -1.3, -0.8), (-1.25,) * 3)

@@ -7,16 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import MaterialError, SceneError
-from softsim_core.base.values import Box
-from softsim_core.physics.fem.cells import cell_energy, cell_forces, cell_stiffness
-from softsim_core.physics.fem.materials.strain import FIBRES, MEMBRANE
-from softsim_core.physics.mechanics.pose import rotation_exp
-from softsim_core.physics.mesh.generators import box_mesh
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription, SolverSettings
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import AxisDescription, FibresDescription, LayerDescription
+from softsim_core.base import Box, MaterialError, SceneError
+from softsim_core.physics.fem import cell_energy, cell_forces, cell_stiffness
+from softsim_core.physics.fem.materials import FIBRES, MEMBRANE
+from softsim_core.physics.mechanics import rotation_exp
+from softsim_core.physics.mesh import box_mesh
+from softsim_core.scene import (
+    AttachmentDescription,
+    AxisDescription,
+    BodyDescription,
+    FibresDescription,
+    LayerDescription,
+    MaterialDescription,
+    SceneDescription,
+    SolverSettings,
+)
 from softsim_core.simulation import Simulation
 
 LENGTH, WIDTH, HEIGHT = 0.08, 0.02, 0.01

@@ -9,7 +9,7 @@ import pytest
 from sampled_cases import sampled
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 
 DISTANCE = 1e-6
 """The robot stands this near its equilibrium, in [m]."""

@@ -7,13 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement
-from softsim_core.physics.mechanics.pose import rotation_exp
-from softsim_core.physics.mechanics.rigid import RigidBodies
-from softsim_core.physics.mechanics.state import State
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.description import RigidBodyDescription, SceneDescription
+from softsim_core.base import Array, Placement
+from softsim_core.physics.mechanics import RigidBodies, State, rotation_exp
+from softsim_core.physics.mesh import Shape
+from softsim_core.scene import RigidBodyDescription, SceneDescription
 
 NO_GRAVITY = np.zeros(3)
 

@@ -12,26 +12,26 @@ from scipy.integrate import solve_bvp
 from scipy.linalg import eigh, expm
 from scipy.optimize import brentq
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Sphere, Vector
-from softsim_core.physics.actuation.cable.description import CableDescription
-from softsim_core.physics.dynamics.assembly import Unknowns, node_stiffness
-from softsim_core.physics.fem.cells import cell_energy, cell_forces, cell_stiffness
+from softsim_core.base import Array, Sphere, Vector
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.dynamics import Unknowns, node_stiffness
+from softsim_core.physics.fem import cell_energy, cell_forces, cell_stiffness
 from softsim_core.physics.fem.rods import RodGroup
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mechanics import rotation_exp
 from softsim_core.physics.mesh import box_mesh, quadratic
-from softsim_core.scene.building.bodies import SHEAR_SHARE
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import (
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
     LayerOfRodDescription,
+    MaterialDescription,
     RodClampDescription,
     RodDescription,
     RodSectionDescription,
+    SceneDescription,
 )
-from softsim_core.simulation.simulation import Simulation
+from softsim_core.scene.building import SHEAR_SHARE
+from softsim_core.simulation import Simulation
 
 LENGTH, THICK, WIDE, YOUNG, POISSON, DENSITY = 0.2, 0.004, 0.006, 2e7, 0.3, 1200.0
 AREA, SHEAR = THICK * WIDE, YOUNG / (2.0 * (1.0 + POISSON))

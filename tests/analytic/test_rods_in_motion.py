@@ -10,25 +10,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import MaterialError, MeshError, SceneError
-from softsim_core.base.values import Box, Placement, Sphere, Vector
-from softsim_core.lab.identification.replay import ringing
-from softsim_core.physics.actuation.cable.description import CableDescription
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.deformable import AddedMassDescription, AttachmentDescription, BodyDescription
-from softsim_core.scene.description import (
+from softsim_core.base import Array, Box, MaterialError, MeshError, Placement, SceneError, Sphere, Vector
+from softsim_core.lab.identification import ringing
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import (
+    AddedMassDescription,
+    AttachmentDescription,
+    BodyDescription,
     CollisionDescription,
+    JointDescription,
+    MaterialDescription,
     RigidBodyDescription,
+    RodClampDescription,
+    RodDescription,
+    RodSectionDescription,
     SceneDescription,
     SolverSettings,
 )
-from softsim_core.scene.io.yaml_loader import load_yaml
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import RodClampDescription, RodDescription, RodSectionDescription
-from softsim_core.simulation.simulation import Simulation
+from softsim_core.scene.io import load_yaml
+from softsim_core.simulation import Simulation
 
 ROUND = RodSectionDescription(shape="ellipse", size=(0.006, 0.006))
 MATERIAL = MaterialDescription(law="rod", young_modulus=2e6, poisson_ratio=0.4)
@@ -139,7 +140,7 @@ def test_what_hangs_on_one_frame_moves_as_one() -> None:
 
 def energies(simulation: Simulation) -> tuple[float, float]:
     """Kinetic and elastic energy in [J]."""
-    from softsim_core.physics.fem.cells import cell_energy
+    from softsim_core.physics.fem import cell_energy
 
     model = simulation.model
     kinetic = 0.5 * float((model.mass[:, None] * simulation.velocities**2).sum())

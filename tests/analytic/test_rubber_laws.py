@@ -12,29 +12,23 @@ from numpy.linalg import norm
 from small_scenes import body, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import MaterialError
-from softsim_core.control.inverse.static import solve_pose
-from softsim_core.control.inverse.tasks import PositionTask
-from softsim_core.physics.dynamics.backends import make_stepper
-from softsim_core.physics.fem.materials import material
-from softsim_core.physics.fem.materials.elastomers import (
+from softsim_core.base import Array, MaterialError
+from softsim_core.control.inverse import PositionTask, solve_pose
+from softsim_core.physics.dynamics import make_stepper
+from softsim_core.physics.fem.materials import (
     FITTED_LAWS,
+    Rubber,
+    cofactor,
     elastomer,
     elastomer_names,
+    material,
     rest_stiffness,
     tension,
 )
-from softsim_core.physics.fem.materials.rubber import Rubber
-from softsim_core.physics.fem.materials.stretches import cofactor
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mechanics import Control, JointLimits, rotation_exp
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import BodyDescription, JointDescription, MaterialDescription
+from softsim_core.scene.building import build
 
 CONSTANTS = {
     "yeoh": {"c1": 7e3, "c2": 800.0, "c3": 50.0},

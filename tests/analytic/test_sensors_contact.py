@@ -11,12 +11,10 @@ from scipy.spatial.transform import Rotation
 from small_scenes import GRAVITY, body
 
 from softsim_core import Simulation
-from softsim_core.base.values import Box, Placement
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.base import Box, Placement
+from softsim_core.physics.mesh import Shape, box_mesh
 from softsim_core.physics.sensing import TactileArrayDescription, WrenchSensorDescription
-from softsim_core.scene.deformable import AttachmentDescription
-from softsim_core.scene.description import RigidBodyDescription, SceneDescription
+from softsim_core.scene import AttachmentDescription, RigidBodyDescription, SceneDescription
 
 SIDE, EDGE, MASS = 0.06, 0.03, 0.1
 """Of the pad, and edge in [m] and mass in [kg] of the cube on it."""

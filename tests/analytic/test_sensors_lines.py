@@ -10,7 +10,7 @@ from cable_scenes import bent_bar, cable_joint
 from small_scenes import body, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.physics.mechanics import JointLimits
 from softsim_core.physics.mesh import box_mesh
 from softsim_core.physics.sensing import (
     CableSensorDescription,

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation, Slerp
 from small_scenes import GRAVITY, machine, scene, shaken
 
 from softsim_core import Simulation
-from softsim_core.base.values import Placement
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.base import Placement
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.physics.mesh import Shape
 from softsim_core.physics.sensing import ImuDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene import JointDescription
 
 DOWN = np.array([0.0, 0.0, -GRAVITY])
 

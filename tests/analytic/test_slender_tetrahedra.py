@@ -8,12 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import SceneError
-from softsim_core.scene.deformable import AddedMassDescription, AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import RodClampDescription, RodDescription, RodSectionDescription
-from softsim_core.simulation.simulation import Simulation
+from softsim_core.base import SceneError
+from softsim_core.scene import (
+    AddedMassDescription,
+    AttachmentDescription,
+    BodyDescription,
+    MaterialDescription,
+    RodClampDescription,
+    RodDescription,
+    RodSectionDescription,
+    SceneDescription,
+)
+from softsim_core.simulation import Simulation
 
 LENGTH, THICK, WIDE, DENSITY = 0.2, 0.006, 0.010, 1200.0
 ANGLES = np.linspace(0.0, 0.25 * np.pi, 4)

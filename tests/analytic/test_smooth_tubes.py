@@ -14,13 +14,21 @@ from contact_scenes import GRAVITY, touching
 from scipy.spatial.transform import Rotation
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Box, MeshFile, Placement
-from softsim_core.physics.mesh import TetMesh, boundary_surface, box_mesh, write_surface
-from softsim_core.physics.mesh.shapes import Shape, sphere_surface
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import RigidBodyDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.base import Array, Box, MeshFile, Placement
+from softsim_core.physics.mesh import (
+    Shape,
+    TetMesh,
+    boundary_surface,
+    box_mesh,
+    sphere_surface,
+    write_surface,
+)
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    MaterialDescription,
+    RigidBodyDescription,
+)
 
 RADIUS, DISTANCE, PLAY = 0.01, 0.0005, 0.0002
 """Of the ball, between it and the wall where they touch, and of the ball's centre about the axis, in [m]."""

@@ -10,14 +10,18 @@ import pytest
 from small_scenes import scene
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Box, Placement
+from softsim_core.base import Array, Box, Placement
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import LayerDescription, RodDescription, RodSectionDescription
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    LayerDescription,
+    MaterialDescription,
+    RodDescription,
+    RodSectionDescription,
+    SceneDescription,
+)
 
 LENGTH, WIDTH, YOUNG, DENSITY = 0.2, 0.01, 1e6, 1000.0
 BACKENDS = [

@@ -12,16 +12,14 @@ from numpy.linalg import norm
 from small_scenes import body, scene, slab
 
 from softsim_core import Pose, Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.controller import InverseController
-from softsim_core.control.inverse.static import effector
-from softsim_core.physics.dynamics.backends import make_stepper
+from softsim_core.base import Array
+from softsim_core.control.inverse import InverseController, effector
+from softsim_core.physics.dynamics import make_stepper
 from softsim_core.physics.fem.materials import material
-from softsim_core.physics.mechanics.control import Control
+from softsim_core.physics.mechanics import Control
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import BodyDescription, MaterialDescription
+from softsim_core.scene.building import build
 
 LAW = material("stable_neo_hookean")
 YOUNG, POISSON = 1e5, 0.4

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.control.observer.sensors import field_rows, point_rows
-from softsim_core.physics.mechanics.rows import joined
+from softsim_core.base import Array, IndexArray
+from softsim_core.control.observer import field_rows, point_rows
+from softsim_core.physics.mechanics import joined
 
 SCENES = {
     "tripod": ([-1.2, -1.0, -1.4], 1e-4, 0.035),

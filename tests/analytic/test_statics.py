@@ -8,12 +8,11 @@ from closed_forms import uniaxial_stretch
 from small_scenes import body, machine, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import NotConvergedError, SoftSimError
-from softsim_core.physics.dynamics.backends import make_stepper
-from softsim_core.physics.dynamics.statics import StaticSolution, solve_static
-from softsim_core.physics.mechanics.control import Control
+from softsim_core.base import NotConvergedError, SoftSimError
+from softsim_core.physics.dynamics import StaticSolution, make_stepper, solve_static
+from softsim_core.physics.mechanics import Control
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.building.builder import BuiltScene, build
+from softsim_core.scene.building import BuiltScene, build
 
 LAWS = ("polar", "qr")
 LENGTH, HEIGHT, YOUNG = 0.1, 0.01, 1e6

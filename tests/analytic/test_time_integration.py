@@ -11,20 +11,12 @@ from contact_scenes import DISTANCE, FLOOR, GRAVITY, downhill, loose, touching
 from small_scenes import body, comes_back_bit_for_bit, machine, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import Placement
-from softsim_core.physics.dynamics.backends import make_stepper
-from softsim_core.physics.dynamics.bossak import BossakStepper
-from softsim_core.physics.dynamics.stepper import Stepper
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.state import State
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.description import SceneDescription, SolverSettings
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.base import Array, Placement, SceneError
+from softsim_core.physics.dynamics import BossakStepper, Stepper, make_stepper
+from softsim_core.physics.mechanics import Control, Model, State
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import MaterialDescription, SceneDescription, SolverSettings
+from softsim_core.scene.building import build
 
 SMOOTH = "bossak"
 

@@ -23,14 +23,14 @@ MODULE = "open({marker!r}, 'a').write(__name__ + ' in ' + ' '.join(__import__('s
 PROGRAMS = {
     "two workers of a batch": """
 from softsim_core import Batch
-from softsim_core.simulation.warmup import small_scene
+from softsim_core.simulation import small_scene
 batch = Batch(small_scene(), 2, workers=2, backend="scipy")
 batch.step()
 batch.close()
 """,
     "workers of multiprocessing": """
 import multiprocessing, os
-from softsim_core.base.processes import use_safe_path
+from softsim_core.base import use_safe_path
 if __name__ == "__main__":
     use_safe_path()
     for method in ("spawn", "forkserver"):

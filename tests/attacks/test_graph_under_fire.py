@@ -31,7 +31,7 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.serialization import serialize_message
 from tcp_ports import free_port
 
-from softsim_node.topics import STATE_QOS
+from softsim_node import STATE_QOS
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 
 from softsim_core import Batch, RobotDescription, Simulation, load_scene
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 
 COPIES = 3
 SCENES = {  # what is commanded: lowest and highest, by joint

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("numba")
 
-from softsim_core.physics.dynamics.numba_backend.stepper import NumbaStepper
+from softsim_core.physics.dynamics.numba_backend import NumbaStepper
 from softsim_core.scene import load_scene
 from softsim_core.simulation.batch import Batch
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.benchmark import copies
-from softsim_ros.benchmark.copies import (
+from softsim_ros.benchmark import (
     BatchRate,
     EnvironmentCost,
+    copies,
     cost_table,
     measure_copies,
     measure_environments,

@@ -14,15 +14,30 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation
-from softsim_ros.benchmark import cases
-from softsim_ros.benchmark.cases import LIMITS, TOUCHING, Case, TouchingScene, default_reference_dir, describe
-from softsim_ros.benchmark.machine import limit_threads
-from softsim_ros.benchmark.records import Record, judge, reference_size, table
-from softsim_ros.benchmark.rubber import measure_rubber, rubber_table
-from softsim_ros.benchmark.sensing import ALL, LIMIT_MS, measure_sensors, sensor_table
-from softsim_ros.benchmark.steps import can_control
-from softsim_ros.benchmark.timing import Contender, take_turns
-from softsim_ros.cli.upkeep.bench import SCENES
+from softsim_ros.benchmark import (
+    ALL,
+    LIMIT_MS,
+    LIMITS,
+    TOUCHING,
+    Case,
+    Contender,
+    Record,
+    TouchingScene,
+    can_control,
+    default_reference_dir,
+    describe,
+    judge,
+    limit_threads,
+    measure_rubber,
+    measure_sensors,
+    measured_scenes as cases,
+    reference_size,
+    rubber_table,
+    sensor_table,
+    table,
+    take_turns,
+)
+from softsim_ros.cli.upkeep import SCENES
 
 KEYS = ("scene", "mesh", "path", "nodes", "elements", "min_ms", "median_ms", "splu_min_ms")
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -204,7 +219,7 @@ def low_case() -> Case:
 @pytest.mark.parametrize("package", ["pydrake", "mujoco"])
 def test_other_engines_find_our_sag(package: str) -> None:
     pytest.importorskip(package, reason=f"{package} is not installed: pip install 'softsim[peers]'")
-    from softsim_ros.benchmark.peers.comparison import compare
+    from softsim_ros.benchmark.peers import compare
 
     records, _ = compare(low_case(), rounds=1)
     sags = [each.extras for each in records if each.path == package.removeprefix("py")]
@@ -217,10 +232,9 @@ def test_other_engines_find_our_sag(package: str) -> None:
 @pytest.mark.numba
 def test_growing_bodies_are_compared_without_waiting_for_rest() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'softsim[mjcf]'")
-    from softsim_core.scene.robot import RobotDescription
-    from softsim_ros.benchmark.peers.comparison import compare
-    from softsim_ros.benchmark.records import peer_table
-    from softsim_ros.benchmark.scaling import held_scene, mesh_of
+    from softsim_core.scene import RobotDescription
+    from softsim_ros.benchmark import held_scene, mesh_of, peer_table
+    from softsim_ros.benchmark.peers import compare
 
     scene = RobotDescription(scene=held_scene(mesh_of("silicone", "1k")))
     records, _ = compare(Case("scaling", "silicone 1k", scene), rounds=1, to_rest=False)
@@ -235,8 +249,7 @@ def test_growing_bodies_are_compared_without_waiting_for_rest() -> None:
 def test_drake_finds_exactly_our_sag_with_its_masses() -> None:
     pytest.importorskip("pydrake", reason="pydrake is not installed: pip install 'softsim[peers]'")
     from softsim_core import Simulation
-    from softsim_ros.benchmark.peers.body import held_body
-    from softsim_ros.benchmark.peers.drake_body import DrakeBody
+    from softsim_ros.benchmark.peers import DrakeBody, held_body
 
     case = low_case()
     body = held_body(case.description)

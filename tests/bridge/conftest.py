@@ -11,7 +11,7 @@ import pytest
 from bridge_session import BRIDGE, BridgeClient, BridgeHere, bridge_words, client, start, stream
 from node_processes import NodeProcess, spin_until
 
-from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.emulator import VirtualBoard
 
 __all__ = ["client", "start", "stream"]
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from servo_bridge.errors import PacketError
-from servo_bridge.protocols import TiltReading
-from servo_bridge.protocols.ascii_imu import LineParser, encode_line, parse_line
+from servo_bridge import PacketError
+from servo_bridge.protocols import LineParser, TiltReading, encode_line, parse_line
 
 
 def test_servo_bytes_become_a_line_of_text() -> None:

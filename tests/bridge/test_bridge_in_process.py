@@ -14,14 +14,17 @@ pytest.importorskip("rclpy")
 from rclpy.parameter import Parameter
 from std_msgs.msg import UInt8MultiArray
 
-from servo_bridge.driver.ports import SerialTransport
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.nodes.bridge_node import ServoBridge
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
+from servo_bridge.driver import SerialTransport
+from servo_bridge.emulator import VirtualBoard
+from servo_bridge.nodes import ServoBridge
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import (
+    BoardDescription,
+    JointDescription,
+    RobotDescription,
+    SceneDescription,
+    ServoCalibration,
+)
 
 ROBOT = RobotDescription(
     scene=SceneDescription(

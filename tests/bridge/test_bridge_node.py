@@ -17,8 +17,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.nodes.bridge_node import main
+from servo_bridge.emulator import VirtualBoard
+from servo_bridge.nodes import main
 
 REST = (150, 150, 150)
 COMMANDS = "position_controller/commands"

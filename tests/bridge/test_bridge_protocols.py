@@ -22,8 +22,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.driver.calibration import load_calibration, save_calibration
-from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.driver import load_calibration, save_calibration
+from servo_bridge.emulator import VirtualBoard
 from softsim_core.scene import load_scene
 from softsim_ros.cli import main as softsim
 

@@ -16,11 +16,10 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 from waiting import DEADLINE_S
 
-from servo_bridge.driver.safety import EStop
-from servo_bridge.nodes.bridge_node import ServoBridge
-from servo_bridge.nodes.bridge_services import EStopServices
-from softsim_node.topics import STATE_TOPICS
-from softsim_ros.listeners import StateListener
+from servo_bridge.driver import EStop
+from servo_bridge.nodes import EStopServices, ServoBridge
+from softsim_node import STATE_TOPICS
+from softsim_ros import StateListener
 
 
 def bridge_of(client: Any, board: Any) -> ServoBridge:

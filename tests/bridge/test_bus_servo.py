@@ -7,18 +7,22 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from servo_bridge.driver.calibration import calibrated_robot, save_calibration
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.servo import PULSES_PER_RAD, angle_to_pulse, pulse_to_angle, within
+from servo_bridge.driver import (
+    PULSES_PER_RAD,
+    ServoDriver,
+    angle_to_pulse,
+    calibrated_robot,
+    pulse_to_angle,
+    save_calibration,
+    within,
+)
 from softsim_core import load_scene
-from softsim_core.base.errors import CommandError, ConfigError, SceneError
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene.board import BusServo
-from softsim_core.scene.io.portable import unstructure_scene
-from softsim_core.scene.io.structure import structure_scene
+from softsim_core.base import CommandError, ConfigError, SceneError
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import BusServo
+from softsim_core.scene.io import structure_scene, unstructure_scene
 from softsim_ros.cli import main as softsim
 
 ROBOT = """\

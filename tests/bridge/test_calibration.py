@@ -11,30 +11,35 @@ from pathlib import Path
 
 import pytest
 
-from servo_bridge.driver import calibration
-from servo_bridge.driver.calibration import (
+from servo_bridge import PortError
+from servo_bridge.driver import (
+    BOARD_USB_IDS,
+    CLONE_USB_IDS,
     CalibrationAbortedError,
     Observed,
+    ServoDriver,
     ServoMover,
+    angle_to_byte,
+    byte_to_angle,
     calibrate,
     calibrated,
     calibrated_robot,
+    calibration,
     default_file,
     file_for,
     load_calibration,
     save_calibration,
 )
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.ports import BOARD_USB_IDS, CLONE_USB_IDS
-from servo_bridge.driver.servo import angle_to_byte, byte_to_angle
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.errors import PortError
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
+from servo_bridge.emulator import VirtualBoard
+from softsim_core.base import ConfigError, SceneError
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import (
+    BoardDescription,
+    JointDescription,
+    RobotDescription,
+    SceneDescription,
+    ServoCalibration,
+)
 
 SERVOS = tuple(ServoCalibration(joint=name) for name in "ab")
 LIMITS = JointLimits(-2.0225, -0.0255, 20.0, 1000.0)

@@ -7,14 +7,13 @@ from decimal import Decimal, getcontext
 from fractions import Fraction
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from servo_bridge.driver.servo import angle_to_byte, byte_to_angle, bytes_to_angles
-from servo_bridge.errors import PacketError
-from servo_bridge.protocols.legacy import avoid_byte_100, decode_packet, encode_packet, rest_packet
-from softsim_core.base.errors import CommandError
-from softsim_core.scene.board import ServoCalibration
+from servo_bridge import PacketError
+from servo_bridge.driver import angle_to_byte, byte_to_angle, bytes_to_angles
+from servo_bridge.protocols import avoid_byte_100, decode_packet, encode_packet, rest_packet
+from softsim_core.base import CommandError
+from softsim_core.scene import ServoCalibration
 
 getcontext().prec = 60
 PI = Fraction(Decimal("3.14159265358979323846264338327950288419716939937510582097494459"))

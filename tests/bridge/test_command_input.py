@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.nodes.commands import CommandInput
+from servo_bridge.nodes import CommandInput
 
 
 class Driver:

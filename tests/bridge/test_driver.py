@@ -9,15 +9,18 @@ from itertools import pairwise
 import pytest
 from board_driving import PERIOD, TestClock
 
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.errors import PortError
-from softsim_core.base.errors import CommandError, SceneError
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene.board import BoardDescription, ServoCalibration
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
+from servo_bridge import PortError
+from servo_bridge.driver import ServoDriver
+from servo_bridge.emulator import VirtualBoard
+from softsim_core.base import CommandError, SceneError
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import (
+    BoardDescription,
+    JointDescription,
+    RobotDescription,
+    SceneDescription,
+    ServoCalibration,
+)
 
 LIMITS = JointLimits(-2.0225, -0.0255, 3.5, acceleration=1e9)
 

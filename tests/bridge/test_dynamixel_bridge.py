@@ -19,9 +19,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, UInt16MultiArray
 
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.protocols import dynamixel_packets as table
-from servo_bridge.protocols.dynamixel_bus import DynamixelBus
+from servo_bridge.emulator import VirtualBoard
+from servo_bridge.protocols import DynamixelBus, dynamixel_packets as table
 from softsim_core.scene import load_scene
 
 pytestmark = pytest.mark.slow

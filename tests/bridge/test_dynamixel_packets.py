@@ -6,12 +6,17 @@ import random
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from servo_bridge.errors import PacketError
-from servo_bridge.protocols import dynamixel_packets as packets
-from servo_bridge.protocols.dynamixel_packets import HEADER, Instruction, Packet, PacketStream, crc16
+from servo_bridge import PacketError
+from servo_bridge.protocols import (
+    Instruction,
+    Packet,
+    PacketStream,
+    crc16,
+    dynamixel_packets,
+    dynamixel_packets as packets,
+)
 
 # The e-Manual's examples of protocol 2.0, section "Instruction Details"
 EXAMPLES = [
@@ -75,7 +80,7 @@ def test_what_looks_like_a_header_is_stuffed_and_comes_back(
     body: bytes, servo_id: int, error: int, step: int
 ) -> None:
     data = packets.status(servo_id, body, error)
-    assert data[4:-2].find(HEADER) < 0
+    assert data[4:-2].find(dynamixel_packets.HEADER) < 0
     stream = PacketStream()
     found = [each for at in range(0, len(data), step) for each in stream.feed(data[at : at + step])]
     assert found == [Packet(servo_id, Instruction.STATUS, body, error)]
@@ -100,7 +105,7 @@ def test_a_hundred_thousand_bytes_of_noise_raise_nothing_and_hide_no_packet_behi
         kind = draw.randrange(4)
         junk = draw.randbytes(draw.randrange(1, 60))
         if kind == 1:
-            junk = HEADER + junk  # begins as a packet
+            junk = dynamixel_packets.HEADER + junk  # begins as a packet
         elif kind == 2:
             junk = whole[: draw.randrange(1, len(whole))]  # a packet cut short
         elif kind == 3:
@@ -177,7 +182,18 @@ def test_the_makers_library_sends_the_same_and_reads_ours(body: bytes, servo_id:
     makers, line = sdk.Protocol2PacketHandler(), Line()
     ours = packets.write(servo_id, 116, body)
     if b"\xff\xff\xfd" in body:  # it stuffs rightly, and then sends what was not stuffed (4.1.0)
-        plain = [*HEADER, servo_id, len(body) + 5, 0, Instruction.WRITE, 116, 0, *body, 0, 0]
+        plain = [
+            *dynamixel_packets.HEADER,
+            servo_id,
+            len(body) + 5,
+            0,
+            Instruction.WRITE,
+            116,
+            0,
+            *body,
+            0,
+            0,
+        ]
         assert bytes(makers.addStuffing(plain)[:-2]) == ours[:-2]
     else:
         makers.writeTxOnly(line, servo_id, 116, len(body), list(body))

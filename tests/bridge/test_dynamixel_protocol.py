@@ -10,15 +10,22 @@ from pathlib import Path
 
 import pytest
 
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.errors import ProtocolError
-from servo_bridge.protocols import AUTO, candidates
-from servo_bridge.protocols import dynamixel_packets as packets
-from servo_bridge.protocols import dynamixel_packets as table
-from servo_bridge.protocols.dynamixel import DEAD_BAND, DynamixelProtocol
-from servo_bridge.protocols.dynamixel_bus import DynamixelBus, EmulatedServo
-from servo_bridge.protocols.dynamixel_packets import HardwareError, PacketStream, StatusError
-from softsim_core.scene.board import BoardDescription, BusServo
+from servo_bridge import ProtocolError
+from servo_bridge.emulator import VirtualBoard
+from servo_bridge.protocols import (
+    AUTO,
+    DEAD_BAND,
+    DynamixelBus,
+    DynamixelProtocol,
+    EmulatedServo,
+    HardwareError,
+    PacketStream,
+    StatusError,
+    candidates,
+    dynamixel_packets as packets,
+    dynamixel_packets as table,
+)
+from softsim_core.scene import BoardDescription, BusServo
 
 PERIOD = 0.02
 IDS = (0, 1, 2, 9)

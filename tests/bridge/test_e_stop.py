@@ -17,7 +17,7 @@ pytest.importorskip("rclpy")
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.emulator import VirtualBoard
 
 REST = (150, 150, 150)
 FAR = (64, 64, 64)

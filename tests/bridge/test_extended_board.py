@@ -10,19 +10,19 @@ from pathlib import Path
 import pytest
 from board_driving import TestClock, Wait, flags, robot, run, take_over
 
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.servo import (
+from servo_bridge import PortError
+from servo_bridge.driver import (
+    ServoDriver,
     angle_to_width,
     byte_to_angle,
     byte_to_width,
     width_limits,
     width_to_angle,
 )
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.errors import PortError
-from servo_bridge.protocols.frames import FIRMWARE_VERSION, BoardFlags, set_widths
-from softsim_core.base.errors import SceneError
-from softsim_core.scene.board import ServoCalibration
+from servo_bridge.emulator import VirtualBoard
+from servo_bridge.protocols import FIRMWARE_VERSION, BoardFlags, set_widths
+from softsim_core.base import SceneError
+from softsim_core.scene import ServoCalibration
 
 
 @pytest.fixture

@@ -6,14 +6,21 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from servo_bridge.driver.servo import byte_to_width, width_to_byte
-from servo_bridge.errors import PacketError
-from servo_bridge.protocols import frames
-from servo_bridge.protocols.frames import Banner, BoardFlags, Frame, FrameParser, FrameType, Telemetry
-from servo_bridge.protocols.legacy import HEADER, PacketParser
+from servo_bridge import PacketError
+from servo_bridge.driver import byte_to_width, width_to_byte
+from servo_bridge.protocols import (
+    Banner,
+    BoardFlags,
+    Frame,
+    FrameParser,
+    FrameType,
+    PacketParser,
+    Telemetry,
+    frames,
+    legacy,
+)
 
 sextet = st.integers(0, 63)
 width = st.integers(0, 4095)
@@ -71,7 +78,7 @@ def test_a_servo_byte_is_a_pulse_width() -> None:
 def test_every_frame_survives_the_line_and_holds_no_byte_of_another_protocol(frame: Frame) -> None:
     data = frames.encode(frame)
     assert FrameParser().feed(data) == [frame]
-    assert all(value >= 0x80 and value != HEADER for value in data)
+    assert all(value >= 0x80 and value != legacy.HEADER for value in data)
     assert PacketParser().feed(data, 0.0) == []
 
 

@@ -17,12 +17,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.driver.ports import SerialTransport
-from servo_bridge.driver.writer import HANG_S, HangWatch, PeriodicThread
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.nodes.bridge_node import ServoBridge
-from servo_bridge.protocols.legacy import LegacyProtocol
-from softsim_ros.listeners import StateListener
+from servo_bridge.driver import HANG_S, HangWatch, PeriodicThread, SerialTransport
+from servo_bridge.emulator import VirtualBoard
+from servo_bridge.nodes import ServoBridge
+from servo_bridge.protocols import LegacyProtocol
+from softsim_ros import StateListener
 
 Wait = Callable[..., bool]
 

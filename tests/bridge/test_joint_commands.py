@@ -12,10 +12,10 @@ pytest.importorskip("rclpy")
 from sensor_msgs.msg import JointState
 from topic_hardware import TopicHardware
 
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.driver import ServoDriver
+from servo_bridge.emulator import VirtualBoard
 from softsim_core import load_scene
-from softsim_core.base.errors import CommandError
+from softsim_core.base import CommandError
 
 JOINTS = ("servo_0", "servo_1", "servo_2")
 

@@ -7,12 +7,10 @@ import threading
 
 import pytest
 
-from servo_bridge.driver.link import BoardLink, Reader
-from servo_bridge.errors import PortError
-from servo_bridge.protocols import candidates, frames
-from servo_bridge.protocols.extended import reset_cause_text
-from servo_bridge.protocols.frames import Banner, BoardFlags, Telemetry
-from softsim_core.scene.board import BoardDescription, ServoCalibration
+from servo_bridge import PortError
+from servo_bridge.driver import BoardLink, Reader
+from servo_bridge.protocols import Banner, BoardFlags, Telemetry, candidates, frames, reset_cause_text
+from softsim_core.scene import BoardDescription, ServoCalibration
 
 BOARD = BoardDescription(servos=tuple(ServoCalibration(joint=name) for name in "abc"))
 BANNER = frames.banner(0, Banner(frames.PROTOCOL_VERSION, 2, 0, 2))

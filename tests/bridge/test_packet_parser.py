@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from servo_bridge.protocols.legacy import PacketParser
+from servo_bridge.protocols import PacketParser
 
 POSE = bytes([255, 93, 121, 179])
 

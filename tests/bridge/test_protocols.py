@@ -11,10 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.link import BoardLink
-from servo_bridge.driver.servo import angle_to_pulse, byte_to_angle, pulse_to_angle
-from servo_bridge.errors import PortError, ProtocolError
+from servo_bridge import PortError, ProtocolError
+from servo_bridge.driver import BoardLink, ServoDriver, angle_to_pulse, byte_to_angle, pulse_to_angle
 from servo_bridge.protocols import (
     AUTO,
     Ability,
@@ -29,13 +27,18 @@ from servo_bridge.protocols import (
     register,
     registry,
 )
-from softsim_core.base.errors import CommandError, SceneError
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene import load_scene
-from softsim_core.scene.board import BoardDescription, BusServo, Servo, ServoCalibration
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import CommandError, SceneError
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import (
+    BoardDescription,
+    BusServo,
+    JointDescription,
+    RobotDescription,
+    SceneDescription,
+    Servo,
+    ServoCalibration,
+    load_scene,
+)
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 MIXED = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from random import Random
 
-from servo_bridge.driver.board_session import DELAYS_S, Recovery
+from servo_bridge.driver import DELAYS_S, Recovery
 
 
 def test_tries_are_due_after_half_one_two_four_and_then_every_five_seconds() -> None:

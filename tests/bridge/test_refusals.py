@@ -22,16 +22,19 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
-from servo_bridge.driver import board_session
-from servo_bridge.driver.board_session import DELAYS_S, BoardSession
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.safety import EStop
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.nodes.bridge_node import ServoBridge, main
-from servo_bridge.nodes.commands import MOST_BYTES, command_values, joint_positions
-from servo_bridge.nodes.parameters import BridgeSettings, assemble
-from softsim_core.base.errors import CommandError, SceneError, SoftSimError
-from softsim_node.text import LONGEST_SENTENCE, named, sentence
+from servo_bridge.driver import DELAYS_S, BoardSession, EStop, ServoDriver, board_session
+from servo_bridge.emulator import VirtualBoard
+from servo_bridge.nodes import (
+    MOST_BYTES,
+    BridgeSettings,
+    ServoBridge,
+    assemble,
+    command_values,
+    joint_positions,
+    main,
+)
+from softsim_core.base import CommandError, SceneError, SoftSimError
+from softsim_node import LONGEST_SENTENCE, named, sentence
 
 pytestmark = pytest.mark.slow
 

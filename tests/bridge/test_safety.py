@@ -6,20 +6,19 @@ import math
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from servo_bridge.driver.safety import (
+from servo_bridge.driver import (
     SERVO_ACCELERATION,
     SERVO_SPEED,
     MotionSettings,
     ServoMotion,
+    byte_to_angle,
     servo_limits,
 )
-from servo_bridge.driver.servo import byte_to_angle
-from softsim_core.base.errors import CommandError, SceneError
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene.board import ServoCalibration
+from softsim_core.base import CommandError, SceneError
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import ServoCalibration
 
 SERVO = ServoCalibration(joint="servo_0")
 LIMITS = servo_limits(SERVO, JointLimits(-2.0225, -0.0255, 3.5, acceleration=1e9))

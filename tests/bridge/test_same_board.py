@@ -11,17 +11,29 @@ import pytest
 from board_driving import robot
 from node_processes import spin_until
 
-from servo_bridge.driver import board_session, link
-from servo_bridge.driver.board_session import BoardSession
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.link import BoardLink, MetBoard
-from servo_bridge.driver.ports import find_again, usb_identity
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.errors import PortError
-from servo_bridge.protocols import candidates, frames
-from servo_bridge.protocols.extended import ExtendedProtocol
-from servo_bridge.protocols.frames import Banner, BoardFlags, FrameParser, FrameType, Telemetry
-from servo_bridge.protocols.legacy import LegacyBoard
+from servo_bridge import PortError
+from servo_bridge.driver import (
+    BoardLink,
+    BoardSession,
+    MetBoard,
+    ServoDriver,
+    board_session,
+    find_again,
+    link,
+    usb_identity,
+)
+from servo_bridge.emulator import VirtualBoard
+from servo_bridge.protocols import (
+    Banner,
+    BoardFlags,
+    ExtendedProtocol,
+    FrameParser,
+    FrameType,
+    LegacyBoard,
+    Telemetry,
+    candidates,
+    frames,
+)
 
 BOARD = robot().board
 QUIET_S = 0.3

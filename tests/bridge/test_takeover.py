@@ -11,14 +11,11 @@ import pytest
 from board_driving import PERIOD, TestClock, Wait, flags, robot, run, take_over
 from node_processes import spin_until
 
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.servo import angle_to_width
-from servo_bridge.driver.takeover import STALL_S
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.errors import PortError
-from servo_bridge.protocols.extended import DEAF_PATIENCE, PATIENCE, ExtendedProtocol, Following
-from servo_bridge.protocols.frames import BoardFlags, Telemetry
-from softsim_core.physics.mechanics.limits import JointLimits
+from servo_bridge import PortError
+from servo_bridge.driver import STALL_S, ServoDriver, angle_to_width
+from servo_bridge.emulator import VirtualBoard
+from servo_bridge.protocols import DEAF_PATIENCE, PATIENCE, BoardFlags, ExtendedProtocol, Following, Telemetry
+from softsim_core.physics.mechanics import JointLimits
 
 pytestmark = pytest.mark.slow
 

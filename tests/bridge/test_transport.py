@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 import serial
 
-from servo_bridge.driver.ports import SerialTransport, find_again, find_port, opening_sentence, stable_name
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.errors import PortError
+from servo_bridge import PortError
+from servo_bridge.driver import SerialTransport, find_again, find_port, opening_sentence, stable_name
+from servo_bridge.emulator import VirtualBoard
 
 REST = bytes([255, 150, 150, 150])
 

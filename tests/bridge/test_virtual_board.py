@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from servo_bridge.driver.ports import SerialTransport
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.errors import PortError
+from servo_bridge import PortError
+from servo_bridge.driver import SerialTransport
+from servo_bridge.emulator import VirtualBoard
 
 
 def test_it_starts_without_pulses_and_keeps_the_last_pose(board: VirtualBoard) -> None:
@@ -96,7 +96,7 @@ def test_a_stale_link_of_a_killed_board_is_taken_over(tmp_path: Path) -> None:
 def test_as_a_node_it_remembers_a_hundred_packets(ros_domain: int) -> None:
     """It runs for days: all packets of a minute at 50 Hz are 0.43 MB."""
     context_module = pytest.importorskip("rclpy.context")
-    from servo_bridge.nodes.virtual_board_node import KEPT, VirtualBoardNode
+    from servo_bridge.nodes import KEPT, VirtualBoardNode
 
     context = context_module.Context()
     context.init(args=[], domain_id=ros_domain)

@@ -7,7 +7,7 @@ import time
 
 from waiting import DEADLINE_S, spin_until
 
-from servo_bridge.driver.writer import PeriodicThread
+from servo_bridge.driver import PeriodicThread
 
 
 def test_no_call_comes_before_its_beat() -> None:

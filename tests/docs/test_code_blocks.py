@@ -22,10 +22,10 @@ import yaml
 from doc_pages import PAGES, REPOSITORY, TUTORIALS, Fence, commands, fences, parsed_command
 
 import softsim_core
-from softsim_core.physics.actuation.registry import actuator_kinds
-from softsim_core.physics.fem.materials.registry import material, material_names
-from softsim_ros.cli.app import main
-from softsim_ros.cli.running.nodes import NODES
+from softsim_core.physics.actuation import actuator_kinds
+from softsim_core.physics.fem.materials import material, material_names
+from softsim_ros.cli import run_command as main
+from softsim_ros.cli.running import NODES
 
 LANGUAGES = {"", "console", "bash", "python", "yaml", "json", "text"}
 SHELL = {"", "console", "bash"}
@@ -74,11 +74,10 @@ BEFORE = {
     "architecture": NODE
     + """
 from dataclasses import dataclass
-from softsim_node.parameters import LiveParameters, parameter
+from softsim_node import LiveParameters, parameter
 refuse_by_raising = use = lambda names, values: None
 """,
-    "client": NODE
-    + "from softsim_core import load_scene\nfrom softsim_ros.client.robot_client import RobotClient\n",
+    "client": NODE + "from softsim_core import load_scene\nfrom softsim_ros.client import RobotClient\n",
     "interfaces": NODE,
     "edit": """
 from pathlib import Path
@@ -88,7 +87,7 @@ write_tets(Path("my_finger.vtk"), box_mesh((0.01, 0.01, 0.06), (2, 2, 6)))
     "sensors": """
 from builtin_interfaces.msg import Time
 from softsim_core import Simulation, load_scene
-from softsim_ros.messages.sensors import contact_cloud
+from softsim_ros.messages import contact_cloud
 message = contact_cloud(Time(), "world", Simulation(load_scene("tripod_ball"), backend="scipy").contacts)
 """,
     "mesh": f"""
@@ -96,8 +95,8 @@ shutil.copy({str(REPOSITORY / "configs/parts/fin_ray_finger.stl")!r}, "finger.st
 """,
     "sweep": """
 import pathlib, yaml
-from softsim_core.scene.io.files import config_file
-from softsim_ros.cli.app import main
+from softsim_core.scene.io import config_file
+from softsim_ros.cli import run_command as main
 study = yaml.safe_load(config_file("studies/finger_bend.yaml").read_text())
 study["design"]["samples"] = 4
 pathlib.Path("finger_bend.yaml").write_text(yaml.safe_dump(study))

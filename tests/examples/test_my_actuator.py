@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import ConfigError
-from softsim_core.physics.dynamics import Backend
+from softsim_core.base import Backend, ConfigError
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_actuator.py"
 BAR = 1e5 * 0.02**2 / 0.1

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from node_processes import spin_until as wait_until
 
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.driver import ServoDriver
+from servo_bridge.emulator import VirtualBoard
 from servo_bridge.protocols import protocol_named
 from softsim_core.scene import load_scene
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_linear_solver.py"
 

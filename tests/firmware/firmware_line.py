@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from servo_bridge.driver.servo import byte_to_width
+from servo_bridge.driver import byte_to_width
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.protocols.frames import FrameParser, FrameType, Telemetry, read_telemetry
+from servo_bridge.protocols import FrameParser, FrameType, Telemetry, read_telemetry
 
 TOLERANCE_US = 1.5
 SLEW_US = 62.0

@@ -11,10 +11,10 @@ import pytest
 from firmware_build import build, build_boot_loader
 from lock_step import QUIET_S, REST, TOLERANCE_US, LockStep, tripod
 
-from servo_bridge.driver.servo import byte_to_width
+from servo_bridge import PortError
+from servo_bridge.driver import byte_to_width
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.errors import PortError
-from servo_bridge.protocols.extended import ExtendedProtocol
+from servo_bridge.protocols import ExtendedProtocol
 from softsim_core import load_scene
 
 MakeBoard = Callable[..., EmulatedBoard]

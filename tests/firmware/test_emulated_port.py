@@ -9,9 +9,9 @@ import pytest
 import serial
 from waiting import spin_until
 
-from servo_bridge.driver.servo import byte_to_width
+from servo_bridge.driver import byte_to_width
 from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.protocols.frames import FrameParser, FrameType, read_telemetry, set_widths
+from servo_bridge.protocols import FrameParser, FrameType, read_telemetry, set_widths
 
 TOLERANCE_US = 1.5
 

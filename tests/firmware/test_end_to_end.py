@@ -21,9 +21,9 @@ from bridge_session import BRIDGE, BridgeClient, Stream, bridge_words
 from node_processes import NodeProcess
 from terminal_session import TerminalSession
 
-from servo_bridge.driver.servo import byte_to_angle, byte_to_width
+from servo_bridge.driver import byte_to_angle, byte_to_width
 from servo_bridge.emulator import EmulatedBoardPty
-from softsim_core.scene.board import ServoCalibration
+from softsim_core.scene import ServoCalibration
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("emulator", "ros_domain")]
 

@@ -18,10 +18,9 @@ pytest.importorskip("rclpy")
 from bridge_session import BridgeClient, Stream
 from terminal_session import REPOSITORY
 
-from servo_bridge.driver.ports import SerialTransport
-from servo_bridge.driver.servo import byte_to_width, bytes_to_angles
+from servo_bridge import PortError
+from servo_bridge.driver import SerialTransport, byte_to_width, bytes_to_angles
 from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.errors import PortError
 from softsim_core import load_scene
 
 pytestmark = [pytest.mark.usefixtures("emulator")]

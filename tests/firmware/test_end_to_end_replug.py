@@ -14,14 +14,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from node_processes import spin_until
 from rclpy.parameter import Parameter
 
-from servo_bridge.driver import board_session
-from servo_bridge.driver.ports import stable_name
-from servo_bridge.driver.servo import byte_to_width
-from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.emulator.pty import make_link
-from servo_bridge.emulator.virtual_board import VirtualBoard
+from servo_bridge.driver import board_session, byte_to_width, stable_name
+from servo_bridge.emulator import EmulatedBoardPty, VirtualBoard, make_link
 from servo_bridge.nodes import bridge_node
-from softsim_ros.robot_node import SpinThread
+from softsim_ros import SpinThread
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("emulator")]
 

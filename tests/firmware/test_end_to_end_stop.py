@@ -13,7 +13,7 @@ import pytest
 from firmware_build import build
 from lock_step import REST, TOLERANCE_US, LockStep, tripod
 
-from servo_bridge.driver.servo import byte_to_width, bytes_to_angles
+from servo_bridge.driver import byte_to_width, bytes_to_angles
 from servo_bridge.emulator import EmulatedBoard, EmulatedBoardPty
 
 FAR = (65, 70, 75)

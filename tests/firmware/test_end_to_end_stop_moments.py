@@ -8,8 +8,8 @@ from collections.abc import Callable
 import pytest
 from lock_step import LockStep
 
+from servo_bridge import PortError
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.errors import PortError
 
 LONGEST_WAY_IN_S = {
     "driving": 0.3,

@@ -11,8 +11,7 @@ from firmware_build import build_boot_loader
 from firmware_line import TOLERANCE_US, ideal, legacy
 
 from servo_bridge.emulator import EmulatedBoard, EmulatorError
-from servo_bridge.protocols import frames
-from servo_bridge.protocols.legacy import BOOT_LOADER_BYTE, avoid_byte_100
+from servo_bridge.protocols import BOOT_LOADER_BYTE, avoid_byte_100, frames
 from softsim_core.scene import load_scene
 
 MakeBoard = Callable[..., EmulatedBoard]

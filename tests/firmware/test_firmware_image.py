@@ -10,8 +10,7 @@ import pytest
 from firmware_build import FIRMWARE, build, compiler_version, missing
 from firmware_line import TOLERANCE_US, ideal, legacy
 
-from servo_bridge.emulator import EmulatedBoard, EmulatorError
-from servo_bridge.emulator.simavr import read_image
+from servo_bridge.emulator import EmulatedBoard, EmulatorError, read_image
 from servo_bridge.protocols import frames
 
 

@@ -11,7 +11,7 @@ from firmware_build import build
 from firmware_line import TOLERANCE_US, ideal
 
 from servo_bridge.emulator import EmulatedBoard, I2cRegisters
-from servo_bridge.protocols.ascii_imu import ASCII_BAUD_RATE, LineParser, encode_line
+from servo_bridge.protocols import ASCII_BAUD_RATE, LineParser, encode_line
 
 IMU_ADDRESS = 0x28
 CHIP_ID = 0xA0

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import pytest
 from firmware_line import heard
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.protocols import frames
-from servo_bridge.protocols.extended_board import FRAME_S, TICKS_PER_US, ExtendedBoard
-from servo_bridge.protocols.frames import FrameParser
-from servo_bridge.protocols.legacy import PacketParser
+from servo_bridge.protocols import FRAME_S, TICKS_PER_US, ExtendedBoard, FrameParser, PacketParser, frames
 
 pytestmark = pytest.mark.usefixtures("emulator")
 

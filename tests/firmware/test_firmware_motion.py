@@ -16,8 +16,7 @@ from firmware_line import (
 )
 
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.protocols import frames
-from servo_bridge.protocols.frames import BoardFlags
+from servo_bridge.protocols import BoardFlags, frames
 
 HANG = b"\xff\xcf"
 """A jump to itself."""

@@ -9,11 +9,9 @@ from dataclasses import dataclass, field
 import pytest
 from firmware_line import SLEW_US, TOLERANCE_US, heard, ideal, legacy, widths_by_frame
 
-from servo_bridge.driver.servo import byte_to_width
+from servo_bridge.driver import byte_to_width
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.protocols import frames
-from servo_bridge.protocols.frames import Frame, FrameParser, FrameType, encode, join12
-from servo_bridge.protocols.legacy import PacketParser
+from servo_bridge.protocols import Frame, FrameParser, FrameType, PacketParser, encode, frames, join12
 
 FIRST_TYPE_OF_THE_BOARD = 16
 NARROWEST_US, WIDEST_US = 544, 2400

@@ -8,8 +8,7 @@ import pytest
 from firmware_line import SLEW_US, TOLERANCE_US, heard, ideal, legacy, widths_by_frame
 
 from servo_bridge.emulator import EmulatedBoard
-from servo_bridge.protocols import frames
-from servo_bridge.protocols.frames import BoardFlags
+from servo_bridge.protocols import BoardFlags, frames
 
 RANGE = (1163, 2091, 2400)
 CREEP_US = 11.0  # 10 us a frame, as measured

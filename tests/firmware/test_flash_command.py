@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 from firmware_build import build_boot_loader, missing
 
-from servo_bridge.driver.ports import SerialTransport
-from servo_bridge.emulator import FIRMWARE, EmulatedBoardPty
-from servo_bridge.emulator.simavr import read_image
-from servo_bridge.protocols.frames import FrameParser, FrameType
+from servo_bridge.driver import SerialTransport
+from servo_bridge.emulator import FIRMWARE, EmulatedBoardPty, read_image
+from servo_bridge.protocols import FrameParser, FrameType
 from softsim_ros.cli import main
-from softsim_ros.cli.board.flash import flash_command, is_as_recorded
+from softsim_ros.cli.board import flash_command, is_as_recorded
 
 
 @pytest.fixture

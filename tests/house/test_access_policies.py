@@ -18,9 +18,9 @@ pytest.importorskip("rclpy")
 from access_policies import FOLDER, RULES, VERSION, read_policies, settled_rights, write_policies
 from node_processes import private_ros
 
-from servo_bridge.emulator.simavr import why_missing
+from servo_bridge.emulator import why_missing
 from softsim_node import process
-from softsim_ros.cli.running.nodes import NODES
+from softsim_ros.cli.running import NODES
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.ros

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.cli.upkeep import suite
-from softsim_ros.cli.upkeep.suite import TESTS, UncoveredPathError, covering_tests, files_of
+from softsim_ros.cli.upkeep import TESTS, UncoveredPathError, covering_tests, files_of, suite
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TEXTS = {

@@ -16,7 +16,7 @@ ELSEWHERE = {
     "softsim_core/base/files.py": "the one place; lock files, whose content stays",
     "softsim_core/lab/meshing/filling.py": "hands a surface to the mesher in a new temporary folder",
     "softsim_core/lab/meshing/tetwild.py": "the mesher, which imports nothing of this suite, answers there",
-    "softsim_node/ending.py": "/dev/null in place of a stream that was closed",
+    "softsim_node/signals.py": "/dev/null in place of a stream that was closed",
     "softsim_ros/cli/install.py": "runs before this suite is installed",
     "softsim_ros/nodes/teleop/terminal.py": "the terminal, /dev/tty",
 }

@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from softsim_ros.cli.app import COMMANDS
-from softsim_ros.cli.command import Parser
+from softsim_ros.cli import COMMANDS, Parser
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 WORKFLOWS = sorted((REPOSITORY / ".github" / "workflows").glob("*.yml"))
@@ -107,7 +106,7 @@ def test_the_image_runs_as_an_ordinary_user_on_a_fixed_release() -> None:
 def test_the_development_container_makes_the_environment() -> None:
     container = json.loads((REPOSITORY / ".devcontainer" / "devcontainer.json").read_text())
     assert container["postCreateCommand"].startswith("./softsim doctor")
-    from softsim_ros.cli.running.up import PAGE_PORT
+    from softsim_ros.cli.running import PAGE_PORT
 
     assert container["forwardPorts"] == [PAGE_PORT]
     interpreter = container["customizations"]["vscode"]["settings"]["python.defaultInterpreterPath"]

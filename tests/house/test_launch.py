@@ -22,11 +22,10 @@ pytest.importorskip("rclpy")
 from node_processes import Client, ProcessGroup, parameter_words, private_ros, spin_until
 
 from softsim_core import load_scene
-from softsim_core.base.errors import SoftSimError
-from softsim_ros.cli.running.nodes import NODES
-from softsim_ros.description.folder import companions
-from softsim_ros.description.layouts import SHOWN
-from softsim_ros.launch_plan import Plan, Wishes, board_link, plan
+from softsim_core.base import SoftSimError
+from softsim_ros import Plan, Wishes, board_link, plan
+from softsim_ros.cli.running import NODES
+from softsim_ros.description import SHOWN, companions
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 BRINGUP = REPOSITORY / "ros2_ws" / "src" / "softsim_bringup"

@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import softsim_core
-from softsim_ros.launch_plan import Wishes, plan
+from softsim_ros import Wishes, plan
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LOCKED = re.compile(r"^([a-z0-9._-]+==[^\n\\]+)((?:\\\n    --hash=\S+ ?)*)", re.MULTILINE)
@@ -25,7 +25,7 @@ ROSDEP = {
     "yaml": "python3-yaml", "serial": "python3-serial", "matplotlib": "python3-matplotlib",
     "PIL": "python3-pil",
 }  # fmt: skip
-WITHOUT_KEY = {"cattrs"}  # rosdep has no key for it; the package.xml says what to install
+WITHOUT_KEY = {"cattrs", "lazy_loader"}  # rosdep has no key for these; the package.xml says what to install
 
 
 def imports(package: str) -> set[str]:

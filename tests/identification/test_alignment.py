@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from softsim_core import rotation_exp
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import DataError
-from softsim_core.lab.identification.alignment import align, rigid_frame
+from softsim_core.base import Array, DataError
+from softsim_core.lab.identification import align, rigid_frame
 
 TURN, SHIFT = rotation_exp(np.array([0.4, -1.1, 0.3])), np.array([0.3, -0.2, 0.9])
 POINTS = np.array([[0.004, -0.002, 0.011], [0.0, 0.02, -0.005]])

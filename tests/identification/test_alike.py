@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.base.arrays import Array
-from softsim_core.lab.identification.fit import QUANTILE
-from softsim_core.lab.identification.spread import neighbours, widening
+from softsim_core.base import Array
+from softsim_core.lab.identification import QUANTILE, neighbours, widening
 
 ROWS, SIZE = 200, 3
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import DataError
-from softsim_core.lab.identification import load_data_set, load_session
-from softsim_core.lab.identification.tables import read_table
+from softsim_core.base import DataError
+from softsim_core.lab.identification import load_data_set, load_session, read_table
 
 DATA_SET = """
 name: lab

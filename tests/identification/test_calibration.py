@@ -14,17 +14,19 @@ import pytest
 import yaml
 
 from softsim_core import ConfigError, DataError, SceneError, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.lab.identification import problem
-from softsim_core.lab.identification.calibration import (
+from softsim_core.base import Array
+from softsim_core.lab.identification import (
+    QUANTILE,
+    Calibration,
     CalibrationDescription,
     ParameterDescription,
+    calibrate,
     data_of,
+    filled,
     load_calibration,
+    problem,
 )
-from softsim_core.lab.identification.expressions import filled
-from softsim_core.lab.identification.fit import QUANTILE, Calibration, calibrate
-from softsim_core.simulation.simulation import Simulation
+from softsim_core.simulation import Simulation
 from softsim_ros.cli import main
 
 pytestmark = pytest.mark.slow

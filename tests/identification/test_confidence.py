@@ -11,21 +11,21 @@ import pytest
 import yaml
 
 from softsim_core import ConfigError, DataError, SceneError, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.lab.identification.confidence import (
+from softsim_core.base import Array
+from softsim_core.lab.identification import (
+    QUANTILE,
+    Calibration,
     DistributionDescription,
     cross_validated,
     distribution_of,
+    filled,
     load_distribution,
+    next_poses,
     profiled,
 )
-from softsim_core.lab.identification.excitation import next_poses
-from softsim_core.lab.identification.expressions import filled
-from softsim_core.lab.identification.fit import QUANTILE, Calibration
-from softsim_core.simulation.simulation import Simulation
+from softsim_core.simulation import Simulation
 from softsim_ros.cli import main
-from softsim_ros.cli.measurements.calibrate_page import page
-from softsim_ros.cli.measurements.calibrate_report import Further, told_of_endings
+from softsim_ros.cli.measurements import Further, page, told_of_endings
 from tests.identification.test_calibration import (
     DATA_SET,
     OVERLAY,

@@ -10,11 +10,17 @@ import pytest
 from measured_tripod import DESCRIPTION, measured, tripod_poses, write_bench
 
 from softsim_core import load_scene
-from softsim_core.base.errors import ConfigError, DataError, SoftSimError
-from softsim_core.lab.identification import Session, load_data_set, load_session, validation
-from softsim_core.lab.identification.description import TimeColumn
-from softsim_core.lab.identification.replay import Prediction
-from softsim_core.lab.identification.validation import compared, validate_session
+from softsim_core.base import ConfigError, DataError, SoftSimError
+from softsim_core.lab.identification import (
+    Prediction,
+    Session,
+    TimeColumn,
+    compared,
+    load_data_set,
+    load_session,
+    validate_session,
+    validation,
+)
 
 
 def session(folder: Path) -> Session:

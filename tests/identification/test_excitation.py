@@ -9,37 +9,33 @@ import numpy as np
 import pytest
 
 from softsim_core import JointLimits, SceneError, load_scene
-from softsim_core.lab.identification.calibration import (
-    data_of,
-    first_calibration,
-    load_calibration,
-    write_calibration,
-    write_description,
-    write_table,
-)
-from softsim_core.lab.identification.description import (
+from softsim_core.lab.identification import (
     AlignmentDescription,
     CommandColumns,
     DataSetDescription,
+    ExcitationSettings,
+    Room,
     SensorDescription,
     SessionDescription,
     SplitDescription,
     TimeColumn,
-)
-from softsim_core.lab.identification.excitation import (
-    ExcitationSettings,
-    Room,
     chirp,
+    data_of,
+    filled,
+    first_calibration,
     grid,
+    load_calibration,
+    load_data_set,
+    load_session,
     motions,
     ring_down,
     room_of,
     steps,
     way,
+    write_calibration,
+    write_description,
+    write_table,
 )
-from softsim_core.lab.identification.expressions import filled
-from softsim_core.lab.identification.files import load_data_set
-from softsim_core.lab.identification.session import load_session
 
 
 def random_room(seed: int) -> Room:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from softsim_core import SceneError
-from softsim_core.lab.identification.expressions import evaluated, filled, names_in
+from softsim_core.lab.identification import evaluated, filled, names_in
 
 
 def test_expressions() -> None:

@@ -11,23 +11,30 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from softsim_core.base.arrays import Array
-from softsim_core.lab.identification.alignment import sensed
-from softsim_core.lab.identification.calibration import CalibrationDescription, Loss, ParameterDescription
-from softsim_core.lab.identification.confidence import cross_validated, distribution_of, profiled
-from softsim_core.lab.identification.description import (
+from softsim_core.base import Array
+from softsim_core.lab.identification import (
+    QUANTILE,
     AlignmentDescription,
+    Calibration,
+    CalibrationDescription,
+    Loss,
+    Misfit,
+    Near,
+    ParameterDescription,
+    PointLoss,
+    Prediction,
     SensorDescription,
+    Session,
     SessionDescription,
+    Table,
+    cross_validated,
+    distribution_of,
+    fit,
+    profiled,
+    sensed,
 )
-from softsim_core.lab.identification.fit import QUANTILE, Calibration, fit
-from softsim_core.lab.identification.measures import PointLoss
-from softsim_core.lab.identification.problem import Misfit
-from softsim_core.lab.identification.replay import Near, Prediction
-from softsim_core.lab.identification.session import Session
-from softsim_core.lab.identification.tables import Table
-from softsim_core.physics.mechanics.pose import rotation_exp
-from softsim_ros.cli.measurements.calibrate_report import plain, sentences
+from softsim_core.physics.mechanics import rotation_exp
+from softsim_ros.cli.measurements import plain, sentences
 
 TRUE = {"zero": 0.08, "sag": 2.6}
 NOISE = 2e-4

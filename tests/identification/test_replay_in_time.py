@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_data_set, load_scene, load_session, session_robot, validate_session
-from softsim_core.base.arrays import Array
-from softsim_core.lab.identification.validation import SessionResult
+from softsim_core.base import Array
+from softsim_core.lab.identification import SessionResult
 
 pytestmark = pytest.mark.slow
 

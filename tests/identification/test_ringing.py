@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.lab.identification.replay import ringing
+from softsim_core.lab.identification import ringing
 
 TIMES = np.arange(0.0, 3.0, 0.01)
 

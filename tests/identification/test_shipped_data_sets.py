@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core.base.errors import DataError
+from softsim_core.base import DataError
 from softsim_core.lab.identification import known_data_sets, load_data_set, load_session
 from softsim_ros.cli import main
 

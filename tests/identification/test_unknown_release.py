@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 
 from softsim_core import ConfigError, Simulation, load_data_set, load_scene, load_session
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import DataError
-from softsim_core.lab.identification.calibration import data_of, load_calibration
-from softsim_core.lab.identification.fit import Calibration, calibrate
-from softsim_core.lab.identification.replay import release_errors
-from softsim_core.lab.identification.validation import session_robot, validate_session
+from softsim_core.base import Array, DataError
+from softsim_core.lab.identification import (
+    Calibration,
+    calibrate,
+    data_of,
+    load_calibration,
+    release_errors,
+    session_robot,
+    validate_session,
+)
 
 ROBOT = """
 name: beam

@@ -13,13 +13,23 @@ from headless_browser import chromium_path
 from measured_tripod import DESCRIPTION, POINT, SHIFT, TURN, tripod_poses, write_bench
 
 from softsim_core import DataError, NotConvergedError, Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.lab.identification import load_data_set, load_session
-from softsim_core.lab.identification.measures import by_region, measures
-from softsim_core.lab.identification.replay import Prediction, in_short_steps, replay
-from softsim_core.lab.identification.validation import SessionResult, compared, plain, read_alignments, worst
+from softsim_core.base import Array
+from softsim_core.lab.identification import (
+    Prediction,
+    SessionResult,
+    by_region,
+    compared,
+    in_short_steps,
+    load_data_set,
+    load_session,
+    measures,
+    plain,
+    read_alignments,
+    replay,
+    worst,
+)
 from softsim_ros.cli import main
-from softsim_ros.cli.measurements.validate_report import write
+from softsim_ros.cli.measurements import write
 
 pytestmark = pytest.mark.slow
 

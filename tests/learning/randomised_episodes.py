@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.lab.learning.environments import RobotVectorEnv
+from softsim_core.lab.learning import RobotVectorEnv
 
 COPIES = 4
 

@@ -18,9 +18,12 @@ gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("numba")
 
 from softsim_core import CommandError, SceneError  # noqa: E402
-from softsim_core.base.arrays import Array  # noqa: E402
-from softsim_core.lab.learning.environments import RobotEnv, RobotVectorEnv  # noqa: E402
-from softsim_core.lab.learning.tasks import TASKS  # noqa: E402
+from softsim_core.base import Array  # noqa: E402
+from softsim_core.lab.learning import (  # noqa: E402
+    TASKS,
+    RobotEnv,
+    RobotVectorEnv,
+)
 
 NAMES = tuple(TASKS)
 FOLDER = Path(__file__).parent

@@ -9,9 +9,8 @@ import pytest
 
 pytest.importorskip("numba")
 
-from softsim_core.base.errors import SceneError
-from softsim_core.lab.learning.episodes import Episodes
-from softsim_core.lab.learning.tasks import TASKS
+from softsim_core.base import SceneError
+from softsim_core.lab.learning import TASKS, Episodes
 
 RETURNS = {"TripodReach-v0": -8.1918195, "TripodBalance-v0": 16.1716706, "CableGripperLift-v0": 1.6996004}
 """Of 20 random actions; the episode has the seed 3."""

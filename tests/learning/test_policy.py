@@ -15,16 +15,14 @@ onnx = pytest.importorskip("onnx")
 from policy_files import constant, write_endless_policy, write_graph, write_policy  # noqa: E402
 
 from softsim_core import load_scene  # noqa: E402
-from softsim_core.base.errors import PolicyError  # noqa: E402
-from softsim_core.lab.learning.policy import (  # noqa: E402
-    load_policy,
-    objection,
-    policy_metadata,
-)
-from softsim_core.lab.learning.tasks import (  # noqa: E402
+from softsim_core.base import PolicyError  # noqa: E402
+from softsim_core.lab.learning import (  # noqa: E402
     TASKS,
     Moment,
     Senses,
+    load_policy,
+    objection,
+    policy_metadata,
 )
 
 SHIPPED = Path(__file__).parents[2] / "examples" / "learning" / "tripod_reach.onnx"
@@ -36,7 +34,7 @@ PERFECT = dict.fromkeys(
 @pytest.mark.parametrize("name", TASKS)
 def test_senses_of_a_robot_give_the_commands_of_the_environment(name: str, tmp_path: Path) -> None:
     pytest.importorskip("gymnasium")
-    from softsim_core.lab.learning.environments import RobotEnv
+    from softsim_core.lab.learning import RobotEnv
 
     policy = load_policy(write_policy(tmp_path / "policy.onnx", name))
     environment = RobotEnv(name, devices=PERFECT)
@@ -202,7 +200,7 @@ def test_functions_and_damaged_files_are_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_shipped_policy_reaches_its_goals() -> None:
     pytest.importorskip("gymnasium")
-    from softsim_core.lab.learning.environments import RobotVectorEnv
+    from softsim_core.lab.learning import RobotVectorEnv
 
     policy = load_policy(SHIPPED)
     robots = RobotVectorEnv("TripodReach-v0", 20, autoreset_mode="Disabled")

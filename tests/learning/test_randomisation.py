@@ -11,11 +11,11 @@ pytest.importorskip("gymnasium")
 pytest.importorskip("numba")
 
 from softsim_core import ConfigError, Simulation
-from softsim_core.base.values import FieldError
-from softsim_core.lab.learning.environments import RobotEnv
-from softsim_core.lab.learning.randomisation import (
+from softsim_core.base import FieldError
+from softsim_core.lab.learning import (
     Delay,
     Devices,
+    RobotEnv,
     SpreadDescription,
     load_randomisation,
     rounded,

@@ -12,17 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.sensitivity import analytic_sensitivity, sampled_sensitivity
-from softsim_core.control.inverse.static import solve_pose
-from softsim_core.control.inverse.tasks import PositionTask
+from softsim_core.base import Array
+from softsim_core.control.inverse import PositionTask, analytic_sensitivity, sampled_sensitivity, solve_pose
 from softsim_core.physics.fem.rods import BENDING, RodGroup
-from softsim_core.physics.mechanics.pose import rotation_log
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.io.yaml_loader import load_yaml
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import RodClampDescription, RodSectionDescription
-from softsim_core.simulation.simulation import Simulation
+from softsim_core.physics.mechanics import rotation_log
+from softsim_core.scene import (
+    MaterialDescription,
+    RodClampDescription,
+    RodSectionDescription,
+    SceneDescription,
+)
+from softsim_core.scene.io import load_yaml
+from softsim_core.simulation import Simulation
 
 FILE = Path(__file__).resolve().parents[2] / "configs" / "robots" / "emio.yaml"
 QUARTER = 1.5708

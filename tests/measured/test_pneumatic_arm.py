@@ -26,7 +26,7 @@ from softsim_core import (
     SceneDescription,
     Simulation,
 )
-from softsim_core.robots.pneu_arm_mesh import ArmShape, pneu_arm
+from softsim_core.robots import ArmShape, pneu_arm
 
 pytestmark = [pytest.mark.slow, pytest.mark.numba]
 

@@ -15,15 +15,16 @@ import pytest
 from scipy.optimize import curve_fit
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import Box
-from softsim_core.lab.identification import load_session
-from softsim_core.lab.identification.calibration import data_of, load_calibration
-from softsim_core.lab.identification.fit import calibrate
-from softsim_core.lab.identification.validation import session_robot, validate_session
-from softsim_core.scene.deformable import AddedMassDescription
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base import Array, Box, SceneError
+from softsim_core.lab.identification import (
+    calibrate,
+    data_of,
+    load_calibration,
+    load_session,
+    session_robot,
+    validate_session,
+)
+from softsim_core.scene import AddedMassDescription, SceneDescription
 
 pytestmark = [pytest.mark.slow, pytest.mark.numba]
 

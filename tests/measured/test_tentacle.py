@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 
 pytestmark = [pytest.mark.slow, pytest.mark.numba]
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from part_surfaces import Surface, ball, box, joined, moved, rod, tilted, torus, write
 
-from softsim_core.base.errors import MeshError
+from softsim_core.base import MeshError
 from softsim_core.lab.meshing import read_part, repaired
-from softsim_core.physics.mesh.surface import is_closed
+from softsim_core.physics.mesh import is_closed
 
 BASES = (ball(10.0, 1), box(20.0, 20.0, 20.0, 3), torus(15.0, 4.0, 16, 8), rod(5.0, 40.0, 8))
 KINDS = ("missing", "turned", "twice", "stray", "shaken", "bent", "pinched", "crossed")

@@ -24,22 +24,28 @@ from part_surfaces import (
     write,
 )
 
-from softsim_core.base.errors import MeshError
-from softsim_core.lab.meshing import MeshingOptions, have_mesher, mesh_part
-from softsim_core.lab.meshing.filling import Filling, filled
-from softsim_core.lab.meshing.sizing import with_nodes
-from softsim_core.lab.meshing.topology import distances, largest_distance
+from softsim_core.base import MeshError
+from softsim_core.lab.meshing import (
+    Filling,
+    MeshingOptions,
+    distances,
+    filled,
+    have_mesher,
+    largest_distance,
+    mesh_part,
+    with_nodes,
+)
 from softsim_core.physics.mesh import (
+    SurfaceMesh,
     TetMesh,
     boundary_surface,
     box_mesh,
+    cavities,
     read_tets,
+    tet_volumes,
     write_surface,
     write_tets,
 )
-from softsim_core.physics.mesh.checks import tet_volumes
-from softsim_core.physics.mesh.faces import cavities
-from softsim_core.physics.mesh.types import SurfaceMesh
 
 mesher = pytest.mark.skipif(
     not have_mesher(), reason="pytetwild is not installed (pip install 'softsim[mesh]')"

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from part_surfaces import ball, box, inside_out, joined, moved, sheet, write
 
-from softsim_core.lab.meshing import have_mesher
-from softsim_core.lab.meshing.guesses import end_face
+from softsim_core.lab.meshing import end_face, have_mesher
 from softsim_core.physics.mesh import box_mesh, read_tets
 from softsim_ros.cli import main
-from softsim_ros.cli.robots.mesh import fitness
-from softsim_ros.cli.robots.mesh_speed import held_part
+from softsim_ros.cli.robots import fitness, held_part
 
 mesher = pytest.mark.skipif(
     not have_mesher(), reason="pytetwild is not installed (pip install 'softsim[mesh]')"

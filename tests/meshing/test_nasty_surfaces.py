@@ -34,11 +34,9 @@ from part_surfaces import (
     write,
 )
 
-from softsim_core.base.errors import MeshError
-from softsim_core.lab.meshing import read_part, repaired
-from softsim_core.lab.meshing.repair import Repaired
-from softsim_core.lab.meshing.sizing import simplified
-from softsim_core.physics.mesh.surface import is_closed
+from softsim_core.base import MeshError
+from softsim_core.lab.meshing import Repaired, read_part, repaired, simplified
+from softsim_core.physics.mesh import is_closed
 
 CUBE = 8000.0
 

@@ -13,16 +13,14 @@ import pytest
 import yaml
 from part_surfaces import Surface, ball, box, inside_out, joined, moved, sheet, write
 
-from softsim_core.lab.meshing import have_mesher
-from softsim_core.lab.meshing.guesses import guess
-from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.lab.meshing import guess, have_mesher
+from softsim_core.physics.mechanics import rotation_euler
 from softsim_core.physics.mesh import box_mesh, quadratic
-from softsim_core.scene import load_scene
-from softsim_core.scene.arm.urdf_file import read_urdf
-from softsim_core.scene.deformable import nodes_in
+from softsim_core.scene import load_scene, nodes_in
+from softsim_core.scene.arm import read_urdf
 from softsim_core.simulation import Simulation
 from softsim_ros.cli import main
-from softsim_ros.cli.robots.new import arm_text, number
+from softsim_ros.cli.robots import arm_text, number
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 mesher = pytest.mark.skipif(not have_mesher(), reason="needs pytetwild (pip install 'softsim[mesh]')")

@@ -9,15 +9,8 @@ import pytest
 import yaml
 from part_surfaces import Surface, ball, bottle, box, inside_out, joined, moved, tilted, write
 
-from softsim_core.lab.meshing import MeshedPart
-from softsim_core.lab.meshing.guesses import guess
-from softsim_core.lab.meshing.openings import CELLS, open_hollows
-from softsim_core.lab.meshing.part import read_part
-from softsim_core.lab.meshing.repair import repaired
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.checks import check_tets
-from softsim_core.physics.mesh.readers import read_surface
-from softsim_core.physics.mesh.types import SurfaceMesh
+from softsim_core.lab.meshing import CELLS, MeshedPart, guess, open_hollows, read_part, repaired
+from softsim_core.physics.mesh import SurfaceMesh, box_mesh, check_tets, read_surface
 
 PARTS = Path(__file__).resolve().parents[2] / "configs"
 
@@ -62,7 +55,7 @@ def test_the_shipped_parts_have_none() -> None:
 
 def test_the_inlet_is_named_in_the_unit_of_the_file(tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
-    from softsim_ros.cli.robots.new import inlet_notes
+    from softsim_ros.cli.robots import inlet_notes
 
     (note,) = inlet_notes(repaired(read_part(write(tmp_path, bottle(3.0)))))
     assert note.startswith("a hollow of about 36 cm^3 is open to the outside, about 5.8")
@@ -72,7 +65,7 @@ def test_the_inlet_is_named_in_the_unit_of_the_file(tmp_path: Path) -> None:
 
 def test_the_scene_says_so_where_it_guesses_a_cable(tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
-    from softsim_ros.cli.robots.new import inlet_notes, scene_text
+    from softsim_ros.cli.robots import inlet_notes, scene_text
 
     source = repaired(read_part(write(tmp_path, bottle(3.0))))
     mesh = box_mesh((0.04, 0.04, 0.06), (2, 2, 3))

@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 from part_surfaces import Surface, bottle, box, joined, lattice, moved, tilted, write
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import MeshError
-from softsim_core.lab.meshing import MeshingOptions, have_mesher, mesh_part
-from softsim_core.lab.meshing.openings import open_hollows, without_channel
-from softsim_core.lab.meshing.part import read_part
-from softsim_core.lab.meshing.repair import Repaired, repaired
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh
+from softsim_core.base import Array, MeshError
+from softsim_core.lab.meshing import (
+    MeshingOptions,
+    Repaired,
+    have_mesher,
+    mesh_part,
+    open_hollows,
+    read_part,
+    repaired,
+    without_channel,
+)
+from softsim_core.physics.mesh import SurfaceMesh, TetMesh, box_mesh
 
 SEGMENTS, INLET = 48, 3.0
 

@@ -10,26 +10,24 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import MjcfError
-from softsim_core.base.values import Box, Placement
-from softsim_core.mjcf.engine import MujocoRun
-from softsim_core.mjcf.exporting import export_mjcf
-from softsim_core.mjcf.importing import import_mjcf, write_imported
+from softsim_core.base import Box, MjcfError, Placement
+from softsim_core.mjcf import MujocoRun, export_mjcf, import_mjcf, write_imported
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import (
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
     CollisionDescription,
+    JointDescription,
+    MaterialDescription,
     RigidBodyDescription,
+    RodDescription,
+    RodSectionDescription,
     SceneDescription,
     SolverSettings,
 )
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import RodDescription, RodSectionDescription
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 LAW = "saint_venant_kirchhoff"

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene, write_surface
-from softsim_core.mjcf.engine import MujocoRun
-from softsim_core.mjcf.importing import ImportedScene, import_mjcf, write_imported
-from softsim_core.physics.mesh.shapes import box_surface
-from softsim_core.scene.io.files import config_file
+from softsim_core.mjcf import ImportedScene, MujocoRun, import_mjcf, write_imported
+from softsim_core.physics.mesh import box_surface
+from softsim_core.scene.io import config_file
 
 pytest.importorskip("mujoco", minversion="4.0")  # before, flexes are stiffer than their file says
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -287,7 +286,7 @@ def test_a_flex_of_few_nodes_keeps_its_mass_and_pins(dof: str, total: float, tmp
 @pytest.mark.parametrize("name", ["cantilever", "hanging_block", "servo_beam"])
 def test_shipped_models_sag_alike_with_the_same_law(name: str) -> None:
     """At equal elements: MuJoCo's law within 0.2 %, ours by default within 3 % where strain is small."""
-    from softsim_ros.benchmark.peers.mjcf_comparison import compare_model
+    from softsim_ros.benchmark.peers import compare_model
 
     found = compare_model(config_file(f"mjcf/{name}.xml"), ("corotational", LAW), 2.0, 1)
     theirs, usual, same = ({**row.sags} for row in found.rows)

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.scene.io.files import config_file
-from softsim_ros.cli.app import main
+from softsim_core.scene.io import config_file
+from softsim_ros.cli import run_command as main
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 SERVO = config_file("mjcf/servo_beam.xml")

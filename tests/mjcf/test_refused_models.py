@@ -9,12 +9,9 @@ from pathlib import Path
 import pytest
 
 from softsim_core import load_scene
-from softsim_core.base.errors import MjcfError, SoftSimError
-from softsim_core.mjcf import source
-from softsim_core.mjcf.engine import look_at
-from softsim_core.mjcf.importing import import_mjcf, write_imported
-from softsim_core.mjcf.source import read_source
-from softsim_core.scene.io.files import config_file
+from softsim_core.base import MjcfError, SoftSimError
+from softsim_core.mjcf import import_mjcf, look_at, read_source, source, write_imported
+from softsim_core.scene.io import config_file
 
 BODY = '<worldbody><geom type="plane" size="1 1 1"/>{}</worldbody>'
 FLEX = (

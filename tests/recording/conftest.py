@@ -23,7 +23,7 @@ def robot_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     from softsim_core import Simulation, load_scene
     from softsim_ros import messages
-    from softsim_ros.recording.bag_writer import BagWriter
+    from softsim_ros.recording import BagWriter
 
     folder = tmp_path_factory.mktemp("bags") / "tripod_bag"
     writer = BagWriter(folder, {"robot": "tripod", "namespace": "/tripod"})

@@ -15,10 +15,7 @@ pytest.importorskip("rosbags")
 
 from bag_rows import COMMANDS, NOTES, Row, command, rows, write
 
-from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.bag_writer import BagWriter, repair
-from softsim_ros.recording.errors import BagError, RecordingError
-from softsim_ros.recording.integrity import is_torn
+from softsim_ros.recording import Bag, BagError, BagWriter, RecordingError, is_torn, repair
 
 
 def read_independently(folder: Path) -> list[Row]:
@@ -185,7 +182,7 @@ import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[2:]
 from bag_rows import rows, write
-from softsim_ros.recording.errors import RecordingError
+from softsim_ros.recording import RecordingError
 try:
     write(Path(sys.argv[1]), rows(3000, 100)).close()
 except RecordingError as error:

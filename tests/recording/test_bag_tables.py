@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from bag_rows import COMMANDS, command, write
 
-from softsim_core.base.errors import DataError
-from softsim_core.lab.identification.tables import READERS, read_table
+from softsim_core.base import DataError
+from softsim_core.lab.identification import READERS, read_table
 from softsim_ros.cli import main
-from softsim_ros.recording.tables import read_bag, register
+from softsim_ros.recording import read_bag, register
 
 OTHER = "/tripod/markers"
 FIRST, STEP = 1_000_000_000, 10_000_000

@@ -15,8 +15,7 @@ pytest.importorskip("rosbags")
 from bag_rows import rows, write
 
 from softsim_ros.cli import main
-from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.surface_frames import mesh_frames
+from softsim_ros.recording import Bag, mesh_frames
 
 pytestmark = pytest.mark.ros
 

@@ -16,11 +16,8 @@ pytest.importorskip("rosbags")
 from bag_rows import COMMANDS, command, rows, write
 from rosbags.rosbag2 import storage_mcap
 
-from softsim_ros.cli.app import main
-from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.bag_writer import BagWriter
-from softsim_ros.recording.errors import BagError
-from softsim_ros.recording.integrity import MAGIC
+from softsim_ros.cli import run_command as main
+from softsim_ros.recording import MAGIC, Bag, BagError, BagWriter
 
 pytestmark = pytest.mark.slow
 

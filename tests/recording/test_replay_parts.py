@@ -11,11 +11,7 @@ pytest.importorskip("rosbags")
 
 from bag_rows import COMMANDS, command, write
 
-from softsim_ros.recording import replay_node
-from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.errors import BagError, RecordingError
-from softsim_ros.recording.recorder_node import Selection
-from softsim_ros.recording.replay_node import ReplayClock
+from softsim_ros.recording import Bag, BagError, RecordingError, ReplayClock, Selection, replay_node
 
 
 def test_the_clock_runs_at_its_speed_stops_and_jumps() -> None:

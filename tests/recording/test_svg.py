@@ -13,9 +13,8 @@ pytest.importorskip("rosbags")
 
 from matplotlib.figure import Figure
 
-from softsim_ros.figures import save_figure
-from softsim_ros.recording.curves import Chart, Curve
-from softsim_ros.recording.svg import draw
+from softsim_ros import save_figure
+from softsim_ros.recording import Chart, Curve, draw
 
 NAMES = [r"$\frac{$", "$x$", r"\$", "<&>", "$"]
 """Names of joints or topics, of which some are faulty formulas."""

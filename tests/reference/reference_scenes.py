@@ -10,14 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import MeshFile, Placement
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.robots.parts import WheelSpring, elastic_body, tripod
-from softsim_core.scene import Scene, load_scene
-from softsim_core.scene.control import CommandSettings, StartAnimation
-from softsim_core.scene.description import SolverSettings
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import Array, MeshFile, Placement
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.robots import WheelSpring, elastic_body, tripod
+from softsim_core.scene import (
+    CommandSettings,
+    RobotDescription,
+    Scene,
+    SolverSettings,
+    StartAnimation,
+    load_scene,
+)
 
 SILICONE_PLACEMENT = Placement(scale=0.001, rotation_deg=(180.0, 0.0, 90.0), translation=(0.0, 0.0, 0.030))
 """From the frame of the reference's silicone meshes to ours."""

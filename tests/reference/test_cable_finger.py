@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation
-from softsim_core.base.values import Box, MeshFile, Placement, Vector
+from softsim_core.base import Backend, Box, MeshFile, Placement, Vector
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription, SolverSettings
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+    SceneDescription,
+    SolverSettings,
+)
 
 MILLIMETRES = Placement(scale=1e-3)
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.control.inverse.closed_loop import ClosedLoopLog, TiltController, read_closed_loop_log
-from softsim_core.control.inverse.paths import read_path
+from softsim_core.control.inverse import ClosedLoopLog, TiltController, read_closed_loop_log, read_path
 
 pytestmark = pytest.mark.reference
 

@@ -10,18 +10,12 @@ import numpy as np
 import pytest
 from reference_scenes import from_reference
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import MeshFile, Placement
-from softsim_core.physics.dynamics.backends import Backend, make_stepper
-from softsim_core.physics.dynamics.statics import solve_static
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import FIXED, Model
-from softsim_core.physics.mechanics.state import State
+from softsim_core.base import Array, Backend, MeshFile, Placement
+from softsim_core.physics.dynamics import make_stepper, solve_static
+from softsim_core.physics.mechanics import FIXED, Control, Model, Parameters, State
 from softsim_core.physics.mesh import read_tets
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription, SolverSettings
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import BodyDescription, MaterialDescription, SceneDescription, SolverSettings
+from softsim_core.scene.building import build
 
 pytestmark = [pytest.mark.reference, pytest.mark.filterwarnings("ignore:body silicone")]
 

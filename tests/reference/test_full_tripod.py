@@ -11,12 +11,9 @@ import pytest
 from reference_scenes import from_reference, full_tripod, quaternion_from_reference
 
 from softsim_core import Pose, Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.dynamics.statics import solve_static
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.pose import rotation_log, rotation_of
-from softsim_core.physics.mechanics.state import State
+from softsim_core.base import Array, Backend
+from softsim_core.physics.dynamics import solve_static
+from softsim_core.physics.mechanics import Control, State, rotation_log, rotation_of
 
 pytestmark = [pytest.mark.reference, pytest.mark.filterwarnings("ignore:body silicone")]
 

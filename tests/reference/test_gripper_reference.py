@@ -11,14 +11,19 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.values import Box, MeshFile, Placement
+from softsim_core.base import Box, MeshFile, Placement
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import CollisionDescription, SceneDescription, SolverSettings
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    CollisionDescription,
+    JointDescription,
+    MaterialDescription,
+    SceneDescription,
+    SolverSettings,
+)
 
 MILLIMETRES = Placement(scale=1e-3)
 

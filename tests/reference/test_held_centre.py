@@ -9,9 +9,9 @@ import pytest
 from reference_scenes import from_reference, held_centre
 
 from softsim_core import Simulation
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.dynamics.statics import solve_static
-from softsim_core.physics.mechanics.control import Control
+from softsim_core.base import Backend
+from softsim_core.physics.dynamics import solve_static
+from softsim_core.physics.mechanics import Control
 
 pytestmark = [pytest.mark.reference, pytest.mark.filterwarnings("ignore:body silicone")]
 

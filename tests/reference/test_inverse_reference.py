@@ -14,10 +14,9 @@ import pytest
 from reference_scenes import from_reference, full_tripod, quaternion_from_reference
 
 from softsim_core import Pose, Simulation
-from softsim_core.control.inverse.controller import InverseController, InverseSettings
-from softsim_core.control.inverse.static import solve_pose
-from softsim_core.control.inverse.tasks import task_for
-from softsim_core.physics.mechanics.pose import rotation_log, rotation_of
+from softsim_core.control.inverse import InverseController, solve_pose, task_for
+from softsim_core.physics.mechanics import rotation_log, rotation_of
+from softsim_core.scene import InverseSettings
 
 pytestmark = [pytest.mark.reference, pytest.mark.filterwarnings("ignore:body silicone")]
 

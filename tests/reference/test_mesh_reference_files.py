@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.base.values import Placement
+from softsim_core.base import Placement
 from softsim_core.physics.mesh import (
+    SurfaceFollower,
     boundary,
     boundary_surface,
     check_tets,
@@ -19,7 +20,6 @@ from softsim_core.physics.mesh import (
     read_surface,
     read_tets,
 )
-from softsim_core.physics.mesh.follower import SurfaceFollower
 
 # file: nodes, tets, volume, min / max dihedral, min / mean radius ratio, slivers, min / max edge,
 # triangles and points of the boundary

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from reference_scenes import SILICONE_PLACEMENT, from_reference, full_tripod, held_centre
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.mechanics.pose import rotation_euler
-from softsim_core.scene import load_scene
-from softsim_core.scene.deformable import AttachmentDescription, nodes_in
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base import Array
+from softsim_core.physics.mechanics import rotation_euler
+from softsim_core.scene import AttachmentDescription, SceneDescription, load_scene, nodes_in
 
 pytestmark = pytest.mark.reference
 

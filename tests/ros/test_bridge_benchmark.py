@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from softsim_core import load_scene
-from softsim_ros.benchmark.bridge import ABOVE_RAD, BELOW_RAD, measure_bridge
+from softsim_ros.benchmark import ABOVE_RAD, BELOW_RAD, measure_bridge
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -13,7 +13,7 @@ from rclpy.validate_topic_name import validate_topic_name  # noqa: E402
 from sensor_msgs.msg import FluidPressure, JointState  # noqa: E402
 
 from softsim_core import load_scene  # noqa: E402
-from softsim_ros.topic_names import chamber_topics  # noqa: E402
+from softsim_ros import chamber_topics  # noqa: E402
 
 TOPIC = "/tripod/chambers/air/pressure"
 TYPE = "sensor_msgs/msg/FluidPressure"

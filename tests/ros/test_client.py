@@ -17,13 +17,20 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 
 from softsim_core.scene import load_scene
+from softsim_ros import SpinThread
 from softsim_ros.cli.running import run
-from softsim_ros.client import discovery
-from softsim_ros.client.discovery import RobotChoiceError, RunningRobot, running_robot, running_robots
-from softsim_ros.client.robot_client import ClientError, RobotSession, connect
-from softsim_ros.client.state import EffectorPose
-from softsim_ros.nodes.simulator.simulator_node import Simulator
-from softsim_ros.robot_node import SpinThread
+from softsim_ros.client import (
+    ClientError,
+    EffectorPose,
+    RobotChoiceError,
+    RobotSession,
+    RunningRobot,
+    connect,
+    discovery,
+    running_robot,
+    running_robots,
+)
+from softsim_ros.nodes.simulator import Simulator
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 

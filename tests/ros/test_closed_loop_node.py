@@ -21,22 +21,21 @@ from sensor_msgs.msg import Imu  # noqa: E402
 from std_msgs.msg import Bool  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
-from softsim_core.base.errors import ConfigError  # noqa: E402
-from softsim_core.control.inverse.closed_loop import (  # noqa: E402
+from softsim_core.base import ConfigError  # noqa: E402
+from softsim_core.control.inverse import (  # noqa: E402
     TiltController,
     read_closed_loop_log,
     tilt_rotation,
     tilts_of,
 )
-from softsim_core.physics.mechanics.pose import quaternion_of, rotation_of  # noqa: E402
+from softsim_core.physics.mechanics import quaternion_of, rotation_of  # noqa: E402
 from softsim_core.scene import load_scene  # noqa: E402
-from softsim_node.topics import STATE_QOS  # noqa: E402
-from softsim_ros.keys.press import KeyPress  # noqa: E402
-from softsim_ros.listeners import StateListener  # noqa: E402
+from softsim_node import STATE_QOS  # noqa: E402
+from softsim_ros import SpinThread, StateListener  # noqa: E402
+from softsim_ros.keys import KeyPress  # noqa: E402
 from softsim_ros.messages import pose_stamped, time_message  # noqa: E402
-from softsim_ros.nodes.inverse.closed_loop_node import ClosedLoop  # noqa: E402
-from softsim_ros.nodes.teleop.teleop_node import Teleop  # noqa: E402
-from softsim_ros.robot_node import SpinThread  # noqa: E402
+from softsim_ros.nodes.inverse import ClosedLoop  # noqa: E402
+from softsim_ros.nodes.teleop import Teleop  # noqa: E402
 
 
 class Plate:

@@ -11,8 +11,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-from softsim_core.scene.io.files import config_file  # noqa: E402
-from softsim_ros.cli.app import main  # noqa: E402
+from softsim_core.scene.io import config_file  # noqa: E402
+from softsim_ros.cli import run_command as main  # noqa: E402
 
 DEMO = ("demo", "grasp", "--speed", "0")
 
@@ -39,7 +39,7 @@ def test_the_cube_is_lifted_held_and_put_down(ros_domain: int, capfd: pytest.Cap
     ],
 )
 def test_what_counts_as_a_grasp(changed: dict[str, float], passes: bool) -> None:
-    from softsim_ros.cli.demos.grasp import GraspResult
+    from softsim_ros.cli.demos import GraspResult
 
     good = GraspResult(lift=0.03, slip=0.001, held=5.5, returned=0.001, tension=2.0)
     assert replace(good, **changed).passed is passes

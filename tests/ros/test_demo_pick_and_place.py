@@ -12,8 +12,8 @@ import yaml
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-from softsim_core.scene.io.files import config_file  # noqa: E402
-from softsim_ros.cli.app import main  # noqa: E402
+from softsim_core.scene.io import config_file  # noqa: E402
+from softsim_ros.cli import run_command as main  # noqa: E402
 
 WEIGHTS_G = {"cube": 30.0, "can": 60.0, "brick": 15.0}
 
@@ -49,7 +49,7 @@ def test_objects_are_moved_and_weighed(
 
 
 def test_what_counts_as_put_down() -> None:
-    from softsim_ros.cli.demos.pick_and_place import AWAY, Taken
+    from softsim_ros.cli.demos import AWAY, Taken
 
     start = np.array([0.3, -0.2, 0.03])
     for lifted, end, why in (

@@ -25,13 +25,11 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from std_msgs.msg import Float64MultiArray, String  # noqa: E402
 
-from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
+from servo_bridge.emulator import VirtualBoard  # noqa: E402
 from softsim_core import Simulation, load_scene  # noqa: E402
-from softsim_core.base.errors import SoftSimError  # noqa: E402
-from softsim_node import background  # noqa: E402
-from softsim_node.ending import Ending  # noqa: E402
-from softsim_ros.nodes.simulator import physics_thread  # noqa: E402
-from softsim_ros.nodes.simulator.physics_thread import PhysicsThread  # noqa: E402
+from softsim_core.base import SoftSimError  # noqa: E402
+from softsim_node import Ending, background  # noqa: E402
+from softsim_ros.nodes.simulator import PhysicsThread, physics_thread  # noqa: E402
 
 KERNELS_S = 150.0
 REST = (150, 150, 150)
@@ -39,7 +37,7 @@ REST = (150, 150, 150)
 COMPILES_LATER = """
 import ctypes
 from softsim_core import Controller, Scene, load_scene
-from softsim_core.robots.parts import tripod
+from softsim_core.robots import tripod
 
 def create_scene(scene: Scene) -> None:
     scene.name, scene.board = "tripod", load_scene("tripod").board

@@ -25,8 +25,15 @@ from waiting import spin_until
 from softsim_core import load_scene, rotation_exp
 from softsim_core.lab.identification import load_data_set, load_session
 from softsim_ros.cli import main
-from softsim_ros.excitation.readings import drifts, not_before, rings_from, times_of
-from softsim_ros.excitation.sensors import ExcitationError, SensorChoice, sensor_choice
+from softsim_ros.excitation import (
+    ExcitationError,
+    SensorChoice,
+    drifts,
+    not_before,
+    rings_from,
+    sensor_choice,
+    times_of,
+)
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 

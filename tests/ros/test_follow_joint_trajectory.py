@@ -341,8 +341,8 @@ def test_a_goal_that_ends_when_nobody_serves_the_node_any_more_leaves_the_physic
     from rclpy.context import Context
     from rclpy.parameter import Parameter
 
-    from softsim_ros.nodes.simulator.simulator_node import Simulator
-    from softsim_ros.robot_node import SpinThread
+    from softsim_ros import SpinThread
+    from softsim_ros.nodes.simulator import Simulator
 
     context = Context()
     context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=ros_domain)

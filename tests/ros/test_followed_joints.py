@@ -17,8 +17,8 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 from waiting import BUILD_S  # noqa: E402
 
-from softsim_node.parameters import ParameterError  # noqa: E402
-from softsim_ros.nodes.simulator.simulator_node import Simulator  # noqa: E402
+from softsim_node import ParameterError  # noqa: E402
+from softsim_ros.nodes.simulator import Simulator  # noqa: E402
 
 SIMULATOR = "softsim_ros.nodes.simulator.simulator_node"
 READY = [0.0, 0.4, 1.7, 0.0, 1.0416, 0.0, 0.0, 0.0, 0.0]

@@ -14,7 +14,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from softsim_ros.robot_node import SpinThread
+from softsim_ros import SpinThread
 
 pytestmark = pytest.mark.ros
 

@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
-from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
+from servo_bridge.emulator import VirtualBoard  # noqa: E402
 
 START = [-1.4965] * 3
 START_BYTES = (93, 93, 93)

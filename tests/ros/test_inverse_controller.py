@@ -23,10 +23,9 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
-from softsim_ros.listeners import StateListener  # noqa: E402
+from softsim_ros import SpinThread, StateListener  # noqa: E402
 from softsim_ros.messages import diagnostic_values  # noqa: E402
 from softsim_ros.nodes.inverse import inverse_node  # noqa: E402
-from softsim_ros.robot_node import SpinThread  # noqa: E402
 
 CONTROLLER = "softsim_ros.nodes.inverse.inverse_node"
 NAME = "tripod/inverse_controller"

@@ -21,9 +21,9 @@ from std_msgs.msg import Float64MultiArray, Header, String  # noqa: E402
 from topic_hardware import TopicHardware  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
+from softsim_ros import SpinThread  # noqa: E402
 from softsim_ros.messages import time_message  # noqa: E402
-from softsim_ros.nodes.simulator.simulator_node import Simulator  # noqa: E402
-from softsim_ros.robot_node import SpinThread  # noqa: E402
+from softsim_ros.nodes.simulator import Simulator  # noqa: E402
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

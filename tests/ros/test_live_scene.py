@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from shape_msgs.msg import Mesh
 
 from softsim_core import load_scene
-from softsim_ros.nodes.simulator.scene_files import SceneFiles, files_of
+from softsim_ros.nodes.simulator import SceneFiles, files_of
 
 
 def tripod_yaml() -> Path:

@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64, Float64MultiArray  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from softsim_core.physics.mechanics.pose import rotation_of  # noqa: E402
+from softsim_core.physics.mechanics import rotation_of  # noqa: E402
 
 GOAL = np.array([0.0252857, -0.0252857])
 CORRIDOR = 0.0037143

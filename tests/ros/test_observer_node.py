@@ -20,14 +20,17 @@ from sensor_msgs.msg import JointState, PointCloud2  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 
 from softsim_core import Simulation, load_scene  # noqa: E402
-from softsim_core.base.errors import ConfigError  # noqa: E402
-from softsim_core.control.inverse.static import place  # noqa: E402
-from softsim_node.topics import LATCHED  # noqa: E402
-from softsim_ros.listeners import StateListener  # noqa: E402
-from softsim_ros.messages import joint_state, pose_stamped, time_message  # noqa: E402
-from softsim_ros.messages.meshes import read_point_cloud  # noqa: E402
-from softsim_ros.nodes.observer.observer_node import ObserverNode  # noqa: E402
-from softsim_ros.robot_node import SpinThread  # noqa: E402
+from softsim_core.base import ConfigError  # noqa: E402
+from softsim_core.control.inverse import place  # noqa: E402
+from softsim_node import LATCHED  # noqa: E402
+from softsim_ros import SpinThread, StateListener  # noqa: E402
+from softsim_ros.messages import (  # noqa: E402
+    joint_state,
+    pose_stamped,
+    read_point_cloud,
+    time_message,
+)
+from softsim_ros.nodes.observer import ObserverNode  # noqa: E402
 
 JOINTS, ZEROS, SHIFT, NOISE_M = np.array([-1.2, -1.3, -1.1]), np.array([0.04, -0.03, 0.02]), 0.035, 5e-5
 

@@ -19,10 +19,10 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter, get_parameter_value  # noqa: E402
 
-from softsim_core.base.errors import CommandError  # noqa: E402
-from softsim_core.scene.io.yaml_loader import read_overrides  # noqa: E402
-from softsim_node.guards import GuardedNode  # noqa: E402
-from softsim_node.parameters import (  # noqa: E402
+from softsim_core.base import CommandError  # noqa: E402
+from softsim_core.scene.io import read_overrides  # noqa: E402
+from softsim_node import (  # noqa: E402
+    GuardedNode,
     LiveParameters,
     ParameterError,
     Program,

@@ -23,13 +23,12 @@ from std_msgs.msg import Bool, Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from waiting import DEADLINE_S  # noqa: E402
 
-from softsim_core.base.errors import ConfigError  # noqa: E402
-from softsim_core.control.inverse.paths import find_path  # noqa: E402
-from softsim_node.topics import STATE_QOS  # noqa: E402
-from softsim_ros.listeners import StateListener  # noqa: E402
+from softsim_core.base import ConfigError  # noqa: E402
+from softsim_core.control.inverse import find_path  # noqa: E402
+from softsim_node import STATE_QOS  # noqa: E402
+from softsim_ros import SpinThread, StateListener  # noqa: E402
 from softsim_ros.messages import pose_stamped, time_message  # noqa: E402
-from softsim_ros.nodes.inverse.path_follower_node import PathFollower  # noqa: E402
-from softsim_ros.robot_node import SpinThread  # noqa: E402
+from softsim_ros.nodes.inverse import PathFollower  # noqa: E402
 
 FACTS = ("enabled", "playing", "paused", "file")
 PLAN = '{"anglePlanningTable": [[0.1, 0.0], [0.0, -0.1]]}'

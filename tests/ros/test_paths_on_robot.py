@@ -22,12 +22,12 @@ from sensor_msgs.msg import Imu, JointState  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
-from softsim_core.control.inverse.closed_loop import (  # noqa: E402
+from softsim_core.control.inverse import (  # noqa: E402
     TiltController,
     read_closed_loop_log,
     tilts_of,
 )
-from softsim_core.physics.mechanics.pose import rotation_of  # noqa: E402
+from softsim_core.physics.mechanics import rotation_of  # noqa: E402
 
 PAIRS = [[-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3], [0.2, 0.1]]
 

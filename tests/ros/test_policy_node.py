@@ -27,23 +27,23 @@ from std_msgs.msg import Float64, Float64MultiArray  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from waiting import BUILD_S, DEADLINE_S  # noqa: E402
 
-from servo_bridge.driver.servo import width_to_angle  # noqa: E402
-from servo_bridge.emulator import EmulatedBoardPty, why_missing  # noqa: E402
-from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
+from servo_bridge.driver import width_to_angle  # noqa: E402
+from servo_bridge.emulator import (  # noqa: E402
+    EmulatedBoardPty,
+    VirtualBoard,
+    why_missing,
+)
 from softsim_core import load_scene  # noqa: E402
-from softsim_core.base.errors import SoftSimError  # noqa: E402
-from softsim_core.lab.learning.episodes import Episodes  # noqa: E402
-from softsim_core.lab.learning.policy import load_policy  # noqa: E402
-from softsim_core.lab.learning.tasks import TASKS  # noqa: E402
-from softsim_core.physics.mechanics.pose import Pose  # noqa: E402
-from softsim_node.topics import LATCHED  # noqa: E402
-from softsim_ros.listeners import StateListener  # noqa: E402
+from softsim_core.base import SoftSimError  # noqa: E402
+from softsim_core.lab.learning import TASKS, Episodes, load_policy  # noqa: E402
+from softsim_core.physics.mechanics import Pose  # noqa: E402
+from softsim_node import LATCHED  # noqa: E402
+from softsim_ros import SpinThread, StateListener  # noqa: E402
 from softsim_ros.messages import pose_stamped, time_message  # noqa: E402
-from softsim_ros.nodes.policy.policy_node import (  # noqa: E402
+from softsim_ros.nodes.policy import (  # noqa: E402
     Heard,
     PolicyNode,
 )
-from softsim_ros.robot_node import SpinThread  # noqa: E402
 
 TASK = "TripodReach-v0"
 JOINTS = [-1.0, -1.1, -0.9]

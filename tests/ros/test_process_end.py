@@ -23,9 +23,9 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
-from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
-from softsim_node.parameters import described  # noqa: E402
-from softsim_ros.cli.running.nodes import NODES  # noqa: E402
+from servo_bridge.emulator import VirtualBoard  # noqa: E402
+from softsim_node import described  # noqa: E402
+from softsim_ros.cli.running import NODES  # noqa: E402
 
 COMMANDS = "position_controller/commands"
 KERNELS_S = 150.0  # they may have to be compiled

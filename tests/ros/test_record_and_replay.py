@@ -21,11 +21,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import SetBool
 
-from softsim_node.topics import STATE_QOS
-from softsim_ros.cli.app import main
-from softsim_ros.listeners import StateListener
-from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.recorder_node import Recorder
+from softsim_node import STATE_QOS
+from softsim_ros import StateListener
+from softsim_ros.cli import run_command as main
+from softsim_ros.recording import Bag, Recorder
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 

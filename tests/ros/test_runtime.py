@@ -18,10 +18,9 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from waiting import DEADLINE_S  # noqa: E402
 
-from softsim_core.base.errors import SceneError  # noqa: E402
-from softsim_node.parameters import Program  # noqa: E402
-from softsim_node.process import run_node  # noqa: E402
-from softsim_ros.robot_node import (  # noqa: E402
+from softsim_core.base import SceneError  # noqa: E402
+from softsim_node import Program, run_node  # noqa: E402
+from softsim_ros import (  # noqa: E402
     ClosableNode,
     SpinThread,
 )
@@ -99,8 +98,8 @@ import ctypes
 import sys
 
 from softsim_node import process
-from softsim_node.parameters import Program
-from softsim_ros.robot_node import ClosableNode
+from softsim_node import Program
+from softsim_ros import ClosableNode
 
 process.END_LIMIT_S = 1.0
 

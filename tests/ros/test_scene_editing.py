@@ -22,12 +22,10 @@ from std_srvs.srv import Trigger  # noqa: E402
 from waiting import BUILD_S  # noqa: E402
 
 from softsim_core import load_scene  # noqa: E402
-from softsim_core.base.values import Box  # noqa: E402
-from softsim_core.scene.editing import Edit, Put  # noqa: E402
-from softsim_core.scene.editing.parts import add_attachment, add_cable  # noqa: E402
-from softsim_core.scene.io.files import config_file  # noqa: E402
-from softsim_core.scene.io.yaml_loader import Item  # noqa: E402
-from softsim_ros.messages.scene import Proposal, read_proposal, write_edits  # noqa: E402
+from softsim_core.base import Box  # noqa: E402
+from softsim_core.scene.editing import Edit, Put, add_attachment, add_cable  # noqa: E402
+from softsim_core.scene.io import Item, config_file  # noqa: E402
+from softsim_ros.messages import Proposal, read_proposal, write_edits  # noqa: E402
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BARE = f"""\

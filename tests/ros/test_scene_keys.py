@@ -19,7 +19,7 @@ from std_msgs.msg import String
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 SCENE = """
-from softsim_core.robots.parts import servo
+from softsim_core.robots import servo
 
 def create_scene(scene):
     scene.name = "tripod"

@@ -16,8 +16,8 @@ from sensor_msgs.msg import FluidPressure, Image, Imu, JointState, PointCloud2  
 from std_msgs.msg import Float64, String  # noqa: E402
 
 from softsim_core import load_scene  # noqa: E402
-from softsim_node.topics import LATCHED  # noqa: E402
-from softsim_ros.messages.sensors import (  # noqa: E402
+from softsim_node import LATCHED  # noqa: E402
+from softsim_ros.messages import (  # noqa: E402
     read_contact_cloud,
     read_tactile_image,
 )

@@ -20,10 +20,10 @@ from rclpy.parameter import Parameter  # noqa: E402
 
 import servo_bridge.executables  # noqa: E402
 import softsim_ros.executables  # noqa: E402
-from servo_bridge.nodes.bridge_node import ServoBridge  # noqa: E402
-from softsim_node.parameters import described  # noqa: E402
-from softsim_ros.nodes.inverse.path_follower_node import PathFollower  # noqa: E402
-from softsim_ros.nodes.simulator.simulator_node import Simulator  # noqa: E402
+from servo_bridge.nodes import ServoBridge  # noqa: E402
+from softsim_node import described  # noqa: E402
+from softsim_ros.nodes.inverse import PathFollower  # noqa: E402
+from softsim_ros.nodes.simulator import Simulator  # noqa: E402
 
 __all__ = ["bait", "watch"]  # fixtures
 

@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripo
 SENTENCE = 300
 CODE = """
 from pathlib import Path
-from softsim_core.robots.parts import tripod
+from softsim_core.robots import tripod
 Path(__file__).with_suffix(".ran").touch()
 
 def create_scene(scene):

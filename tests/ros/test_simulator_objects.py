@@ -16,11 +16,10 @@ from rclpy.serialization import deserialize_message, serialize_message  # noqa: 
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 from softsim_core import Simulation, load_scene  # noqa: E402
-from softsim_core.base.errors import CommandError  # noqa: E402
-from softsim_core.physics.mechanics.pose import rotation_of  # noqa: E402
+from softsim_core.base import CommandError  # noqa: E402
+from softsim_core.physics.mechanics import rotation_of  # noqa: E402
 from softsim_ros import messages  # noqa: E402
-from softsim_ros.nodes.simulator.inputs import limited_force, pulled_nodes  # noqa: E402
-from softsim_ros.nodes.simulator.publications import (  # noqa: E402
+from softsim_ros.nodes.simulator import (  # noqa: E402
     FORCE_LENGTH,
     bodies_topology,
     cable_markers,
@@ -30,7 +29,9 @@ from softsim_ros.nodes.simulator.publications import (  # noqa: E402
     collision_markers,
     collision_places,
     contact_markers,
+    limited_force,
     pressure_colour,
+    pulled_nodes,
 )
 
 

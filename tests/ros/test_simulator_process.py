@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from sensor_msgs.msg import JointState  # noqa: E402
 
-from softsim_ros.nodes.simulator.simulator_node import main  # noqa: E402
+from softsim_ros.nodes.simulator import main  # noqa: E402
 
 SIMULATOR = "softsim_ros.nodes.simulator.simulator_node"
 

@@ -17,8 +17,8 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from softsim_core.scene.io.files import config_file  # noqa: E402
-from softsim_node.topics import LATCHED  # noqa: E402
+from softsim_core.scene.io import config_file  # noqa: E402
+from softsim_node import LATCHED  # noqa: E402
 from softsim_ros.messages import diagnostic_values  # noqa: E402
 
 
@@ -68,7 +68,7 @@ def test_the_mid_mesh_takes_less_than_400_mb(start_robot: Any, spin_until: Any) 
 OVERLOADED = """
 from softsim_core.scene import Scene
 from softsim_core import Controller
-from softsim_core.robots.parts import tripod
+from softsim_core.robots import tripod
 
 def create_scene(scene: Scene) -> None:
     scene.name = "tripod"

@@ -15,12 +15,15 @@ pytestmark = pytest.mark.ros
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from std_msgs.msg import Bool  # noqa: E402
 
-from softsim_node.topics import (  # noqa: E402
+from softsim_node import (  # noqa: E402
     STATE_TOPICS,
     StateTopics,
 )
-from softsim_ros.listeners import StateListener  # noqa: E402
-from softsim_ros.robot_node import ClosableNode, SpinThread  # noqa: E402
+from softsim_ros import (  # noqa: E402
+    ClosableNode,
+    SpinThread,
+    StateListener,
+)
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

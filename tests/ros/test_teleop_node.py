@@ -26,9 +26,9 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from softsim_ros.keys.press import HOLD_GAP_S
-from softsim_ros.nodes.teleop.teleop_node import main
+from servo_bridge.emulator import VirtualBoard
+from softsim_ros.keys import HOLD_GAP_S
+from softsim_ros.nodes.teleop import main
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("ros_domain")]
 

@@ -12,9 +12,8 @@ from waiting import DEADLINE_S, spin_until
 
 pytest.importorskip("rclpy")
 
-from softsim_ros.cli.app import main
-from softsim_ros.cli.graph import graph
-from softsim_ros.cli.graph.graph import Rate
+from softsim_ros.cli import run_command as main
+from softsim_ros.cli.graph import Rate, graph
 
 pytestmark = [pytest.mark.ros]
 

@@ -8,7 +8,7 @@ pytest.importorskip("rclpy")
 
 from softsim_core import load_scene
 from softsim_core.simulation import Simulation
-from softsim_ros.nodes.simulator.parameters import tunables, with_values
+from softsim_ros.nodes.simulator import tunables, with_values
 
 
 def test_layers_and_fibres_are_tuned_by_their_names() -> None:

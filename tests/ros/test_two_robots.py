@@ -23,7 +23,7 @@ from std_msgs.msg import Float64MultiArray, String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from waiting import BUILD_S, spin_until  # noqa: E402
 
-from servo_bridge.emulator.virtual_board import VirtualBoard  # noqa: E402
+from servo_bridge.emulator import VirtualBoard  # noqa: E402
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLACES = ("left", "lab/right")

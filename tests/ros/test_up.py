@@ -17,9 +17,9 @@ from waiting import BUILD_S, DEADLINE_S, spin_until
 
 pytest.importorskip("rclpy")
 
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from softsim_ros.cli.app import main
-from softsim_ros.keys.press import REPEAT_INTERVAL_S
+from servo_bridge.emulator import VirtualBoard
+from softsim_ros.cli import run_command as main
+from softsim_ros.keys import REPEAT_INTERVAL_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
 

@@ -13,11 +13,18 @@ from typing import Any
 import pytest
 from study_files import written
 
-from softsim_core.base.errors import StudyError
-from softsim_core.lab.study import engine as engine_module
-from softsim_core.lab.study.engine import AHEAD, Engine, Where, _interrupts_wait, engine
-from softsim_core.lab.study.preparing import prepare_study
-from softsim_core.lab.study.single import DONE, Outcome
+from softsim_core.base import StudyError
+from softsim_core.lab.study import (
+    AHEAD,
+    DONE,
+    Engine,
+    Outcome,
+    Where,
+    cluster,
+    cluster as engine_module,
+    engine,
+    prepare_study,
+)
 
 
 class Future:
@@ -101,7 +108,7 @@ def test_an_interrupt_while_workers_start_waits_and_never_reaches_them() -> None
     told: list[str] = []
 
     def start() -> None:
-        with _interrupts_wait():
+        with cluster._interrupts_wait():
             os.kill(os.getpid(), signal.SIGINT)
             command = [sys.executable, "-c", child]
             told.append(subprocess.run(command, capture_output=True, text=True, check=True).stdout)

@@ -14,10 +14,8 @@ import pytest
 from study_files import fingerprint, written
 from study_processes import children, kept, started, swept, until
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.lab.study.optimise import OBJECTIVE, _Search
-from softsim_core.lab.study.preparing import prepare_study
-from softsim_core.lab.study.single import DONE, RAISED, Outcome
+from softsim_core.base import SoftSimError
+from softsim_core.lab.study import DONE, OBJECTIVE, RAISED, Outcome, optimisation, prepare_study
 
 pytest.importorskip("cma")
 
@@ -33,11 +31,11 @@ BOWL: dict[str, Any] = {
 }
 
 
-def search(folder: Path, **changes: Any) -> _Search:
-    return _Search(prepare_study(written(folder, **{**BOWL, **changes}), [folder]))
+def search(folder: Path, **changes: Any) -> optimisation._Search:
+    return optimisation._Search(prepare_study(written(folder, **{**BOWL, **changes}), [folder]))
 
 
-def taught(found: _Search, generations: int) -> list[list[tuple[float, ...]]]:
+def taught(found: optimisation._Search, generations: int) -> list[list[tuple[float, ...]]]:
     """The generations that it draws as it is told the objectives."""
     told = []
     for _ in range(generations):
@@ -64,7 +62,7 @@ def test_it_finds_the_bottom_and_draws_the_same_again(tmp_path: Path) -> None:
     assert np.random.get_state()[1].tolist() == before  # noqa: NPY002
 
 
-def best_of(found: _Search, runs: int, objective: Callable[[float, float], float]) -> float:
+def best_of(found: optimisation._Search, runs: int, objective: Callable[[float, float], float]) -> float:
     """The least of an objective in so many runs."""
     costs: list[float] = []
     while len(costs) < runs and not found.reason():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.lab.study.optimise import quadratic_minimum
+from softsim_core.lab.study import quadratic_minimum
 
 
 @pytest.mark.parametrize("size", [2, 3, 5])

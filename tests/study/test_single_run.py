@@ -10,10 +10,9 @@ import pytest
 from study_files import written
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import SoftSimError
-from softsim_core.control.inverse.workspace import Workspace
-from softsim_core.lab.study.preparing import prepare_study
-from softsim_core.lab.study.single import DIVERGED, DONE, LATE, RAISED, run_once
+from softsim_core.base import SoftSimError
+from softsim_core.control.inverse import Workspace
+from softsim_core.lab.study import DIVERGED, DONE, LATE, RAISED, prepare_study, run_once
 
 EVERYTHING = [
     {"name": "tip", "of": "effector.position"},
@@ -79,7 +78,7 @@ def test_a_workspace_can_be_held_to_what_drives_can_hold() -> None:
 
 def test_arguments_reach_a_python_scene(tmp_path: Path) -> None:
     (tmp_path / "scene.py").write_text(
-        "from softsim_core.robots.parts import servo\n"
+        "from softsim_core.robots import servo\n"
         "def create_scene(scene, length=0.01):\n"
         "    scene.add(servo('arm'))\n"
         "    scene.gravity = (0.0, 0.0, -length)\n",

@@ -11,10 +11,18 @@ import numpy as np
 import pytest
 from study_files import fingerprint, written
 
-from softsim_core.base.errors import StudyError
-from softsim_core.lab.study.preparing import PreparedStudy, prepare_study, values_of_runs
-from softsim_core.lab.study.single import DIVERGED, DONE, Outcome
-from softsim_core.lab.study.store import Store, read_results, write_parquet
+from softsim_core.base import StudyError
+from softsim_core.lab.study import (
+    DIVERGED,
+    DONE,
+    Outcome,
+    PreparedStudy,
+    Store,
+    prepare_study,
+    read_results,
+    values_of_runs,
+    write_parquet,
+)
 
 pytest.importorskip("zarr")
 
@@ -128,8 +136,8 @@ def test_results_of_another_study_are_not_mixed(tmp_path: Path, change: str) -> 
 
 
 def test_the_hash_of_a_scene_follows_what_its_files_hold(tmp_path: Path) -> None:
-    from softsim_core.lab.study.store import scene_hash
-    from softsim_core.scene.io.files import config_file
+    from softsim_core.lab.study import scene_hash
+    from softsim_core.scene.io import config_file
 
     hashes = set()
     mesh = config_file("meshes/finger_low.vtk").read_bytes()

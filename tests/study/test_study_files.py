@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from study_files import LOAD, written
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.lab.study.description import known_studies, load_study
-from softsim_core.lab.study.preparing import prepare_study, values_of_runs
+from softsim_core.base import SoftSimError
+from softsim_core.lab.study import known_studies, load_study, prepare_study, values_of_runs
 
 TWO = [
     {"name": "g", "lower": 1.0, "upper": 100.0, "spacing": "log", "count": 3},

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from headless_browser import chromium_path
 
-from softsim_core.base.errors import StudyError
-from softsim_core.lab.study.optimise import response_surface
-from softsim_core.lab.study.store import StudyResults
-from softsim_ros.cli.studies.sweep_page import page, write
+from softsim_core.base import StudyError
+from softsim_core.lab.study import StudyResults, response_surface
+from softsim_ros.cli.studies import page, write
 
 
 def results(runs: int = 30, failed: int = 2) -> StudyResults:

@@ -14,8 +14,8 @@ import pytest
 from study_files import fingerprint, gate, written
 from study_processes import PATIENCE_S, children, kept, started, swept, until, workers
 
-from softsim_core.lab.study.store import read_results
-from softsim_core.simulation.warmup import cached_kernels
+from softsim_core.lab.study import read_results
+from softsim_core.simulation import cached_kernels
 
 pytest.importorskip("distributed")
 pytest.importorskip("zarr")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 
 
 def ran(

@@ -31,7 +31,7 @@ from doc_pages import (
 from waiting import BUILD_S, DEADLINE_S, spin_until
 
 from softsim_core import Simulation, load_scene
-from softsim_ros.cli.running.nodes import NODES
+from softsim_ros.cli.running import NODES
 
 STEPS = 50
 FENCES = [fence for page in TUTORIAL_PAGES for fence in fences(page)]

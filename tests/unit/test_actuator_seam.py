@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import pytest
 
-from softsim_core.base.errors import ConfigError, SceneError
+from softsim_core.base import ConfigError, SceneError
 from softsim_core.physics.actuation import (
     ActuatorDescription,
     actuator_kind,
@@ -16,8 +16,7 @@ from softsim_core.physics.actuation import (
     register_actuator,
 )
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.scene import load_scene
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene import JointDescription, load_scene
 
 
 def test_an_unknown_kind_is_refused_with_the_known_ones() -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.actuation.trajectory import check_animation, factor_at, is_over
+from softsim_core.base import SceneError
+from softsim_core.physics.actuation import check_animation, factor_at, is_over
 
 RISE = [step / 20 for step in range(21)]
 

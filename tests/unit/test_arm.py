@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from softsim_core import ConfigError, NotReachedError, Simulation, load_scene
-from softsim_core.control.inverse.workspace import reach
-from softsim_core.physics.mechanics.pose import rotation_euler, rotation_of
-from softsim_core.scene.arm.urdf_file import read_urdf
-from softsim_core.scene.io.files import known_scenes
-from softsim_core.scene.io.programs import ProgramRule, limited_to
-from softsim_core.scene.placed import Motion, placed
+from softsim_core.control.inverse import reach
+from softsim_core.physics.mechanics import rotation_euler, rotation_of
+from softsim_core.scene import Motion, placed
+from softsim_core.scene.arm import read_urdf
+from softsim_core.scene.io import ProgramRule, known_scenes, limited_to
 
 pytest.importorskip("urdf_parser_py")
 

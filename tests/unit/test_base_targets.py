@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Twist
 from sensor_msgs.msg import MultiDOFJointState
 
-from softsim_core.base.errors import CommandError
+from softsim_core.base import CommandError
 from softsim_ros.messages import base_target, read_base_target
 
 

@@ -8,9 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.linalg import bounded
-from softsim_core.physics.linalg.bounded import solve_bounded
+from softsim_core.base import Array
+from softsim_core.physics.linalg import bounded, solve_bounded
 
 Problem = tuple[Array, Array, Array, Array]
 Solve = Callable[[Array, Array, Array, Array], Array]
@@ -21,7 +20,7 @@ def solve(backend: str) -> Solve:
     """solve_bounded, or its compiled twin."""
     if backend == "scipy":
         return solve_bounded
-    from softsim_core.physics.dynamics.numba_backend.actuator_rows import bounded_forces
+    from softsim_core.physics.dynamics.numba_backend import bounded_forces
 
     def compiled(compliance: Array, gap: Array, lower: Array, upper: Array) -> Array:
         forces = np.empty(len(gap))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from servo_bridge.emulator.virtual_board import ReceivedPacket
-from softsim_ros.benchmark.bridge import BridgeFigures, Crossing, latencies
+from servo_bridge.emulator import ReceivedPacket
+from softsim_ros.benchmark import BridgeFigures, Crossing, latencies
 
 
 def packets(*rows: tuple[float, int]) -> list[ReceivedPacket]:

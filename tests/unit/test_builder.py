@@ -9,18 +9,21 @@ import pytest
 from small_scenes import body, machine, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import Sphere
-from softsim_core.physics.mechanics.model import FIXED, FREE
-from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.base import SceneError, Sphere
+from softsim_core.physics.mechanics import FIXED, FREE, rotation_euler
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.placed import Motion, placed
-from softsim_core.scene.rod import RodDescription, RodSectionDescription
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+    Motion,
+    RodDescription,
+    RodSectionDescription,
+    SceneDescription,
+    placed,
+)
+from softsim_core.scene.building import build
 
 MESH = box_mesh((0.04, 0.01, 0.01), (4, 1, 1))
 
@@ -135,7 +138,7 @@ def test_a_free_frame_that_is_not_given_is_in_the_middle_of_its_region() -> None
 
 
 def test_a_region_relative_to_a_joint_moves_with_its_base() -> None:
-    from softsim_core.base.values import Placement
+    from softsim_core.base import Placement
 
     base = Placement(translation=(0.04, 0.005, 0.005), rotation_deg=(0.0, 0.0, 90.0))
     hinge = JointDescription(name="hinge", base=base)

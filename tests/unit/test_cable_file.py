@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import ConfigError
+from softsim_core.base import ConfigError
 from softsim_core.physics.actuation.cable import read_cable_points
 
 

@@ -8,17 +8,20 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Box, Placement
+from softsim_core.base import Array, Box, Placement
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mechanics import Control
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    CollisionDescription,
+    JointDescription,
+    MaterialDescription,
+    RigidBodyDescription,
+    SceneDescription,
+)
 
 pytest.importorskip("numba")
 

@@ -13,7 +13,7 @@ import pytest
 
 from softsim_core.scene import load_scene
 from softsim_ros.cli import app, main
-from softsim_ros.cli.running.nodes import NODES
+from softsim_ros.cli.running import NODES
 from softsim_ros.cli.upkeep import suite
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -98,8 +98,8 @@ def test_a_shown_scene_tells_meshes_made_in_python_and_mistakes(
 ) -> None:
     file = tmp_path / "own.py"
     file.write_text(
-        "from softsim_core.physics.mesh.generators import box_mesh\n"
-        "from softsim_core.robots.parts import elastic_body\n"
+        "from softsim_core.physics.mesh import box_mesh\n"
+        "from softsim_core.robots import elastic_body\n"
         "def create_scene(scene):\n"
         "    scene.add(elastic_body('block', box_mesh((0.1, 0.1, 0.1), (1, 1, 1)), total_mass=0.1))\n"
     )
@@ -139,10 +139,10 @@ def test_a_broken_robot_file_is_one_sentence(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_a_node_that_joins_a_robot_without_a_name_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    discovery = pytest.importorskip("softsim_ros.client.discovery")
-    from softsim_ros.cli.running.run import _found
+    client = pytest.importorskip("softsim_ros.client")
+    from softsim_ros.cli.running import run
 
     for robot, named in (("four", ["-p", "robot:=four"]), ("", [])):
-        found = discovery.RunningRobot(robot, "/")
-        monkeypatch.setattr(discovery, "running_robot", lambda found=found: found)
-        assert _found([]) == ["--ros-args", *named, "-r", "__ns:=/"]
+        found = client.RunningRobot(robot, "/")
+        monkeypatch.setattr(client, "running_robot", lambda found=found: found)
+        assert run._found([]) == ["--ros-args", *named, "-r", "__ns:=/"]

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.cli.upkeep import doctor, findings, ros_findings
-from softsim_ros.cli.upkeep.findings import Finding, Level
+from softsim_ros.cli.upkeep import Finding, Level, doctor, findings, ros_findings
 
 
 def report(port: str = "") -> int:

@@ -15,9 +15,8 @@ from pathlib import Path
 import pytest
 
 import softsim_core
-from softsim_core.base.extras import install_command
-from softsim_ros.cli import app, main
-from softsim_ros.cli.command import Colours, Parser
+from softsim_core.base import install_command
+from softsim_ros.cli import Colours, Parser, app, main
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NEWCOMERS = ("up", "demo", "scenes", "new", "doctor")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core.base.extras import install_command
+from softsim_core.base import install_command
 from softsim_ros.cli import main
 
 

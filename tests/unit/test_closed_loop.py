@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import CommandError, ConfigError
-from softsim_core.control.inverse.closed_loop import (
+from softsim_core.base import CommandError, ConfigError
+from softsim_core.control.inverse import (
     COLUMNS,
     ClosedLoopLog,
     TiltController,

@@ -12,10 +12,10 @@ pytest.importorskip("rclpy")
 from geometry_msgs.msg import Quaternion
 from sensor_msgs.msg import Imu
 
-from softsim_core.base.errors import CommandError
-from softsim_core.control.inverse.closed_loop import TiltController, TiltGains, tilt_rotation
-from softsim_core.physics.mechanics.pose import quaternion_of, rotation_exp
-from softsim_ros.nodes.inverse.closed_loop_node import TiltLoop, imu_tilts, pose_tilts
+from softsim_core.base import CommandError
+from softsim_core.control.inverse import TiltController, TiltGains, tilt_rotation
+from softsim_core.physics.mechanics import quaternion_of, rotation_exp
+from softsim_ros.nodes.inverse import TiltLoop, imu_tilts, pose_tilts
 
 
 def test_it_waits_for_the_first_measure() -> None:

@@ -8,13 +8,20 @@ import numpy as np
 import pytest
 from small_scenes import jittered
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.fem.cells import cell_forces, cell_stiffness
+from softsim_core.base import Array
+from softsim_core.physics.fem import (
+    ElementGroup,
+    cell_forces,
+    cell_stiffness,
+    element_group,
+    held_forces,
+    held_stiffness,
+    held_stress,
+    memory_shape,
+    remember,
+)
 from softsim_core.physics.fem.elements import element
-from softsim_core.physics.fem.group import ElementGroup, element_group
-from softsim_core.physics.fem.materials import material
-from softsim_core.physics.fem.materials.relaxing import relaxing
-from softsim_core.physics.fem.prony import held_forces, held_stiffness, held_stress, memory_shape, remember
+from softsim_core.physics.fem.materials import material, relaxing
 from softsim_core.physics.mesh import box_mesh, quadratic
 
 pytest.importorskip("numba")
@@ -57,9 +64,15 @@ def filled(
 
     They have been filled before, with what another solve has moved, as in a step that is done again.
     """
-    from softsim_core.physics.dynamics.numba_backend.cells.batches import CellPlaces, cell_batches
-    from softsim_core.physics.dynamics.numba_backend.cells.laws import compiled_law, point_cells, tune
-    from softsim_core.physics.dynamics.numba_backend.cells.point_cells import Given, Into
+    from softsim_core.physics.dynamics.numba_backend.cells import (
+        CellPlaces,
+        Given,
+        Into,
+        cell_batches,
+        compiled_law,
+        point_cells,
+        tune,
+    )
 
     count, a = group.cells.shape
     pairs = a * (a + 1) // 2
@@ -159,7 +172,7 @@ def test_cells_that_are_no_numbers_say_so() -> None:
 @pytest.mark.slow
 def test_what_is_held_and_remembered(name: str, cell: str) -> None:
     """Prony terms: memory, what it holds, and its forces and blocks; where cells are crushed, too."""
-    from softsim_core.physics.dynamics.numba_backend.cells.cells import RelaxingCells
+    from softsim_core.physics.dynamics.numba_backend.cells import RelaxingCells
 
     group, p, points = group_of(name, cell, terms=2)
     compiled, rng = RelaxingCells(group), np.random.default_rng(6)

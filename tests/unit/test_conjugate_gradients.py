@@ -8,30 +8,27 @@ import pytest
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
-from softsim_core.physics.linalg.cholesky import factor  # noqa: E402
-from softsim_core.physics.linalg.conjugate import (  # noqa: E402
+from softsim_core.physics.linalg import (  # noqa: E402  # noqa: E402
+    LANES,
+    ROWS,
+    Matrix,
+    Preconditioner,
     Sharing,
     conjugate_gradients,
     copy_matrix,
-    multiply,
-    precondition,
-    sharing_of,
-)
-from softsim_core.physics.linalg.divided_factor import divided  # noqa: E402
-from softsim_core.physics.linalg.products import (  # noqa: E402
-    Matrix,
-    Preconditioner,
+    divided,
+    empty_factor,
+    factor,
     matrix_layout,
     matrix_of,
-)
-from softsim_core.physics.linalg.simd import LANES, ROWS  # noqa: E402
-from softsim_core.physics.linalg.symbolic import (  # noqa: E402
-    empty_factor,
+    multiply,
+    open_agenda,
     plan,
+    precondition,
+    sharing_of,
     tree_of,
 )
-from softsim_core.physics.linalg.threads import open_agenda  # noqa: E402
-from softsim_core.physics.mechanics.pose import rotation_exp  # noqa: E402
+from softsim_core.physics.mechanics import rotation_exp  # noqa: E402
 
 
 def problem(seed: int, count: int = 60) -> tuple[Matrix, Preconditioner, Sharing, np.ndarray]:

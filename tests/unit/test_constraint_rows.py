@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import ArrayError
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.rows import Rows, joined
+from softsim_core.base import ArrayError
+from softsim_core.physics.mechanics import Control, Rows, joined
 
 pytest.importorskip("numba")
 

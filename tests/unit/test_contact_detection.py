@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.physics.contact import CollisionSurface, Detector, Proximities
-from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.contact import CollisionSurface, ContactSettings, Detector, Proximities
 from softsim_core.physics.mesh import boundary_surface, box_mesh
 
 SETTINGS = ContactSettings(alarm_distance=0.004, contact_distance=0.001).limits()

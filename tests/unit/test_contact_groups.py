@@ -19,9 +19,9 @@ from softsim_core import (
     SurfaceMesh,
     write_surface,
 )
-from softsim_core.base.errors import SceneError
+from softsim_core.base import SceneError
 from softsim_core.physics.contact import CollisionSurface, check_surface, may_meet
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.physics.mechanics import rotation_exp
 from softsim_core.physics.mesh import boundary_surface, box_mesh
 
 FINGER, OTHER_FINGER, CUBE, FLOOR = 0, 1, 2, 3

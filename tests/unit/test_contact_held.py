@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from softsim_core.physics.contact import solve_contacts
-from softsim_core.physics.contact.solver.law import ContactProblem, eliminate
-from softsim_core.physics.contact.solver.smoothing import Smoothed, project, steepness
+from softsim_core.physics.contact.solver import ContactProblem, Smoothed, eliminate, project, steepness
 
 DT, HALF = 0.01, 0.02
 NONE = (np.zeros(0), np.zeros(0))

@@ -10,15 +10,10 @@ import pytest
 from small_scenes import body
 
 from softsim_core import Simulation
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import MeshFile, Placement
-from softsim_core.physics.contact import CollisionSurface
-from softsim_core.physics.contact.overlap import first_overlap
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mesh import TetMesh, box_mesh
-from softsim_core.physics.mesh.readers import write_surface
-from softsim_core.physics.mesh.shapes import Shape, box_surface
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
+from softsim_core.base import MeshFile, Placement, SceneError
+from softsim_core.physics.contact import CollisionSurface, ContactSettings, first_overlap
+from softsim_core.physics.mesh import Shape, TetMesh, box_mesh, box_surface, write_surface
+from softsim_core.scene import CollisionDescription, RigidBodyDescription, SceneDescription
 
 HALF = 0.02
 """Half the height of each body in [m]; a plane has none."""

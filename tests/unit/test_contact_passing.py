@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.physics.contact import CollisionSurface, Detector
-from softsim_core.physics.contact.settings import ContactSettings
+from softsim_core.physics.contact import CollisionSurface, ContactSettings, Detector
 
 SETTINGS = ContactSettings(alarm_distance=0.004, contact_distance=0.001).limits()
 TOP = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0]])

@@ -10,16 +10,11 @@ import pytest
 from small_scenes import body, slab
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SoftSimError
-from softsim_core.base.values import MeshFile, Placement
+from softsim_core.base import Array, IndexArray, MeshFile, Placement, SoftSimError
 from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mesh import SurfaceMesh, box_mesh
-from softsim_core.physics.mesh.readers import write_surface
-from softsim_core.physics.mesh.shapes import Shape, box_surface
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mesh import Shape, SurfaceMesh, box_mesh, box_surface, write_surface
+from softsim_core.scene import CollisionDescription, JointDescription, RigidBodyDescription, SceneDescription
 
 CUBE = Shape(box=(0.04, 0.04, 0.04))
 

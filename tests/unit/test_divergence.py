@@ -10,9 +10,9 @@ import pytest
 import scipy.sparse as sp
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import FactorisationError, SolverDivergedError
-from softsim_core.scene.robot import Controller
-from softsim_core.simulation.warmup import small_scene
+from softsim_core.base import FactorisationError, SolverDivergedError
+from softsim_core.scene import Controller
+from softsim_core.simulation import small_scene
 
 BACKENDS = [pytest.param("numba", marks=pytest.mark.numba), "scipy"]
 

@@ -11,35 +11,35 @@ pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
 from softsim_core import box_mesh  # noqa: E402
-from softsim_core.physics.dynamics.numba_backend.cells.batches import node_pairs  # noqa: E402
-from softsim_core.physics.linalg.cholesky import factor  # noqa: E402
-from softsim_core.physics.linalg.conjugate import (  # noqa: E402
-    BLOCK,
+from softsim_core.physics.dynamics.numba_backend.cells import node_pairs  # noqa: E402
+from softsim_core.physics.linalg import (  # noqa: E402  # noqa: E402  # noqa: E402
+    LANES,
     LARGE,
+    ROWS,
+    Matrix,
+    Plan,
+    Preconditioner,
+    Teamwork,
+    conjugate,
     conjugate_gradients,
     copy_matrix,
-    precondition,
-    sharing_of,
-    support_gradients,
-)
-from softsim_core.physics.linalg.divided_factor import (  # noqa: E402
     divided,
+    empty_factor,
+    factor,
     lead_factor,
-    room_for,
-    support_factor,
-    with_room_for,
-)
-from softsim_core.physics.linalg.products import (  # noqa: E402
-    Matrix,
-    Preconditioner,
     matrix_layout,
     matrix_of,
-)
-from softsim_core.physics.linalg.simd import LANES, ROWS  # noqa: E402
-from softsim_core.physics.linalg.symbolic import Plan, empty_factor, padded, plan, plan_stack, tree_of  # noqa: E402
-from softsim_core.physics.linalg.threads import (  # noqa: E402
-    Teamwork,
     open_agenda,
+    padded,
+    plan,
+    plan_stack,
+    precondition,
+    room_for,
+    sharing_of,
+    support_factor,
+    support_gradients,
+    tree_of,
+    with_room_for,
 )
 
 CELLS = (9, 8, 8)
@@ -122,7 +122,9 @@ def test_parts_and_pieces_precondition_as_the_whole_tree_does() -> None:
     layout, matrix = matrix_on_a_box((16, 12, 12))
     division, count = divided(layout, 0.0), len(layout.position)
     large = division.above[np.diff(layout.panel)[division.above] > LARGE]
-    assert ((layout.columns[large] % BLOCK > 0) & (layout.side[large] > 1)).any()  # a last block is not full
+    assert (
+        (layout.columns[large] % conjugate.BLOCK > 0) & (layout.side[large] > 1)
+    ).any()  # a last block is not full
     tree, store = tree_of(layout), empty_factor(layout, 0, np.float32)
     copy_matrix(matrix, tree, supernodes(layout), store.panels)
     factor(tree, store)

@@ -9,15 +9,17 @@ pytest.importorskip("rclpy")
 from rcl_interfaces.msg import SetParametersResult
 from std_srvs.srv import Trigger
 
-from softsim_core.base.errors import CommandError
-from softsim_node.guards import (
+from softsim_core.base import CommandError
+from softsim_node import (
+    LONGEST_SENTENCE,
     REFUSAL_PERIOD_S,
     Refusals,
     message_door,
+    one_line,
     parameter_door,
+    sentence_of,
     service_door,
 )
-from softsim_node.text import LONGEST_SENTENCE, one_line, sentence_of
 
 pytestmark = pytest.mark.ros
 

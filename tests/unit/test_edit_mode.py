@@ -17,9 +17,9 @@ from std_srvs.srv import Trigger
 from waiting import spin_until
 
 from softsim_core.scene.editing import Put
-from softsim_ros.client.simulator import Editing
-from softsim_ros.messages.scene import Proposal, write_proposal
-from softsim_ros.nodes.viewer.edit_mode import MOST_WAITING, EditMode
+from softsim_ros.client import Editing
+from softsim_ros.messages import Proposal, write_proposal
+from softsim_ros.nodes.viewer import MOST_WAITING, EditMode
 
 
 class Bench:

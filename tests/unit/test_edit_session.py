@@ -11,16 +11,12 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.base.values import Box, Sphere
-from softsim_core.physics.mesh.shapes import box_surface
-from softsim_core.scene.editing import Edit, SceneDocument
-from softsim_core.scene.editing.chosen import RestShapes, chosen_by
-from softsim_core.scene.editing.parts import routed_points
-from softsim_core.scene.io.files import config_file, known_scenes
-from softsim_ros.messages.scene import ChosenPoints, Proposal
-from softsim_ros.nodes.viewer.edit_mode import first_hit, lines_of, status
-from softsim_ros.nodes.viewer.edit_session import CHOOSE, CLICKS, ROUTE, EditSession, dragged
+from softsim_core.base import Box, SoftSimError, Sphere
+from softsim_core.physics.mesh import box_surface
+from softsim_core.scene.editing import Edit, RestShapes, SceneDocument, chosen_by, routed_points
+from softsim_core.scene.io import config_file, known_scenes
+from softsim_ros.messages import ChosenPoints, Proposal
+from softsim_ros.nodes.viewer import CHOOSE, CLICKS, ROUTE, EditSession, dragged, first_hit, lines_of, status
 
 FINGER = config_file("meshes/finger_coarse.vtk")
 BARE = f"""\

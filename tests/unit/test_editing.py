@@ -7,33 +7,32 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from softsim_core import load_scene
-from softsim_core.base.errors import ConfigError, SoftSimError
-from softsim_core.base.values import Box, Sphere
-from softsim_core.physics.mechanics.model import FIXED
-from softsim_core.scene.editing import Edit, Put, Remove, SceneDocument
-from softsim_core.scene.editing.chosen import RestShapes, chosen_by
-from softsim_core.scene.editing.document import edited
-from softsim_core.scene.editing.parts import (
+from softsim_core.base import Box, ConfigError, SoftSimError, Sphere
+from softsim_core.physics.mechanics import FIXED
+from softsim_core.scene import RobotDescription
+from softsim_core.scene.editing import (
+    Edit,
+    Put,
+    Remove,
+    RestShapes,
+    SceneDocument,
     add_attachment,
     add_cable,
     add_chamber,
     add_collision,
     add_mass,
+    chosen_by,
+    edited,
     regions_of,
     remove,
     reshaped,
     route,
     routed_points,
 )
-from softsim_core.scene.io.files import config_file, known_scenes
-from softsim_core.scene.io.portable import unstructure_scene
-from softsim_core.scene.io.yaml_loader import Item
-from softsim_core.scene.io.yaml_source import parse_yaml
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.io import Item, config_file, known_scenes, parse_yaml, unstructure_scene
 from softsim_core.simulation import Simulation
 
 MESH = config_file("meshes/finger_coarse.vtk")

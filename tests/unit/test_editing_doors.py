@@ -12,13 +12,10 @@ import pytest
 pytest.importorskip("rclpy")
 
 from softsim_core import load_scene
-from softsim_core.base.errors import CommandError, ConfigError
-from softsim_core.scene.editing import Put, Remove
-from softsim_core.scene.editing.document import rebased
-from softsim_core.scene.io.files import config_file
-from softsim_core.scene.io.portable import write_description
-from softsim_core.scene.io.yaml_loader import Item
-from softsim_ros.messages.scene import (
+from softsim_core.base import CommandError, ConfigError
+from softsim_core.scene.editing import Put, Remove, rebased
+from softsim_core.scene.io import Item, config_file, named_files, write_description
+from softsim_ros.messages import (
     ChosenPoints,
     Proposal,
     read_edits,
@@ -26,8 +23,7 @@ from softsim_ros.messages.scene import (
     write_edits,
     write_proposal,
 )
-from softsim_ros.nodes.simulator.scene_editing import SceneWriter
-from softsim_ros.nodes.simulator.scene_files import files_of, named_files
+from softsim_ros.nodes.simulator import SceneWriter, files_of
 
 TEXT = "# mine\nname: mine\nbodies: []\n"
 

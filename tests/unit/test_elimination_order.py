@@ -9,17 +9,17 @@ import pytest
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from softsim_core.base.arrays import IndexArray
-from softsim_core.physics.linalg.linear_solver import Factoriser
-from softsim_core.physics.linalg.solvers import linear_solver
-from softsim_core.physics.mesh.generators import box_mesh
+from softsim_core.base import IndexArray
+from softsim_core.physics.linalg import Factoriser, linear_solver
+from softsim_core.physics.mesh import box_mesh
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
-from softsim_core.physics.linalg.cholesky import BLOCK, FITS  # noqa: E402
-from softsim_core.physics.linalg.ordering import (  # noqa: E402
+from softsim_core.physics.linalg import (  # noqa: E402
+    FITS,
     LEAF,
+    cholesky,
     column_counts,
     elimination_order,
     elimination_tree,
@@ -107,7 +107,9 @@ def solid_matrix(cells: int) -> sp.csc_matrix:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("columns", [BLOCK - 1, BLOCK, 2 * BLOCK + 5, 3 * BLOCK + 64])
+@pytest.mark.parametrize(
+    "columns", [cholesky.BLOCK - 1, cholesky.BLOCK, 2 * cholesky.BLOCK + 5, 3 * cholesky.BLOCK + 64]
+)
 def test_wide_panels_agree_with_dense_algebra(columns: int) -> None:
     rng = np.random.default_rng(columns)
     size = columns + 300  # one panel for all that is coupled to all, and a border of dense unknowns
@@ -135,7 +137,7 @@ def test_a_solid_body_is_solved_as_by_superlu_to_the_same_bits_every_time() -> N
 
 def test_a_pivot_below_zero_in_a_wide_panel_is_reported() -> None:
     rng = np.random.default_rng(6)
-    size = 3 * BLOCK
+    size = 3 * cholesky.BLOCK
     factor = rng.normal(size=(size, size))
     matrix = factor @ factor.T + size * np.eye(size)
     matrix[size // 2, size // 2] -= 10.0 * size

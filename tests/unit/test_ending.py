@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from node_processes import spin_until
 
-from softsim_node.ending import END_SIGNALS, Ending
+from softsim_node import END_SIGNALS, Ending
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_an_interrupt_in_a_callback_of_the_compiler_comes_after_it(
 
 INTERRUPTED = """
 import atexit, ctypes, os, signal, sys, threading
-from softsim_node.ending import ending
+from softsim_node import ending
 
 begun = threading.Event()
 atexit.register(print, "the interpreter took its data away")
@@ -134,7 +134,7 @@ def test_work_that_is_left_behind_ends_with_the_process_at_once(context: str) ->
 def test_a_file_that_a_controller_keeps_open_is_complete_after_the_exit(tmp_path: Path) -> None:
     """A reference cycle is closed by the last search for garbage, which nothing may leave out."""
     program = f"""
-import softsim_node.ending, softsim_node.program
+import softsim_node.signals, softsim_node.program
 class Controller:
     def __init__(self):
         self.own, self.file = self, open({str(tmp_path / "rows.csv")!r}, "w")

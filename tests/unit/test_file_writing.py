@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from softsim_core import load_scene
-from softsim_core.base.errors import ConfigError
-from softsim_core.base.files import (
+from softsim_core.base import (
+    ConfigError,
     make_folder,
     open_in_place,
     put_in_place,
@@ -22,11 +22,9 @@ from softsim_core.base.files import (
     sync_tree,
     write_file,
 )
-from softsim_core.control.inverse.closed_loop import ClosedLoopLog
-from softsim_core.control.inverse.paths import EffectorPath, write_csv_path
-from softsim_core.lab.identification.calibration import write_table
-from softsim_core.physics.mesh.readers import write_surface, write_tets
-from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh
+from softsim_core.control.inverse import ClosedLoopLog, EffectorPath, write_csv_path
+from softsim_core.lab.identification import write_table
+from softsim_core.physics.mesh import SurfaceMesh, TetMesh, write_surface, write_tets
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 TET = TetMesh(points=CORNERS, tets=np.array([[0, 1, 2, 3]]))
@@ -147,7 +145,7 @@ def _log(file: Path) -> None:
 
 
 def _calibration(file: Path) -> None:
-    from servo_bridge.driver.calibration import save_calibration
+    from servo_bridge.driver import save_calibration
 
     board = load_scene("tripod").board
     assert board is not None
@@ -158,13 +156,13 @@ def _figure(file: Path) -> None:
     pytest.importorskip("matplotlib")
     from matplotlib.figure import Figure
 
-    from softsim_ros.figures import save_figure
+    from softsim_ros import save_figure
 
     save_figure(Figure(), file)
 
 
 def _urdf(file: Path) -> None:
-    from softsim_ros.description.folder import write_folder
+    from softsim_ros.description import write_folder
 
     write_folder(load_scene("cable_finger"), file.parent, "finger")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import MeshError
+from softsim_core.base import MeshError
 from softsim_core.physics.actuation.cable import read_cable_points
 from softsim_core.physics.mesh import (
     TetMesh,
@@ -20,31 +20,21 @@ from softsim_core.physics.mesh import (
     read_surface,
     read_tets,
 )
-from softsim_core.robots.finger_mesh import (
-    HEIGHT,
-    LENGTH,
-    LEVELS,
-    NOTCH_DEPTH,
-    SLANT,
-    SPINE,
-    WIDTH,
-    finger,
-    main,
-)
+from softsim_core.robots import finger, finger_mesh
 
 MESHES = Path(__file__).resolve().parents[2] / "configs" / "meshes"
 NODES = {"coarse": 62, "low": 192, "mid": 1055}
 SHAPES = {"coarse": (0.33, 0.58), "low": (0.37, 0.67), "mid": (0.37, 0.67)}  # radius ratios: smallest, mean
 
 
-@pytest.fixture(scope="module", params=list(LEVELS))
+@pytest.fixture(scope="module", params=list(finger_mesh.LEVELS))
 def level(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
 @pytest.fixture(scope="module")
 def mesh(level: str) -> TetMesh:
-    return finger(LEVELS[level])
+    return finger(finger_mesh.LEVELS[level])
 
 
 def test_size_and_shape(level: str, mesh: TetMesh) -> None:
@@ -54,9 +44,11 @@ def test_size_and_shape(level: str, mesh: TetMesh) -> None:
     smallest, mean = SHAPES[level]
     assert report.min_radius_ratio > smallest
     assert report.mean_radius_ratio > mean
-    assert pytest.approx(0.103366, abs=1e-6) == LENGTH
-    np.testing.assert_allclose(mesh.points.min(axis=0), [0.0, -LENGTH, 0.0], atol=1e-12)
-    np.testing.assert_allclose(mesh.points.max(axis=0), [WIDTH, 0.0, HEIGHT], atol=1e-12)
+    assert pytest.approx(0.103366, abs=1e-6) == finger_mesh.LENGTH
+    np.testing.assert_allclose(mesh.points.min(axis=0), [0.0, -finger_mesh.LENGTH, 0.0], atol=1e-12)
+    np.testing.assert_allclose(
+        mesh.points.max(axis=0), [finger_mesh.WIDTH, 0.0, finger_mesh.HEIGHT], atol=1e-12
+    )
 
 
 def test_volume(mesh: TetMesh) -> None:
@@ -71,7 +63,7 @@ def test_boundary_is_closed(mesh: TetMesh) -> None:
 
 
 def test_symmetric_in_nodes_and_connectivity(level: str, mesh: TetMesh) -> None:
-    moved = mesh.points * [-1.0, 1.0, 1.0] + [WIDTH, 0.0, 0.0]
+    moved = mesh.points * [-1.0, 1.0, 1.0] + [finger_mesh.WIDTH, 0.0, 0.0]
     distances = np.linalg.norm(moved[:, None] - mesh.points[None], axis=2)
     partner = distances.argmin(axis=1)
     assert distances.min(axis=1).max() < 1e-15
@@ -84,7 +76,9 @@ def test_symmetric_in_nodes_and_connectivity(level: str, mesh: TetMesh) -> None:
 def test_notches_open_by_75_degrees(level: str, mesh: TetMesh) -> None:
     surface = boundary_surface(mesh)
     corners = surface.points[surface.triangles]
-    on_walls = (np.ptp(corners[:, :, 2], axis=1) > 1e-9) & (corners[:, :, 2].min(axis=1) > SPINE - 1e-9)
+    on_walls = (np.ptp(corners[:, :, 2], axis=1) > 1e-9) & (
+        corners[:, :, 2].min(axis=1) > finger_mesh.SPINE - 1e-9
+    )
     in_notches = (
         on_walls & (corners[:, :, 1].min(axis=1) > -0.0784) & (corners[:, :, 1].max(axis=1) < -0.0326)
     )
@@ -107,7 +101,7 @@ def test_the_reference_path_lies_inside_too(mesh: TetMesh, reference_dir: Path) 
 
 
 def test_committed_files_are_what_the_generator_writes(tmp_path: Path, level: str) -> None:
-    assert main(["--out", str(tmp_path)]) == 0
+    assert finger_mesh.main(["--out", str(tmp_path)]) == 0
     committed, fresh = (read_tets(folder / f"finger_{level}.vtk") for folder in (MESHES, tmp_path))
     np.testing.assert_array_equal(committed.tets, fresh.tets)
     np.testing.assert_allclose(committed.points, fresh.points, rtol=0, atol=1e-16)
@@ -121,14 +115,14 @@ def test_committed_files_are_what_the_generator_writes(tmp_path: Path, level: st
 @pytest.mark.parametrize("depth", [0.004, 0.007, 0.0125])
 def test_notches_of_another_depth(depth: float, level: str, mesh: TetMesh) -> None:
     """Each of the two takes a triangle more, or less, out of the side view."""
-    other = finger(LEVELS[level], notch_depth=depth)
+    other = finger(finger_mesh.LEVELS[level], notch_depth=depth)
     report = check_tets(other)
     assert (report.inverted, report.duplicate_nodes) == (0, 0)
     assert not report.warnings or level == "coarse"  # its columns have no point beside a deep notch
     surface = boundary_surface(other)
     assert is_closed(surface.triangles)
     assert euler_number(surface.triangles) == 2
-    removed = 2 * SLANT * (depth - NOTCH_DEPTH) * WIDTH
+    removed = 2 * finger_mesh.SLANT * (depth - finger_mesh.NOTCH_DEPTH) * finger_mesh.WIDTH
     assert check_tets(mesh).volume - report.volume == pytest.approx(removed, rel=1e-9)
 
 
@@ -140,6 +134,6 @@ def test_refusals(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
             finger(notch_depth=depth)
     (tmp_path / "file").write_text("x")
     with pytest.raises(SystemExit) as caught:
-        main(["--out", str(tmp_path / "file")])
+        finger_mesh.main(["--out", str(tmp_path / "file")])
     assert caught.value.code == 1
     assert "cannot be written" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.benchmark.first_start import KERNELS, MOTION, FirstStart, judged
+from softsim_ros.benchmark import KERNELS, MOTION, FirstStart, judged
 
 SCRIPT = """#!/bin/sh
 echo "[1/4] Making a Python 3.12.1 environment in /x/venv: done in 3 s"

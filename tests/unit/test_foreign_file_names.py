@@ -14,15 +14,13 @@ from foreign_files import Watch, bait, references, watch
 from study_files import LOAD
 
 from softsim_core import load_scene
-from softsim_core.base.errors import ConfigError, MjcfError, SoftSimError
-from softsim_core.lab.study.preparing import prepare_study
-from softsim_core.mjcf.source import read_source
-from softsim_core.physics.actuation import ActuatorDescription, register_actuator
-from softsim_core.physics.actuation.registry import _kinds
+from softsim_core.base import ConfigError, MjcfError, SoftSimError
+from softsim_core.lab.study import prepare_study
+from softsim_core.mjcf import read_source
+from softsim_core.physics.actuation import ActuatorDescription, register_actuator, registry
 from softsim_core.scene import SceneCatalog
 from softsim_core.scene.editing import Put, SceneDocument
-from softsim_core.scene.io.files import find_config
-from softsim_core.scene.io.yaml_loader import Item
+from softsim_core.scene.io import Item, find_config
 
 COUNT = 500
 """References in all, spread over what may hold one."""
@@ -67,7 +65,7 @@ WHERE: dict[str, Callable[[str], Any]] = {
 
 @pytest.mark.parametrize("where", WHERE)
 def test_no_override_opens_a_file(where: str, watch: Watch, bait: Path) -> None:
-    from softsim_ros.nodes.simulator.scene_files import SceneFiles
+    from softsim_ros.nodes.simulator import SceneFiles
 
     pytest.importorskip("rclpy")
     files = SceneFiles(load_scene("cable_finger"))
@@ -80,7 +78,7 @@ def test_no_override_opens_a_file(where: str, watch: Watch, bait: Path) -> None:
 
 def test_overrides_and_edits_do_not_tell_whether_a_file_is_there(bait: Path) -> None:
     pytest.importorskip("rclpy")
-    from softsim_ros.nodes.simulator.scene_files import SceneFiles
+    from softsim_ros.nodes.simulator import SceneFiles
 
     files = SceneFiles(load_scene("cable_finger"))
     for where in set(WHERE) - {"materials"}:
@@ -97,9 +95,9 @@ def test_a_file_that_a_new_key_names_is_found_by_its_type(
 ) -> None:
     """A kind of actuators that others register has keys that nobody here knows."""
     pytest.importorskip("rclpy")
-    from softsim_ros.nodes.simulator.scene_files import SceneFiles
+    from softsim_ros.nodes.simulator import SceneFiles
 
-    monkeypatch.setitem(_kinds, "replay", None)
+    monkeypatch.setitem(registry._kinds, "replay", None)
     register_actuator(ReplayDescription, lambda *_: None)  # type: ignore[arg-type, return-value]
     files = SceneFiles(load_scene("cable_finger"))
     file = str(bait / "part.stl")
@@ -113,7 +111,7 @@ def test_a_file_that_a_new_key_names_is_found_by_its_type(
 def test_no_edit_opens_a_file(watch: Watch, bait: Path, tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
     pytest.importorskip("ruamel.yaml")
-    from softsim_ros.nodes.simulator.scene_files import SceneFiles
+    from softsim_ros.nodes.simulator import SceneFiles
 
     file = tmp_path / "mine.yaml"
     file.write_text(f"extends: {find_config('cable_finger')}\n")
@@ -230,7 +228,7 @@ def test_no_model_of_mujoco_opens_a_file_outside_its_folder(watch: Watch, bait: 
 
 
 def test_no_snapshot_lies_outside_its_folder(watch: Watch, bait: Path, tmp_path: Path) -> None:
-    from softsim_ros.nodes.simulator.snapshot_folder import SnapshotFolder
+    from softsim_ros.nodes.simulator import SnapshotFolder
 
     snapshots = SnapshotFolder(tmp_path / "snapshots")
     snapshots.write("state", b"mine")

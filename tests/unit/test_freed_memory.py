@@ -10,7 +10,7 @@ import pytest
 FAULTS = """
 import resource, sys, threading
 import numpy as np
-from softsim_node.process import keep_freed_memory
+from softsim_node import keep_freed_memory
 
 if sys.argv[1] == "kept" and not keep_freed_memory():
     sys.exit(7)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.physics.dynamics.assembly import Unknowns, generalised_forces, jacobian
+from softsim_core.physics.dynamics import Unknowns, generalised_forces, jacobian
 
 
 @pytest.mark.parametrize("name", ["tripod", "emio", "cable_gripper"])

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 import yaml
 
-from softsim_core.base.errors import ConfigError
-from softsim_core.lab.meshing.guesses import guess
-from softsim_core.mjcf.importing import ImportedScene, _head
-from softsim_core.physics.mesh.types import TetMesh
-from softsim_core.scene.arm.urdf_file import read_urdf
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.io.files import comment, scalar
-from softsim_core.scene.io.yaml_source import parse_yaml
-from softsim_ros.cli.robots.new import arm_text
+from softsim_core.base import ConfigError
+from softsim_core.lab.meshing import guess
+from softsim_core.mjcf import ImportedScene, importing
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.scene import SceneDescription
+from softsim_core.scene.arm import read_urdf
+from softsim_core.scene.io import comment, parse_yaml, scalar
+from softsim_ros.cli.robots import arm_text
 
 FOREIGN = (
     "a\narm: {urdf: evil.xacro}",
@@ -53,7 +52,7 @@ def test_a_comment_stays_one_and_a_value_one_value(text: str) -> None:
 def test_what_was_left_out_of_a_model_adds_no_key(text: str) -> None:
     told = (f"geom {text} of body: is not taken over",)
     imported = ImportedScene(SceneDescription(name="model"), {}, told, {}, {})
-    assert yaml.safe_load(_head(imported, f"{text}.xml") + "name: model\n") == {"name": "model"}
+    assert yaml.safe_load(importing._head(imported, f"{text}.xml") + "name: model\n") == {"name": "model"}
 
 
 def test_names_of_links_and_joints_are_printable(tmp_path: Path) -> None:

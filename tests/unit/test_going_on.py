@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import SceneError, SnapshotError
-from softsim_core.base.values import Placement
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import Placement, SceneError, SnapshotError
+from softsim_core.physics.mesh import Shape
+from softsim_core.scene import CollisionDescription, RigidBodyDescription, RobotDescription
 
 FREE_FALL = (0.0, 0.0, 1.0)
 COLD = 1e-7

@@ -21,10 +21,10 @@ pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
 from softsim_core import Simulation, load_scene  # noqa: E402
-from softsim_core.base.errors import SceneError  # noqa: E402
-from softsim_core.physics.kernels.compile_process import alone  # noqa: E402
-from softsim_core.simulation.warmup import small_scene, touching_scene  # noqa: E402
-from softsim_ros.nodes.simulator.physics_thread import PhysicsThread  # noqa: E402
+from softsim_core.base import SceneError  # noqa: E402
+from softsim_core.physics.kernels import alone  # noqa: E402
+from softsim_core.simulation import small_scene, touching_scene  # noqa: E402
+from softsim_ros.nodes.simulator import PhysicsThread  # noqa: E402
 
 TOLERANCE = 1e-10  # that of test_steppers_agree
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -101,14 +101,14 @@ def physics(request: pytest.FixtureRequest) -> Any:
 
 @pytest.mark.slow
 def test_a_running_robot_goes_over_between_two_steps(physics: Any) -> None:
-    from softsim_ros.nodes.simulator.scene_files import CompiledLater
+    from softsim_ros.nodes.simulator import CompiledLater
 
     compiled_kernels()
     log = Log()
     later = CompiledLater(physics, None, log)
     assert spin_until(lambda: physics.status.steps > 20)
     later.start()
-    assert spin_until(lambda: physics.status.backend == "numba"), log.lines
+    assert spin_until(lambda: physics.status.backend == "numba" and log.lines), log.lines
     (line,) = log.lines
     first = int(line.split("from step ")[1].split()[0])
     assert spin_until(lambda: physics.status.steps > first + 50)
@@ -162,12 +162,12 @@ def test_the_swap_loads_and_compiles_nothing(monkeypatch: pytest.MonkeyPatch) ->
     """The robot would wait for it; all of it is loaded beside the physics thread."""
     from numba.core.caching import Cache
 
-    from softsim_ros.nodes.simulator.scene_files import _compiled
+    from softsim_ros.nodes.simulator import scene_files
 
     compiled_kernels()
     running = Simulation(load_scene("tripod"), backend="scipy")
     running.step()
-    loaded = _compiled(running)
+    loaded = scene_files._compiled(running)
     looked_up: list[Any] = []
     load = Cache.load_overload
 
@@ -189,15 +189,15 @@ def test_what_kernels_need_is_imported_before_the_robot_moves() -> None:
     code = (
         "import sys\n"
         "from softsim_core import Simulation, load_scene\n"
-        "from softsim_core.simulation.warmup import get_ready_to_load\n"
-        "from softsim_ros.nodes.simulator.scene_files import _compiled\n"
+        "from softsim_core.simulation import get_ready_to_load\n"
+        "from softsim_ros.nodes.simulator.scene_files import scene_files._compiled\n"
         "counts = [len(sys.modules)]\n"
         "get_ready_to_load()\n"
         "counts.append(len(sys.modules))\n"
         "running = Simulation(load_scene('tripod'), backend='scipy')\n"
         "running.step()\n"
         "counts.append(len(sys.modules))\n"
-        "assert _compiled(running).compiled\n"
+        "assert scene_files._compiled(running).compiled\n"
         "counts.append(len(sys.modules))\n"
         "print(counts[1] - counts[0], counts[3] - counts[2])\n"
     )
@@ -209,7 +209,7 @@ def test_what_kernels_need_is_imported_before_the_robot_moves() -> None:
 
 @pytest.mark.slow
 def test_what_cannot_be_compiled_is_said_and_the_scipy_path_goes_on(physics: Any) -> None:
-    from softsim_ros.nodes.simulator.scene_files import CompiledLater
+    from softsim_ros.nodes.simulator import CompiledLater
 
     log = Log()
     later = CompiledLater(physics, None, log)
@@ -226,7 +226,7 @@ def test_what_cannot_be_compiled_is_said_and_the_scipy_path_goes_on(physics: Any
 
 @pytest.mark.slow
 def test_a_scene_whose_file_is_gone_goes_over_once_all_kernels_stand(physics: Any, tmp_path: Path) -> None:
-    from softsim_ros.nodes.simulator.scene_files import CompiledLater
+    from softsim_ros.nodes.simulator import CompiledLater
 
     compiled_kernels()
     log = Log()
@@ -241,7 +241,7 @@ def test_a_scene_whose_file_is_gone_goes_over_once_all_kernels_stand(physics: An
 def test_the_end_does_not_wait_for_the_compiler(
     physics: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from softsim_ros.nodes.simulator.scene_files import CompiledLater
+    from softsim_ros.nodes.simulator import CompiledLater
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     later = CompiledLater(physics, None, Log())

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.base.values import Placement
+from softsim_core.base import ConfigError, Placement, SceneError
 from softsim_core.physics.actuation.cable import cable_points
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.robots.gripper_parts import cable_finger, cable_gripper, rigid_thing
+from softsim_core.physics.mesh import Shape
+from softsim_core.robots import cable_finger, cable_gripper, rigid_thing
 from softsim_core.scene import Scene
 
 STEPS = ["0", "1", "2", "2_2", "3", "4", "5"]

@@ -12,9 +12,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from faces import face, home, packages
 from source_trees import tree_of
 
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
@@ -60,6 +61,7 @@ BRIDGE_MAY_USE = (
     "softsim_core.scene.board",
     "softsim_core.scene.description",
     "softsim_core.scene.io.files",
+    "softsim_core.scene.io.loaders",
     "softsim_core.scene.io.yaml_source",
     "softsim_core.scene.robot",
 )
@@ -121,7 +123,10 @@ ROBOT_FIELDS = {field.name for field in dataclasses.fields(RobotDescription)} - 
 
 
 def imports(tree: ast.AST, package: str) -> Iterator[tuple[str, int]]:
-    """Absolute names of imported modules, with lines; `from a import b` gives a.b where b is a module."""
+    """Absolute names of imported modules, with lines.
+
+    `from a import b` gives a.b where b is a module, and the module that defines b where the face of a names it.
+    """
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Import):
             yield from ((alias.name, node.lineno) for alias in node.names)
@@ -131,7 +136,10 @@ def imports(tree: ast.AST, package: str) -> Iterator[tuple[str, int]]:
             for alias in node.names:
                 below = REPOSITORY.joinpath(*module.split("."), alias.name)
                 is_module = below.is_dir() or below.with_suffix(".py").is_file()
-                yield (f"{module}.{alias.name}" if is_module else module), node.lineno
+                if module in packages() and alias.name in face(module):
+                    yield home(module, alias.name), node.lineno
+                else:
+                    yield (f"{module}.{alias.name}" if is_module else module), node.lineno
         else:
             yield from imports(node, package)
 
@@ -343,7 +351,7 @@ try:
 except ImportError:
     from .. import j
 from softsim_core import Simulation_of_no_module, scene
-from softsim_core.base.errors import MeshError
+from softsim_core.base import MeshError
 if TYPE_CHECKING:
     import k
 else:
@@ -371,7 +379,7 @@ def test_the_core_loads_scenes_without_the_optional_packages() -> None:
         "import sys\n"
         "for name in ('cattrs', 'yaml', 'numba', 'rclpy', 'serial', 'meshio'): sys.modules[name] = None\n"
         "from softsim_core.scene import Scene, load_scene\n"
-        "from softsim_core.robots.parts import servo\n"
+        "from softsim_core.robots import servo\n"
         "scene = Scene(); scene.add(servo('a')); assert scene.describe().joint_names == ('a',)\n"
     )
     result = subprocess.run(

@@ -12,14 +12,22 @@ pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import PoseStamped
 
-from softsim_core.base.errors import CommandError
-from softsim_core.physics.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
+from softsim_core.base import CommandError
+from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
 from softsim_core.scene import load_scene
-from softsim_ros.messages.types import ERROR, OK, WARN
-from softsim_ros.nodes.inverse.control_thread import STUCK_AFTER_S, ControlStatus, Following, has_moved
-from softsim_ros.nodes.inverse.inverse_switch import health
-from softsim_ros.nodes.inverse.parameters import ControllerSettings
-from softsim_ros.nodes.inverse.plant import FEEDBACK_WITHIN_S, SILENT_AFTER_S, Plant, checked_pose
+from softsim_ros.messages import ERROR, OK, WARN
+from softsim_ros.nodes.inverse import (
+    FEEDBACK_WITHIN_S,
+    SILENT_AFTER_S,
+    STUCK_AFTER_S,
+    ControllerSettings,
+    ControlStatus,
+    Following,
+    Plant,
+    checked_pose,
+    has_moved,
+    health,
+)
 
 TRIPOD = load_scene("tripod")
 FRAMES = ("world", "tripod/base_link")

@@ -9,23 +9,22 @@ import numpy as np
 import pytest
 
 from softsim_core import Pose, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.control.inverse.problem import (
+from softsim_core.base import Array, SceneError
+from softsim_core.control.inverse import (
     QP,
     Constraint,
     Limits,
     Linearisation,
+    PositionTask,
+    Sensitivity,
     build,
     kkt_residual,
     need_daqp,
     solve,
+    solve_taut,
     torque_rows,
 )
-from softsim_core.control.inverse.sensitivity import Sensitivity
-from softsim_core.control.inverse.static import solve_taut
-from softsim_core.control.inverse.tasks import PositionTask
-from softsim_core.scene.control import InverseSettings
+from softsim_core.scene import InverseSettings
 
 HERE = Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
 SETTINGS = InverseSettings(effort_weight=0.0)

@@ -8,10 +8,9 @@ from typing import Any
 import pytest
 
 from softsim_core import load_scene
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.io.portable import unstructure_scene
-from softsim_core.scene.io.structure import structure_scene
+from softsim_core.base import ConfigError, SceneError
+from softsim_core.scene import InverseSettings
+from softsim_core.scene.io import structure_scene, unstructure_scene
 
 
 def test_the_tripod_has_its_own() -> None:

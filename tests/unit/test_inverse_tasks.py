@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.tasks import (
+from softsim_core.base import Array
+from softsim_core.control.inverse import (
     HeightTiltTask,
     OrientationTask,
     PoseTask,
@@ -16,8 +16,8 @@ from softsim_core.control.inverse.tasks import (
     task_for,
     tilt_of,
 )
-from softsim_core.physics.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_of
-from softsim_core.scene.control import InverseSettings
+from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_of
+from softsim_core.scene import InverseSettings
 
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 

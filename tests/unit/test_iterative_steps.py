@@ -19,18 +19,18 @@ from softsim_core import (
     box_mesh,
     load_scene,
 )
-from softsim_core.base.values import Placement
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription
+from softsim_core.base import Placement
+from softsim_core.physics.mesh import Shape
+from softsim_core.scene import CollisionDescription, RigidBodyDescription
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
 from softsim_core.physics.dynamics.numba_backend import (  # noqa: E402
+    TOLERANCE,
     elimination,
     stepper,
 )
-from softsim_core.physics.dynamics.numba_backend.elimination import TOLERANCE  # noqa: E402
 
 
 def both(name: str) -> tuple[Simulation, Simulation]:

@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 from small_kernels import SOURCE, loaded
 
-from softsim_core.base.files import LockError
-from softsim_core.physics.kernels.compile_process import alone
+from softsim_core.base import LockError
+from softsim_core.physics.kernels import alone
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
 from softsim_core.physics.kernels import cache  # noqa: E402
-from softsim_core.simulation.warmup import _compilers, warm_up  # noqa: E402
+from softsim_core.simulation import warm_up, warmup  # noqa: E402
 
 REGIONS = 8
 """Of a file: a bit is flipped in each."""
@@ -189,7 +189,7 @@ def test_the_lock_of_those_who_compile_follows_no_link(tmp_path: Path) -> None:
 def copied_cache(folder: Path) -> list[Path]:
     """A copy of the kernels that are compiled here, for NUMBA_CACHE_DIR; those of Python, smallest first."""
     warm_up()
-    for compiler in _compilers():
+    for compiler in warmup._compilers():
         assert compiler.cache is not None
         shutil.copytree(compiler.cache, folder / compiler.name, dirs_exist_ok=True)
     return sorted(folder.rglob("for_python/**/*.nb[ci]"), key=lambda file: file.stat().st_size)

@@ -16,7 +16,7 @@ import pytest
 from small_kernels import SOURCE, loaded
 from waiting import DEADLINE_S
 
-from softsim_core.physics.kernels.compile_process import CompileProcess, Wanted, compile_process
+from softsim_core.physics.kernels import CompileProcess, Wanted, compile_process
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
@@ -133,9 +133,7 @@ def test_types_that_no_other_process_knows_are_compiled_here(importable: ModuleT
     The process that compiles for the script ends with it, however that ends. It imports the kernels, which
     make it wait for long.
     """
-    idle = (
-        "\nfrom softsim_core.physics.kernels import compile_process\ncompile_process.IDLE_S = 10.0 * 60.0\n"
-    )
+    idle = "\nfrom softsim_core.physics.kernels import worker\nworker.IDLE_S = 10.0 * 60.0\n"
     assert importable.__file__ is not None
     Path(importable.__file__).write_text(SOURCE + idle)
     code = (

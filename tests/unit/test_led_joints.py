@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_ros.nodes.simulator.setpoints import Commanded
+from softsim_ros.nodes.simulator import Commanded
 
 
 @pytest.fixture(scope="module")

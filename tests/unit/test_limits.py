@@ -7,11 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, seed, settings
-from hypothesis import strategies as st
+from hypothesis import given, seed, settings, strategies as st
 
-from softsim_core.base.errors import CommandError, SceneError
-from softsim_core.physics.mechanics.limits import ARRIVED, JointLimits, check_command
+from softsim_core.base import CommandError, SceneError
+from softsim_core.physics.mechanics import ARRIVED, JointLimits, check_command
 
 JOINTS = ("servo_0", "servo_1", "servo_2")
 finite = st.floats(-1e3, 1e3)

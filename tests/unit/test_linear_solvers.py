@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import FactorisationError, SceneError
-from softsim_core.physics.linalg.linear_solver import Factoriser, Factors, SuperLU
-from softsim_core.physics.linalg.solvers import (
+from softsim_core.base import Array, FactorisationError, SceneError
+from softsim_core.physics.linalg import (
     AUTO,
+    Factoriser,
+    Factors,
+    SuperLU,
     linear_solver,
     linear_solver_names,
     register_linear_solver,
@@ -187,7 +188,7 @@ def test_a_wrong_choice_is_refused_in_a_sentence(small: Any) -> None:
 def small() -> Any:
     from dataclasses import replace
 
-    from softsim_core.simulation.warmup import touching_scene
+    from softsim_core.simulation import touching_scene
 
     def make(name: str) -> Any:
         scene = touching_scene()

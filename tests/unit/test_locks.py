@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core.base.files import LockError, RuntimeFolderError, open_lock, runtime_folder
-from softsim_ros.cli.running.one_at_a_time import AlreadyUpError, lock_file, only_one
+from softsim_core.base import LockError, RuntimeFolderError, open_lock, runtime_folder
+from softsim_ros.cli.running import AlreadyUpError, lock_file, only_one
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

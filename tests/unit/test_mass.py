@@ -9,14 +9,11 @@ import pytest
 from small_scenes import GRAVITY, jittered, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.base import Array, SceneError
+from softsim_core.physics.mechanics import Model, rotation_exp
 from softsim_core.physics.mesh import TetMesh, box_mesh
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import BodyDescription, MaterialDescription
+from softsim_core.scene.building import build
 
 EDGE, DENSITY = 0.03, 1000.0
 MASS = DENSITY * EDGE**3

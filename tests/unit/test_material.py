@@ -11,15 +11,12 @@ import pytest
 from small_scenes import body, scene
 
 from softsim_core import Simulation
-from softsim_core.base.errors import MaterialError, SceneError
-from softsim_core.physics.fem.elements import element, element_names, register_element
-from softsim_core.physics.fem.elements.element import ElementData
-from softsim_core.physics.fem.materials import material, material_names, register_material
-from softsim_core.physics.fem.materials.corotational import Corotational
-from softsim_core.physics.fem.materials.material import lame
+from softsim_core.base import MaterialError, SceneError
+from softsim_core.physics.fem.elements import ElementData, element, element_names, register_element
+from softsim_core.physics.fem.materials import Corotational, lame, material, material_names, register_material
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import MaterialDescription
+from softsim_core.scene.building import build
 
 
 @pytest.mark.parametrize(("young", "poisson"), [(250e3, 0.45), (1.0, 0.0), (5e6, -0.5), (1e3, 0.499)])

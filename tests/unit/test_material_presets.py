@@ -12,12 +12,11 @@ import pytest
 from small_scenes import scene
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.physics.fem.materials.elastomers import elastomer, elastomer_names
+from softsim_core.base import ConfigError, SceneError
+from softsim_core.physics.fem.materials import elastomer, elastomer_names
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.io.yaml_loader import load_yaml
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.scene import BodyDescription, MaterialDescription
+from softsim_core.scene.io import load_yaml
 
 BLOCK = """
 name: block
@@ -148,8 +147,8 @@ def test_the_factor_of_a_preset_is_tuned_while_it_runs() -> None:
 
 def test_every_constant_of_a_preset_has_a_slider_and_a_ros_parameter_that_hold_its_value() -> None:
     pytest.importorskip("rclpy")
-    from softsim_ros.nodes.simulator.parameters import tunables as parameters
-    from softsim_ros.nodes.viewer.parameters import tunables as sliders
+    from softsim_ros.nodes.simulator import tunables as parameters
+    from softsim_ros.nodes.viewer import tunables as sliders
 
     made_of = MaterialDescription(preset="Dragon Skin 20", poisson_ratio=0.4999)
     robot = load_scene("tripod")

@@ -9,11 +9,9 @@ import meshio
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.physics.mesh import TetMesh, box_mesh, linear, quadratic, read_tets
-from softsim_core.physics.mesh.types import subdivided
-from softsim_core.scene import load_scene
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.base import ConfigError, SceneError
+from softsim_core.physics.mesh import TetMesh, box_mesh, linear, quadratic, read_tets, subdivided
+from softsim_core.scene import MaterialDescription, load_scene
 from softsim_core.simulation import Simulation
 
 LENGTHS = (0.06, 0.02, 0.02)
@@ -178,7 +176,7 @@ def test_a_rod_takes_no_regions(tmp_path: Path) -> None:
 @pytest.mark.ros
 def test_a_region_is_a_parameter_of_the_simulator_node(tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
-    from softsim_ros.nodes.simulator.parameters import tunables, with_values
+    from softsim_ros.nodes.simulator import tunables, with_values
 
     gmsh_file(tmp_path)
     (tmp_path / "beam.yaml").write_text(SCENE.format(regions=f"{{name: inner, group: bone, {STIFF}}}"))

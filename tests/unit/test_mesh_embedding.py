@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from softsim_core.base.errors import MeshError
-from softsim_core.physics.mesh import Embedding, SurfaceMesh, TetMesh, box_mesh, embed
-from softsim_core.physics.mesh.follower import SurfaceFollower
-from softsim_core.robots.tripod_mesh import tripod_silicone
+from softsim_core.base import MeshError
+from softsim_core.physics.mesh import Embedding, SurfaceFollower, SurfaceMesh, TetMesh, box_mesh, embed
+from softsim_core.robots import tripod_mesh
 
 BOX = box_mesh((0.06, 0.04, 0.03), (3, 2, 2))
 
@@ -48,7 +46,7 @@ def slow_choice(point: np.ndarray, mesh: TetMesh) -> int:
     return int(np.argmin(((corners.mean(axis=1) - point) ** 2).sum(axis=1)))
 
 
-@pytest.mark.parametrize("mesh", [BOX, tripod_silicone()], ids=["box", "tripod"])
+@pytest.mark.parametrize("mesh", [BOX, tripod_mesh.tripod_silicone()], ids=["box", "tripod"])
 def test_binding_is_that_of_the_plain_search(mesh: TetMesh) -> None:
     rng = np.random.default_rng(7)
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
@@ -60,7 +58,7 @@ def test_binding_is_that_of_the_plain_search(mesh: TetMesh) -> None:
 
 
 def test_points_of_the_mesh_itself_stay_with_their_node_even_rounded_to_float32() -> None:
-    mesh = tripod_silicone()
+    mesh = tripod_mesh.tripod_silicone()
     embedding = embed(mesh.points.astype(np.float32), mesh)
     assert (embedding.weights.max(axis=1) > 1.0 - 1e-5).all()
     nearest = embedding.nodes[np.arange(len(mesh.points)), embedding.weights.argmax(axis=1)]

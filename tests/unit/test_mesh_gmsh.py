@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import MeshError
-from softsim_core.physics.mesh import TetMesh, box_mesh, quadratic, read_tets
-from softsim_core.physics.mesh.faces import boundary_faces
+from softsim_core.base import MeshError
+from softsim_core.physics.mesh import TetMesh, boundary_faces, box_mesh, quadratic, read_tets
 
 TAGS = {"corner": (0, 9), "clamp": (2, 1), "skin": (2, 3), "heavy": (3, 4)}
 STEP = 7

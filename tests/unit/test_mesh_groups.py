@@ -9,9 +9,16 @@ import meshio
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.physics.mesh import TetMesh, box_mesh, linear, quadratic, read_tets, write_tets
-from softsim_core.physics.mesh.faces import boundary_faces
+from softsim_core.base import ConfigError, SceneError
+from softsim_core.physics.mesh import (
+    TetMesh,
+    boundary_faces,
+    box_mesh,
+    linear,
+    quadratic,
+    read_tets,
+    write_tets,
+)
 from softsim_core.scene import load_scene
 from softsim_core.simulation import Simulation
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from small_scenes import jittered
 
-from softsim_core.base.errors import MeshError
-from softsim_core.physics.fem.elements.tetrahedra import MIDDLES, TET10
+from softsim_core.base import MeshError
+from softsim_core.physics.fem.elements import MIDDLES, TET10
 from softsim_core.physics.mesh import (
+    MIDDLES as MIDDLES_OF_MESHES,
     TetMesh,
     boundary,
     box_mesh,
@@ -26,7 +27,6 @@ from softsim_core.physics.mesh import (
     subdivided,
     write_tets,
 )
-from softsim_core.physics.mesh.types import MIDDLES as MIDDLES_OF_MESHES
 
 
 def block() -> TetMesh:

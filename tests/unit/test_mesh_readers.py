@@ -17,8 +17,7 @@ import meshio
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import MeshError
-from softsim_core.base.values import Placement
+from softsim_core.base import MeshError, Placement
 from softsim_core.physics.mesh import (
     TetMesh,
     boundary_surface,

@@ -18,7 +18,7 @@ from softsim_core import (
     SceneDescription,
     Simulation,
 )
-from softsim_core.base.errors import MeshError
+from softsim_core.base import MeshError
 from softsim_core.physics.mesh import (
     TetMesh,
     boundary_surface,

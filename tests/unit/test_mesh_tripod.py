@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from softsim_core.base.errors import MeshError
-from softsim_core.base.values import Placement
+from softsim_core.base import MeshError, Placement
 from softsim_core.physics.mesh import (
     TetMesh,
     boundary_surface,
@@ -23,7 +22,7 @@ from softsim_core.physics.mesh import (
     read_tets,
     rotation_matrix,
 )
-from softsim_core.robots.tripod_mesh import LEVELS, TIP_LINE, main, tripod_silicone
+from softsim_core.robots import tripod_mesh
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 NODES = {"coarse": 144, "low": 246, "mid": 765, "high": 1536}
@@ -32,14 +31,14 @@ MEAN_RADIUS_RATIO = {"coarse": 0.53, "low": 0.71, "mid": 0.67, "high": 0.63}
 HALF_LENGTH = 0.055131397  # outermost corner: half the width beside the reach, turned by 60 degrees
 
 
-@pytest.fixture(scope="module", params=list(LEVELS))
+@pytest.fixture(scope="module", params=list(tripod_mesh.LEVELS))
 def level(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
 @pytest.fixture(scope="module")
 def silicone(level: str) -> TetMesh:
-    return tripod_silicone(*LEVELS[level])
+    return tripod_mesh.tripod_silicone(*tripod_mesh.LEVELS[level])
 
 
 def test_size_and_shape(level: str, silicone: TetMesh) -> None:
@@ -55,7 +54,7 @@ def test_size_and_shape(level: str, silicone: TetMesh) -> None:
 
 
 def test_volume_is_exact_up_to_the_polygon_of_the_hole(level: str, silicone: TetMesh) -> None:
-    corners = 6 * LEVELS[level][0]
+    corners = 6 * tripod_mesh.LEVELS[level][0]
     overlap = 3.0 * 0.030 * 0.055 - 2.0 * 3.0 * 0.5 * 0.015 * 0.015 / math.sqrt(3.0)
     hole = 0.5 * corners * 0.005**2 * math.sin(2.0 * math.pi / corners)
     assert check_tets(silicone).volume == pytest.approx(0.005 * (overlap - hole), rel=1e-12)
@@ -108,13 +107,13 @@ def test_regions_of_the_robot_are_equal_on_the_three_arms(level: str, silicone: 
 
 
 def test_a_row_of_nodes_crosses_each_arm_at_the_tip_line(level: str, silicone: TetMesh) -> None:
-    divisions, layers = LEVELS[level]
-    row = np.isclose(silicone.points[:, 0], -TIP_LINE, rtol=1e-9)
+    divisions, layers = tripod_mesh.LEVELS[level]
+    row = np.isclose(silicone.points[:, 0], -tripod_mesh.TIP_LINE, rtol=1e-9)
     assert row.sum() == (2 * divisions + 1) * (layers + 1)
 
 
 def test_committed_files_are_what_the_generator_writes(tmp_path: Path, level: str) -> None:
-    assert main(["--out", str(tmp_path)]) == 0
+    assert tripod_mesh.main(["--out", str(tmp_path)]) == 0
     for suffix in ("vtk", "stl"):
         committed, fresh = (
             CONFIGS / "meshes" / f"tripod_{level}.{suffix}",
@@ -141,12 +140,12 @@ def test_committed_surface_is_the_boundary_of_the_committed_mesh(level: str) -> 
 @pytest.mark.parametrize(("divisions", "layers"), [(0, 1), (2, 0)])
 def test_too_coarse_is_refused(divisions: int, layers: int) -> None:
     with pytest.raises(MeshError, match="must be >= 1"):
-        tripod_silicone(divisions, layers)
+        tripod_mesh.tripod_silicone(divisions, layers)
 
 
 @pytest.mark.parametrize("divisions", [1, 2, 3, 4, 5, 6, 8])
 def test_every_size_is_well_shaped(divisions: int) -> None:
-    report = check_tets(tripod_silicone(divisions, max(1, divisions - 1)))
+    report = check_tets(tripod_mesh.tripod_silicone(divisions, max(1, divisions - 1)))
     assert report.min_dihedral_deg > 10.0
     assert report.min_radius_ratio > 0.2
 
@@ -156,6 +155,6 @@ def test_a_folder_that_cannot_be_made_ends_with_a_sentence(
 ) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(SystemExit) as caught:
-        main(["--out", str(tmp_path / "file")])
+        tripod_mesh.main(["--out", str(tmp_path / "file")])
     assert caught.value.code == 1
     assert "cannot be written" in capsys.readouterr().err

@@ -11,10 +11,13 @@ pytestmark = pytest.mark.ros
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402
 
-from softsim_core.base.errors import SoftSimError  # noqa: E402
+from softsim_core.base import SoftSimError  # noqa: E402
 from softsim_ros import messages  # noqa: E402
-from softsim_ros.messages import markers as marker_module  # noqa: E402
-from softsim_ros.messages.meshes import colour_table, linear_rgb  # noqa: E402
+from softsim_ros.messages import (  # noqa: E402
+    colour_table,
+    linear_rgb,
+    markers as marker_module,
+)
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 STAMP = messages.time_message(12.5)

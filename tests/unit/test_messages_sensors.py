@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.control.inverse.closed_loop import tilts_of
-from softsim_core.physics.mechanics.pose import rotation_log, rotation_of
+from softsim_core.control.inverse import tilts_of
+from softsim_core.physics.mechanics import rotation_log, rotation_of
 from softsim_core.physics.sensing import ImuDescription
 
 pytest.importorskip("rclpy")
 from std_msgs.msg import Header
 
-from softsim_ros.messages.sensors import told_of
-from softsim_ros.nodes.inverse.closed_loop_node import imu_tilts
-from softsim_ros.topic_names import topic_words
+from softsim_ros import topic_words
+from softsim_ros.messages import told_of
+from softsim_ros.nodes.inverse import imu_tilts
 
 
 @pytest.mark.slow

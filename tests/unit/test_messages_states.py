@@ -9,7 +9,7 @@ pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 from softsim_ros import messages  # noqa: E402
-from softsim_ros.messages.types import OK, diagnostic_array, diagnostic_values  # noqa: E402
+from softsim_ros.messages import OK, diagnostic_array, diagnostic_values  # noqa: E402
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import softsim_core
 import softsim_node
 import softsim_ros
 from softsim_core import MOVED
-from softsim_core.base.moved import FormerNames
+from softsim_core.base import FormerNames
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -29,6 +29,8 @@ DOCUMENTED = {
     "softsim_core.arrays": ("Array", "IndexArray"),
     "softsim_core.editing": ("SceneDocument",),
     "softsim_core.editing.parts": ("add_attachment",),
+    "softsim_core.fem.elements.element": ("ElementData",),
+    "softsim_core.fem.materials.material": ("Material",),
     "softsim_core.fem.elements": ("ElementData", "element", "register_element"),
     "softsim_core.fem.materials": ("Material", "MaterialParameter", "register_material"),
     "softsim_core.inverse.closed_loop": ("read_closed_loop_log",),
@@ -38,6 +40,7 @@ DOCUMENTED = {
     "softsim_core.mesh.shapes": ("Shape",),
     "softsim_core.meshing": ("MeshingOptions", "mesh_part"),
     "softsim_core.observer.observer": ("Observer",),
+    "softsim_core.scene.yaml_loader": ("load_yaml",),
     "softsim_core.scene.objects": ("CollisionDescription",),
     "softsim_core.values": ("Box", "Placement", "Vector"),
 }

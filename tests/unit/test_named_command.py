@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from softsim_core.base.errors import CommandError
-from softsim_core.physics.mechanics.limits import check_age, check_named_command, check_positions_only
+from softsim_core.base import CommandError
+from softsim_core.physics.mechanics import check_age, check_named_command, check_positions_only
 
 JOINTS = ("servo_0", "servo_1", "servo_2")
 

@@ -6,20 +6,19 @@ import numpy as np
 import pytest
 from small_scenes import body, scene, slab
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.dynamics.backends import Backend, make_stepper
-from softsim_core.physics.fem.materials.corotational import polar_rotations
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.base import Array, Backend
+from softsim_core.physics.dynamics import make_stepper
+from softsim_core.physics.fem.materials import polar_rotations
+from softsim_core.physics.mechanics import Control, rotation_exp
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.building.builder import build
+from softsim_core.scene.building import build
 
 MATRICES = 300
 
 
 def compiled(matrix: Array) -> Array:
     pytest.importorskip("numba")
-    from softsim_core.physics.dynamics.numba_backend.cells.corotational import nearest_rotation
+    from softsim_core.physics.dynamics.numba_backend.cells import nearest_rotation
 
     result = np.empty((3, 3))
     nearest_rotation(np.ascontiguousarray(matrix), result)

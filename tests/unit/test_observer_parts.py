@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.control.observer.filter import (
+from softsim_core.base import SoftSimError
+from softsim_core.control.observer import (
     WINDOWS,
     Belief,
     JumpDetector,
+    ObserverSettings,
     chi_square_limit,
     squared_distance,
 )
-from softsim_core.control.observer.settings import ObserverSettings
 
 
 def test_a_belief_after_many_measurements_is_the_least_squares_estimate() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.optional_messages import OPTIONAL, optional_module, optional_type
+from softsim_ros import OPTIONAL, optional_module, optional_type
 
 NAME = "control_msgs"
 

@@ -12,13 +12,11 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.base.values import MeshFile, Placement
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.base import ConfigError, MeshFile, Placement, SceneError
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.physics.mesh import TetMesh
 from softsim_core.robots import parts
-from softsim_core.scene import Part, Scene
-from softsim_core.scene.robot import Controller, RobotDescription
+from softsim_core.scene import Controller, Part, RobotDescription, Scene
 
 
 def described(*items: Any) -> RobotDescription:
@@ -196,7 +194,7 @@ def test_what_holds_the_silicone_in_each_step() -> None:
 def test_a_users_scene_with_a_key_controller_runs(tmp_path: Path) -> None:
     path = tmp_path / "own.py"
     path.write_text(
-        "from softsim_core.robots.parts import servo\n"
+        "from softsim_core.robots import servo\n"
         "def create_scene(scene):\n"
         "    scene.add(servo('a'))\n"
         "    @scene.on_key\n"

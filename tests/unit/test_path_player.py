@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import CommandError
-from softsim_core.control.inverse.paths import EffectorPath
-from softsim_ros.nodes.inverse.path_follower_node import PathPlayer
+from softsim_core.base import CommandError
+from softsim_core.control.inverse import EffectorPath
+from softsim_ros.nodes.inverse import PathPlayer
 
 UP = np.array([0.0, 0.0, 0.0, 1.0])
 PATH = EffectorPath([0.0, 2.0], [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0)], [UP, UP])

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from softsim_core.base.errors import CommandError, ConfigError
-from softsim_core.control.inverse.closed_loop import tilt_rotation, tilts_of
-from softsim_core.control.inverse.paths import (
+from softsim_core.base import CommandError, ConfigError
+from softsim_core.control.inverse import (
     EffectorPath,
     find_path,
     known_paths,
@@ -19,9 +18,11 @@ from softsim_core.control.inverse.paths import (
     read_csv_path,
     read_maze_plan,
     read_path,
+    tilt_rotation,
+    tilts_of,
     write_csv_path,
 )
-from softsim_core.physics.mechanics.pose import rotation_of
+from softsim_core.physics.mechanics import rotation_of
 
 START = (0.0, 0.0, 0.03)
 OURS_OF_REFERENCE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # (x, y, z) = (z, x, y)_ref

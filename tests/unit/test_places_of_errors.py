@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from softsim_core import load_scene
-from softsim_core.base.errors import ConfigError
+from softsim_core.base import ConfigError
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 FILES = sorted([*(CONFIGS / "robots").glob("*.yaml"), *(CONFIGS / "scenes").glob("*.yaml")])

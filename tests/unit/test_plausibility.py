@@ -10,16 +10,19 @@ import pytest
 from small_scenes import scene
 
 from softsim_core import load_scene
-from softsim_core.base.values import Placement
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.readers import write_tets
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import RodDescription, RodSectionDescription
+from softsim_core.base import Placement
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mesh import Shape, box_mesh, write_tets
+from softsim_core.scene import (
+    BodyDescription,
+    CollisionDescription,
+    MaterialDescription,
+    RigidBodyDescription,
+    RodDescription,
+    RodSectionDescription,
+    SceneDescription,
+)
+from softsim_core.scene.building import build
 
 SILICONE = MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)
 

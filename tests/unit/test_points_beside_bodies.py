@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.actuation.building import Surroundings
+from softsim_core.base import SceneError
+from softsim_core.physics.actuation import Surroundings
 from softsim_core.physics.mesh import TetMesh, boundary, box_mesh, closest_point, quadratic
 from softsim_core.simulation import Simulation
 from tests.small_scenes import body, jittered, scene

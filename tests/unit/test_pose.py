@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from softsim_core.physics.mechanics.pose import (
+from softsim_core.physics.mechanics import (
     cross_matrix,
     euler_of,
     quaternion_of,

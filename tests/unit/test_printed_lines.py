@@ -10,7 +10,7 @@ from waiting import DEADLINE_S
 
 pytest.importorskip("rclpy")
 
-from softsim_ros.nodes.simulator.physics_thread import printed_lines
+from softsim_ros.nodes.simulator import printed_lines
 
 pytestmark = pytest.mark.ros
 

@@ -8,7 +8,7 @@ pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import Vector3, Wrench
 
-from softsim_ros.nodes.simulator.inputs import is_turned
+from softsim_ros.nodes.simulator import is_turned
 
 
 def wrench(force: float, torque: float) -> Wrench:

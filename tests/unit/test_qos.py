@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 from rclpy.qos import ReliabilityPolicy
 
 import softsim_ros
-from softsim_node.topics import MEASURED
+from softsim_node import MEASURED
 
 SUBSCRIPTION = re.compile(
     r"create_subscription\(\s*\w+,\s*\"(?P<topic>[\w/]+)\",[^)]*?,\s*(?P<qos>[\w.]+)[,)]"

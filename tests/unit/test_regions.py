@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from softsim_core.base.values import Box, Sphere
-from softsim_core.scene.deformable import nodes_in
+from softsim_core.base import Box, Sphere
+from softsim_core.scene import nodes_in
 
 
 def test_a_box_includes_its_faces_edges_and_corners() -> None:

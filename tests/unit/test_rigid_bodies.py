@@ -7,17 +7,16 @@ import pytest
 from small_scenes import body, slab
 
 from softsim_core import Simulation
-from softsim_core.base.values import Placement
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.description import (
+from softsim_core.base import Placement
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import (
     CollisionDescription,
+    JointDescription,
     RigidBodyDescription,
     SceneDescription,
     SolverSettings,
 )
-from softsim_core.scene.joint import JointDescription
 
 
 def drop(backend: str = "auto") -> SceneDescription:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from softsim_core import find_config
-from softsim_core.base.errors import ConfigError
+from softsim_core.base import ConfigError
 from softsim_core.scene import SceneCatalog
 
 YAML = "name: mine\nbodies: []\n"

@@ -5,12 +5,16 @@ from __future__ import annotations
 import pytest
 from small_scenes import machine
 
-from softsim_core.base.errors import SceneError
-from softsim_core.scene import Scene
-from softsim_core.scene.control import InverseSettings, StartAnimation
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.robot import RobotDescription, as_robot
-from softsim_core.scene.view import ViewSettings
+from softsim_core.base import SceneError
+from softsim_core.scene import (
+    InverseSettings,
+    RobotDescription,
+    Scene,
+    SceneDescription,
+    StartAnimation,
+    ViewSettings,
+    as_robot,
+)
 from softsim_core.simulation import Simulation
 
 NO_NAMESPACES = ("", "two words", "9lives", "a/b", "é")

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core.base.errors import ConfigError
+from softsim_core.base import ConfigError
 from softsim_core.scene import find_config, known_scenes, load_scene
-from softsim_core.scene.io.files import config_file, config_roots
+from softsim_core.scene.io import config_file, config_roots
 
 SCENE = "name: own\n"
 

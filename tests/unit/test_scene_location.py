@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from softsim_core.scene import find_config
-from softsim_core.scene.io.location import locate
-from softsim_core.scene.io.yaml_loader import Item
+from softsim_core.scene.io import Item, locate
 
 
 @pytest.mark.parametrize(

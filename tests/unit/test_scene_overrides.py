@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from softsim_core.base.errors import ConfigError
+from softsim_core.base import ConfigError
 from softsim_core.scene import load_scene
-from softsim_core.scene.io.yaml_loader import Item, laid_over, override_at, read_overrides, write_overrides
+from softsim_core.scene.io import Item, laid_over, override_at, read_overrides, write_overrides
 
 BASE = ("joints", Item("servo_0"), "base")
 

@@ -10,12 +10,10 @@ from textwrap import dedent
 
 import pytest
 
-from softsim_core.base.errors import CommandError, ConfigError, SceneError
-from softsim_core.physics.mesh.types import TetMesh
-from softsim_core.scene import Part, Scene, load_python, load_scene
-from softsim_core.scene.io.python_loader import MODULES
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.scene import animated
+from softsim_core.base import CommandError, ConfigError, SceneError
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.scene import JointDescription, Part, Scene, animated, load_python, load_scene
+from softsim_core.scene.io import MODULES
 
 
 def write(folder: Path, text: str, name: str = "own.py") -> Path:
@@ -48,8 +46,8 @@ def test_a_users_file_builds_a_scene(tmp_path: Path) -> None:
         tmp_path,
         """
         from beside import NAME
-        from softsim_core.scene.description import SolverSettings
-        from softsim_core.robots.parts import elastic_body, fixing_box, servo
+        from softsim_core.scene import SolverSettings
+        from softsim_core.robots import elastic_body, fixing_box, servo
 
         def create_scene(scene):
             scene.name = NAME
@@ -80,8 +78,8 @@ def test_meshes_may_be_arrays(tmp_path: Path) -> None:
         tmp_path,
         """
         import numpy as np
-        from softsim_core.physics.mesh.types import TetMesh
-        from softsim_core.robots.parts import elastic_body
+        from softsim_core.physics.mesh import TetMesh
+        from softsim_core.robots import elastic_body
 
         MESH = TetMesh(points=np.eye(4, 3), tets=np.array([[0, 1, 2, 3]]))
 
@@ -109,7 +107,7 @@ def test_overrides(tmp_path: Path) -> None:
     path = write(
         tmp_path,
         """
-        from softsim_core.robots.parts import servo
+        from softsim_core.robots import servo
 
         def create_scene(scene):
             scene.add(servo("a"))
@@ -196,7 +194,7 @@ def test_files_that_do_not_run(tmp_path: Path, text: str, key: str, words: list[
         ),
         ("import softsim_core.dynamics.simulation", "import softsim_core.simulation in its place"),
         (
-            "from softsim_core.scene.description import KeyBinding",
+            "from softsim_core.scene import KeyBinding",
             "not in softsim_core.scene.description any more; write `from softsim_core import KeyBinding`",
         ),
         ("from softsim_core.physics.mesh import nothing", "ImportError: cannot import name 'nothing'"),
@@ -253,7 +251,7 @@ def test_a_failing_controller_names_its_line(tmp_path: Path) -> None:
     path = write(
         tmp_path,
         """
-        from softsim_core.base.errors import CommandError
+        from softsim_core.base import CommandError
 
         def create_scene(scene):
             @scene.on_step_end

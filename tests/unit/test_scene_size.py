@@ -7,18 +7,19 @@ from typing import Any
 
 import pytest
 
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.base.values import MeshFile
-from softsim_core.physics.mesh.generators import box_mesh
-from softsim_core.physics.mesh.types import quadratic
-from softsim_core.scene import load_scene
+from softsim_core.base import ConfigError, MeshFile, SceneError
+from softsim_core.physics.mesh import box_mesh, quadratic
+from softsim_core.scene import (
+    BodyDescription,
+    MaterialDescription,
+    RobotDescription,
+    SceneDescription,
+    check_size,
+    load_scene,
+    scene_size,
+)
 from softsim_core.scene.building import builder
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.io.portable import read_description, write_description
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.size import check_size, scene_size
+from softsim_core.scene.io import read_description, write_description
 
 ROD = """
 name: rods
@@ -83,7 +84,7 @@ def test_a_scene_from_a_message_is_measured_before_it_is_built(
     keys: str, body: str, needs: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("rclpy")
-    from softsim_ros.nodes.simulator.scene_files import SceneBuilder
+    from softsim_ros.nodes.simulator import SceneBuilder
 
     robot = rod(tmp_path, keys, body)
     for door in (

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.scene import Scene, load_scene, load_yaml
-from softsim_core.scene.view import LAYERS, Camera, ViewSettings
+from softsim_core.base import ConfigError, SceneError
+from softsim_core.scene import LAYERS, Camera, Scene, ViewSettings, load_scene, load_yaml
 
 
 def refusal(path: Path, text: str) -> ConfigError:

@@ -10,23 +10,30 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from softsim_core.base.errors import ConfigError
-from softsim_core.base.values import Box, MeshFile, Placement, Sphere
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene import SceneDescription, load_scene, load_yaml
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SolverSettings
-from softsim_core.scene.io.portable import unstructure_scene
-from softsim_core.scene.io.structure import structure_scene
-from softsim_core.scene.io.yaml_loader import read_overrides
-from softsim_core.scene.io.yaml_source import SourcedMapping, key_path, read_yaml
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.view import ViewSettings
+from softsim_core.base import Box, ConfigError, MeshFile, Placement, Sphere
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    MaterialDescription,
+    RobotDescription,
+    SceneDescription,
+    SolverSettings,
+    ViewSettings,
+    load_scene,
+    load_yaml,
+)
+from softsim_core.scene.io import (
+    SourcedMapping,
+    key_path,
+    read_overrides,
+    read_yaml,
+    structure_scene,
+    unstructure_scene,
+)
 
 MINIMAL = """\
 name: block
@@ -324,7 +331,7 @@ def test_overrides_are_laid_over_and_named_in_mistakes(write: Write) -> None:
 def test_a_missing_package_is_one_sentence(
     write: Write, monkeypatch: pytest.MonkeyPatch, missing: str
 ) -> None:
-    from softsim_core.scene.io.structure import scene_converter
+    from softsim_core.scene.io import scene_converter
 
     scene_converter.cache_clear()
     monkeypatch.setitem(sys.modules, missing, None)

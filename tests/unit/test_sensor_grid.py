@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from softsim_core.physics.sensing.tactile import grid_over, spread_over
+from softsim_core.physics.sensing import grid_over, spread_over
 
 
 @pytest.mark.parametrize("seed", range(4))

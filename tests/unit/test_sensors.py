@@ -11,10 +11,8 @@ import pytest
 from small_scenes import body, machine, scene, slab
 
 from softsim_core import Scene, Simulation, load_scene
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.base.values import Box, Placement
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
+from softsim_core.base import Box, ConfigError, Placement, SceneError
+from softsim_core.physics.mesh import Shape, box_mesh
 from softsim_core.physics.sensing import (
     CableSensorDescription,
     ImuDescription,
@@ -29,9 +27,8 @@ from softsim_core.physics.sensing import (
     WrenchSensorDescription,
     register_sensor,
 )
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription
-from softsim_core.scene.io.portable import read_description, write_description
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import CollisionDescription, RigidBodyDescription, RobotDescription
+from softsim_core.scene.io import read_description, write_description
 
 BOX = "{center: [0, 0, 0], size: [1, 1, 1]}"
 IMU = ImuDescription(name="imu", on="middle", accelerometer_noise=0.1, gyroscope_noise=0.02, seed=4)

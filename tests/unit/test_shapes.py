@@ -8,24 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import MeshError
-from softsim_core.base.values import MeshFile, Placement
+from softsim_core.base import MeshError, MeshFile, Placement
 from softsim_core.physics.mesh import (
+    Shape,
     SurfaceMesh,
+    box_surface,
+    cylinder_surface,
     enclosed_volume,
     euler_number,
     is_closed,
-    place,
-    write_surface,
-)
-from softsim_core.physics.mesh.shapes import (
-    Shape,
-    box_surface,
-    cylinder_surface,
     mass_properties,
+    place,
     solid_properties,
     sphere_surface,
     surface_of,
+    write_surface,
 )
 
 BOX = (0.02, 0.03, 0.05)

@@ -12,8 +12,8 @@ pytest.importorskip("rclpy")
 from std_msgs.msg import String
 
 from softsim_core.scene import load_scene
-from softsim_core.scene.io.portable import write_description
-from softsim_ros.nodes.inverse.plant import SimulatedRobot
+from softsim_core.scene.io import write_description
+from softsim_ros.nodes.inverse import SimulatedRobot
 
 
 class Heard:

@@ -12,12 +12,10 @@ import pytest
 from small_scenes import body, limited, machine, scene, shaken, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import ArrayError, MaterialError, SceneError, SolverDivergedError
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.mechanics.control import Control
+from softsim_core.base import ArrayError, Backend, MaterialError, SceneError, SolverDivergedError
+from softsim_core.physics.mechanics import Control
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import Controller
+from softsim_core.scene import Controller, JointDescription
 
 A = -1.4965
 DT = 0.01

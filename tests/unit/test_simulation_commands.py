@@ -9,11 +9,11 @@ import pytest
 from small_scenes import limited, machine
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import (
+from softsim_core.base import (
+    Backend,
     CommandError,
     SceneError,
 )
-from softsim_core.physics.dynamics import Backend
 
 A = -1.4965
 DT = 0.01

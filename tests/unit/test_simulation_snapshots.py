@@ -7,11 +7,11 @@ import pytest
 from small_scenes import body, limited, machine, shaken
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import (
+from softsim_core.base import (
+    Backend,
     SnapshotError,
 )
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.mechanics.state import pack
+from softsim_core.physics.mechanics import pack
 from softsim_core.physics.mesh import box_mesh
 
 A = -1.4965

@@ -6,11 +6,9 @@ import pytest
 
 pytest.importorskip("diagnostic_msgs", reason="the message packages are not installed")
 
-from softsim_core.physics.dynamics.report import StepReport
-from softsim_ros.messages.types import ERROR, OK, WARN
-from softsim_ros.nodes.simulator.monitor import Fallbacks
-from softsim_ros.nodes.simulator.physics_thread import PhysicsStatus
-from softsim_ros.nodes.simulator.simulator_node import health
+from softsim_core.physics.dynamics import StepReport
+from softsim_ros.messages import ERROR, OK, WARN
+from softsim_ros.nodes.simulator import Fallbacks, PhysicsStatus, health
 
 
 @pytest.mark.parametrize(("count", "told"), [(1, "1 element is inside"), (7, "7 elements are inside")])

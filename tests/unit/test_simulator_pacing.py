@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from softsim_ros.nodes.simulator.monitor import Pacer, RateGate, SpeedMeter
+from softsim_ros.nodes.simulator import Pacer, RateGate, SpeedMeter
 
 
 def test_steps_keep_their_schedule_whatever_each_costs() -> None:

@@ -11,13 +11,11 @@ import pytest
 from waiting import DEADLINE_S
 
 from softsim_core import load_scene
-from softsim_core.base.errors import CommandError, SceneError, SoftSimError
-from softsim_core.physics.actuation.trajectory import JointTrajectory
-from softsim_core.scene.robot import Controller, RobotDescription
-from softsim_core.simulation import Simulation
-from softsim_core.simulation.warmup import small_scene
-from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
-from softsim_ros.nodes.simulator.setpoints import Commanded, Progress
+from softsim_core.base import CommandError, SceneError, SoftSimError
+from softsim_core.physics.actuation import JointTrajectory
+from softsim_core.scene import Controller, RobotDescription
+from softsim_core.simulation import Simulation, small_scene
+from softsim_ros.nodes.simulator import Commanded, PhysicsThread, Progress
 
 
 class Watcher:

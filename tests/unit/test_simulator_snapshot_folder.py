@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from softsim_core import load_scene
-from softsim_core.base.errors import SnapshotError
-from softsim_ros.nodes.simulator.snapshot_folder import SnapshotFolder, default_folder, default_name
+from softsim_core.base import SnapshotError
+from softsim_ros.nodes.simulator import SnapshotFolder, default_folder, default_name
 
 
 def test_the_default_folder_follows_xdg() -> None:

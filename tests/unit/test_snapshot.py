@@ -7,9 +7,8 @@ import hashlib
 import numpy as np
 import pytest
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SnapshotError
-from softsim_core.physics.mechanics.state import MAGIC, pack, unpack
+from softsim_core.base import Array, SnapshotError
+from softsim_core.physics.mechanics import MAGIC, pack, unpack
 
 SCENE = bytes(range(32))
 

@@ -10,9 +10,7 @@ pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
 
 from softsim_core import Simulation, load_scene
-from softsim_ros.nodes.simulator.monitor import StageTime
-from softsim_ros.nodes.simulator.publications import stage_statistics
-from softsim_ros.nodes.simulator.scene_topics import index_array, structure
+from softsim_ros.nodes.simulator import StageTime, index_array, stage_statistics, structure
 
 pytestmark = pytest.mark.ros
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softsim_core.base.errors import ArrayError
-from softsim_core.physics.mechanics.state import State
+from softsim_core.base import ArrayError
+from softsim_core.physics.mechanics import State
 
 
 def test_views_share_the_buffer() -> None:

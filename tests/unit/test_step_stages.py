@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.physics.dynamics.report import PART_OF, StageShare, stage_tree
+from softsim_core.physics.dynamics import PART_OF, StageShare, stage_tree
 
 
 def test_a_stage_comes_before_its_parts_and_has_what_they_leave() -> None:
@@ -43,7 +43,7 @@ def test_the_parts_of_a_real_step_take_no_longer_than_it(scene: str) -> None:
 
 def test_the_ring_keeps_the_last_steps_in_order() -> None:
     pytest.importorskip("rclpy")
-    from softsim_ros.nodes.simulator.monitor import StepHistory
+    from softsim_ros.nodes.simulator import StepHistory
 
     history = StepHistory(4)
     assert history.steps()[1].shape == (0, 0)

@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 from small_scenes import assert_same, body, jittered, machine, scene, slab
 
-from softsim_core.base.values import Placement
-from softsim_core.physics.dynamics.backends import make_stepper
-from softsim_core.physics.mechanics.control import Control
-from softsim_core.physics.mechanics.pose import rotation_exp
-from softsim_core.physics.mechanics.state import State
+from softsim_core.base import Placement
+from softsim_core.physics.dynamics import make_stepper
+from softsim_core.physics.mechanics import Control, State, rotation_exp
 from softsim_core.physics.mesh import TetMesh, box_mesh
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene import JointDescription, SceneDescription
+from softsim_core.scene.building import build
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba

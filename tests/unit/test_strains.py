@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from small_scenes import body, jittered, scene
 
-from softsim_core.physics.dynamics.substeps import strain_measure
-from softsim_core.physics.fem.cells import inverted_cells, strain_change
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.dynamics import strain_measure
+from softsim_core.physics.fem import ElementGroup, inverted_cells, strain_change
+from softsim_core.physics.mechanics import Model
 from softsim_core.physics.mesh import box_mesh, quadratic
-from softsim_core.scene.building.builder import build
+from softsim_core.scene.building import build
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
@@ -42,7 +41,7 @@ def test_the_compiled_measure_is_the_plain_one(order: int) -> None:
 
 
 def test_the_compiled_count_of_folded_cells_is_the_plain_one() -> None:
-    from softsim_core.physics.dynamics.numba_backend.cells.batches import cell_batches, count_folded
+    from softsim_core.physics.dynamics.numba_backend.cells import cell_batches, count_folded
 
     model, group = beam(order=2)
     rng = np.random.default_rng(2)

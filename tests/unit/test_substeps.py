@@ -10,16 +10,12 @@ import numpy as np
 import pytest
 from small_scenes import body, scene
 
-from softsim_core.base.errors import FactorisationError, SceneError
-from softsim_core.physics.dynamics.report import StepReport
-from softsim_core.physics.dynamics.substeps import SubstepStepper
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.state import State
+from softsim_core.base import FactorisationError, SceneError
+from softsim_core.physics.dynamics import StepReport, SubstepStepper
+from softsim_core.physics.mechanics import Control, Model, Parameters, State
 from softsim_core.physics.mesh import box_mesh, quadratic
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.description import SolverSettings
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene import JointDescription, SolverSettings
+from softsim_core.scene.building import build
 
 
 class Shearing:

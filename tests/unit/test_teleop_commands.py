@@ -8,36 +8,37 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from hypothesis import given, seed, settings
-from hypothesis import strategies as st
+from hypothesis import given, seed, settings, strategies as st
 from typed_keys import Typed, press
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene import load_scene
-from softsim_core.scene.control import KEY_NAMES, CommandSettings, KeyBinding
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_ros.client.joints import (
+from softsim_core.base import SoftSimError
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import (
+    KEY_NAMES,
+    CommandSettings,
+    JointDescription,
+    KeyBinding,
+    RobotDescription,
+    SceneDescription,
+    load_scene,
+)
+from softsim_ros.client import (
+    STALE_AFTER_S,
     GoToPose,
     MoveAll,
     MoveJoint,
+    RobotState,
     StepJoints,
+    commandable,
     decide,
     format_command,
     format_position,
-)
-from softsim_ros.client.state import (
-    STALE_AFTER_S,
-    RobotState,
-    commandable,
     held_positions,
     with_command,
     with_heard_command,
     with_measurement,
 )
-from softsim_ros.keys.press import CallAction, KeyPress, Quit, key_table
+from softsim_ros.keys import CallAction, KeyPress, Quit, key_table
 
 TRIPOD = load_scene("tripod")
 FREE = replace(TRIPOD, commands=CommandSettings(enforce_limits=False))

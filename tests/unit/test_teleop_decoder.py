@@ -6,12 +6,11 @@ import string
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, seed, settings
-from hypothesis import strategies as st
+from hypothesis import given, seed, settings, strategies as st
 
-from softsim_core.scene.control import KEY_NAMES
-from softsim_ros.keys.press import KeyPress
-from softsim_ros.nodes.teleop.decoder import ESCAPE_TIMEOUT_S, KeyDecoder
+from softsim_core.scene import KEY_NAMES
+from softsim_ros.keys import KeyPress
+from softsim_ros.nodes.teleop import ESCAPE_TIMEOUT_S, KeyDecoder
 
 UP, CTRL_UP = KeyPress("up"), KeyPress("up", ctrl=True)
 

@@ -6,17 +6,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, seed, settings
-from hypothesis import strategies as st
+from hypothesis import given, seed, settings, strategies as st
 
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.scene import load_scene
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_ros.client.state import RobotState
-from softsim_ros.keys.press import KeyState
-from softsim_ros.nodes.teleop.display import WARNING_S, View, bar, frame, render
+from softsim_core.physics.mechanics import JointLimits
+from softsim_core.scene import JointDescription, RobotDescription, SceneDescription, load_scene
+from softsim_ros.client import RobotState
+from softsim_ros.keys import KeyState
+from softsim_ros.nodes.teleop import WARNING_S, View, bar, frame, render
 
 TRIPOD = load_scene("tripod")
 STATE = RobotState(

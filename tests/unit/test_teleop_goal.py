@@ -8,9 +8,9 @@ import pytest
 from typed_keys import Typed, press
 
 from softsim_core.scene import load_scene
-from softsim_ros.client.state import STALE_AFTER_S, EffectorPose, RobotState, with_inverse
-from softsim_ros.keys.press import GOAL_KEYS, CallAction, KeyPress
-from softsim_ros.nodes.teleop.display import View, render
+from softsim_ros.client import STALE_AFTER_S, EffectorPose, RobotState, with_inverse
+from softsim_ros.keys import GOAL_KEYS, CallAction, KeyPress
+from softsim_ros.nodes.teleop import View, render
 
 TRIPOD = load_scene("tripod")
 EFFECTOR = EffectorPose((0.001, -0.002, 0.031), (0.0, 0.0, 0.6, 0.8))

@@ -6,9 +6,9 @@ import pytest
 from typed_keys import Typed, press
 
 from softsim_core.scene import load_scene
-from softsim_ros.client.state import EffectorPose, RobotState, Tilt
-from softsim_ros.keys.press import KeyPress
-from softsim_ros.nodes.teleop.display import View, render
+from softsim_ros.client import EffectorPose, RobotState, Tilt
+from softsim_ros.keys import KeyPress
+from softsim_ros.nodes.teleop import View, render
 
 TRIPOD = load_scene("tripod")
 HERE = EffectorPose((0.0, 0.0, 0.05), (0.0, 0.0, 0.0, 1.0))

@@ -9,13 +9,13 @@ import pytest
 
 from softsim_core import Simulation, load_scene
 from softsim_core.physics.mesh import check_tets, read_tets
-from softsim_core.robots.tentacle_mesh import SECTIONS, main, tentacle
+from softsim_core.robots import tentacle, tentacle_mesh
 
 MESHES = Path(__file__).parents[2] / "configs" / "meshes"
 
 
 def test_the_shipped_mesh_is_the_one_that_is_generated(tmp_path: Path) -> None:
-    assert main(["--out", str(tmp_path)]) == 0
+    assert tentacle_mesh.main(["--out", str(tmp_path)]) == 0
     for name in ("tentacle.vtk", "tentacle.stl"):
         assert (tmp_path / name).read_bytes() == (MESHES / name).read_bytes()
 
@@ -29,7 +29,7 @@ def test_its_sections_are_round_and_its_volume_that_of_two_cones() -> None:
     assert report.volume == pytest.approx(cones, rel=0.05)  # the middles of edges are on the circles
     assert report.volume < cones
     rim = np.hypot(mesh.points[:, 0], mesh.points[:, 1])
-    for along in SECTIONS:
+    for along in tentacle_mesh.SECTIONS:
         section = np.abs(mesh.points[:, 2] + along) < 1e-12
         radius = np.interp(along, [0.0, 0.305, 0.36], [r0, r1, r2])
         assert rim[section].max() == pytest.approx(radius)

@@ -7,7 +7,7 @@ import pty
 
 import pytest
 
-from softsim_node.text import takes_escapes
+from softsim_node import takes_escapes
 
 
 @pytest.mark.parametrize(("kind", "expected"), [("xterm-256color", True), ("vt100", True), ("dumb", False)])

@@ -16,8 +16,11 @@ from softsim_core import ConfigError, SceneError, Simulation, SolverSettings, lo
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
 
-from softsim_core.physics.linalg import divided_factor  # noqa: E402
-from softsim_core.physics.linalg.threads import usable_cores, usable_threads  # noqa: E402
+from softsim_core.physics.linalg import (  # noqa: E402
+    divided_factor,
+    usable_cores,
+    usable_threads,
+)
 
 
 @pytest.fixture(autouse=True)

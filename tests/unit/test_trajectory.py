@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.interpolate import BPoly
 
-from softsim_core.base.errors import CommandError
-from softsim_core.physics.actuation.trajectory import JointTrajectory
+from softsim_core.base import CommandError
+from softsim_core.physics.actuation import JointTrajectory
 
 
 def test_linear_from_the_current_command_through_the_way_points() -> None:

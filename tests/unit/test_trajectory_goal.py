@@ -11,11 +11,10 @@ import pytest
 pytest.importorskip("rclpy")
 
 from softsim_core import load_scene
-from softsim_core.base.errors import CommandError
-from softsim_core.physics.actuation.trajectory import JointTrajectory
-from softsim_ros.description.folder import GOAL_TOLERANCE
-from softsim_ros.nodes.simulator.setpoints import Progress
-from softsim_ros.nodes.simulator.trajectory_action import End, FollowedGoal, check_reachable, followed_goal
+from softsim_core.base import CommandError
+from softsim_core.physics.actuation import JointTrajectory
+from softsim_ros.description import GOAL_TOLERANCE
+from softsim_ros.nodes.simulator import End, FollowedGoal, Progress, check_reachable, followed_goal
 
 JOINTS = load_scene("tripod").scene.joints
 WAY = JointTrajectory(["servo_1", "servo_0"], [1.0], [[-0.5, -0.6]])

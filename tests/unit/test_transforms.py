@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.errors import CommandError
-from softsim_core.base.values import Placement
-from softsim_core.physics.mechanics.pose import rotation_of
+from softsim_core.base import CommandError, Placement
+from softsim_core.physics.mechanics import rotation_of
 from softsim_core.physics.sensing import ImuDescription
 
 pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Time
 
-from softsim_node.frames import RobotFrames, prefix_of
-from softsim_ros.nodes.simulator.publications import bodies_topology
-from softsim_ros.nodes.simulator.scene_topics import FrameTree
+from softsim_node import RobotFrames, prefix_of
+from softsim_ros.nodes.simulator import FrameTree, bodies_topology
 
 STAMP = Time(sec=3)
 

@@ -14,16 +14,14 @@ from scipy.spatial.transform import Rotation
 from small_scenes import body, scene, slab
 
 from softsim_core import Simulation, load_scene
-from softsim_core.physics.mechanics.pose import rotation_of
+from softsim_core.physics.mechanics import rotation_of
 from softsim_core.physics.mesh import box_mesh
-from softsim_core.scene.robot import as_robot
-from softsim_core.simulation.scene_state import SceneState
+from softsim_core.scene import as_robot
+from softsim_core.simulation import SceneState
 
 pytest.importorskip("rclpy")
-from softsim_ros.description.folder import write_folder
-from softsim_ros.description.links import links_of
-from softsim_ros.description.urdf import control_topics, mesh_address, urdf
-from softsim_ros.nodes.inverse.robot import effector_rest
+from softsim_ros.description import control_topics, links_of, mesh_address, urdf, write_folder
+from softsim_ros.nodes.inverse import effector_rest
 
 ROBOTS = ["tripod", "cable_gripper", "tripod_maze", "cable_finger"]
 
@@ -114,7 +112,7 @@ def test_meshes_are_files_that_exist_or_are_written_beside_it(tmp_path: Path) ->
 
 
 def test_a_mesh_of_a_ros_package_is_named_by_its_package(tmp_path: Path) -> None:
-    from softsim_core.base.values import MeshFile
+    from softsim_core.base import MeshFile
 
     share = tmp_path / "share" / "softsim_bringup"
     (share / "configs").mkdir(parents=True)

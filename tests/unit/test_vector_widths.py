@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.exhaustive, pytest.mark.numba]  # compiles everything 
 SCRIPT = """
 import numpy as np
 from softsim_core import Simulation, load_scene
-from softsim_core.physics.linalg.simd import LANES
+from softsim_core.physics.linalg import LANES
 
 runs = [Simulation(load_scene("tripod"), backend) for backend in ("numba", "scipy")]
 for simulation in runs:

@@ -9,13 +9,9 @@ import pytest
 from small_scenes import machine, scene, slab
 
 from softsim_core import Simulation
-from softsim_core.base.errors import CommandError, SceneError
-from softsim_core.base.values import Placement
-from softsim_core.physics.mesh import box_mesh
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.description import RigidBodyDescription, SceneDescription
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.base import CommandError, Placement, SceneError
+from softsim_core.physics.mesh import Shape, box_mesh
+from softsim_core.scene import BodyDescription, MaterialDescription, RigidBodyDescription, SceneDescription
 
 NO_GRAVITY = (0.0, 0.0, 0.0)
 

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from softsim_ros.cli.running import web_page
-from softsim_ros.cli.running.web_page import PageChoice, WebPage
+from softsim_ros.cli.running import PageChoice, WebPage, web_page
 
 pytest.importorskip("viser")
 

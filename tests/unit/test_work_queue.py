@@ -8,9 +8,8 @@ from collections.abc import Iterator
 import pytest
 from waiting import DEADLINE_S, spin_until
 
-from softsim_core.base.errors import SoftSimError
-from softsim_node import background
-from softsim_node.background import WorkQueue
+from softsim_core.base import SoftSimError
+from softsim_node import WorkQueue, background
 
 
 class Owner:

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from softsim_core import load_scene
-from softsim_core.base.errors import SceneError
-from softsim_core.base.extras import install_command
-from softsim_core.control.inverse.workspace import Workspace, sample_workspace
-from softsim_core.physics.mechanics.limits import JointLimits
+from softsim_core.base import SceneError, install_command
+from softsim_core.control.inverse import Workspace, sample_workspace
+from softsim_core.physics.mechanics import JointLimits
 from softsim_ros.cli import main
 
 

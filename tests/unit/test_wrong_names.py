@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from softsim_core.base.names import MOST_PROPOSED, did_you_mean, known_names, nearest, one_of
+from softsim_core.base import MOST_PROPOSED, did_you_mean, known_names, nearest, one_of
 from softsim_core.scene import known_scenes
 
 MANY = [f"scene_{k}" for k in range(35)]

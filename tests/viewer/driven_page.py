@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import SetBool
 
-from softsim_node.topics import STATE_QOS
+from softsim_node import STATE_QOS
 from softsim_ros.messages import diagnostic_values
 
 BODY = "/bodies/silicone"

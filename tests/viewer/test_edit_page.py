@@ -21,10 +21,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 from softsim_core import load_scene
-from softsim_core.scene.io.files import config_file
-from softsim_core.scene.io.portable import write_description
-from softsim_ros.messages.scene import Proposal, read_proposal
-from softsim_ros.nodes.viewer.edit_session import ROUTE
+from softsim_core.scene.io import config_file, write_description
+from softsim_ros.messages import Proposal, read_proposal
+from softsim_ros.nodes.viewer import ROUTE
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -21,8 +21,7 @@ from websockets.asyncio.client import connect
 from websockets.datastructures import Headers
 from websockets.http11 import Request
 
-from softsim_ros.nodes.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
-from softsim_ros.nodes.viewer.parameters import requested_token
+from softsim_ros.nodes.viewer import AccessRule, GuardedServer, ViewerError, is_loopback, requested_token
 
 LOCAL = AccessRule("127.0.0.1", 8080)
 OPEN = AccessRule("0.0.0.0", 8080, "secret")
@@ -202,7 +201,7 @@ def test_the_token_comes_out_of_the_environment_or_a_file(tmp_path: Path) -> Non
 
 @pytest.mark.ros
 def test_nobody_reads_the_token_out_of_the_parameters() -> None:
-    from softsim_ros.nodes.viewer.parameters import ViewerSettings
+    from softsim_ros.nodes.viewer import ViewerSettings
 
     assert "token" not in {each.name for each in dataclasses.fields(ViewerSettings)}
 

@@ -15,10 +15,22 @@ pytest.importorskip("viser")
 from drawn_canvas import Canvas
 
 from softsim_core import load_scene
-from softsim_core.scene.view import STRESS_MAPS, Section, StressMap, ViewSettings
-from softsim_ros.nodes.viewer.picture import Picture, landmarks
-from softsim_ros.nodes.viewer.stage import CELLS, Trail, covered, for_window, shade, spread_over
-from softsim_ros.nodes.viewer.surface import BANDS, Part, SurfaceView, band_colours, kept
+from softsim_core.scene import STRESS_MAPS, Section, StressMap, ViewSettings
+from softsim_ros.nodes.viewer import (
+    BANDS,
+    CELLS,
+    Part,
+    Picture,
+    SurfaceView,
+    Trail,
+    band_colours,
+    covered,
+    for_window,
+    kept,
+    landmarks,
+    shade,
+    spread_over,
+)
 
 pytestmark = pytest.mark.ros
 

@@ -37,7 +37,7 @@ venv)
     mkdir -p "$folder/bin"
     printf '#!/bin/sh\\nPYTHONPATH="{checkout}" exec "{python}" "$@"\\n' >"$folder/bin/python"
     chmod +x "$folder/bin/python"
-    printf 'import sys\\nfrom softsim_ros.cli.app import main\\nsys.exit(main())\\n' >"$folder/bin/softsim" ;;
+    printf 'import sys\\nfrom softsim_ros.cli import main\\nsys.exit(main())\\n' >"$folder/bin/softsim" ;;
 esac
 """
 

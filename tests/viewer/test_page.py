@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 CAMERA = "window.__viserMutable.camera.position.toArray()"
 SPEAKING_SCENE = """
-from softsim_core.robots.parts import servo
+from softsim_core.robots import servo
 
 def create_scene(scene):
     scene.name = "tripod"

@@ -24,7 +24,7 @@ from waiting import DEADLINE_S
 from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
 
-from softsim_ros.nodes.viewer.guard import MOST_REFUSED, AccessRule, GuardedServer, PageFilter
+from softsim_ros.nodes.viewer import MOST_REFUSED, AccessRule, GuardedServer, PageFilter
 
 CAMERA = {
     "type": "ViewerCameraMessage",
@@ -229,7 +229,7 @@ def test_uploads_are_kept_nowhere_and_their_page_is_left(controls: Controls) -> 
 
 STATION = """
 import sys
-from softsim_ros.nodes.viewer.guard import AccessRule, GuardedServer
+from softsim_ros.nodes.viewer import AccessRule, GuardedServer
 server = GuardedServer(AccessRule("127.0.0.1", int(sys.argv[1]), "secret"), "test")
 print("ready", flush=True)
 sys.stdin.readline()
@@ -280,8 +280,7 @@ def test_broken_and_half_open_connections_say_nothing_and_keep_nobody_out() -> N
 def test_the_sliders_of_layers_and_fibres_are_guarded_as_all_are(controls: Controls) -> None:
     pytest.importorskip("rclpy")
     from softsim_core import load_scene
-    from softsim_ros.nodes.viewer.panel import Inbox
-    from softsim_ros.nodes.viewer.tabs import TuneTab
+    from softsim_ros.nodes.viewer import Inbox, TuneTab
 
     parameters: Any = SimpleNamespace(follow=lambda names, on_values: None)
     TuneTab(controls.server.gui, Inbox(), load_scene("pneu_finger"), parameters)

@@ -8,8 +8,7 @@ import pytest
 
 pytest.importorskip("viser")
 
-from softsim_ros.nodes.viewer import panel
-from softsim_ros.nodes.viewer.panel import Control
+from softsim_ros.nodes.viewer import Control, panel
 
 
 @dataclass

@@ -13,8 +13,8 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from softsim_core import load_scene
-from softsim_ros.client.state import EffectorPose, RobotState, with_inverse
-from softsim_ros.nodes.viewer.tabs import PlotsTab
+from softsim_ros.client import EffectorPose, RobotState, with_inverse
+from softsim_ros.nodes.viewer import PlotsTab
 
 pytestmark = pytest.mark.ros
 

@@ -15,9 +15,7 @@ from browser_page import NODES, BrowserPage
 from sensor_msgs.msg import JointState
 
 from softsim_core import Simulation, load_scene
-from softsim_ros.nodes.viewer.marker_view import facing
-from softsim_ros.nodes.viewer.stage import HOLLOW_OFFSET_MM
-from softsim_ros.nodes.viewer.surface import MM
+from softsim_ros.nodes.viewer import HOLLOW_OFFSET_MM, MM, facing
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

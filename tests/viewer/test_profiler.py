@@ -8,8 +8,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
-from softsim_ros.nodes.viewer.profiler import Profile, stage_table, step_table
-from softsim_ros.nodes.viewer.readings import progress
+from softsim_ros.nodes.viewer import Profile, progress, stage_table, step_table
 
 pytestmark = pytest.mark.ros
 

@@ -22,12 +22,11 @@ from small_scenes import body, scene
 from std_msgs.msg import String
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.mesh import box_mesh
 from softsim_ros import messages
-from softsim_ros.nodes.simulator.publications import bodies_topology
-from softsim_ros.nodes.simulator.scene_topics import index_array, structure
-from softsim_ros.nodes.viewer.picture import Picture
+from softsim_ros.nodes.simulator import bodies_topology, index_array, structure
+from softsim_ros.nodes.viewer import Picture
 
 pytestmark = pytest.mark.ros
 

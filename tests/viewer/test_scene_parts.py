@@ -11,11 +11,10 @@ pytest.importorskip("rclpy")
 pytest.importorskip("viser")
 
 from softsim_core import load_scene
-from softsim_core.base.errors import ConfigError
-from softsim_core.scene.io.yaml_loader import Item, laid_over, override_at, read_overrides, write_overrides
-from softsim_core.scene.view import Camera, ViewSettings
-from softsim_ros.nodes.viewer.part_tree import field_text, field_value, parts_of
-from softsim_ros.nodes.viewer.readings import view_file
+from softsim_core.base import ConfigError
+from softsim_core.scene import Camera, ViewSettings
+from softsim_core.scene.io import Item, laid_over, override_at, read_overrides, write_overrides
+from softsim_ros.nodes.viewer import field_text, field_value, parts_of, view_file
 
 pytestmark = pytest.mark.ros
 

@@ -25,7 +25,7 @@ from tcp_ports import free_port
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core import Simulation, load_scene
-from softsim_ros.nodes.simulator.scene_topics import structure
+from softsim_ros.nodes.simulator import structure
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -18,36 +18,45 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core import load_scene
-from softsim_core.scene.control import KeyBinding
-from softsim_core.scene.view import LAYERS as LAYERS_OF_A_VIEW
-from softsim_core.scene.view import ViewSettings
-from softsim_ros.nodes.simulator.parameters import tunables as physical
-from softsim_ros.nodes.viewer import readings
-from softsim_ros.nodes.viewer.inner_view import CollisionView, InnerView, NormalsView
-from softsim_ros.nodes.viewer.marker_view import MarkerView, RigidView, marker_colour, marker_points
-from softsim_ros.nodes.viewer.panel import Inbox
-from softsim_ros.nodes.viewer.parameters import tunables
-from softsim_ros.nodes.viewer.part_tree import parts_of
-from softsim_ros.nodes.viewer.readings import LAYERS, command_of, joint_range, slider_label, slider_value
-from softsim_ros.nodes.viewer.stage import CAMERA_FOV, BaseHandle, Pull, camera_for, floor_height
-from softsim_ros.nodes.viewer.surface import (
+from softsim_core.scene import LAYERS as LAYERS_OF_A_VIEW, KeyBinding, ViewSettings
+from softsim_ros.nodes.simulator import tunables as physical
+from softsim_ros.nodes.viewer import (
     BANDS,
+    CAMERA_FOV,
+    LAYERS,
+    BaseHandle,
+    CollisionView,
+    Inbox,
+    InnerView,
+    MarkerView,
+    NormalsView,
+    Pull,
+    RigidView,
     bands_of,
     box_lines,
+    camera_for,
+    command_of,
     compact,
-    normal_lines,
-    round_up,
-    shrunk_faces,
-    sphere_lines,
-    tetrahedra_edges,
-)
-from softsim_ros.nodes.viewer.tabs import (
+    floor_height,
     have_same_controls,
     hotkeys,
     joint_at,
+    joint_range,
     key_label,
     key_rows,
+    marker_colour,
+    marker_points,
+    normal_lines,
     page_keys,
+    parts_of,
+    readings,
+    round_up,
+    shrunk_faces,
+    slider_label,
+    slider_value,
+    sphere_lines,
+    tetrahedra_edges,
+    tunables,
 )
 
 pytestmark = pytest.mark.ros

@@ -6,7 +6,7 @@ Two of them side by side show that a part can be used several times in one scene
 import math
 
 from softsim_core import Placement, Scene
-from softsim_core.robots.parts import actuated_arm
+from softsim_core.robots import actuated_arm
 
 
 def create_scene(scene: Scene) -> None:

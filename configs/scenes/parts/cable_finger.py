@@ -1,7 +1,7 @@
 """The cable finger alone: its cable is pulled until the notches close, and let go, in a loop."""
 
 from softsim_core import Scene, SolverSettings
-from softsim_core.robots.gripper_parts import cable_finger
+from softsim_core.robots import cable_finger
 
 
 def create_scene(scene: Scene) -> None:

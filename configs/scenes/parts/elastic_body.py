@@ -1,7 +1,7 @@
 """The elastic body alone: the Tripod's silicone piece, held by a box at its centre, sags under its weight."""
 
 from softsim_core import Scene
-from softsim_core.robots.parts import fixing_box, tripod_silicone
+from softsim_core.robots import fixing_box, tripod_silicone
 
 
 def create_scene(scene: Scene) -> None:

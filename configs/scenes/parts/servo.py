@@ -3,7 +3,7 @@
 import math
 
 from softsim_core import Scene
-from softsim_core.robots.parts import servo
+from softsim_core.robots import servo
 
 
 def create_scene(scene: Scene) -> None:

@@ -34,10 +34,8 @@ from typing import NamedTuple, TextIO
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, ConfigError
-from softsim_core.base.files import open_in_place
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.base import Array, CommandError, ConfigError, open_in_place
+from softsim_core.physics.mechanics import rotation_exp
 
 X, Y, Z = np.eye(3)
 

@@ -21,10 +21,16 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, FactorisationError, NotConvergedError, SolverDivergedError
-from softsim_core.base.units import MILLIMETRE, degrees
-from softsim_core.control.inverse.pace import AdaptiveDamping, Pace, pace, slowest_period
+from softsim_core.base import (
+    MILLIMETRE,
+    Array,
+    CommandError,
+    FactorisationError,
+    NotConvergedError,
+    SolverDivergedError,
+    degrees,
+)
+from softsim_core.control.inverse.pacing import AdaptiveDamping, Pace, pace, slowest_period
 from softsim_core.control.inverse.problem import QP, Aim, Limits, Solution, build, need_daqp
 from softsim_core.control.inverse.sensitivity import Sensitivity, analytic_sensitivity
 from softsim_core.control.inverse.static import (
@@ -39,10 +45,8 @@ from softsim_core.control.inverse.static import (
     solve_taut,
 )
 from softsim_core.control.inverse.tasks import Task, task_for
-from softsim_core.physics.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
-from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
+from softsim_core.scene import InverseSettings, RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
 
 __all__ = ["InverseController", "InverseReport", "InverseSettings", "InverseStatus"]

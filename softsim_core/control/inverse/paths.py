@@ -13,15 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, ConfigError, listing
-from softsim_core.base.files import write_file
-from softsim_core.base.names import known_names
-from softsim_core.base.units import MILLIMETRE
+from softsim_core.base import MILLIMETRE, Array, CommandError, ConfigError, known_names, listing, write_file
 from softsim_core.control.inverse.closed_loop import tilt_rotation
-from softsim_core.physics.mechanics.pose import Pose, quaternion_of
-from softsim_core.scene.io.catalog import shortened
-from softsim_core.scene.io.files import config_roots
+from softsim_core.physics.mechanics import Pose, quaternion_of
+from softsim_core.scene.io import config_roots, shortened
 
 MAZE_SPACING_S = 0.5
 """Time between two pairs of a maze plan in [s]."""

@@ -26,13 +26,11 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from softsim_core.base.arrays import Array, BoolArray
-from softsim_core.base.errors import SceneError
+from softsim_core.base import Array, BoolArray, SceneError
 from softsim_core.control.inverse.sensitivity import Sensitivity
 from softsim_core.control.inverse.tasks import Task, limited
-from softsim_core.physics.mechanics.pose import Pose
-from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.description import SceneDescription
+from softsim_core.physics.mechanics import Pose
+from softsim_core.scene import InverseSettings, SceneDescription
 
 FLOOR = 1e-10
 """Least damping, as a part of the mean diagonal entry of J^T W^2 J: the program stays strictly convex, also

@@ -15,11 +15,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.actuation.joint_drive import drive_stiffness
-from softsim_core.physics.mechanics.pose import rotation_log
-from softsim_core.physics.mechanics.rows import Rows, no_rows
+from softsim_core.base import Array, SceneError
+from softsim_core.physics.actuation import drive_stiffness
+from softsim_core.physics.mechanics import Rows, no_rows, rotation_log
 from softsim_core.simulation import Simulation
 
 

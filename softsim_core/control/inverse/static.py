@@ -16,8 +16,7 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import NotConvergedError, SolverDivergedError
+from softsim_core.base import Array, BoolArray, IndexArray, NotConvergedError, SolverDivergedError
 from softsim_core.control.inverse.problem import (
     QP,
     Constraint,
@@ -31,10 +30,8 @@ from softsim_core.control.inverse.problem import (
 )
 from softsim_core.control.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
 from softsim_core.control.inverse.tasks import Task
-from softsim_core.physics.mechanics.pose import Pose
-from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.physics.mechanics import Pose
+from softsim_core.scene import InverseSettings, RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
 
 MOST_STEPS = 30

@@ -12,9 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.mechanics.pose import Pose, cross_matrix, rotation_log, rotation_of
-from softsim_core.scene.control import InverseSettings
+from softsim_core.base import Array
+from softsim_core.physics.mechanics import Pose, cross_matrix, rotation_log, rotation_of
+from softsim_core.scene import InverseSettings
 
 UP = np.array([0.0, 0.0, 1.0])
 SMALL = 1e-4

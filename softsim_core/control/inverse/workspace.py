@@ -12,14 +12,11 @@ from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, QhullError
 from scipy.stats import qmc
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import NotConvergedError, NotReachedError, SceneError, listing
+from softsim_core.base import Array, NotConvergedError, NotReachedError, SceneError, listing
 from softsim_core.control.inverse.closed_loop import tilts_of
 from softsim_core.control.inverse.sensitivity import analytic_sensitivity
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.pose import rotation_log, rotation_of
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.physics.mechanics import Model, rotation_log, rotation_of
+from softsim_core.scene import RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
 
 LEVER_M: Final = 0.1

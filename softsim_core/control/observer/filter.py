@@ -30,12 +30,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammainccinv
 
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.problem import scales
+from softsim_core.base import Array
+from softsim_core.control.inverse import scales
 from softsim_core.control.observer.sensors import Sensor, effector_frame, field_rows
 from softsim_core.control.observer.settings import ObserverSettings
-from softsim_core.physics.mechanics.pose import cross_matrix
-from softsim_core.physics.mechanics.rows import Rows, joined
+from softsim_core.physics.mechanics import Rows, cross_matrix, joined
 from softsim_core.simulation import Simulation
 
 

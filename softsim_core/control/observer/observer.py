@@ -23,10 +23,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import FactorisationError, SceneError, SolverDivergedError, listing
-from softsim_core.base.names import known_names
-from softsim_core.control.inverse.static import place
+from softsim_core.base import (
+    Array,
+    Backend,
+    FactorisationError,
+    SceneError,
+    SolverDivergedError,
+    known_names,
+    listing,
+)
+from softsim_core.control.inverse import place
 from softsim_core.control.observer.filter import (
     WINDOWS,
     Belief,
@@ -38,12 +44,8 @@ from softsim_core.control.observer.filter import (
 )
 from softsim_core.control.observer.sensors import Sensor, effector_frame, frame_rows
 from softsim_core.control.observer.settings import Estimate, ObserverSettings, Touch, Verdict
-from softsim_core.physics.dynamics import Backend
-from softsim_core.physics.mechanics.limits import check_command
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.rows import Rows, joined
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.physics.mechanics import Model, Rows, check_command, joined
+from softsim_core.scene import RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
 
 NODES = 16

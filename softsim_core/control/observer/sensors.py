@@ -10,12 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.pose import Pose, rotation_log, rotation_of
-from softsim_core.physics.mechanics.rows import Rows
-from softsim_core.scene.building.builder import surroundings
+from softsim_core.base import Array, IndexArray, SceneError
+from softsim_core.physics.mechanics import Model, Pose, Rows, rotation_log, rotation_of
+from softsim_core.scene.building import surroundings
 from softsim_core.simulation import Simulation
 
 

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, fields
 from typing import Literal, TypeAlias
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import FieldError
-from softsim_core.physics.mechanics.pose import Pose
+from softsim_core.base import Array, FieldError
+from softsim_core.physics.mechanics import Pose
 
 Verdict: TypeAlias = Literal["alone", "learning", "good", "wrong"]
 

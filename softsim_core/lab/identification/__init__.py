@@ -1,8 +1,5 @@
 """A model and measurements: described data sets, replay of their commands, alignment of sensors, errors."""
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from softsim_core.lab.identification.files import DataSet, known_data_sets, load_data_set
-from softsim_core.lab.identification.session import Session, load_session
-
-__all__ = ["DataSet", "Session", "known_data_sets", "load_data_set", "load_session"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -18,12 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import DataError, SceneError, listing
-from softsim_core.base.names import known_names
+from softsim_core.base import Array, DataError, IndexArray, SceneError, known_names, listing
 from softsim_core.lab.identification.description import EFFECTOR, SensorDescription
-from softsim_core.physics.mechanics.pose import cross_matrices, nearest_rotation, rotation_exp, rotation_of
-from softsim_core.physics.mesh.embedding import embed
+from softsim_core.physics.mechanics import cross_matrices, nearest_rotation, rotation_exp, rotation_of
+from softsim_core.physics.mesh import embed
 from softsim_core.simulation import Simulation
 
 OUTSIDE = 0.05

@@ -11,19 +11,23 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 import numpy as np
 import yaml
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import ConfigError, DataError, SceneError
-from softsim_core.base.files import write_file
-from softsim_core.base.names import known_names
-from softsim_core.base.values import FieldError, need_finite, need_positive
+from softsim_core.base import (
+    Array,
+    ConfigError,
+    DataError,
+    FieldError,
+    SceneError,
+    known_names,
+    need_finite,
+    need_positive,
+    write_file,
+)
 from softsim_core.lab.identification.description import DataSetDescription
 from softsim_core.lab.identification.expressions import names_in
 from softsim_core.lab.identification.files import DESCRIPTION, DataSet, known_data_sets, load_data_set
 from softsim_core.lab.identification.session import Session, load_session
-from softsim_core.scene.io.files import comment
-from softsim_core.scene.io.structure import structured
-from softsim_core.scene.io.yaml_source import read_extended
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription
+from softsim_core.scene.io import comment, read_extended, structured
 
 Loss: TypeAlias = Literal["linear", "soft_l1"]
 

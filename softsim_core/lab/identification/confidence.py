@@ -17,16 +17,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray
-from softsim_core.base.errors import ConfigError, DataError
-from softsim_core.base.values import FieldError
+from softsim_core.base import Array, BoolArray, ConfigError, DataError, FieldError
 from softsim_core.lab.identification.expressions import filled
-from softsim_core.lab.identification.fit import Calibration
+from softsim_core.lab.identification.fitting import Calibration
 from softsim_core.lab.identification.problem import Problem, mean_distance
 from softsim_core.lab.identification.session import Session
 from softsim_core.lab.identification.validation import compared
-from softsim_core.scene.io.structure import structured
-from softsim_core.scene.io.yaml_source import read_extended
+from softsim_core.scene.io import read_extended, structured
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

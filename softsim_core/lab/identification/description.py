@@ -11,10 +11,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
-from softsim_core.base.errors import SceneError, listing
-from softsim_core.base.names import known_names
-from softsim_core.base.units import SCALES, Quantity
-from softsim_core.base.values import FieldError, Vector, need_finite
+from softsim_core.base import (
+    SCALES,
+    FieldError,
+    Quantity,
+    SceneError,
+    Vector,
+    known_names,
+    listing,
+    need_finite,
+)
 
 Axis: TypeAlias = Literal["x", "-x", "y", "-y", "z", "-z"]
 

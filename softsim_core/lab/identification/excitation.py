@@ -26,16 +26,14 @@ from typing import Final, Literal, TypeAlias, get_args
 import numpy as np
 from scipy.stats import qmc
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import DataError, SceneError, listing
-from softsim_core.base.values import FieldError, need_positive
+from softsim_core.base import Array, DataError, FieldError, SceneError, listing, need_positive
 from softsim_core.lab.identification.alignment import Alignment, sensed
-from softsim_core.lab.identification.fit import Calibration
+from softsim_core.lab.identification.fitting import Calibration
+from softsim_core.lab.identification.model_replay import Near, Prediction, equilibria, in_short_steps
 from softsim_core.lab.identification.problem import Problem
-from softsim_core.lab.identification.replay import Near, Prediction, equilibria, in_short_steps
 from softsim_core.lab.identification.validation import compared
-from softsim_core.physics.mechanics.pose import cross_matrix
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.physics.mechanics import cross_matrix
+from softsim_core.scene import RobotDescription
 
 Kind: TypeAlias = Literal["grid", "steps", "chirp", "ring_down"]
 

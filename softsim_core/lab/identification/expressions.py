@@ -8,8 +8,7 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import known_names
+from softsim_core.base import SceneError, known_names
 
 MARK: Final = "="
 """A string that begins so is an expression."""

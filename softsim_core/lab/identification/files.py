@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from softsim_core.base.errors import ConfigError, DataError
-from softsim_core.base.names import known_names
+from softsim_core.base import ConfigError, DataError, known_names
 from softsim_core.lab.identification.description import DataSetDescription, SessionDescription
-from softsim_core.scene.io.files import config_roots
-from softsim_core.scene.io.structure import structured
-from softsim_core.scene.io.yaml_source import read_extended
+from softsim_core.scene.io import config_roots, read_extended, structured
 
 DESCRIPTION: Final = "dataset.yaml"
 FOLDER: Final = "datasets"

@@ -22,15 +22,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import DataError
+from softsim_core.base import Array, DataError, IndexArray
 from softsim_core.lab.identification.calibration import CalibrationDescription, ParameterDescription
+from softsim_core.lab.identification.error_measures import PointLoss
 from softsim_core.lab.identification.expressions import filled
-from softsim_core.lab.identification.measures import PointLoss
-from softsim_core.lab.identification.replay import Near, Prediction, replay
+from softsim_core.lab.identification.model_replay import Near, Prediction, replay
 from softsim_core.lab.identification.session import Session
 from softsim_core.lab.identification.validation import compared, session_robot
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription
 
 FAR = 10.0
 """Errors of values with which too many rows are lost, over the largest of those before."""

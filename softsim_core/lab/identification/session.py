@@ -6,10 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import DataError, listing
-from softsim_core.base.names import known_names
-from softsim_core.base.units import degrees
+from softsim_core.base import Array, BoolArray, DataError, IndexArray, degrees, known_names, listing
 from softsim_core.lab.identification.description import (
     FrameDescription,
     SensorDescription,
@@ -18,8 +15,7 @@ from softsim_core.lab.identification.description import (
 )
 from softsim_core.lab.identification.files import DataSet
 from softsim_core.lab.identification.tables import Table, read_table
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import JointDescription, RobotDescription
 
 FAR = 1.5
 """Commands so many times as far as a joint's limits reach are taken for ones in another unit."""

@@ -30,9 +30,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
+from softsim_core.lab.identification.model_replay import in_short_steps
 from softsim_core.lab.identification.problem import Problem
-from softsim_core.lab.identification.replay import in_short_steps
 from softsim_core.lab.identification.session import Session
 
 CHANCE = 2.0

@@ -14,10 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import DataError, listing
-from softsim_core.base.names import known_names
-from softsim_core.base.units import SCALES
+from softsim_core.base import SCALES, Array, DataError, IndexArray, known_names, listing
 
 
 @dataclass(frozen=True, slots=True, eq=False)

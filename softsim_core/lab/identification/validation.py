@@ -12,17 +12,21 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from softsim_core.base.arrays import Array, BoolArray
-from softsim_core.base.errors import DataError, listing
+from softsim_core.base import Array, BoolArray, DataError, listing
 from softsim_core.lab.identification.alignment import Alignment, align, rigid_frame, sensed, unaligned
 from softsim_core.lab.identification.description import SessionDescription
-from softsim_core.lab.identification.measures import Measures, by_region, measures
-from softsim_core.lab.identification.replay import Order, Prediction, Ringing, release_errors, replay, ringing
+from softsim_core.lab.identification.error_measures import Measures, by_region, measures
+from softsim_core.lab.identification.model_replay import (
+    Order,
+    Prediction,
+    Ringing,
+    release_errors,
+    replay,
+    ringing,
+)
 from softsim_core.lab.identification.session import Session
-from softsim_core.scene import load_scene
-from softsim_core.scene.io.portable import sourced
-from softsim_core.scene.io.yaml_source import merge
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription, load_scene
+from softsim_core.scene.io import merge, sourced
 
 SCALE_APART = 8.0
 """Measured and simulated motion of sizes so many times apart are taken for ones in different units."""

@@ -8,6 +8,10 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
+
 if find_spec("gymnasium") is not None:
     from softsim_core.lab.learning.registration import register_environments
 

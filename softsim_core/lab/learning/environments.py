@@ -13,8 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from softsim_core.base.arrays import BoolArray, IndexArray
-from softsim_core.base.errors import SceneError, listing
+from softsim_core.base import BoolArray, IndexArray, SceneError, listing
 from softsim_core.lab.learning.episodes import Episodes
 from softsim_core.lab.learning.picture import Painter
 from softsim_core.lab.learning.randomisation import Devices, load_randomisation

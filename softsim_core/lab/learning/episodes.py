@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray, float_array
-from softsim_core.base.errors import CommandError, SceneError, listing
+from softsim_core.base import Array, BoolArray, CommandError, IndexArray, SceneError, float_array, listing
 from softsim_core.lab.learning.randomisation import Delay, Devices, Randomisation, rounded
 from softsim_core.lab.learning.tasks import Moment, Numbers, Task
-from softsim_core.scene.description import SceneDescription
+from softsim_core.scene import SceneDescription
 from softsim_core.simulation.batch import Batch
 
 

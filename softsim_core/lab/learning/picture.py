@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.extras import install_command
+from softsim_core.base import Array, IndexArray, install_command
 from softsim_core.lab.learning.tasks import Task
-from softsim_core.physics.mechanics.pose import rotation_of
-from softsim_core.physics.mesh import SurfaceMesh
-from softsim_core.physics.mesh.shapes import surface_of
+from softsim_core.physics.mechanics import rotation_of
+from softsim_core.physics.mesh import SurfaceMesh, surface_of
 from softsim_core.simulation.batch import Batch
 
 SIZE = 400

@@ -20,11 +20,9 @@ from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import PolicyError, listing
-from softsim_core.base.extras import install_command
+from softsim_core.base import Array, PolicyError, install_command, listing
 from softsim_core.lab.learning.tasks import TASKS, Numbers, Senses
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription
 
 Kind: TypeAlias = Literal["model", "training", "graph", "node", "attribute", "tensor", "sparse tensor"]
 

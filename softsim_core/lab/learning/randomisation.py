@@ -11,14 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import ConfigError, listing
-from softsim_core.base.values import FieldError
-from softsim_core.lab.identification.confidence import DistributionDescription, load_distribution
-from softsim_core.lab.identification.expressions import filled
-from softsim_core.scene.io.structure import structured
-from softsim_core.scene.io.yaml_loader import laid_over
-from softsim_core.scene.io.yaml_source import read_extended
+from softsim_core.base import Array, ConfigError, FieldError, IndexArray, listing
+from softsim_core.lab.identification import DistributionDescription, filled, load_distribution
+from softsim_core.scene.io import laid_over, read_extended, structured
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,13 +12,12 @@ from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.lab.learning.randomisation import Devices, rounded
-from softsim_core.physics.mechanics.pose import rotation_of
-from softsim_core.physics.sensing.imu import inertial
-from softsim_core.scene import find_config, load_scene
-from softsim_core.scene.io.yaml_loader import laid_over
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.physics.mechanics import rotation_of
+from softsim_core.physics.sensing import inertial
+from softsim_core.scene import RobotDescription, find_config, load_scene
+from softsim_core.scene.io import laid_over
 from softsim_core.simulation.batch import Batch
 
 Numbers: TypeAlias = NDArray[Any]

@@ -19,15 +19,17 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import MeshError
-from softsim_core.base.extras import install_command
-from softsim_core.base.files import write_file
-from softsim_core.base.processes import python_command, start_process
+from softsim_core.base import (
+    Array,
+    IndexArray,
+    MeshError,
+    install_command,
+    python_command,
+    start_process,
+    write_file,
+)
 from softsim_core.lab.meshing.tetwild import DISTRIBUTION, compiled_part
-from softsim_core.physics.mesh.checks import tet_volumes
-from softsim_core.physics.mesh.readers import read_tets, write_tets
-from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh
+from softsim_core.physics.mesh import SurfaceMesh, TetMesh, read_tets, tet_volumes, write_tets
 
 _FORMAT = 1
 """Raised when the same input and options shall be meshed anew."""

@@ -7,12 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Box, Vector
+from softsim_core.base import Array, Box, Vector
 from softsim_core.lab.meshing.part import own_axes
-from softsim_core.physics.mechanics.pose import euler_of, rotation_log
-from softsim_core.physics.mesh.surface import boundary_surface
-from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.physics.mechanics import euler_of, rotation_log
+from softsim_core.physics.mesh import TetMesh, boundary_surface
 
 _UPRIGHT = 0.8  # of the longest side: a part that is so high is held at its lowest face
 _UNEVEN = 2.5e-3  # of the diagonal: how uneven a flat face may be after meshing

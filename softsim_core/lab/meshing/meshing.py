@@ -9,16 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base.errors import MeshError
+from softsim_core.base import MeshError
 from softsim_core.lab.meshing.filling import Filling, filled, keep, kept, key_of, pieces
 from softsim_core.lab.meshing.openings import open_hollows, without_channel
 from softsim_core.lab.meshing.part import Part, read_part
 from softsim_core.lab.meshing.repair import Repaired, repaired
 from softsim_core.lab.meshing.sizing import TOLERANCE, Sized, simplified, with_nodes
 from softsim_core.lab.meshing.topology import largest_distance
-from softsim_core.physics.mesh.checks import MeshReport, check_tets
-from softsim_core.physics.mesh.surface import boundary_surface
-from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh, quadratic
+from softsim_core.physics.mesh import (
+    MeshReport,
+    SurfaceMesh,
+    TetMesh,
+    boundary_surface,
+    check_tets,
+    quadratic,
+)
 
 NODES = 1000
 """Wished number of nodes where neither size nor number is said."""

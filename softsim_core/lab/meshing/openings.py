@@ -16,10 +16,9 @@ from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import MeshError
+from softsim_core.base import Array, BoolArray, IndexArray, MeshError
 from softsim_core.lab.meshing.topology import edges_of
-from softsim_core.physics.mesh.types import SurfaceMesh
+from softsim_core.physics.mesh import SurfaceMesh
 
 CELLS: Final = 72
 """Cells of the grid along the longest side."""

@@ -13,17 +13,10 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import MeshError
-from softsim_core.base.names import known_names
-from softsim_core.base.units import MILLIMETRE
-from softsim_core.base.values import Placement
+from softsim_core.base import MILLIMETRE, Array, BoolArray, IndexArray, MeshError, Placement, known_names
 from softsim_core.lab.meshing.topology import shells
-from softsim_core.physics.contact.surfaces import crossings
-from softsim_core.physics.mesh.faces import encloses
-from softsim_core.physics.mesh.readers import read_surface
-from softsim_core.physics.mesh.surface import enclosed_volume, triangle_normals
-from softsim_core.physics.mesh.types import SurfaceMesh
+from softsim_core.physics.contact import crossings
+from softsim_core.physics.mesh import SurfaceMesh, enclosed_volume, encloses, read_surface, triangle_normals
 
 _SMALLER = 0.9  # a box along other axes is that much smaller, or the part lies along those of its file
 _ALONG = 0.999  # cosine of the angle between a face and an axis that it is cut along

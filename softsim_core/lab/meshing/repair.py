@@ -10,11 +10,10 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import MeshError
+from softsim_core.base import Array, BoolArray, IndexArray, MeshError
 from softsim_core.lab.meshing.part import SPECK, Nesting, Part, Unit, nested
 from softsim_core.lab.meshing.topology import Edges, areas, edges_of, shells, touching_points, turned_alike
-from softsim_core.physics.mesh.types import SurfaceMesh
+from softsim_core.physics.mesh import SurfaceMesh
 
 _LONG_LOOP = 400
 """Corners above which a hole is closed by a fan around its middle instead of by cutting off ears."""

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.errors import MeshError
-from softsim_core.base.extras import install_command
-from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh
+from softsim_core.base import MeshError, install_command
+from softsim_core.physics.mesh import SurfaceMesh, TetMesh
 
 MOST_TRIANGLES = 40_000
 """More than these are made fewer before the surface is filled."""

@@ -9,8 +9,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.physics.mesh.types import SurfaceMesh
+from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.physics.mesh import SurfaceMesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,18 +8,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, cast, get_args
 
-from softsim_core.base.errors import ConfigError, SceneError, listing
-from softsim_core.base.values import FieldError, need_finite, need_positive
-from softsim_core.lab.identification.confidence import (
+from softsim_core.base import ConfigError, FieldError, SceneError, listing, need_finite, need_positive
+from softsim_core.lab.identification import (
     DistributionDescription,
     load_distribution,
+    names_in,
     plain_distribution,
 )
-from softsim_core.lab.identification.expressions import names_in
-from softsim_core.scene.io.portable import sourced
-from softsim_core.scene.io.structure import structured
-from softsim_core.scene.io.yaml_loader import laid_over
-from softsim_core.scene.io.yaml_source import SourcedMapping, read_extended, relative_to_file
+from softsim_core.scene.io import (
+    SourcedMapping,
+    laid_over,
+    read_extended,
+    relative_to_file,
+    sourced,
+    structured,
+)
 
 Kind: TypeAlias = Literal["grid", "list", "random", "sobol", "latin_hypercube"]
 Spacing: TypeAlias = Literal["linear", "log"]
@@ -374,7 +377,7 @@ def find_study(file: str | Path) -> Path:
 
 def known_studies() -> dict[str, Path]:
     """Names and files of the studies below the config roots, sorted."""
-    from softsim_core.scene.io.files import config_roots
+    from softsim_core.scene.io import config_roots
 
     known: dict[str, Path] = {}
     for root in config_roots():

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import ConfigError, SceneError
+from softsim_core.base import Array, ConfigError, SceneError
 from softsim_core.lab.study.description import (
     MOST_RUNS,
     StudyDescription,
@@ -24,11 +23,7 @@ from softsim_core.lab.study.description import (
 from softsim_core.lab.study.quantities import AXES, quantity
 from softsim_core.lab.study.single import Work, stride_of
 from softsim_core.lab.study.store import Column, Plan, scene_hash, versions
-from softsim_core.scene.io.catalog import code_folder
-from softsim_core.scene.io.files import find_config
-from softsim_core.scene.io.portable import sourced
-from softsim_core.scene.io.programs import ProgramRule
-from softsim_core.scene.io.yaml_source import relative_to_file
+from softsim_core.scene.io import ProgramRule, code_folder, find_config, relative_to_file, sourced
 from softsim_core.simulation import Simulation
 
 

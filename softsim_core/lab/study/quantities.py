@@ -8,12 +8,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError, listing
-from softsim_core.control.inverse.closed_loop import tilts_of
-from softsim_core.control.inverse.workspace import sample_workspace
+from softsim_core.base import Array, SceneError, listing
+from softsim_core.control.inverse import sample_workspace, tilts_of
 from softsim_core.lab.study.description import QuantityDescription
-from softsim_core.physics.mechanics.pose import Pose, rotation_of
+from softsim_core.physics.mechanics import Pose, rotation_of
 from softsim_core.simulation import Simulation
 
 Read: TypeAlias = Callable[[Simulation], Array]

@@ -14,16 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError, SoftSimError, SolverDivergedError
-from softsim_core.lab.identification.expressions import filled
+from softsim_core.base import Array, SceneError, SoftSimError, SolverDivergedError
+from softsim_core.lab.identification import filled
 from softsim_core.lab.study.description import At, CommandStep, QuantityDescription, StudyDescription
 from softsim_core.lab.study.quantities import Quantity, Read, quantity
-from softsim_core.scene import load_scene
-from softsim_core.scene.io.programs import ProgramRule, allowed_program, limited_to
-from softsim_core.scene.io.python_loader import load_python
-from softsim_core.scene.io.yaml_loader import load_yaml
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription, load_scene
+from softsim_core.scene.io import ProgramRule, allowed_program, limited_to, load_python, load_yaml
 from softsim_core.simulation import Simulation
 
 PENDING, DONE, DIVERGED, RAISED, LATE = range(5)

@@ -26,14 +26,23 @@ from typing import IO, Any
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import StudyError
-from softsim_core.base.extras import install_command
-from softsim_core.base.files import make_folder, open_in_place, refuse_links, sync, sync_tree, write_file
+from softsim_core.base import (
+    Array,
+    BoolArray,
+    IndexArray,
+    StudyError,
+    install_command,
+    make_folder,
+    open_in_place,
+    refuse_links,
+    sync,
+    sync_tree,
+    write_file,
+)
 from softsim_core.lab.study.single import DONE, PENDING, RAISED, STATUS_WORDS, Outcome
-from softsim_core.physics.mesh.types import TetMesh
-from softsim_core.scene.io.portable import unstructure_scene
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.scene import RobotDescription
+from softsim_core.scene.io import unstructure_scene
 
 PACKAGES = ("softsim", "numpy", "scipy", "numba", "llvmlite")
 """Whose versions may change a bit of a result."""

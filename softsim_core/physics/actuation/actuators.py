@@ -30,12 +30,20 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.physics.mechanics.control import Control, Transmissions
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.pose import cross_matrices
-from softsim_core.physics.mechanics.rows import Rows, joined, no_rows
-from softsim_core.physics.mechanics.state import COMMANDED, EFFORT_CHANGE, KEPT, State
+from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.physics.mechanics import (
+    COMMANDED,
+    EFFORT_CHANGE,
+    KEPT,
+    Control,
+    Model,
+    Rows,
+    State,
+    Transmissions,
+    cross_matrices,
+    joined,
+    no_rows,
+)
 
 
 class Transmission(NamedTuple):

@@ -10,11 +10,9 @@ from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError
-from softsim_core.base.units import SHORTENING, JointUnits
+from softsim_core.base import SHORTENING, Array, IndexArray, JointUnits, SceneError
 from softsim_core.physics.actuation.actuators import Actuator, ActuatorGroup, PlainGroup
-from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.mechanics import Model
 from softsim_core.physics.mesh import TetMesh, boundary, closest_point, embed
 
 BESIDE_CELLS: Final = 0.5

@@ -12,11 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.actuation.actuators import Actuator, PlainGroup
 from softsim_core.physics.actuation.building import ActuatorKind, Placed, Surroundings
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mechanics import Model, State
 
 
 class JointDrive(Actuator):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from softsim_core.base.errors import SceneError, listing
-from softsim_core.base.names import known_names
+from softsim_core.base import SceneError, known_names, listing
 from softsim_core.physics.actuation.actuators import Actuator
 from softsim_core.physics.actuation.building import (
     ActuatorDescription,

@@ -10,9 +10,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SceneError, listing
-from softsim_core.base.names import known_names
+from softsim_core.base import Array, CommandError, SceneError, known_names, listing
 
 Mode: TypeAlias = Literal["once", "loop", "pingpong"]
 

@@ -9,15 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.contact.detection import Closeness, Detector, Proximities
 from softsim_core.physics.contact.rows import Carried
 from softsim_core.physics.contact.settings import ContactLimits
 from softsim_core.physics.contact.surfaces import CollisionSurface
-from softsim_core.physics.mechanics.carrier import Carrier
-from softsim_core.physics.mechanics.model import Model, MotionSubspace
-from softsim_core.physics.mechanics.pose import rotation_exp, rotation_log
-from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mechanics import Carrier, Model, MotionSubspace, State, rotation_exp, rotation_log
 
 _SHORTFALL = 0.9e-3
 """Share of the contact distance by which a gap at the end of a step may fall short of it, or"""

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.contact.collision_model import CollisionModel, Place
 from softsim_core.physics.contact.detection import Proximities
 from softsim_core.physics.contact.rows import CORNERS, NODES, Motions, contact_frames, contact_rows
 from softsim_core.physics.contact.settings import ContactLimits
 from softsim_core.physics.kernels import OneSignature
-from softsim_core.physics.mechanics.model import MotionSubspace
-from softsim_core.physics.mechanics.pose import cross_matrix
-from softsim_core.physics.mechanics.rows import Rows
+from softsim_core.physics.mechanics import MotionSubspace, Rows, cross_matrix
 
 KEYS = 1 << 52
 """Keys of contacts are kept below this, so that a float64 holds them."""

@@ -6,7 +6,7 @@ from collections.abc import Container
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray
+from softsim_core.base import Array, BoolArray
 from softsim_core.physics.contact.surfaces import CollisionSurface, may_meet, surfaces_cross
 
 _TOUCH = 1.0e-7

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from softsim_core.base.values import FieldError, need_positive
+from softsim_core.base import FieldError, need_positive
 
 MOST_ITERATIONS = 100_000
 ALARM_DISTANCE, CONTACT_DISTANCE, TOLERANCE = 0.004, 0.001, 1.0e-8

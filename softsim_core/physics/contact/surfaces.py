@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.mesh.surface import is_closed
+from softsim_core.base import Array, BoolArray, IndexArray, SceneError
+from softsim_core.physics.mesh import is_closed
 
 _CHUNK = 256
 _PAIRS = 1 << 20

@@ -1,8 +1,5 @@
 """The time step and statics: implementations of the step behind one interface."""
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from typing import Literal, TypeAlias
-
-Backend: TypeAlias = Literal["auto", "numba", "scipy"]
-"""Implementation of the step: compiled, in plain NumPy and SciPy, or the first of them that is installed."""
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -13,16 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.base.arrays import Array, BoolArray
-from softsim_core.physics.actuation.actuators import Actuators, GeometricStiffness
+from softsim_core.base import Array, BoolArray
+from softsim_core.physics.actuation import Actuators, GeometricStiffness
 from softsim_core.physics.dynamics.assembly import Unknowns, jacobian
 from softsim_core.physics.dynamics.stepper import Condensed, Stepper
-from softsim_core.physics.linalg.bounded import solve_bounded
-from softsim_core.physics.linalg.linear_solver import Factors
-from softsim_core.physics.mechanics.control import Parameters, Transmissions
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.rows import Rows, joined, no_rows, sparse_rows
-from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.linalg import Factors, solve_bounded
+from softsim_core.physics.mechanics import (
+    Model,
+    Parameters,
+    Rows,
+    State,
+    Transmissions,
+    joined,
+    no_rows,
+    sparse_rows,
+)
 
 SAME = 1e-6
 """Part of its own compliance by which an actuator yields: several of one route have a tangent, too."""

@@ -7,15 +7,12 @@ import math
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.actuation.joint_drive import drive_stiffness
-from softsim_core.physics.fem.cells import BlockPattern, elastic_forces, stiffness_matrix
-from softsim_core.physics.fem.materials.section import DAMPING
-from softsim_core.physics.fem.prony import held_stiffness
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.actuation import drive_stiffness
+from softsim_core.physics.fem import BlockPattern, elastic_forces, held_stiffness, stiffness_matrix
+from softsim_core.physics.fem.materials import DAMPING
 from softsim_core.physics.fem.rods import RodGroup, rod_drag, rod_viscosity
-from softsim_core.physics.mechanics.control import Parameters
-from softsim_core.physics.mechanics.model import Model, MotionSubspace, RigidRegion
-from softsim_core.physics.mechanics.state import State, held_name
+from softsim_core.physics.mechanics import Model, MotionSubspace, Parameters, RigidRegion, State, held_name
 
 
 class Unknowns:

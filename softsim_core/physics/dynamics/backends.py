@@ -5,14 +5,13 @@ from __future__ import annotations
 import warnings
 from functools import cache
 
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.actuation.actuators import Actuators
-from softsim_core.physics.dynamics import Backend
+from softsim_core.base import Backend, SceneError
+from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.dynamics.scipy_backend import ScipyStepper
 from softsim_core.physics.dynamics.stepper import Stepper
 from softsim_core.physics.kernels import why_plain
-from softsim_core.physics.linalg.solvers import AUTO, COMPILED, ITERATIVE, linear_solver
-from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.linalg import AUTO, COMPILED, ITERATIVE, linear_solver
+from softsim_core.physics.mechanics import Model
 
 
 def has_compiled_step(solver: str) -> bool:
@@ -54,7 +53,7 @@ def make_stepper(
     if backend != "scipy" and compiled:
         plain = why_plain()
         if plain is None:
-            from softsim_core.physics.dynamics.numba_backend.stepper import NumbaStepper
+            from softsim_core.physics.dynamics.numba_backend import NumbaStepper
 
             earlier = like if isinstance(like, NumbaStepper) else None
             iterative = None if solver == AUTO else solver == ITERATIVE

@@ -32,17 +32,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.actuation.joint_drive import drive_stiffness
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.actuation import drive_stiffness
 from softsim_core.physics.dynamics.assembly import top_speed
 from softsim_core.physics.dynamics.iterations import IteratedFreeMotion, IteratedStepper
 from softsim_core.physics.dynamics.report import StepReport
 from softsim_core.physics.dynamics.stepper import StepperAround
-from softsim_core.physics.fem.materials.section import DAMPING
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import FREE, Model
-from softsim_core.physics.mechanics.rows import Rows
-from softsim_core.physics.mechanics.state import ACCELERATION, REDUCED_ACCELERATION, State
+from softsim_core.physics.fem.materials import DAMPING
+from softsim_core.physics.mechanics import (
+    ACCELERATION,
+    FREE,
+    REDUCED_ACCELERATION,
+    Control,
+    Model,
+    Parameters,
+    Rows,
+    State,
+)
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 

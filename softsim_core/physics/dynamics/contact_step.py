@@ -25,18 +25,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.contact.collision_model import CollisionModel, Place
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.contact import CollisionModel, LinearisedContacts, Place, linearise
 from softsim_core.physics.contact.detection import Proximities, measured_gaps
-from softsim_core.physics.contact.linearised import LinearisedContacts, linearise
 from softsim_core.physics.contact.solver import ContactSolution, solve_contacts
 from softsim_core.physics.dynamics.bossak import BossakFreeMotion, BossakStepper
 from softsim_core.physics.dynamics.iterations import IteratedFreeMotion, IteratedStepper
 from softsim_core.physics.dynamics.report import ContactReport, StepReport
 from softsim_core.physics.dynamics.stepper import StepperAround
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.rigid import RigidBodies
-from softsim_core.physics.mechanics.state import HOLDING, State, no_warm_start
+from softsim_core.physics.mechanics import HOLDING, Control, Parameters, RigidBodies, State, no_warm_start
 
 MOST_PASSES = 10
 """Times that the contacts of a step are solved at most."""

@@ -51,18 +51,24 @@ from functools import partial
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.actuation.joint_drive import drive_stiffness
+from softsim_core.base import Array
+from softsim_core.physics.actuation import drive_stiffness
 from softsim_core.physics.dynamics.assembly import top_speed, viscosity_matrix, viscous_forces
 from softsim_core.physics.dynamics.report import StepReport
 from softsim_core.physics.dynamics.stepper import FreeMotion, Stepper, StepperAround
-from softsim_core.physics.fem.cells import cell_forces, cell_stiffness, mean_volume_answer
-from softsim_core.physics.fem.materials.strain import StrainMaterial
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import FREE, Model
-from softsim_core.physics.mechanics.pose import rotation_exp, rotation_log
-from softsim_core.physics.mechanics.rows import Rows
-from softsim_core.physics.mechanics.state import MOVED, State
+from softsim_core.physics.fem import cell_forces, cell_stiffness, mean_volume_answer
+from softsim_core.physics.fem.materials import StrainMaterial
+from softsim_core.physics.mechanics import (
+    FREE,
+    MOVED,
+    Control,
+    Model,
+    Parameters,
+    Rows,
+    State,
+    rotation_exp,
+    rotation_log,
+)
 
 
 class FreeTurning:

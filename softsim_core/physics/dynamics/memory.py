@@ -6,15 +6,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Protocol
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.dynamics.report import StepReport
 from softsim_core.physics.dynamics.stepper import FreeMotion, Stepper, StepperAround
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.fem.materials.relaxing import Relaxing
-from softsim_core.physics.fem.prony import during_step, forget, held_stress, remember
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.state import State, held_name, memory_name
+from softsim_core.physics.fem import ElementGroup, during_step, forget, held_stress, remember
+from softsim_core.physics.fem.materials import Relaxing
+from softsim_core.physics.mechanics import Control, Model, Parameters, State, held_name, memory_name
 
 
 class Relaxation(Protocol):
@@ -47,8 +44,7 @@ class PlainRelaxation:
 def relaxation(group: ElementGroup, compiled: bool) -> Relaxation:
     """That of a group, by kernels where the step is `compiled` and its law has them."""
     if compiled and len(group.cells):
-        from softsim_core.physics.dynamics.numba_backend.cells.cells import RelaxingCells
-        from softsim_core.physics.dynamics.numba_backend.cells.laws import compiled_law
+        from softsim_core.physics.dynamics.numba_backend.cells import RelaxingCells, compiled_law
 
         if compiled_law(group.material) is not None:
             return RelaxingCells(group)

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 
 PART_OF: Final = {
     "controllers": "step",

@@ -10,8 +10,8 @@ from time import perf_counter
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.actuation.actuators import Actuators, pressed_blocks
+from softsim_core.base import Array
+from softsim_core.physics.actuation import Actuators, pressed_blocks
 from softsim_core.physics.dynamics.actuator_statics import rows_on_unknowns
 from softsim_core.physics.dynamics.assembly import (
     Unknowns,
@@ -27,14 +27,19 @@ from softsim_core.physics.dynamics.assembly import (
 from softsim_core.physics.dynamics.iterations import FreeTurning
 from softsim_core.physics.dynamics.report import StepReport
 from softsim_core.physics.dynamics.stepper import Condensed
-from softsim_core.physics.fem.cells import BlockPattern, inverted_cells, von_mises_stress
-from softsim_core.physics.linalg.bounded import solve_bounded
-from softsim_core.physics.linalg.linear_solver import Factoriser, Factors, LinearSolver
-from softsim_core.physics.linalg.solvers import linear_solver
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.rows import Rows, joined, no_rows, sparse_rows
-from softsim_core.physics.mechanics.state import MOVED, State
+from softsim_core.physics.fem import BlockPattern, inverted_cells, von_mises_stress
+from softsim_core.physics.linalg import Factoriser, Factors, LinearSolver, linear_solver, solve_bounded
+from softsim_core.physics.mechanics import (
+    MOVED,
+    Control,
+    Model,
+    Parameters,
+    Rows,
+    State,
+    joined,
+    no_rows,
+    sparse_rows,
+)
 
 
 class ScipyStepper:

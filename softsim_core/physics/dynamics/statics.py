@@ -32,10 +32,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import FactorisationError, NotConvergedError
-from softsim_core.physics.actuation.actuators import Actuators, GeometricStiffness
-from softsim_core.physics.actuation.joint_drive import drive_stiffness
+from softsim_core.base import Array, FactorisationError, IndexArray, NotConvergedError
+from softsim_core.physics.actuation import Actuators, GeometricStiffness, drive_stiffness
 from softsim_core.physics.dynamics.actuator_statics import ActuatedFactors, on_nodes, rows_on_unknowns
 from softsim_core.physics.dynamics.assembly import (
     Unknowns,
@@ -45,13 +43,9 @@ from softsim_core.physics.dynamics.assembly import (
     static_tangent,
 )
 from softsim_core.physics.dynamics.stepper import Condensed
-from softsim_core.physics.fem.cells import inverted_cells
-from softsim_core.physics.linalg.linear_solver import Factoriser, LinearSolver
-from softsim_core.physics.linalg.solvers import linear_solver
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import Model, RigidRegion
-from softsim_core.physics.mechanics.pose import nearest_rotation
-from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.fem import inverted_cells
+from softsim_core.physics.linalg import Factoriser, LinearSolver, linear_solver
+from softsim_core.physics.mechanics import Control, Model, Parameters, RigidRegion, State, nearest_rotation
 
 
 @dataclass(frozen=True, slots=True, eq=False)

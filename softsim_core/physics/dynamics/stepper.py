@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.actuation.actuators import Actuators
+from softsim_core.base import Array
+from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.dynamics.report import StepReport
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.rows import Rows
-from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mechanics import Control, Model, Parameters, Rows, State
 
 
 class Stepper(Protocol):

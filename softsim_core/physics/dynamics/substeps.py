@@ -19,23 +19,19 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import FactorisationError
+from softsim_core.base import Array, FactorisationError
 from softsim_core.physics.dynamics.report import ContactReport, StepReport, mean_contacts
 from softsim_core.physics.dynamics.stepper import Stepper, StepperAround
-from softsim_core.physics.fem.cells import mean_volume_law, strain_change
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.fem.materials.corotational import RotatedHooke
-from softsim_core.physics.fem.materials.strain import Fibres
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.state import COMMANDED, EFFORT_CHANGE, State
+from softsim_core.physics.fem import ElementGroup, mean_volume_law, strain_change
+from softsim_core.physics.fem.materials import Fibres, RotatedHooke
+from softsim_core.physics.mechanics import COMMANDED, EFFORT_CHANGE, Control, Parameters, State
 
 
 def strain_measure(group: ElementGroup, compiled: bool) -> Callable[[Array, Array], float]:
     """Measures the largest change of strain of a group between positions (n, 3); see fem.cells."""
     if not compiled or not len(group.cells):
         return partial(strain_change, group)
-    from softsim_core.physics.dynamics.numba_backend.cells.batches import cell_batches, largest_strain_change
+    from softsim_core.physics.dynamics.numba_backend.cells import cell_batches, largest_strain_change
     from softsim_core.physics.kernels import OneSignature
 
     return partial(OneSignature(largest_strain_change), cell_batches(group))

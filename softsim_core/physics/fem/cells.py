@@ -16,11 +16,16 @@ from functools import singledispatch
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.fem.elements.element import Element
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.fem.elements import Element
 from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.fem.materials.material import TangentModes, VolumetricMaterial, von_mises
-from softsim_core.physics.fem.materials.strain import StrainMaterial, without_pressing
+from softsim_core.physics.fem.materials import (
+    StrainMaterial,
+    TangentModes,
+    VolumetricMaterial,
+    von_mises,
+    without_pressing,
+)
 
 
 def deformation_gradients(group: ElementGroup, positions: Array) -> Array:

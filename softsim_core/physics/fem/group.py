@@ -8,10 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.physics.fem.elements.element import Element, cell_axes, rest_quadrature
-from softsim_core.physics.fem.elements.surface import surface_quadrature
-from softsim_core.physics.fem.materials.material import Material
+from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.physics.fem.elements import Element, cell_axes, rest_quadrature, surface_quadrature
+from softsim_core.physics.fem.materials import Material
 
 LOCKING_RATIO = 0.49
 """From this Poisson ratio on, linear tetrahedra are much too stiff."""

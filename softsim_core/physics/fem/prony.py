@@ -22,11 +22,10 @@ from typing import Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_core.physics.fem.cells import deformation_gradients
 from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.fem.materials.material import Material
-from softsim_core.physics.fem.materials.relaxing import SHARE, TIME, Relaxing
+from softsim_core.physics.fem.materials import SHARE, TIME, Material, Relaxing
 
 FLATTEST: Final = 0.05
 """Where det F is smaller, a point keeps the stress that it had: F^-1 means nothing there."""

@@ -1,7 +1,5 @@
 """Kernels compiled by Numba: how, by whom, and where they are cached."""
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from softsim_core.physics.kernels.compiler import Compiler, OneSignature, why_plain
-
-__all__ = ["Compiler", "OneSignature", "why_plain"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from softsim_core.base.files import runtime_folder
+from softsim_core.base import runtime_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 

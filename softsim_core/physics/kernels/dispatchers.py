@@ -10,7 +10,7 @@ from typing import Any
 from numba.core.registry import CPUDispatcher, cpu_target
 
 from softsim_core.physics.kernels.cache import KernelCache
-from softsim_core.physics.kernels.compile_process import Wanted, compile_process
+from softsim_core.physics.kernels.worker import Wanted, compile_process
 
 
 class Inside(CPUDispatcher):

@@ -1,1 +1,5 @@
 """Linear algebra of the step: elimination order, supernodal Cholesky factors, small bounded systems."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

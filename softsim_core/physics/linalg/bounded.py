@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray
+from softsim_core.base import Array, BoolArray
 
 SOLVED = 1e-9
 """Forces with a larger `bounded_residual` are no answer."""

@@ -13,7 +13,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_core.physics.linalg.cholesky import ZERO
 from softsim_core.physics.linalg.compile import kernel
 from softsim_core.physics.linalg.divided_factor import Division

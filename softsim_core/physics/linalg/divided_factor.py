@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_core.physics.linalg.cholesky import (
     BLOCK,
     FITS,

@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from softsim_core.base.arrays import BoolArray, IndexArray
+from softsim_core.base import BoolArray, IndexArray
 from softsim_core.physics.linalg.compile import kernel
 
 

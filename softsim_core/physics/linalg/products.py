@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softsim_core.base.arrays import Array, IndexArray, unique_pairs
+from softsim_core.base import Array, IndexArray, unique_pairs
 from softsim_core.physics.linalg.compile import kernel
 from softsim_core.physics.linalg.simd import ROWS
 from softsim_core.physics.linalg.symbolic import Plan, Tree, padded

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from softsim_core.base.names import Registry
-from softsim_core.physics.linalg.linear_solver import LinearSolver, SuperLU
+from softsim_core.base import Registry
+from softsim_core.physics.linalg.solver_interface import LinearSolver, SuperLU
 from softsim_core.physics.linalg.supernodal import Iterative, Supernodal
 
 AUTO: Final = "auto"

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from softsim_core.base.arrays import Array, IndexArray, unique_pairs
-from softsim_core.base.errors import SceneError
-from softsim_core.physics.linalg.linear_solver import (
+from softsim_core.base import Array, IndexArray, SceneError, unique_pairs
+from softsim_core.physics.linalg.solver_interface import (
     Factors,
     Pattern,
     Rows,

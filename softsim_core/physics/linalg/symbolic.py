@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from softsim_core.base.arrays import BoolArray, IndexArray
+from softsim_core.base import BoolArray, IndexArray
 from softsim_core.physics.linalg.compile import kernel
 from softsim_core.physics.linalg.ordering import (
     column_counts,

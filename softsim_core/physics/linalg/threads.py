@@ -26,7 +26,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils as numba_cgutils
 
-from softsim_core.base.arrays import IndexArray
+from softsim_core.base import IndexArray
 from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.linalg.compile import intrinsic, kernel
 from softsim_core.physics.linalg.simd import steady_seconds

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.mechanics.model import Model
 from softsim_core.physics.mechanics.pose import cross
 from softsim_core.physics.mechanics.state import State

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from softsim_core.base.arrays import Array, float_array
+from softsim_core.base import Array, float_array
 
 
 class Transmissions(NamedTuple):

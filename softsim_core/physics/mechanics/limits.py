@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from softsim_core.base.errors import CommandError, SceneError, listing
+from softsim_core.base import CommandError, SceneError, listing
 
 SHORTEST_STEP_S = 1e-9
 """Steps of a motion shorter than this in [s] are none: nothing is divided by them."""

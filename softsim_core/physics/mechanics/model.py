@@ -13,10 +13,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.fem import ElementGroup, MassCoupling
 from softsim_core.physics.fem.elements import Element
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.fem.mass import MassCoupling
 from softsim_core.physics.fem.materials import Material
 from softsim_core.physics.mechanics.limits import JointLimits
 from softsim_core.physics.mechanics.pose import cross_matrix, rotation_exp

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.mechanics.pose import cross, cross_matrix, rotation_exp
 from softsim_core.physics.mechanics.state import State
 

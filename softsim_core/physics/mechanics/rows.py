@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from softsim_core.base.arrays import Array, IndexArray, float_array
+from softsim_core.base import Array, IndexArray, float_array
 
 
 class Rows(NamedTuple):

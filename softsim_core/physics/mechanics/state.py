@@ -14,8 +14,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, float_array
-from softsim_core.base.errors import SnapshotError, listing
+from softsim_core.base import Array, SnapshotError, float_array, listing
 
 MAGIC = b"softsim snapshot, version 2\n"
 """How a snapshot of this format begins."""

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray, unique_pairs
-from softsim_core.base.errors import MeshError
+from softsim_core.base import Array, IndexArray, MeshError, unique_pairs
 from softsim_core.physics.mesh.types import TetMesh, subdivided
 
 SLIVER_ANGLE_DEG = 10.0

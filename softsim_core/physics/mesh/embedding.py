@@ -11,9 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import MeshError
-from softsim_core.base.units import radians
+from softsim_core.base import Array, IndexArray, MeshError, radians
 from softsim_core.physics.mesh.types import TetMesh, subdivided
 
 _ON_FACE = 1.0e-5  # in element heights: a point on a face stays inside when rounded to float32

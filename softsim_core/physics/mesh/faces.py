@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
+from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.mesh.surface import FACES, alone
 from softsim_core.physics.mesh.types import MIDDLES, TetMesh
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse import csr_array
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_core.physics.mesh.embedding import Embedding
 from softsim_core.physics.mesh.types import SurfaceMesh
 

@@ -23,8 +23,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import DTypeLike
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import MeshError
+from softsim_core.base import Array, IndexArray, MeshError
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _STL_WORDS = ("solid", "facet", "outer", "endloop", "endfacet", "endsolid")

@@ -15,9 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import MeshError
-from softsim_core.base.files import write_file
+from softsim_core.base import Array, IndexArray, MeshError, write_file
 from softsim_core.physics.mesh.checks import check_arrays, drop_unused_nodes
 from softsim_core.physics.mesh.embedding import PlacementLike, place
 from softsim_core.physics.mesh.formats import (

@@ -7,8 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import MeshError
+from softsim_core.base import Array, IndexArray, MeshError
 from softsim_core.physics.mesh.embedding import Embedding
 from softsim_core.physics.mesh.generators import box_mesh
 from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh, quadratic

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import MeshError, SceneError
-from softsim_core.base.values import LOCAL, FieldError, MeshFile, Vector
+from softsim_core.base import LOCAL, Array, FieldError, IndexArray, MeshError, MeshFile, SceneError, Vector
 from softsim_core.physics.mesh.readers import read_surface
 from softsim_core.physics.mesh.surface import enclosed_volume, is_closed
 from softsim_core.physics.mesh.types import SurfaceMesh

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray, unique_pairs
-from softsim_core.base.errors import MeshError
+from softsim_core.base import Array, BoolArray, IndexArray, MeshError, unique_pairs
 from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh, subdivided
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])

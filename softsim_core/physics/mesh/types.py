@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.actuation.cable.cables import CableView
-from softsim_core.physics.actuation.chamber.chamber import ChamberView
+from softsim_core.base import Array
+from softsim_core.physics.actuation.cable import CableView
+from softsim_core.physics.actuation.chamber import ChamberView
 from softsim_core.physics.sensing.description import (
     Reference,
     Scenery,

@@ -9,13 +9,9 @@ from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import known_names
-from softsim_core.base.values import FieldError, Vector, need_finite
-from softsim_core.physics.actuation.actuators import ActuatorView
-from softsim_core.physics.actuation.building import Surroundings
-from softsim_core.physics.contact.surfaces import CollisionSurface
+from softsim_core.base import Array, FieldError, SceneError, Vector, known_names, need_finite
+from softsim_core.physics.actuation import ActuatorView, Surroundings
+from softsim_core.physics.contact import CollisionSurface
 from softsim_core.physics.sensing.sensor import Place, Sensor
 
 ANY_BODY: Final = "body"

@@ -19,12 +19,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import LOCAL, Placement, Vector
-from softsim_core.physics.mechanics.carrier import Carrier
-from softsim_core.physics.mechanics.model import FIXED, FREE, Model
-from softsim_core.physics.mechanics.pose import cross
+from softsim_core.base import LOCAL, Array, IndexArray, Placement, SceneError, Vector
+from softsim_core.physics.mechanics import FIXED, FREE, Carrier, Model, cross
 from softsim_core.physics.sensing.description import (
     PLACE,
     Reference,

@@ -17,9 +17,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import LOCAL, Placement, Vector
-from softsim_core.physics.mechanics.pose import quaternion_of, rotation_exp, rotation_of
+from softsim_core.base import LOCAL, Array, Placement, Vector
+from softsim_core.physics.mechanics import quaternion_of, rotation_exp, rotation_of
 from softsim_core.physics.sensing.description import (
     PLACE,
     Reference,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import Registry
+from softsim_core.base import Registry, SceneError
 from softsim_core.physics.sensing.actuators import CABLE_SENSOR, CHAMBER_SENSOR
 from softsim_core.physics.sensing.description import Scenery, SensorKind, SimulatedSensorDescription
 from softsim_core.physics.sensing.force_torque import FORCE_TORQUE

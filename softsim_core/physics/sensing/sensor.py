@@ -16,13 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Placement
-from softsim_core.physics.dynamics.report import ContactReport, StepReport
-from softsim_core.physics.mechanics.carrier import Carrier
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.pose import rotation_euler
-from softsim_core.physics.mechanics.state import State
+from softsim_core.base import Array, Placement
+from softsim_core.physics.dynamics import ContactReport, StepReport
+from softsim_core.physics.mechanics import Carrier, Model, State, rotation_euler
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,9 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import known_names
+from softsim_core.base import Array, SceneError, known_names
 from softsim_core.physics.sensing.description import SimulatedSensorDescription
 from softsim_core.physics.sensing.sensor import SampleNoise, Seen, Sensor
 

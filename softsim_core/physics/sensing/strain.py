@@ -7,9 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import POINT, FieldError, Vector, need_finite
-from softsim_core.physics.actuation.building import Points
+from softsim_core.base import POINT, Array, FieldError, Vector, need_finite
+from softsim_core.physics.actuation import Points
 from softsim_core.physics.sensing.description import (
     SOFT_BODY,
     Reference,

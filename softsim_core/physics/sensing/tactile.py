@@ -19,11 +19,9 @@ from typing import ClassVar
 import numpy as np
 from scipy.sparse import csr_array
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import Box, FieldError
-from softsim_core.physics.dynamics.report import ContactReport
-from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.base import Array, BoolArray, Box, FieldError, IndexArray, SceneError
+from softsim_core.physics.dynamics import ContactReport
+from softsim_core.physics.mechanics import rotation_euler
 from softsim_core.physics.sensing.description import (
     ANY_BODY,
     Reference,

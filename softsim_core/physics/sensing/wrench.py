@@ -7,9 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.values import Vector
-from softsim_core.physics.mechanics.pose import cross
+from softsim_core.base import Array, Vector
+from softsim_core.physics.mechanics import cross
 from softsim_core.physics.sensing.description import (
     ANY_BODY,
     PLACE,

@@ -1,1 +1,5 @@
 """Rigid robots from URDF files that carry soft ones: the key `arm` of a scene."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

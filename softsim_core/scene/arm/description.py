@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from softsim_core.base.values import Placement, SceneName, need_finite
+from softsim_core.base import Placement, SceneName, need_finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,18 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import known_names
-from softsim_core.base.values import Placement, Vector
-from softsim_core.physics.actuation.building import ActuatorDescription
-from softsim_core.physics.mechanics.pose import rotation_exp
+from softsim_core.base import Placement, SceneError, Vector, known_names
+from softsim_core.physics.actuation import ActuatorDescription
+from softsim_core.physics.mechanics import rotation_exp
+from softsim_core.scene import (
+    CollisionDescription,
+    JointDescription,
+    Motion,
+    RigidBodyDescription,
+    RobotDescription,
+    SceneDescription,
+    ViewSettings,
+    placed,
+)
 from softsim_core.scene.arm.description import ArmDescription, ToolDescription
 from softsim_core.scene.arm.urdf_file import RigidRobot, UrdfJoint, read_urdf
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.placed import Motion, placed
-from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.view import ViewSettings
 
 GROUP = "arm"
 """Group of the collision surfaces of an arm's links: they never touch each other."""

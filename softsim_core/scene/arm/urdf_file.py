@@ -19,16 +19,20 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import ConfigError, SceneError, listing
-from softsim_core.base.extras import install_command
-from softsim_core.base.names import known_names
-from softsim_core.base.values import MeshFile, Placement
-from softsim_core.physics.mechanics.limits import JointLimits
-from softsim_core.physics.mechanics.pose import rotation_euler
-from softsim_core.physics.mesh.shapes import Shape
-from softsim_core.scene.io.programs import XACRO, allowed_program, may_hold_programs
-from softsim_core.scene.placed import Motion
+from softsim_core.base import (
+    Array,
+    ConfigError,
+    MeshFile,
+    Placement,
+    SceneError,
+    install_command,
+    known_names,
+    listing,
+)
+from softsim_core.physics.mechanics import JointLimits, rotation_euler
+from softsim_core.physics.mesh import Shape
+from softsim_core.scene import Motion
+from softsim_core.scene.io import XACRO, allowed_program, may_hold_programs
 
 MANIFEST: Final = "package.xml"
 MOST_MANIFEST_BYTES: Final = 1_000_000

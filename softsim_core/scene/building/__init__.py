@@ -1,1 +1,5 @@
 """From the description of a scene to the mechanical model."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

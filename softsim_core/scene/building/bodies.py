@@ -8,30 +8,37 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import known_names
-from softsim_core.physics.fem.elements import Element
-from softsim_core.physics.fem.elements.surface import TRI3, TRI6
-from softsim_core.physics.fem.group import ElementGroup, fibre_group, layer_group
-from softsim_core.physics.fem.mass import volume_shares
-from softsim_core.physics.fem.materials.section import SECTION
-from softsim_core.physics.fem.materials.strain import FIBRES, MEMBRANE
+from softsim_core.base import Array, IndexArray, SceneError, known_names
+from softsim_core.physics.fem import ElementGroup, fibre_group, layer_group, volume_shares
+from softsim_core.physics.fem.elements import TRI3, TRI6, Element
+from softsim_core.physics.fem.materials import FIBRES, MEMBRANE, SECTION
 from softsim_core.physics.fem.rods import CIRCLE, RodSections
-from softsim_core.physics.mesh import Embedding, SurfaceMesh, TetMesh
-from softsim_core.physics.mesh.embedding import place, rotation_matrix
-from softsim_core.physics.mesh.faces import boundary_faces
-from softsim_core.physics.mesh.rods import RodMesh, SweptMesh, along_curve, carried_axes, rod_mesh, swept_mesh
-from softsim_core.scene.deformable import BodyDescription, MaterialRegionDescription, nodes_in
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.rod import (
+from softsim_core.physics.mesh import (
+    Embedding,
+    RodMesh,
+    SurfaceMesh,
+    SweptMesh,
+    TetMesh,
+    along_curve,
+    boundary_faces,
+    carried_axes,
+    place,
+    rod_mesh,
+    rotation_matrix,
+    swept_mesh,
+)
+from softsim_core.scene import (
     AxisDescription,
+    BodyDescription,
     FibresDescription,
     LayerDescription,
+    MaterialDescription,
+    MaterialRegionDescription,
     RodClampDescription,
     RodDescription,
     RodSectionDescription,
+    SceneDescription,
+    nodes_in,
 )
 
 

@@ -8,40 +8,44 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import known_names
-from softsim_core.base.values import MeshFile, Placement
-from softsim_core.physics.actuation.actuators import Actuators
-from softsim_core.physics.actuation.building import Placed, Surroundings
-from softsim_core.physics.actuation.registry import actuator_kinds
-from softsim_core.physics.contact.collision_model import CollisionModel
-from softsim_core.physics.contact.settings import ContactLimits
-from softsim_core.physics.dynamics.substeps import torn_by_rough_steps
-from softsim_core.physics.fem.cells import takes_found_stress
+from softsim_core.base import Array, IndexArray, MeshFile, Placement, SceneError, known_names
+from softsim_core.physics.actuation import Actuators, Placed, Surroundings, actuator_kinds
+from softsim_core.physics.contact import CollisionModel, ContactLimits
+from softsim_core.physics.dynamics import torn_by_rough_steps
+from softsim_core.physics.fem import (
+    ElementGroup,
+    MassCoupling,
+    element_group,
+    locking_warning,
+    mass_coupling,
+    memory_shape,
+    takes_found_stress,
+    volume_shares,
+)
 from softsim_core.physics.fem.elements import element
-from softsim_core.physics.fem.group import ElementGroup, element_group, locking_warning
-from softsim_core.physics.fem.mass import MassCoupling, mass_coupling, volume_shares
-from softsim_core.physics.fem.materials.relaxing import Relaxing
-from softsim_core.physics.fem.materials.section import SECTION
-from softsim_core.physics.fem.prony import memory_shape
+from softsim_core.physics.fem.materials import SECTION, Relaxing
 from softsim_core.physics.fem.rods import joined, rod_group
-from softsim_core.physics.mechanics.carrier import Carrier
-from softsim_core.physics.mechanics.control import Parameters
-from softsim_core.physics.mechanics.model import FIXED, FREE, Joint, Model, RigidRegion
-from softsim_core.physics.mechanics.pose import rotation_euler
-from softsim_core.physics.mechanics.state import (
+from softsim_core.physics.mechanics import (
     ACCELERATION,
     COMMANDED,
     EFFORT_CHANGE,
+    FIXED,
+    FREE,
     HOLDING,
     KEPT,
     MOVED,
     REDUCED_ACCELERATION,
+    Carrier,
+    Joint,
+    Model,
+    Parameters,
+    RigidRegion,
     held_name,
     memory_name,
+    rotation_euler,
 )
 from softsim_core.physics.mesh import (
+    RodMesh,
     SurfaceMesh,
     TetMesh,
     boundary,
@@ -49,26 +53,24 @@ from softsim_core.physics.mesh import (
     drop_unused_nodes,
     embed,
     linear,
+    node_triangles,
     quadratic,
     read_surface,
     read_tets,
+    rod_surface,
 )
-from softsim_core.physics.mesh.rods import RodMesh, node_triangles, rod_surface
-from softsim_core.physics.sensing.description import Scenery
-from softsim_core.physics.sensing.registry import sensor_kind
-from softsim_core.physics.sensing.sensor import Place
-from softsim_core.physics.sensing.sensors import Sensors
-from softsim_core.scene.building.bodies import Body, draw_rod, draw_tetrahedra, material_parts, reinforcements
-from softsim_core.scene.building.contact_builder import RigidBody, contact_limits, rigid_bodies, rigid_objects
-from softsim_core.scene.building.plausibility import implausible
-from softsim_core.scene.deformable import (
+from softsim_core.physics.sensing import Place, Scenery, Sensors, sensor_kind
+from softsim_core.scene import (
     AddedMassDescription,
     AttachmentDescription,
     BodyDescription,
+    JointDescription,
+    SceneDescription,
     nodes_in,
 )
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene.building.bodies import Body, draw_rod, draw_tetrahedra, material_parts, reinforcements
+from softsim_core.scene.building.contact_builder import RigidBody, contact_limits, rigid_bodies, rigid_objects
+from softsim_core.scene.building.plausibility import implausible
 
 
 def surroundings(model: Model, bodies: tuple[Body, ...]) -> Surroundings:

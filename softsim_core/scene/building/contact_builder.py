@@ -9,22 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import known_names
-from softsim_core.physics.contact.collision_model import CollisionModel, VertexCarrier
-from softsim_core.physics.contact.overlap import first_overlap, touching
-from softsim_core.physics.contact.settings import ContactLimits
-from softsim_core.physics.contact.surfaces import CollisionSurface, check_surface, may_meet
-from softsim_core.physics.mechanics.model import FREE, Model
-from softsim_core.physics.mechanics.pose import rotation_euler
-from softsim_core.physics.mechanics.rigid import RigidBodies, no_rigid_bodies
-from softsim_core.physics.mechanics.state import State
-from softsim_core.physics.mesh import SurfaceMesh, TetMesh, embed, read_surface
-from softsim_core.physics.mesh.faces import triangles_of
+from softsim_core.base import Array, IndexArray, SceneError, known_names
+from softsim_core.physics.contact import (
+    CollisionModel,
+    CollisionSurface,
+    ContactLimits,
+    VertexCarrier,
+    check_surface,
+    first_overlap,
+    may_meet,
+    touching,
+)
+from softsim_core.physics.mechanics import FREE, Model, RigidBodies, State, no_rigid_bodies, rotation_euler
+from softsim_core.physics.mesh import SurfaceMesh, TetMesh, embed, read_surface, triangles_of
+from softsim_core.scene import CollisionDescription, RigidBodyDescription, SceneDescription, nodes_in
 from softsim_core.scene.building.bodies import Body
-from softsim_core.scene.deformable import nodes_in
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +89,7 @@ def rigid_bodies(scene: SceneDescription) -> RigidBodies:
 
 def _surface_and_mass(description: RigidBodyDescription) -> tuple[SurfaceMesh, Array, Array]:
     """Surface, centre of mass (3,) in its frame, and inertia (3, 3) about it; zeros without mass."""
-    from softsim_core.physics.mesh.shapes import mass_properties, surface_of
+    from softsim_core.physics.mesh import mass_properties, surface_of
 
     surface = surface_of(description.shape)
     if description.mass is None:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.fem.group import ElementGroup
+from softsim_core.base import Array
+from softsim_core.physics.fem import ElementGroup
+from softsim_core.scene import SceneDescription
 from softsim_core.scene.building.bodies import Body
 from softsim_core.scene.building.contact_builder import RigidBody, thicknesses
-from softsim_core.scene.description import SceneDescription
 
 SIZES = (1e-3, 3.0)
 """Extents of bodies that are not warned of, in [m]."""

@@ -1,6 +1,5 @@
 """Editing a scene's file: typed edits that keep its comments, undo and redo, and what regions choose."""
 
-from softsim_core.scene.editing.document import SceneDocument
-from softsim_core.scene.editing.edits import Edit, Put, Remove
+from lazy_loader import attach_stub
 
-__all__ = ["Edit", "Put", "Remove", "SceneDocument"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError, SoftSimError, listing
-from softsim_core.physics.actuation.chamber.chamber import closed_hollow
-from softsim_core.physics.actuation.chamber.description import ChamberDescription
-from softsim_core.physics.mechanics.pose import rotation_euler
+from softsim_core.base import Array, IndexArray, SceneError, SoftSimError, listing
+from softsim_core.physics.actuation.chamber import ChamberDescription, closed_hollow
+from softsim_core.physics.mechanics import rotation_euler
 from softsim_core.physics.mesh import TetMesh
-from softsim_core.scene.building.bodies import Body
-from softsim_core.scene.building.builder import chosen_nodes, rest_bodies
-from softsim_core.scene.building.contact_builder import triangles_in
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription, nodes_in
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.joint import JointDescription
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    JointDescription,
+    SceneDescription,
+    nodes_in,
+)
+from softsim_core.scene.building import Body, chosen_nodes, rest_bodies, triangles_in
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,11 +14,10 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from softsim_core.base.errors import ConfigError
+from softsim_core.base import ConfigError
+from softsim_core.scene import RobotDescription
 from softsim_core.scene.editing.edits import Edit, Maker, carried_out
-from softsim_core.scene.io.yaml_loader import load_yaml
-from softsim_core.scene.io.yaml_source import parse_yaml, relative_to_file
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.io import load_yaml, parse_yaml, relative_to_file
 
 MOST_CHARACTERS: Final = 400_000
 """A longer file is not edited."""

@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeAlias
 
-from softsim_core.base.errors import ConfigError, listing
-from softsim_core.scene.io.catalog import shortened
-from softsim_core.scene.io.yaml_loader import Item, Steps
-from softsim_core.scene.io.yaml_source import KeyPath, key_path
+from softsim_core.base import ConfigError, listing
+from softsim_core.scene.io import Item, KeyPath, Steps, key_path, shortened
 
 EDITED_KEYS: Final = (
     "dt",

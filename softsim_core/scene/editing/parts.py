@@ -9,17 +9,12 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.base.values import Box, Placement, Sphere, Vector
-from softsim_core.physics.actuation.cable.builder import cable_points
-from softsim_core.physics.actuation.cable.description import CableDescription
-from softsim_core.physics.mechanics.pose import rotation_euler
-from softsim_core.scene.deformable import nodes_in
-from softsim_core.scene.description import SceneDescription
+from softsim_core.base import Array, Box, Placement, SceneError, Sphere, Vector
+from softsim_core.physics.actuation.cable import CableDescription, cable_points
+from softsim_core.physics.mechanics import rotation_euler
+from softsim_core.scene import RobotDescription, SceneDescription, nodes_in
 from softsim_core.scene.editing.edits import Edit, Put, Remove
-from softsim_core.scene.io.yaml_loader import Item, Steps
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene.io import Item, Steps
 
 DIGITS: Final = 7
 """Places and sizes are written to so many digits after the point, in [m]."""

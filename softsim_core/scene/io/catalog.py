@@ -9,13 +9,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from softsim_core.base.errors import ConfigError, listing
-from softsim_core.base.names import known_names
+from softsim_core.base import ConfigError, known_names, listing
+from softsim_core.scene import RobotDescription
 from softsim_core.scene.io.files import SUFFIXES, known_scenes
+from softsim_core.scene.io.loaders import load_python, load_yaml
 from softsim_core.scene.io.programs import ANY_PROGRAM, ProgramRule, limited_to
-from softsim_core.scene.io.python_loader import load_python
-from softsim_core.scene.io.yaml_loader import load_yaml
-from softsim_core.scene.robot import RobotDescription
 
 MOST_NAMES: Final = 10
 """A message lists at most so many names."""

@@ -13,16 +13,11 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
-from softsim_core.base.errors import ConfigError, listing
-from softsim_core.base.names import known_names
-from softsim_core.base.values import SceneName
-from softsim_core.physics.actuation.building import ActuatorDescription
-from softsim_core.physics.actuation.registry import described_kinds
-from softsim_core.physics.sensing.description import SimulatedSensorDescription
-from softsim_core.physics.sensing.registry import sensor_kind, sensor_kinds
-from softsim_core.scene.arm.description import ArmDescription
-from softsim_core.scene.file_keys import is_absent, is_beside
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import ConfigError, SceneName, known_names, listing
+from softsim_core.physics.actuation import ActuatorDescription, described_kinds
+from softsim_core.physics.sensing import SimulatedSensorDescription, sensor_kind, sensor_kinds
+from softsim_core.scene import RobotDescription, is_absent, is_beside
+from softsim_core.scene.arm import ArmDescription
 
 Kind: TypeAlias = Literal["robots", "scenes"]
 KINDS: tuple[Kind, ...] = ("robots", "scenes")

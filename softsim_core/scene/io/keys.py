@@ -11,14 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base.errors import SceneError, listing
-from softsim_core.base.names import known_names, one_of
-from softsim_core.base.values import FieldError
-from softsim_core.physics.fem.materials import material, material_names
-from softsim_core.physics.fem.materials.elastomers import DEFAULT_FIT, elastomer
-from softsim_core.physics.sensing.registry import sensor_kind, sensor_kinds
+from softsim_core.base import FieldError, SceneError, known_names, listing, one_of
+from softsim_core.physics.fem.materials import DEFAULT_FIT, elastomer, material, material_names
+from softsim_core.physics.sensing import sensor_kind, sensor_kinds
+from softsim_core.scene import DEFAULT_LAW, MaterialDescription, law_parameters
 from softsim_core.scene.io.yaml_source import KeyPath, SourcedMapping
-from softsim_core.scene.material import DEFAULT_LAW, MaterialDescription, law_parameters
 
 Hook = Callable[[Any, Any], Any]
 """What makes of plain data, and of the type that is wanted, a value."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-from softsim_core.scene.io.yaml_loader import Item, Steps
+from softsim_core.scene.io.loaders import Item, Steps
 from softsim_core.scene.io.yaml_source import relative_to_file
 
 MOST_PLACES: Final = 5000

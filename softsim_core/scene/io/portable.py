@@ -10,19 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.physics.actuation.registry import FRAME_KINDS, described_kinds
-from softsim_core.physics.mesh.types import TetMesh
-from softsim_core.physics.sensing.description import SimulatedSensorDescription
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.file_keys import is_absent, is_beside
+from softsim_core.base import ConfigError, SceneError
+from softsim_core.physics.actuation import FRAME_KINDS, described_kinds
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.physics.sensing import SimulatedSensorDescription
+from softsim_core.scene import (
+    JointDescription,
+    MaterialDescription,
+    RobotDescription,
+    SceneDescription,
+    check_size,
+    is_absent,
+    is_beside,
+)
 from softsim_core.scene.io.keys import KIND
 from softsim_core.scene.io.structure import structure_scene
 from softsim_core.scene.io.yaml_source import SourcedMapping, parse_yaml
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.size import check_size
 
 
 def unstructure_scene(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from softsim_core.base.errors import ConfigError
+from softsim_core.base import ConfigError
 from softsim_core.scene.io.files import installed_roots
 
 XACRO: Final = ".xacro"

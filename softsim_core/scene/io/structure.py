@@ -14,15 +14,22 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from softsim_core.base.errors import ConfigError, SceneError, listing
-from softsim_core.base.values import FieldError, MeshFile, Vector
-from softsim_core.physics.actuation.building import ActuatorDescription
-from softsim_core.physics.actuation.registry import described_kinds
-from softsim_core.physics.mesh.types import TetMesh
-from softsim_core.physics.sensing.description import SimulatedSensorDescription
-from softsim_core.scene.board import BusServo, ServoCalibration
-from softsim_core.scene.description import Threads
-from softsim_core.scene.file_keys import beside, is_absent, keys_of
+from softsim_core.base import ConfigError, FieldError, MeshFile, SceneError, Vector, listing
+from softsim_core.physics.actuation import ActuatorDescription, described_kinds
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.physics.sensing import SimulatedSensorDescription
+from softsim_core.scene import (
+    BusServo,
+    JointDescription,
+    MaterialDescription,
+    RobotDescription,
+    ServoCalibration,
+    Threads,
+    beside,
+    is_absent,
+    keys_of,
+    need_namespace,
+)
 from softsim_core.scene.io.keys import (
     Hook,
     RefusedValue,
@@ -40,9 +47,6 @@ from softsim_core.scene.io.keys import (
     shown,
 )
 from softsim_core.scene.io.yaml_source import KeyPath, Place, SourcedMapping, key_path, relative_to_file
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import RobotDescription, need_namespace
 
 
 @functools.lru_cache(maxsize=2)

@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-from softsim_core.base.errors import ConfigError, listing
+from softsim_core.base import ConfigError, listing
 
 MOST_CHARACTERS: Final = 4_000_000
 """A longer text is refused before it is parsed."""

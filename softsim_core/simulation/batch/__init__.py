@@ -1,7 +1,5 @@
 """Many copies of a scene at once: one model and one plan; each has its state, commands and parameters."""
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from softsim_core.simulation.batch.batch import Batch
-
-__all__ = ["Batch"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -17,12 +17,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.base.arrays import Array, IndexArray, float_array
-from softsim_core.base.errors import BatchError, CommandError, SoftSimError, SolverDivergedError
-from softsim_core.base.processes import python_command, start_process
-from softsim_core.physics.dynamics import Backend
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.robot import RobotDescription, as_robot
+from softsim_core.base import (
+    Array,
+    Backend,
+    BatchError,
+    CommandError,
+    IndexArray,
+    SoftSimError,
+    SolverDivergedError,
+    float_array,
+    python_command,
+    start_process,
+)
+from softsim_core.scene import RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
 
 

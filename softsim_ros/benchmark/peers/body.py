@@ -1,4 +1,4 @@
-"""What every engine is given: the same mesh, material, mass, gravity and held nodes."""
+"""Input of every engine: the same mesh, material, mass, gravity and clamped nodes."""
 
 from __future__ import annotations
 
@@ -7,28 +7,26 @@ from typing import Protocol
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.values import Box
-from softsim_core.physics.mechanics.model import FIXED
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import Array, Box, IndexArray
+from softsim_core.physics.mechanics import FIXED
+from softsim_core.scene import RobotDescription, SceneDescription
+from softsim_core.scene.building import build
 
 
 class PeerMissingError(ImportError):
-    """An engine is not installed, or is too old; the text says how to install it."""
+    """An engine is not installed or is too old; the text says how to install it."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldBody:
-    """A deformable body with one box of held nodes.
+    """A deformable body whose nodes inside one box are clamped.
 
     Attributes:
-        scene: What it is a part of: that body alone, held in one box.
+        scene: Scene that contains only this body, clamped in one box.
         points: Rest positions in [m], shape (n, 3).
         tets: Tetrahedra, shape (m, 4).
-        held: Indices of the held nodes, shape (k,).
-        box: The region that holds them.
+        held: Indices of the clamped nodes, shape (k,).
+        box: Region in which nodes are clamped.
         volume: Volume at rest in [m^3].
         young_modulus: In [Pa].
         poisson_ratio: In [-].
@@ -50,18 +48,18 @@ class HeldBody:
     dt: float
 
     def sag(self, points: Array) -> float:
-        """How far in [m] the lowest node now is below the lowest node at rest; points of shape (n, 3)."""
+        """Return how far in [m] the lowest of `points`, shape (n, 3), is below the lowest node at rest."""
         return float(self.points[:, 2].min() - points[:, 2].min())
 
 
 class Engine(Protocol):
-    """The body in an engine, falling from rest.
+    """The body simulated by one engine, falling from rest.
 
     Attributes:
         name: Path in the records.
         version: Version of the engine.
         method: How it computes a step, in a few words.
-        rests: Whether the body comes to rest, so that its sag can be told.
+        rests: Whether the body comes to rest, so that its sag can be measured.
     """
 
     name: str
@@ -70,23 +68,23 @@ class Engine(Protocol):
     rests: bool
 
     def restart(self) -> None:
-        """Back to the rest shape, without velocity."""
+        """Return to the rest shape with zero velocity."""
         ...
 
     def advance(self) -> None:
-        """Go on by one dt."""
+        """Advance by one step of dt."""
         ...
 
     def points(self) -> Array:
-        """Node positions now in [m], shape (n, 3), in the order of HeldBody.points."""
+        """Return the current node positions in [m], shape (n, 3), in the order of HeldBody.points."""
         ...
 
 
 def held_body(description: RobotDescription) -> HeldBody:
-    """The one body of a held scene, as other engines need it."""
+    """Return the only body of a scene with one clamped box, in the form that other engines need."""
     model = build(description.scene).model
     body, box = description.scene.bodies[0], description.scene.attachments[0].box
-    assert box is not None  # the scene held_centre holds a box
+    assert box is not None  # the attachment of held_centre is a box
     return HeldBody(
         scene=description.scene,
         points=model.rest,

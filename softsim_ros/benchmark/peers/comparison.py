@@ -1,4 +1,4 @@
-"""Our step and the other engines' on the same held body, in one run, with the sag that each of them finds."""
+"""Compare our step with the other engines' on the same clamped body in one run, and the sag of each."""
 
 from __future__ import annotations
 
@@ -9,15 +9,12 @@ from functools import partial
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.scene.robot import RobotDescription
-from softsim_ros.benchmark.cases import Case
+from softsim_core.base import Array
+from softsim_core.scene import RobotDescription
+from softsim_ros.benchmark import FALL_STEPS, STEPS_A_TURN, Case, Contender, Record, known_paths, take_turns
 from softsim_ros.benchmark.peers.body import Engine, HeldBody, PeerMissingError, held_body
 from softsim_ros.benchmark.peers.drake_body import DrakeBody
 from softsim_ros.benchmark.peers.mujoco_flex import DEFAULT_ITERATIONS, MujocoFlex
-from softsim_ros.benchmark.records import Record
-from softsim_ros.benchmark.steps import FALL_STEPS, STEPS_A_TURN, known_paths
-from softsim_ros.benchmark.timing import Contender, take_turns
 
 SETTLING_S = 3.0
 """Simulated time after which the undamped body rests: implicit Euler steps of 0.01 s damp it."""
@@ -33,7 +30,10 @@ ENGINES: tuple[Callable[[HeldBody], Engine], ...] = (
 
 
 def falling_anew(restart: Callable[[], None], turns: int) -> Callable[[], None]:
-    """Restarts an engine before every `turns`-th turn: engines that iterate have little to do at rest."""
+    """Return a function that restarts an engine before every `turns`-th turn.
+
+    An engine that iterates has little to do once the body rests, so a timed body must fall.
+    """
     turn = 0
 
     def prepare() -> None:
@@ -46,7 +46,7 @@ def falling_anew(restart: Callable[[], None], turns: int) -> Callable[[], None]:
 
 
 class OurBody:
-    """See Engine: our own step, as a user runs it; compiled where Numba is installed."""
+    """The clamped body in our own step, as a user runs it; compiled where Numba is installed."""
 
     version = ""
     rests = True
@@ -59,28 +59,29 @@ class OurBody:
         self.name = self._simulation.backend
 
     def restart(self) -> None:
-        """See Engine."""
+        """Return to the rest shape with zero velocity."""
         self._simulation.reset()
 
     def advance(self) -> None:
-        """See Engine."""
+        """Advance by one step of dt."""
         self._simulation.step()
 
     def points(self) -> Array:
-        """See Engine."""
+        """Return the current node positions in [m], shape (n, 3), in the order of HeldBody.points."""
         return self._simulation.positions
 
 
 def compare(case: Case, rounds: int, to_rest: bool = True) -> tuple[list[Record], list[str]]:
-    """Measure the held body of a case in our step and in every engine that is installed.
+    """Measure the clamped body of a case in our step and in every installed engine.
 
     Args:
-        case: A held scene.
+        case: A case with a scene that is clamped in one box.
         rounds: Turns of each engine.
-        to_rest: Whether to go on until the body rests, for its sag.
+        to_rest: Whether to simulate until the body rests, to measure its sag.
 
     Returns:
-        Records of the other engines (our own figures in `ours_min_ms`, `ours_sag_mm`), and what is missing.
+        Records of the other engines, with our own figures in `ours_min_ms` and `ours_sag_mm`; and one message
+        for each engine that is missing.
     """
     body = held_body(case.description)
     engines: list[Engine] = []

@@ -1,7 +1,8 @@
-"""The held body as a deformable body of Drake: linear corotated tetrahedra, discrete steps.
+"""The clamped body as a deformable body of Drake: linear corotated tetrahedra, discrete steps.
 
-Drake prescribes nodes of a half space only; a box of nodes is held by its fixed constraint, which its contact
-solver resolves in every step. What its step costs without that shows the same body falling freely.
+Drake prescribes boundary conditions on half spaces only. A box of nodes is therefore clamped by Drake's fixed
+constraint, which its contact solver resolves in every step. The same body falling freely shows what a step
+costs without that constraint.
 """
 
 from __future__ import annotations
@@ -11,19 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.extras import install_command
+from softsim_core.base import Array, install_command
 from softsim_core.physics.mesh import TetMesh, write_tets
-from softsim_ros.benchmark.machine import version_of
+from softsim_ros.benchmark import version_of
 from softsim_ros.benchmark.peers.body import HeldBody, PeerMissingError
 
 
 class DrakeBody:
-    """See Engine.
+    """The clamped body as a deformable body of Drake.
 
     Args:
         body: What to simulate.
-        held: False lets the body fall.
+        held: Whether the nodes in the box are clamped; False lets the body fall.
 
     Raises:
         PeerMissingError: Drake is not installed.
@@ -75,16 +75,16 @@ class DrakeBody:
         self._simulator.Initialize()
 
     def restart(self) -> None:
-        """See Engine."""
+        """Return to the rest shape with zero velocity."""
         self._model.SetPositionsAndVelocities(
             self._context, self._body, self._rest, np.zeros_like(self._rest)
         )
 
     def advance(self) -> None:
-        """See Engine."""
+        """Advance by one step of dt."""
         self._steps += 1
         self._simulator.AdvanceTo(self._steps * self._dt)
 
     def points(self) -> Array:
-        """See Engine."""
+        """Return the current node positions in [m], shape (n, 3), in the order of HeldBody.points."""
         return np.asarray(self._model.GetPositions(self._context, self._body)).T.copy()

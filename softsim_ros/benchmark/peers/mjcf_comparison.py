@@ -1,4 +1,4 @@
-"""A MuJoCo model in MuJoCo and as a scene of ours, in one run: places over time, sags, times of a step."""
+"""Run a MuJoCo model in MuJoCo and as a scene of ours: positions over time, sags, step times."""
 
 from __future__ import annotations
 
@@ -11,30 +11,28 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import MjcfError
-from softsim_core.mjcf.importing import ImportedScene, import_mjcf, write_imported
+from softsim_core.base import Array, MjcfError
+from softsim_core.mjcf import ImportedScene, import_mjcf, write_imported
 from softsim_core.scene import load_scene
+from softsim_ros.benchmark import Contender, known_paths, take_turns
 from softsim_ros.benchmark.peers.comparison import falling_anew
 from softsim_ros.benchmark.peers.mujoco_flex import MujocoEngine
-from softsim_ros.benchmark.steps import known_paths
-from softsim_ros.benchmark.timing import Contender, take_turns
 
 LAWS = ("corotational", "saint_venant_kirchhoff")
-"""Ours by default, which is compiled, and MuJoCo's."""
+"""Our default law, which is compiled, and the law that MuJoCo uses."""
 TIMES = 10
-"""So many moments are compared."""
+"""Number of instants at which positions are compared."""
 MOST_STEPS = 100_000
 STEPS_A_TURN, TURNS_A_FALL = 10, 4
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """How far the soft and the free rigid bodies are from MuJoCo's, at one time.
+    """Distance of the soft and the free rigid bodies from MuJoCo's, at one time.
 
     Attributes:
         time: In [s].
-        largest, mean: Largest distance and root of the mean square in [m].
+        largest, mean: Largest distance and root mean square in [m].
     """
 
     time: float
@@ -44,15 +42,15 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class EngineRow:
-    """What one engine finds.
+    """Results of one engine.
 
     Attributes:
-        name: The engine, of ours with the law.
+        name: The engine; for ours, with the law.
         sags: How far in [m] the lowest point of each soft body is below its lowest point at the start.
-        speed: Largest speed in [m/s] at the end, of any vertex.
-        min_ms, median_ms: Time of a step in [ms].
-        samples: Steps that were timed.
-        moments: Distances from MuJoCo; none of MuJoCo itself.
+        speed: Largest speed in [m/s] of any vertex at the end.
+        min_ms, median_ms: Time per step in [ms].
+        samples: Number of timed steps.
+        moments: Distances from MuJoCo; empty for MuJoCo itself.
         method: How it computes a step.
     """
 
@@ -75,10 +73,10 @@ class ModelComparison:
         version: MuJoCo's version.
         dt: Time step in [s] of both.
         seconds: Simulated time in [s].
-        nodes, elements: Of all soft bodies.
-        rows: MuJoCo, then ours with each law.
-        warnings: How many warnings MuJoCo gave.
-        told: What was not taken over.
+        nodes, elements: Counts over all soft bodies.
+        rows: MuJoCo, then our engine with each law.
+        warnings: Number of warnings that MuJoCo gave.
+        told: Messages about parts of the model that were not imported.
     """
 
     file: Path
@@ -93,7 +91,7 @@ class ModelComparison:
 
 
 class _Ours:
-    """See Engine; a model as a scene of ours, of which the vertices and the free bodies are looked at."""
+    """A MuJoCo model imported as a scene of ours, with its soft vertices and free rigid bodies."""
 
     def __init__(self, imported: ImportedScene, file: Path, law: str) -> None:
         self.simulation = Simulation(load_scene(file), backend=known_paths()[0])
@@ -114,17 +112,17 @@ class _Ours:
         self.simulation.step()
 
     def soft(self) -> dict[str, Array]:
-        """Vertices of each soft body now in [m]."""
+        """Return the current vertices of each soft body in [m]."""
         return {name: self.simulation.positions[nodes] for name, nodes in self._parts}
 
     def rigid(self) -> Array:
-        """Centres of the free rigid bodies now in [m], shape (k, 3)."""
+        """Return the current centres of the free rigid bodies in [m], shape (k, 3)."""
         poses = self.simulation.rigid_poses
         return np.array([poses[k].position for k in self._rigid]).reshape(-1, 3)
 
 
 class _Theirs(MujocoEngine):
-    """The same of MuJoCo."""
+    """The same model in MuJoCo, with the same methods."""
 
     def __init__(self, imported: ImportedScene, file: Path) -> None:
         super().__init__(file)
@@ -139,11 +137,13 @@ class _Theirs(MujocoEngine):
 
 
 def compare_model(file: Path, laws: Sequence[str], seconds: float, rounds: int) -> ModelComparison:
-    """Run a MuJoCo model in MuJoCo and in ours, both from rest, without control, with the model's own dt.
+    """Run a MuJoCo model in MuJoCo and in our engine, both from rest and without control.
+
+    Both use the model's own dt.
 
     Args:
         file: An MJCF file.
-        laws: Laws of our soft bodies, each a run of its own.
+        laws: Laws of our soft bodies; each is run separately.
         seconds: Simulated time in [s].
         rounds: Turns of each engine when steps are timed.
 
@@ -154,7 +154,7 @@ def compare_model(file: Path, laws: Sequence[str], seconds: float, rounds: int) 
     with tempfile.TemporaryDirectory(prefix="softsim-mjcf-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         scenes = [import_mjcf(file, law) for law in laws]
-        if not scenes[0].scene.bodies:  # the law of nothing
+        if not scenes[0].scene.bodies:  # without soft bodies the law has no effect
             laws, scenes = laws[:1], scenes[:1]
         ours = [
             _Ours(imported, write_imported(imported, Path(folder, law), file.name), law)
@@ -198,7 +198,7 @@ def _sizes(simulation: Simulation) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
-    """Places (n, 3) at some times in [s], sags and the last speed."""
+    """Positions (n, 3) at some times in [s], sags, and the final speed."""
 
     times: tuple[float, ...]
     places: tuple[Array, ...]

@@ -1,23 +1,23 @@
-"""MuJoCo as an engine: the held body as a flex, or a model of its own file.
+"""MuJoCo as an engine: the clamped body as a flex, or a model from its own file.
 
-The integrator `discrete` solves its implicit step by iterations. Their default number, 100, is not enough for
-the held body: MuJoCo warns that the solve has not converged. It is measured both ways.
+The integrator `discrete` solves its implicit step by iterations. The default number, 100, is not enough for
+the clamped body: MuJoCo warns that the solve has not converged. Both the default and a sufficient number are
+measured.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from softsim_core.base.errors import MjcfError
-from softsim_core.mjcf.engine import MujocoRun
-from softsim_core.mjcf.exporting import ITERATIONS, export_mjcf
+from softsim_core.base import MjcfError
+from softsim_core.mjcf import ITERATIONS, MujocoRun, export_mjcf
 from softsim_ros.benchmark.peers.body import HeldBody, PeerMissingError
 
 DEFAULT_ITERATIONS = 100
 
 
 class MujocoEngine(MujocoRun):
-    """See Engine.
+    """A model that runs in MuJoCo, with the name and method that the comparison reports.
 
     Args:
         model: A file, or an MJCF document.
@@ -36,11 +36,11 @@ class MujocoEngine(MujocoRun):
 
 
 class MujocoFlex(MujocoEngine):
-    """See Engine; the held body as our own export writes it.
+    """The clamped body in MuJoCo, written as a flex by our own MJCF export.
 
     Args:
         body: What to simulate.
-        iterations: Most iterations of a step's solve.
+        iterations: Maximum number of iterations of a step's solve.
 
     Raises:
         PeerMissingError: MuJoCo is not installed or has no integrator `discrete`.

@@ -1,1 +1,5 @@
-"""A real servo board: `flash`, `calibrate-servos`."""
+"""Commands for a real servo board: `flash`, `calibrate-servos`."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

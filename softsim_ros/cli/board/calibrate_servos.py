@@ -6,22 +6,21 @@ import argparse
 import math
 from pathlib import Path
 
-from servo_bridge.driver.calibration import (
+from servo_bridge.driver import (
     START_TIMEOUT_S,
     CalibrationAbortedError,
+    ServoDriver,
     ServoMover,
+    byte_to_angle,
     calibrate,
     calibrated_robot,
     default_file,
+    find_port,
     save_calibration,
 )
-from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.ports import find_port
-from servo_bridge.driver.servo import byte_to_angle
 from servo_bridge.protocols import AUTO, names
-from softsim_core.base.errors import SceneError, listing
-from softsim_core.scene import load_scene
-from softsim_core.scene.board import ServoCalibration
+from softsim_core.base import SceneError, listing
+from softsim_core.scene import ServoCalibration, load_scene
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate; the file is written only at the end, when the person says so."""
+    """Calibrate; the file is written only at the end, after confirmation."""
     robot = load_scene(arguments.robot)
     if robot.board is None:
         raise SceneError(f"robot {robot.name} has no servo board to calibrate")

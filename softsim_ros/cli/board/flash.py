@@ -1,4 +1,4 @@
-"""`softsim flash`: put the firmware onto the servo board with avrdude; says what it does, asks first."""
+"""`softsim flash`: write the firmware to the servo board with avrdude; asks first."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from softsim_core.base.processes import run_process
+from softsim_core.base import run_process
 
 BAUD_RATE = 115200
 OLD_NANO_BAUD_RATE = 57600
@@ -32,11 +32,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Flash the board; 0 when avrdude wrote and verified it, 1 when something is missing or was refused."""
-    from servo_bridge.driver.ports import find_port
-    from servo_bridge.emulator.board import FIRMWARE
-    from servo_bridge.emulator.simavr import read_image
-    from servo_bridge.errors import PortError
+    """Flash the board; return 0 if avrdude wrote and verified it, 1 if it was refused or could not."""
+    from servo_bridge import PortError
+    from servo_bridge.driver import find_port
+    from servo_bridge.emulator import FIRMWARE, read_image
 
     image = Path(arguments.hex or FIRMWARE)
     _, content = read_image(image)
@@ -73,13 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def flash_command(port: str, image: Path, baud_rate: int) -> list[str]:
-    """The avrdude command line that writes and verifies the flash of an Uno or Nano."""
+    """Return the avrdude command line that writes and verifies the flash of an Uno or Nano."""
     write = f"flash:w:{image}:i"
     return ["avrdude", "-c", "arduino", "-p", "m328p", f"-b{baud_rate}", "-P", port, "-U", write]
 
 
 def is_as_recorded(image: Path) -> bool:
-    """Whether an image has the checksum in the file beside it."""
+    """Return whether an image has the checksum in the file beside it."""
     record = image.with_suffix(".sha256")
     wanted = [hashlib.sha256(image.read_bytes()).hexdigest(), image.name]
     return any(line.split() == wanted for line in record.read_text().splitlines())
@@ -92,12 +91,12 @@ def _confirmed() -> bool:
 
 
 def _check_free(port: str, baud_rate: int) -> None:
-    """Refuse a port that another program holds: avrdude would not notice, and both would lose bytes.
+    """Refuse a port that another program has open; avrdude would not notice, and both would lose bytes.
 
     Raises:
-        PortError: the port is in use, missing, or not allowed; the sentence says what to do.
+        PortError: the port is in use, missing, or not allowed; the message says what to do.
     """
-    from servo_bridge.driver.ports import SerialTransport
+    from servo_bridge.driver import SerialTransport
 
     with SerialTransport(port, baud_rate):
         return

@@ -1,1 +1,5 @@
-"""Robots at work, driven on topics alone: `demo`."""
+"""Demonstrations of robots that are driven through topics alone: `demo`."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

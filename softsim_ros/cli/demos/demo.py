@@ -1,6 +1,6 @@
-"""`softsim demo NAME`: a robot at work, driven on topics alone.
+"""`softsim demo NAME`: run a robot that is driven through topics alone.
 
-grasp: the cable gripper lifts a cube, holds it and puts it down. pick_and_place: on an arm, it takes three
+grasp: the cable gripper lifts a cube, holds it and puts it down. pick_and_place: on an arm, it moves three
 objects from one tray to another.
 """
 
@@ -14,29 +14,28 @@ import time
 from typing import TYPE_CHECKING, Final, Protocol
 
 if TYPE_CHECKING:
-    from softsim_ros.client.robot_client import RobotSession
-    from softsim_ros.client.services import Done
+    from softsim_ros.client import Done, RobotSession
 
 DEMOS: Final = {
     "grasp": ("softsim_ros.cli.demos.grasp", "Grasp"),
     "pick_and_place": ("softsim_ros.cli.demos.pick_and_place", "PickAndPlace"),
 }
-"""Module and class of each demo: built with a node and a client, it is a Show."""
+"""Module and class of each demo; built with a node and a client, it is a Show."""
 
 PATIENCE_S = 60.0
-"""The simulator must send something new within this time, in [s]."""
+"""Longest time in [s] without a new message of the simulator."""
 
 LOOK_PERIOD_S = 0.05
 
 LEAD_S: Final = 1.0
-"""A plan begins this long after it is sent, in simulated [s]: in the meantime it reaches the simulator."""
+"""Delay in simulated [s] between sending a plan and its start, so that it reaches the simulator in time."""
 
 
 class Show(Protocol):
-    """A plan that is sent once, and what topics tell of it.
+    """A plan that is sent once, and measurements from topics.
 
     Attributes:
-        duration_s: How long it takes, in simulated [s].
+        duration_s: Its duration, in simulated [s].
         began: Simulated time at which it begins in [s]; None: it was not sent.
     """
 
@@ -45,12 +44,12 @@ class Show(Protocol):
 
     @property
     def is_ready(self) -> bool:
-        """Whether the simulator is heard and hears."""
+        """Whether messages from and to the simulator get through."""
         ...
 
     @property
     def heard(self) -> int:
-        """How often the simulator has told where things are."""
+        """Number of pose messages received from the simulator."""
         ...
 
     @property
@@ -60,7 +59,7 @@ class Show(Protocol):
 
     @property
     def phase(self) -> str:
-        """What is done now."""
+        """Name of the present phase."""
         ...
 
     def begin(self, done: Done) -> None:
@@ -68,7 +67,7 @@ class Show(Protocol):
         ...
 
     def told(self) -> tuple[list[str], bool]:
-        """What was measured, in sentences, and whether it is as wanted."""
+        """Return the measurements as messages, and whether they meet the requirements."""
         ...
 
 
@@ -84,18 +83,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate, send the plan, print what was measured."""
+    """Simulate, send the plan, print the measurements."""
     if not 0.0 <= arguments.speed <= 1000.0:
         print("softsim demo: --speed must be between 0 and 1000", file=sys.stderr)
         return 2
     from rclpy.parameter import Parameter
 
     from softsim_core.scene import load_scene
-    from softsim_node.process import ros_process
-    from softsim_ros.cli.running.one_at_a_time import only_one
-    from softsim_ros.client.robot_client import RobotClient, RobotSession
-    from softsim_ros.nodes.simulator.simulator_node import Simulator
-    from softsim_ros.robot_node import ClosableNode, SpinThread
+    from softsim_node import ros_process
+    from softsim_ros import ClosableNode, SpinThread
+    from softsim_ros.cli.running import only_one
+    from softsim_ros.client import RobotClient, RobotSession
+    from softsim_ros.nodes.simulator import Simulator
 
     module, name = DEMOS[arguments.name]
     show_class = getattr(importlib.import_module(module), name)
@@ -122,8 +121,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _unfinished() -> int:
-    """Say why the plan was not played to its end; returns the exit code."""
-    from softsim_node.ending import ending
+    """Report why the plan was not played to its end; return the exit code."""
+    from softsim_node import ending
 
     if ending.asked:
         print("softsim demo: ended before the plan was done", file=sys.stderr)
@@ -133,8 +132,8 @@ def _unfinished() -> int:
 
 
 def _play(show: Show, robot: RobotSession) -> bool:
-    """Send the plan and watch until it is done; False when the simulator went silent, or on Ctrl-C."""
-    from softsim_node.ending import ending
+    """Send the plan and wait until it is done; return False if the simulator went silent, or on Ctrl-C."""
+    from softsim_node import ending
 
     phase, heard, heard_at = "", 0, time.monotonic()
     while show.elapsed < show.duration_s:

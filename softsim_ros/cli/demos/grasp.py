@@ -1,4 +1,4 @@
-"""The grasp as a plan and what it must reach: commands go out on topics, poses come in on topics."""
+"""The grasp as a plan with requirements: commands are published on topics, poses received on topics."""
 
 from __future__ import annotations
 
@@ -9,29 +9,27 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from rclpy.node import Node
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_ros.cli.demos.demo import LEAD_S
 from softsim_ros.cli.demos.shown_bodies import ShownBodies, ShownBody
-from softsim_ros.client.robot_client import RobotClient
-from softsim_ros.client.services import Done
-from softsim_ros.client.state import RobotState
+from softsim_ros.client import Done, RobotClient, RobotState
 
 LOWERED, LIFTED, CLOSED = -0.050, -0.020, 0.012
-"""Where the slide goes to grasp and to hold, and how far the cables are pulled, in [m]."""
+"""Positions of the slide to grasp and to hold, and pull of the cables, in [m]."""
 
 NEEDED_LIFT, ALLOWED_SLIP = 0.020, 0.002
-"""Least clearance between cube and floor and largest slip of the cube while it is held, in [m]."""
+"""Smallest clearance between cube and floor and largest slip of the cube during the hold, in [m]."""
 
 NEEDED_HOLD_S = 5.0
-"""How long the cube is held at least, in [s]."""
+"""Shortest hold of the cube in [s]."""
 
 CUBE, FLOOR = "cube", "floor"
 SETTLE_S = 0.5
-"""The hold is measured from this time after the lift, in [s]."""
+"""Time in [s] from the lift to the start of the measurement."""
 
 
 class WayPoint(NamedTuple):
-    """Where the gripper is, and when: `time_s` after the start, pull of all cables and height in [m]."""
+    """State of the gripper at a time: `time_s` after the start, pull of all cables and height in [m]."""
 
     phase: str
     time_s: float
@@ -63,12 +61,12 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class GraspResult:
-    """What was measured.
+    """Measurements of a grasp.
 
     Attributes:
-        lift: Least clearance between cube and floor during the hold in [m].
+        lift: Smallest clearance between cube and floor during the hold in [m].
         slip: Largest motion of the cube's centre during the hold in [m].
-        held: How long the hold was measured in [s].
+        held: Measured duration of the hold in [s].
         returned: Clearance at the end in [m].
         tension: Largest tension of a cable in [N].
     """
@@ -81,7 +79,7 @@ class GraspResult:
 
     @property
     def passed(self) -> bool:
-        """Whether the cube was lifted, held and put down as wanted."""
+        """Whether the cube was lifted, held and put down as required."""
         return bool(
             self.lift >= NEEDED_LIFT
             and self.slip <= ALLOWED_SLIP
@@ -91,11 +89,11 @@ class GraspResult:
 
 
 class Grasp:
-    """Sends the plan once and records what the topics tell about the cube.
+    """Sends the plan once and records the topics about the cube.
 
     Args:
         node: The node whose executor delivers the messages.
-        client: The gripper.
+        client: Client of the gripper.
     """
 
     robot: ClassVar[str] = "cable_gripper"
@@ -112,13 +110,13 @@ class Grasp:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the simulator is heard and hears."""
+        """Whether messages from and to the simulator get through."""
         heard = bool(self.samples) and self._client.state.measured is not None
         return heard and self._client.joints.are_followed
 
     @property
     def heard(self) -> int:
-        """How often the simulator has told where things are."""
+        """Number of pose messages received from the simulator."""
         return len(self.samples)
 
     @property
@@ -128,7 +126,7 @@ class Grasp:
 
     @property
     def phase(self) -> str:
-        """What the gripper does now."""
+        """Present phase of the gripper."""
         return next((point.phase for point in PLAN if self.elapsed < point.time_s), "done")
 
     def begin(self, done: Done) -> None:
@@ -139,7 +137,7 @@ class Grasp:
         self._client.joints.follow(way_points, done, begin_s=self.began)
 
     def result(self) -> GraspResult:
-        """What was measured until now."""
+        """Return the measurements up to now."""
         began = self.began or 0.0
         lifted, held = (
             next(point.time_s for point in PLAN if point.phase == phase) for phase in ("lift", "hold")
@@ -156,7 +154,7 @@ class Grasp:
         )
 
     def told(self) -> tuple[list[str], bool]:
-        """What was measured, in sentences, and whether it is as wanted."""
+        """Return the measurements as messages, and whether they meet the requirements."""
         result = self.result()
         return [
             f"lifted {1e3 * result.lift:.1f} mm clear of the floor (at least {1e3 * NEEDED_LIFT:.0f})",

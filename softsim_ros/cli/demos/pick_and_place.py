@@ -1,8 +1,8 @@
-"""Pick and place by the gripper on the arm: the plan, and what topics report of it.
+"""Pick and place with the gripper on the arm: the plan, and its assessment from topics.
 
-It knows where the objects stand and where they shall stand; that they are heavier, or smoother, it does not.
+It knows the present and the target positions of the objects, but not that some are heavier or smoother.
 
-Commands go out as one joint trajectory; poses, contacts and the flange's wrench come in.
+Commands are published as one joint trajectory. Poses, contacts and the flange's wrench are received.
 """
 
 from __future__ import annotations
@@ -16,33 +16,32 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
-from softsim_core.base.arrays import Array
-from softsim_core.control.inverse.workspace import reach
-from softsim_core.scene.building.builder import build
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.topics import EVERY_ONE
+from softsim_core.base import Array
+from softsim_core.control.inverse import reach
+from softsim_core.scene import RobotDescription
+from softsim_core.scene.building import build
+from softsim_node import EVERY_ONE
 from softsim_ros.cli.demos.demo import LEAD_S
 from softsim_ros.cli.demos.shown_bodies import ShownBodies, ShownBody
-from softsim_ros.client.robot_client import RobotClient
-from softsim_ros.client.services import Done
-from softsim_ros.messages.sensors import read_contact_cloud
+from softsim_ros.client import Done, RobotClient
+from softsim_ros.messages import read_contact_cloud
 
 WRIST: Final = "flange_roll"
 """Joint of the arm that moves the flange."""
 GRASP_POINT: Final = np.array([0.0025, 0.0, 0.1158])
-"""Place between the fingers in the frame that the flange's joint moves, in [m]."""
+"""Position between the fingers in the frame that the flange's joint moves, in [m]."""
 CLOSED_M: Final = 0.021
-"""How far the cables are pulled to hold something."""
+"""Pull of the cables in [m] to hold an object."""
 AWAY: Final = np.array([0.0, 0.36, 0.0])
-"""From where an object stands to where it shall stand, in [m]."""
+"""Displacement from an object's present to its target position, in [m]."""
 UP: Final = np.array([0.0, 0.0, 0.10])
-"""From there to where the gripper passes over it, in [m]."""
+"""Displacement from an object to the gripper's position above it, in [m]."""
 SAMPLE_S: Final = 0.1
-"""A way point of the trajectory every so many seconds."""
+"""Time between way points of the trajectory in [s]."""
 
 
 class Phase(NamedTuple):
-    """A part of the plan: what is done with which object, how long in [s], where to, pull of cables [m]."""
+    """A part of the plan: action, object, duration in [s], target position and pull of the cables in [m]."""
 
     name: str
     object: str
@@ -52,18 +51,18 @@ class Phase(NamedTuple):
 
     @property
     def words(self) -> str:
-        """For people."""
+        """Name of the phase as shown to the user."""
         return f"{self.name} {self.object}"
 
 
 def objects_of(robot: RobotDescription) -> dict[str, Array]:
-    """What can be taken: rigid bodies with mass, and where they stand (3,) in [m]."""
+    """Return the objects to move, which are the rigid bodies with mass, and their positions (3,) in [m]."""
     bodies = robot.scene.rigid_bodies
     return {each.name: np.array(each.pose.translation) for each in bodies if each.mass is not None}
 
 
 def phases_of(robot: RobotDescription) -> list[Phase]:
-    """All parts of the plan, one behind the other."""
+    """Return all parts of the plan in order."""
     phases = []
     for name, here in objects_of(robot).items():
         there = here + AWAY
@@ -82,10 +81,10 @@ def phases_of(robot: RobotDescription) -> list[Phase]:
 
 
 def way_of(robot: RobotDescription) -> list[tuple[float, dict[str, float]]]:
-    """The plan as joint positions in [rad] and [m], by time from its start in [s].
+    """Return the plan as joint positions in [rad] and [m], by time from its start in [s].
 
-    The point between the fingers goes along straight lines with the least jerk; the gripper looks where it
-    looks at the start.
+    The point between the fingers moves along straight lines with minimum jerk; the gripper keeps its initial
+    orientation.
 
     Raises:
         NotReachedError: the arm does not reach an object.
@@ -115,22 +114,22 @@ def way_of(robot: RobotDescription) -> list[tuple[float, dict[str, float]]]:
 
 
 ALLOWED_MISS_M: Final = 0.015
-"""So far from where it shall stand an object may be put down."""
+"""Largest horizontal distance in [m] from the target at which an object may be put down."""
 STANDS_M: Final = 0.004
-"""So much higher or lower than at the start an object may stand: on a tray, upright."""
+"""Largest height difference in [m] from the start, which shows that an object stands upright on a tray."""
 GRAVITY: Final = 9.81
 
 
 @dataclass
 class Taken:
-    """What was seen of an object.
+    """Measurements of an object.
 
     Attributes:
-        start: Where it stood, shape (3,) in [m].
-        lifted: How high it was, beyond that, at most while it was carried, in [m].
-        end: Where it stands now.
-        grip: Largest sum of the forces of the fingers on it, in [N].
-        weights: Force along the vertical that the flange felt while it was carried, in [N].
+        start: Initial position, shape (3,) in [m].
+        lifted: Largest height above that while it was carried, in [m].
+        end: Present position, shape (3,) in [m].
+        grip: Largest sum of the finger forces on it, in [N].
+        weights: Vertical force that the flange measured while it was carried, in [N].
     """
 
     start: Array
@@ -141,12 +140,12 @@ class Taken:
 
     @property
     def miss(self) -> float:
-        """How far it stands from where it shall, across, in [m]."""
+        """Horizontal distance from its target in [m]."""
         return float(np.linalg.norm((self.end - self.start - AWAY)[:2]))
 
     @property
     def why_not(self) -> str:
-        """Why it is not where it shall be, in words; empty: it is."""
+        """Why it is not at its target; an empty string if it is."""
         if self.lifted < 0.5 * float(UP[2]):
             return f"was not lifted ({1e3 * self.lifted:.0f} mm)"
         if not self.miss <= ALLOWED_MISS_M:
@@ -157,11 +156,11 @@ class Taken:
 
 
 class PickAndPlace:
-    """Sends the plan once and records what the topics tell of the objects.
+    """Sends the plan once and records the topics about the objects.
 
     Args:
         node: The node whose executor delivers the messages.
-        client: The arm.
+        client: Client of the arm.
     """
 
     robot: ClassVar[str] = "pick_and_place"
@@ -182,7 +181,7 @@ class PickAndPlace:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the simulator is heard and hears."""
+        """Whether messages from and to the simulator get through."""
         heard = self.heard > 0 and self._client.state.measured is not None
         return heard and self._client.joints.are_followed
 
@@ -193,7 +192,7 @@ class PickAndPlace:
 
     @property
     def phase(self) -> str:
-        """What the arm does now."""
+        """Present phase of the arm."""
         phase = self._phase
         return "done" if phase is None else phase.words
 
@@ -212,7 +211,7 @@ class PickAndPlace:
         self._client.joints.follow(self._way, done, begin_s=self.began)
 
     def told(self) -> tuple[list[str], bool]:
-        """What was measured, in sentences, and whether all objects stand where they shall."""
+        """Return the measurements as messages, and whether all objects are at their targets."""
         sentences = []
         for name, seen in self.taken.items():
             weight = np.median(seen.weights) - self._empty if seen.weights else np.nan
@@ -246,7 +245,7 @@ class PickAndPlace:
                 self.taken[name].grip = max(self.taken[name].grip, float(sizes[gripped].sum()))
 
     def _on_wrench(self, message: WrenchStamped) -> None:
-        """The flange looks down all the time: its z axis is the vertical."""
+        """Record the weight; the flange always points down, so its z axis is vertical."""
         weight, phase = -float(message.wrench.force.z), self._phase
         if phase is not None and phase.object in self.taken and self.began is not None:
             if phase.name == "carry":

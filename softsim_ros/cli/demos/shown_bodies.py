@@ -1,4 +1,4 @@
-"""Where rigid bodies are, as topics tell: their surfaces once, their poses again and again."""
+"""Poses of rigid bodies from topics: their surfaces once, their poses repeatedly."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.mechanics.pose import rotation_of
-from softsim_node.topics import EVERY_ONE, LATCHED
+from softsim_core.base import Array
+from softsim_core.physics.mechanics import rotation_of
+from softsim_node import EVERY_ONE, LATCHED
 
 
 class ShownBody(NamedTuple):
@@ -24,11 +24,11 @@ class ShownBody(NamedTuple):
 
 
 class ShownBodies:
-    """Listens to `bodies/topology` and `bodies/poses`.
+    """Subscribes to `bodies/topology` and `bodies/poses`.
 
     Args:
         node: The node whose executor delivers the messages.
-        on_poses: Told the simulated time in [s] and all bodies by name, at each message of poses.
+        on_poses: Called with the simulated time in [s] and all bodies by name, at each message of poses.
     """
 
     def __init__(self, node: Node, on_poses: Callable[[float, Mapping[str, ShownBody]], None]) -> None:
@@ -44,7 +44,7 @@ class ShownBodies:
         ]
 
     def _poses(self, message: PoseArray) -> None:
-        if not self._shapes or len(message.poses) != len(self._shapes):  # nothing told yet, or another scene
+        if not self._shapes or len(message.poses) != len(self._shapes):  # no surfaces yet, or another scene
             return
         bodies = {}
         for (name, points), pose in zip(self._shapes, message.poses, strict=True):

@@ -1,4 +1,4 @@
-"""The ROS graph from outside: topics, messages as text, rates."""
+"""Observe the ROS graph: topics, messages as text, rates."""
 
 from __future__ import annotations
 
@@ -15,22 +15,19 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from softsim_core.base.names import known_names
-from softsim_node import environment
-from softsim_node.ending import ending
-from softsim_node.process import ros_process
-from softsim_node.topics import hearing_all
-from softsim_ros.client.discovery import FIRST_WITHIN_S, OTHERS_S, running_robots
-from softsim_ros.messages.types import load_message
+from softsim_core.base import known_names
+from softsim_node import ending, environment, hearing_all, ros_process
+from softsim_ros.client import FIRST_WITHIN_S, OTHERS_S, running_robots
+from softsim_ros.messages import load_message
 
 
 def message_text(message: Any, limit: int | None = 12, indent: str = "") -> str:
-    """Fields of a message, one a line, nested messages indented.
+    """Return the fields of a message as text, one per line, nested messages indented.
 
     Args:
         message: Any ROS message.
-        limit: Longest array that is printed whole; None prints all.
-        indent: Put before every line.
+        limit: Longest array that is printed completely; None prints all.
+        indent: Prefix of every line.
     """
     lines = []
     for name in message.get_fields_and_field_types():
@@ -71,20 +68,20 @@ def _value_text(value: Any, limit: int | None) -> str:
 TURN_S = 0.1
 REPORT_S = 1.0
 KEPT = 10
-"""So many messages may wait to be printed."""
+"""Queue length of messages to print."""
 
 OWN_NAME = "_softsim_topics"
 
 
 def where() -> str:
-    """Which part of the ROS network this process sees, in words."""
+    """Return a description of the part of the ROS network that this process can reach."""
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     return f"domain {domain}, discovery range {environment.wished_range(os.environ)}"
 
 
 @contextlib.contextmanager
 def observer() -> Iterator[Node]:
-    """A node that only looks; Ctrl-C inside the `with` block ends it quietly."""
+    """Create a node that only observes; Ctrl-C inside the `with` block ends it quietly."""
     with ros_process():
         node = Node(OWN_NAME, enable_rosout=False, start_parameter_services=False)
         try:
@@ -96,14 +93,14 @@ def observer() -> Iterator[Node]:
 def topic_rows(
     node: Node, shown: Callable[[str], bool] = lambda name: True
 ) -> list[tuple[str, str, int, int]]:
-    """Topics as rows of name, types, publisher count, subscriber count, once discovery has settled.
+    """Return topics as rows of name, types, publisher count, subscriber count, once discovery has settled.
 
-    Discovery has settled when nothing new has appeared for as many turns as announcements take to come again.
-    The turns of this process are counted, not the time: while it is paused it hears of nothing.
+    Discovery has settled when nothing new has appeared for as many turns as announcements take to repeat. The
+    process counts its own turns and not the time, because it receives nothing while it is paused.
 
     Args:
-        node: Whose view of the graph.
-        shown: Tells by its name whether a topic counts.
+        node: Node that observes the graph.
+        shown: Returns whether a topic counts, given its name.
     """
 
     def look() -> list[tuple[str, str, int, int]]:
@@ -129,14 +126,14 @@ def topic_rows(
 
 
 def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int | None, wait_s: float) -> int:
-    """Print a topic's messages, or its rate once a second, until Ctrl-C or `count` lines.
+    """Print a topic's messages, or its rate once per second, until Ctrl-C or `count` lines.
 
     Args:
-        node: The looking node.
-        topic: Name; without a leading slash also below the namespace of a robot that runs.
+        node: The observing node.
+        topic: Name; without a leading slash also below the namespace of a running robot.
         show: True prints messages, False rates.
-        count: How many; None: until Ctrl-C.
-        limit: Longest array printed whole; None: any.
+        count: Number of lines; None: until Ctrl-C.
+        limit: Longest array that is printed completely; None: any.
         wait_s: Longest wait for a publisher in [s].
 
     Returns:
@@ -166,7 +163,10 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
 
 
 def _published(node: Node, topic: str, wait_s: float) -> tuple[str, list[Any]] | None:
-    """The full name of a topic and its publishers; None: nobody publishes it within the wait in [s]."""
+    """Return the full name of a topic and its publishers.
+
+    Return None if nobody publishes it within the wait in [s].
+    """
     deadline = time.monotonic() + wait_s
     while not ending.asked:
         spaces = [] if topic.startswith("/") else ["", *(each.rstrip("/") for each in running_robots(node))]
@@ -195,14 +195,14 @@ class _Echo:
         print(f"{message_text(message, self.limit)}\n---", flush=True)
 
     def report(self) -> None:
-        """Nothing to add between messages."""
+        """Do nothing between messages."""
 
 
 class Rate:
-    """Counts messages and prints their rate once a second.
+    """Counts messages and prints their rate once per second.
 
     Args:
-        clock: Time in [s].
+        clock: Returns the time in [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:

@@ -1,4 +1,4 @@
-"""`softsim topics`: the live topics of the graph, their messages, their rates; works without ros2cli."""
+"""`softsim topics`: list live topics, print their messages, measure their rates; works without ros2cli."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """List, echo or measure."""
+    """List topics, print messages, or measure a rate."""
     from softsim_ros.cli.graph import graph
 
     with graph.observer() as observer:
@@ -50,5 +50,5 @@ def _print_table(rows: list[tuple[str, str, int, int]]) -> None:
 
 
 def _is_background(name: str) -> bool:
-    """Whether a topic is ROS's own, or hidden by ROS's rule, such as those of an action."""
+    """Return whether a topic is ROS's own, or hidden by ROS's convention, such as those of an action."""
     return name in OF_ROS or "/_" in name

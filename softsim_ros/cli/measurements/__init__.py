@@ -1,1 +1,5 @@
-"""Models beside what was measured: `excite`, `validate`, `calibrate`."""
+"""Commands that compare and fit models with measurements: `excite`, `validate`, `calibrate`."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

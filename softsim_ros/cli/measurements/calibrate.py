@@ -1,4 +1,4 @@
-"""`softsim calibrate CALIBRATION`: find parameters of a model from measurements, and say what is not told."""
+"""`softsim calibrate CALIBRATION`: find parameters of a model from measurements, and what they leave open."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softsim_node.text import takes_escapes
+from softsim_node import takes_escapes
 from softsim_ros.cli.measurements.calibrate_report import (
     Further,
     plain,
@@ -25,11 +25,11 @@ from softsim_ros.cli.measurements.calibrate_report import (
 from softsim_ros.cli.measurements.validate import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
-    from softsim_core.base.arrays import Array
-    from softsim_core.lab.identification.fit import Calibration
+    from softsim_core.base import Array
+    from softsim_core.lab.identification import Calibration
 
 USUAL_ROUNDS = 5
-"""Most searches end within so many; what is told of the time to go assumes it, and then one more."""
+"""Number of rounds within which most searches end; the remaining time is estimated with it, then plus one."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -73,9 +73,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read, fit, tell."""
-    from softsim_core.lab.identification.calibration import data_of, known_calibrations, load_calibration
-    from softsim_core.lab.identification.fit import calibrate
+    """Read the calibration, fit, report."""
+    from softsim_core.lab.identification import calibrate, data_of, known_calibrations, load_calibration
 
     if arguments.calibration is None:
         for name in known_calibrations():
@@ -87,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
         if given is not None and given < smallest:
             print(f"softsim calibrate: --{option} must be {smallest} or more", file=sys.stderr)
             return 2
-    for option in ("out", "report", "distribution"):  # told before a long search, not behind it
+    for option in ("out", "report", "distribution"):  # reported before a long search, not after it
         given = getattr(arguments, option)
         if given is not None and (given.is_dir() or not given.absolute().parent.is_dir()):
             print(
@@ -125,9 +124,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _judged(result: Calibration, arguments: argparse.Namespace, progress: _Progress) -> Further:
-    """What the options ask for; an interrupt leaves out what is not done."""
-    from softsim_core.lab.identification.confidence import cross_validated, profiled
-    from softsim_core.lab.identification.excitation import next_poses
+    """Return what the options request; an interrupt leaves out what is not finished."""
+    from softsim_core.lab.identification import cross_validated, next_poses, profiled
 
     further = Further()
     try:
@@ -144,7 +142,7 @@ def _judged(result: Calibration, arguments: argparse.Namespace, progress: _Progr
 
 
 class _Progress:
-    """A line on the terminal: what is done, how large the error is."""
+    """A line on the terminal: progress, and size of the error."""
 
     def __init__(self) -> None:
         self._shown, self._begin = takes_escapes(sys.stderr), time.monotonic()
@@ -155,22 +153,22 @@ class _Progress:
             print(f"\r{text:<78}", end="", file=sys.stderr, flush=True)
 
     def rows(self, done: int, total: int) -> None:
-        """Told how many rows of a session have been found once."""
+        """Show how many rows of a session have been found once."""
         if done % 10 == 0 or done == total:
             self._line(f"finding all rows once: {done}/{total}")
 
     def folds(self, done: int, total: int) -> None:
-        """Told how many folds are done."""
+        """Show how many folds are done."""
         self._line(f"folds: {done}/{total}")
 
     def candidates(self, done: int, total: int) -> None:
-        """Told how often candidates were replayed."""
+        """Show how often candidates were replayed."""
         self._line(f"candidates: {done}/{total} replays")
 
     def __call__(self, count: int, mean: float, values: Array) -> None:
         self._count, self._best = count, min(self._best, mean)
         spent, size = (time.monotonic() - self._begin) / count, len(values) + 1
-        now = count // size + 1  # a round takes the slopes, one replay for each value, and a step
+        now = count // size + 1  # a round takes one replay per value for the slopes, and a step
         rounds = max(USUAL_ROUNDS, now + 1)
         left = spent * (rounds * size - count)
         self._line(

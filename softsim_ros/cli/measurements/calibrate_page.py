@@ -1,4 +1,4 @@
-"""The web page of `softsim calibrate --report`: what was found, and how sure it is."""
+"""The web page of `softsim calibrate --report`: the parameters found, and their uncertainty."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softsim_core.base.errors import DataError
-from softsim_core.base.files import write_file
+from softsim_core.base import DataError, write_file
 from softsim_ros.cli.measurements.calibrate_report import Further, interval, sentences, verdict
 from softsim_ros.cli.measurements.validate_report import PAGE, STYLE
 
 if TYPE_CHECKING:
-    from softsim_core.lab.identification.fit import Calibration
+    from softsim_core.lab.identification import Calibration
 
 WIDE, HIGH = 240, 18
 """Size of a parameter's bar in pixels."""
@@ -40,7 +39,7 @@ def write(file: Path, robot: str, result: Calibration, further: Further) -> None
 
 
 def page(robot: str, result: Calibration, further: Further) -> str:
-    """The page's text; `robot` is the model that was fitted."""
+    """Return the page as HTML; `robot` is the model that was fitted."""
     told = "\n".join([*sentences(result), *further.sentences(result)])
     stopped = "<p class=beyond>Interrupted: the best that was tried.</p>" if result.stopped else ""
     body = [
@@ -85,7 +84,7 @@ def _parameters(result: Calibration, further: Further) -> str:
 
 
 def _bar(result: Calibration, k: int, half: float) -> str:
-    """Bounds, interval, value and start of a parameter."""
+    """Return a bar with bounds, interval, value and start of a parameter."""
     problem = result.problem
 
     def at(value: float) -> float:
@@ -107,7 +106,7 @@ def _bar(result: Calibration, k: int, half: float) -> str:
 
 
 def _correlations(result: Calibration) -> str:
-    """As a table whose cells are coloured: blue below 0, red above."""
+    """Return a table of correlations with coloured cells: blue below 0, red above."""
     head = "".join(f"<th>{escape(name)}" for name in result.names)
     rows = []
     for k, name in enumerate(result.names):
@@ -142,7 +141,7 @@ def _sessions(result: Calibration, further: Further) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]], further: Sequence[str] = ()) -> str:
-    """Rows of words; behind each, what is drawn."""
+    """Return a table of text rows; `further` is drawn after each row."""
     lines = ["".join(f"<th>{escape(each)}" for each in head)]
     drawn = [f"<td>{each}" for each in further] or [""] * len(rows)
     for row, behind in zip(rows, drawn, strict=True):

@@ -1,4 +1,4 @@
-"""What `softsim calibrate` tells: lines for people, plain data, the robot found, what is left open."""
+"""Output of `softsim calibrate`: lines for the user, plain data, the fitted robot, open questions."""
 
 from __future__ import annotations
 
@@ -9,31 +9,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softsim_core.base.files import write_file
-from softsim_core.scene.io.files import comment
+from softsim_core.base import write_file
+from softsim_core.scene.io import comment
 
 if TYPE_CHECKING:
-    from softsim_core.lab.identification.confidence import Folds
-    from softsim_core.lab.identification.excitation import NextPoses
-    from softsim_core.lab.identification.fit import Calibration
+    from softsim_core.lab.identification import Calibration, Folds, NextPoses
 
 WIDER = 1.2
-"""From this on it is told how many times as wide intervals are."""
+"""Factor from which on the widening of intervals is reported."""
 
 TOGETHER = 0.9
-"""From this correlation on two parameters are told together only."""
+"""Correlation from which on two parameters count as identifiable only together."""
 
 
 @dataclass(frozen=True, slots=True)
 class Further:
-    """What was asked for beside the result; None: it was not."""
+    """Requested results beside the fit; None if not requested."""
 
     folds: Folds | None = None
     intervals: list[tuple[float, float]] | None = None
     poses: NextPoses | None = None
 
     def sentences(self, result: Calibration) -> list[str]:
-        """As lines for people."""
+        """Return them as lines for the user."""
         lines = []
         if self.folds is not None:
             lines += [
@@ -54,7 +52,7 @@ class Further:
         return lines
 
     def plain(self, result: Calibration) -> dict[str, Any]:
-        """As plain data; an end of an interval beyond a bound is null."""
+        """Return them as plain data; an end of an interval beyond a bound is null."""
         told: dict[str, Any] = {}
         if self.folds is not None:
             told["folds"] = {
@@ -77,13 +75,13 @@ class Further:
 
 
 def interval(low: float, high: float) -> str:
-    """Both ends of an interval, in words."""
+    """Return both ends of an interval as text."""
     ends = [f"{each:.4g}" if np.isfinite(each) else "beyond its bound" for each in (low, high)]
     return f"{ends[0]} to {ends[1]}"
 
 
 def sentences(result: Calibration) -> list[str]:
-    """What was found, as lines for people."""
+    """Return the result as lines for the user."""
     lines = ["interrupted: the best that was tried follows"] if result.stopped else []
     width = max(len(each) for each in result.names)
     starts = result.problem.values(result.problem.start)
@@ -109,7 +107,10 @@ def sentences(result: Calibration) -> list[str]:
 
 
 def told_of_neighbours(result: Calibration) -> list[str]:
-    """By how much intervals are wider because neighbouring rows err alike; nothing where they hardly are."""
+    """Return by how much intervals are wider because neighbouring rows have correlated errors.
+
+    Return nothing if they hardly are.
+    """
     if result.stopped or result.widening.max() < WIDER:
         return []
     widths = zip(result.names, result.half_widths, strict=True)
@@ -118,7 +119,7 @@ def told_of_neighbours(result: Calibration) -> list[str]:
 
 
 def told_of_priors(result: Calibration) -> list[str]:
-    """Which priors the rows contradict, and that these were left out."""
+    """Return which priors the rows contradict; these were left out."""
     return [
         f"PRIOR LEFT OUT: {each.name} was given as {each.mean:.4g} +- {each.deviation:.3g}, and the rows "
         f"tell {each.told:.4g} +- {each.error:.3g} (standard deviations), which chance makes in "
@@ -128,7 +129,7 @@ def told_of_priors(result: Calibration) -> list[str]:
 
 
 def told_of_endings(result: Calibration) -> str:
-    """Whether searches from several starts ended alike."""
+    """Return whether searches from several starts ended at the same values."""
     others = result.other_endings
     alike = f"{len(result.endings) - len(others)} of {len(result.endings)} searches ended here"
     if not others:
@@ -139,7 +140,7 @@ def told_of_endings(result: Calibration) -> str:
 
 
 def verdict(result: Calibration, k: int) -> str:
-    """What has to be said of a parameter; empty: nothing."""
+    """Return a remark about a parameter; an empty string if there is none."""
     if result.stopped:
         return ""
     if not result.found[k]:
@@ -148,7 +149,7 @@ def verdict(result: Calibration, k: int) -> str:
 
 
 def together(result: Calibration) -> list[tuple[str, str, float]]:
-    """Pairs of parameters that are hard to tell apart, and their correlation."""
+    """Return pairs of parameters that are hard to distinguish, and their correlation."""
     names = result.names
     return [
         (names[i], names[j], float(result.correlation[i, j]))
@@ -159,7 +160,7 @@ def together(result: Calibration) -> list[tuple[str, str, float]]:
 
 
 def plain(result: Calibration) -> dict[str, Any]:
-    """The result as plain data: what cannot be told is null."""
+    """Return the result as plain data; undetermined values are null."""
 
     def number(value: float) -> float | None:
         return float(value) if np.isfinite(value) else None
@@ -208,7 +209,7 @@ def plain(result: Calibration) -> dict[str, Any]:
 
 
 def write_overlay(file: Path, robot: str, result: Calibration, further: Further) -> None:
-    """A scene file that extends the robot by what was found."""
+    """Write a scene file that extends the robot by the parameters found."""
     import yaml
 
     base = _beside(robot, file)
@@ -219,10 +220,10 @@ def write_overlay(file: Path, robot: str, result: Calibration, further: Further)
 
 
 def write_distribution(file: Path, robot: str, result: Calibration) -> None:
-    """A file that `load_distribution` reads."""
+    """Write a file that `load_distribution` reads."""
     import yaml
 
-    from softsim_core.lab.identification.confidence import distribution_of, plain_distribution
+    from softsim_core.lab.identification import distribution_of, plain_distribution
 
     told = plain_distribution(distribution_of(result, _beside(robot, file)))
     head = comment(f"What softsim calibrate {result.description.name} leaves open.")
@@ -230,7 +231,7 @@ def write_distribution(file: Path, robot: str, result: Calibration) -> None:
 
 
 def _beside(robot: str, file: Path) -> str:
-    """The file of a robot, from the folder of another."""
+    """Return the path of a robot's file relative to the folder of another file."""
     from softsim_core import find_config
 
     return os.path.relpath(find_config(robot), file.absolute().parent)

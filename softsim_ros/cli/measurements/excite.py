@@ -1,4 +1,4 @@
-"""`softsim excite ROBOT`: play motions that tell a model's parameters, and record them as a data set."""
+"""`softsim excite ROBOT`: play motions that identify a model's parameters, and record them as a data set."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.lab.identification.description import AlignmentDescription
-from softsim_core.lab.identification.excitation import KINDS, ExcitationSettings
-from softsim_node.text import takes_escapes
+from softsim_core.base import SoftSimError
+from softsim_core.lab.identification import KINDS, AlignmentDescription, ExcitationSettings
+from softsim_node import takes_escapes
 
 if TYPE_CHECKING:
     from softsim_core.scene import RobotDescription
-    from softsim_ros.client.robot_client import RobotSession
-    from softsim_ros.excitation.sensors import Sensor
+    from softsim_ros.client import RobotSession
+    from softsim_ros.excitation import Sensor
 
 EXIT_INTERRUPTED = 130
 COMPILED_WITHIN_S = 240.0
-"""A simulator that is started here answers within this time in [s]; its kernels may have to be compiled."""
+"""Time limit in [s] for the answer of a simulator started here, since its kernels may have to be compiled."""
 
 DEFAULTS = ExcitationSettings()
 DEFAULT_ROBOT = "tripod"
@@ -104,11 +103,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure; what is recorded before an early end is kept."""
+    """Measure; data recorded before an early end are preserved."""
     from softsim_core.scene import load_scene
-    from softsim_node.process import ros_process
-    from softsim_ros.client.discovery import running_robot
-    from softsim_ros.client.robot_client import CONNECT_WITHIN_S, connect
+    from softsim_node import ros_process
+    from softsim_ros.client import CONNECT_WITHIN_S, connect, running_robot
 
     if not (arguments.settle >= 0.0 and arguments.hold > 0.0):
         print("softsim excite: --settle must be >= 0 s and --hold > 0 s", file=sys.stderr)
@@ -139,16 +137,16 @@ def run(arguments: argparse.Namespace) -> int:
         within_s = CONNECT_WITHIN_S if arguments.attach else COMPILED_WITHIN_S
         session = stack.enter_context(connect(robot, namespace=namespace, within_s=within_s))
         return _measured(arguments, settings, session, folder)
-    return EXIT_INTERRUPTED  # asked for while the robot started
+    return EXIT_INTERRUPTED  # requested while the robot started
 
 
 def _simulate(stack: contextlib.ExitStack[bool | None], robot: RobotDescription, namespace: str) -> None:
-    """Run a simulator in this process, whose stamps are simulated time."""
+    """Run a simulator in this process with simulated time in its stamps."""
     from rclpy.parameter import Parameter
 
-    from softsim_ros.cli.running.one_at_a_time import only_one
-    from softsim_ros.nodes.simulator.simulator_node import Simulator
-    from softsim_ros.robot_node import SpinThread
+    from softsim_ros import SpinThread
+    from softsim_ros.cli.running import only_one
+    from softsim_ros.nodes.simulator import Simulator
 
     stack.enter_context(only_one(namespace))
     overrides = [Parameter("publish_clock", value=True)]
@@ -160,10 +158,17 @@ def _simulate(stack: contextlib.ExitStack[bool | None], robot: RobotDescription,
 def _measured(
     arguments: argparse.Namespace, settings: ExcitationSettings, session: RobotSession, folder: Path
 ) -> int:
-    """Measure the robot of a session; returns the exit code."""
-    from softsim_ros.excitation.measure import Looks, Measurement, SetFolder
-    from softsim_ros.excitation.player import MeasurementInterruptedError, Player
-    from softsim_ros.excitation.sensors import SIMULATED, hear_sensors, sensor_choice
+    """Measure the robot of a session; return the exit code."""
+    from softsim_ros.excitation import (
+        SIMULATED,
+        Looks,
+        Measurement,
+        MeasurementInterruptedError,
+        Player,
+        SetFolder,
+        hear_sensors,
+        sensor_choice,
+    )
 
     robot, node = session.client.robot, session.client.node
     sensors = hear_sensors(node, [sensor_choice(each) for each in arguments.sensor], _say)
@@ -220,13 +225,13 @@ def _measured(
 
 
 def _in_robot(sensors: Sequence[Sensor], namespace: str) -> bool:
-    """Whether the sensors' frame is the robot's.
+    """Return whether the sensors' frame is the robot's.
 
     Raises:
         ExcitationError: they have different ones.
     """
-    from softsim_node.frames import BASE_LINK, WORLD
-    from softsim_ros.excitation.sensors import IMU, ExcitationError
+    from softsim_node import BASE_LINK, WORLD
+    from softsim_ros.excitation import IMU, ExcitationError
 
     own = {WORLD, BASE_LINK, f"{namespace.strip('/')}/{BASE_LINK}"}
     known = {each.readings.frame in own for each in sensors if each.kind != IMU}
@@ -240,7 +245,7 @@ def _in_robot(sensors: Sequence[Sensor], namespace: str) -> bool:
 
 
 def _named(robot: str, folder: Path) -> str:
-    """What a description in the folder calls the robot: by its name, or its file relative to the folder."""
+    """Return the robot's name in a description in the folder: its own, or a path relative to the folder."""
     file = Path(robot).expanduser()
     return os.path.relpath(file, folder) if file.is_file() else robot
 
@@ -250,7 +255,7 @@ def _say(sentence: str) -> None:
 
 
 class _Progress:
-    """A line on the terminal: what is done, how long it will take; in a log, each thing once."""
+    """A line on the terminal: present action and remaining time; in a log, each action once."""
 
     def __init__(self, total_s: float) -> None:
         self._shown, self._total_s = takes_escapes(sys.stdout), total_s

@@ -1,4 +1,4 @@
-"""`softsim validate DATASET`: a model beside measurements of the real robot, or of another model."""
+"""`softsim validate DATASET`: compare a model with measurements of the real robot, or of another model."""
 
 from __future__ import annotations
 
@@ -11,15 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.base.errors import DataError
-from softsim_core.base.names import known_names
-from softsim_node.text import takes_escapes
+from softsim_core.base import DataError, known_names
+from softsim_node import takes_escapes
 
 if TYPE_CHECKING:
-    from softsim_core.lab.identification.description import SessionDescription
-    from softsim_core.lab.identification.files import DataSet
-    from softsim_core.lab.identification.session import Session
-    from softsim_core.lab.identification.validation import SessionResult
+    from softsim_core.lab.identification import DataSet, Session, SessionDescription, SessionResult
 
 EXIT_INTERRUPTED = 130
 LIMITS = ("mean", "rms", "p95", "max")
@@ -61,8 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, replay, align, compare."""
-    from softsim_core.lab.identification.files import known_data_sets, load_data_set
-    from softsim_core.lab.identification.validation import plain
+    from softsim_core.lab.identification import known_data_sets, load_data_set, plain
     from softsim_ros.cli.measurements.validate_report import sentences
 
     if arguments.data_set is None:
@@ -75,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         print("softsim validate: --every must be 1 or more, limits must be > 0 mm", file=sys.stderr)
         return 2
     if importlib.util.find_spec("rosbags") is not None:
-        from softsim_ros.recording.tables import register
+        from softsim_ros.recording import register
 
         register()
     data = load_data_set(arguments.data_set, arguments.data)
@@ -106,10 +101,10 @@ def _limit(arguments: argparse.Namespace, name: str, otherwise: float) -> float:
 def _results(
     arguments: argparse.Namespace, data: DataSet, model: str | None
 ) -> tuple[list[SessionResult], bool, bool]:
-    """What each session gives; whether one gave none, which is said; whether it was interrupted."""
-    from softsim_core.lab.identification.session import load_session
-    from softsim_core.lab.identification.validation import (
+    """Return the result of each session, whether one had none, and whether the run was interrupted."""
+    from softsim_core.lab.identification import (
         given_alignment,
+        load_session,
         read_alignments,
         session_robot,
         validate_session,
@@ -117,7 +112,7 @@ def _results(
 
     alignments = read_alignments(arguments.alignment) if arguments.alignment is not None else None
     chosen = [_with_limits(each, arguments) for each in _chosen(data, arguments.session)]
-    sessions = [load_session(data, each, arguments.every) for each in chosen]  # all, before one is replayed
+    sessions = [load_session(data, each, arguments.every) for each in chosen]  # all, before a replay
     results: list[SessionResult] = []
     failed = interrupted = False
     for session in sessions:
@@ -152,7 +147,7 @@ def _chosen(data: DataSet, names: list[str]) -> list[SessionDescription]:
 
 
 def _with_limits(session: SessionDescription, arguments: argparse.Namespace) -> SessionDescription:
-    """The session with the limits of the command line in the place of its own."""
+    """Return the session with the limits of the command line in place of its own."""
     given = {
         f"{name}_mm": value for name in LIMITS if (value := getattr(arguments, f"max_{name}")) is not None
     }
@@ -160,7 +155,7 @@ def _with_limits(session: SessionDescription, arguments: argparse.Namespace) -> 
 
 
 class _Progress:
-    """A line on the terminal: what is done, how fast, how long it will take; at the end, the rate."""
+    """A line on the terminal: progress, rate, remaining time; at the end, the rate."""
 
     def __init__(self, session: Session) -> None:
         self._name = session.name

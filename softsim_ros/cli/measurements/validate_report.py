@@ -1,4 +1,4 @@
-"""The report of `softsim validate`: a table of errors, and a web page that loads nothing."""
+"""The report of `softsim validate`: a table of errors, and a self-contained web page."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.errors import DataError
-from softsim_core.base.files import write_file
-from softsim_core.lab.identification.description import DataSetDescription
-from softsim_core.lab.identification.measures import Measures, measures
-from softsim_core.lab.identification.validation import SessionResult, summary, worst
-from softsim_core.physics.mechanics.pose import rotation_log
+from softsim_core.base import DataError, write_file
+from softsim_core.lab.identification import (
+    DataSetDescription,
+    Measures,
+    SessionResult,
+    measures,
+    summary,
+    worst,
+)
+from softsim_core.physics.mechanics import rotation_log
 
 HEAD = ("session", "errors", "raw mean", "mean", "rms", "p95", "max")
 SHOWN_WORST = 3
@@ -24,7 +28,7 @@ SHOWN_WORST = 3
 def sentences(
     description: DataSetDescription, model: str | None, results: Sequence[SessionResult]
 ) -> list[str]:
-    """The report in lines."""
+    """Return the report as lines of text."""
     asked = [each for each in results if each.alignment is not None]
     told = [f"{description.name}: {description.about}" if description.about else description.name]
     if model is not None:
@@ -279,7 +283,7 @@ if (sessions.length) {
 
 
 MOST_POINTS = 4000
-"""Errors of a session that are drawn; of more, evenly some."""
+"""Largest number of drawn errors of a session; of more, an evenly spaced selection is drawn."""
 
 MOST_WORST = 8
 BINS = 30
@@ -312,7 +316,7 @@ def write(
 
 
 def page(description: DataSetDescription, model: str | None, results: Sequence[SessionResult]) -> str:
-    """The page's text."""
+    """Return the page as HTML."""
     asked = [each for each in results if each.alignment is not None]
     told = [("measured by", description.source), ("licence", description.licence)]
     lines = "".join(f"<p><b>{name}</b> {escape(text)}</p>" for name, text in told if text)
@@ -378,7 +382,7 @@ def _row(name: str, aligned: Measures, raw: Measures, verdict: str) -> str:
 
 
 def _points(result: SessionResult) -> dict[str, Any]:
-    """What the page draws of a session, in mm."""
+    """Return the data that the page draws of a session, in mm."""
     session = result.session
     assert result.alignment is not None
     rows, sensors = np.nonzero(np.repeat(result.judged[:, None], result.aligned.shape[1], axis=1))

@@ -1,1 +1,1 @@
-"""Bags: `record`, `replay`, `export`, `report`."""
+"""Commands for bags: `record`, `replay`, `export`, `report`."""

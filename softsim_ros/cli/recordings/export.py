@@ -1,4 +1,4 @@
-"""`softsim export BAG`: tables (CSV), meshes for ParaView (VTU), and a replay for any browser (HTML)."""
+"""`softsim export BAG`: write tables (CSV), meshes for ParaView (VTU), and a replay page (HTML)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from softsim_ros.recording.bag import Bag
+    from softsim_ros.recording import Bag
 
 FORMATS = ("csv", "vtu", "html")
 
@@ -27,8 +27,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write what was asked for; what a bag does not hold is said in a sentence."""
-    from softsim_ros.recording.bag import Bag
+    """Write the requested formats; report what a bag does not contain."""
+    from softsim_ros.recording import Bag
 
     if arguments.rate is not None and not arguments.rate > 0.0:
         print("softsim export: --rate must be above 0 Hz", file=sys.stderr)
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _export_csv(bag: Bag, folder: Path) -> None:
-    from softsim_ros.recording.tables import write_csv
+    from softsim_ros.recording import write_csv
 
     files, left_out = write_csv(bag, folder)
     print(f"{folder}: {len(files)} tables ({', '.join(file.name for file in files)})")
@@ -60,7 +60,7 @@ def _export_csv(bag: Bag, folder: Path) -> None:
 
 
 def _export_vtu(bag: Bag, folder: Path, rate: float | None) -> None:
-    from softsim_ros.recording.surface_frames import SURFACE, VOLUME, mesh_frames, write_vtu_series
+    from softsim_ros.recording import SURFACE, VOLUME, mesh_frames, write_vtu_series
 
     for name, topics in (("surface", SURFACE), ("volume", VOLUME)):
         if bag.counts.get(bag.topic(topics.points)):
@@ -71,9 +71,8 @@ def _export_vtu(bag: Bag, folder: Path, rate: float | None) -> None:
 
 
 def _export_html(bag: Bag, folder: Path) -> None:
-    from softsim_core.base.files import write_file
-    from softsim_ros.recording.errors import BagError
-    from softsim_ros.recording.html_replay import html_replay
+    from softsim_core.base import write_file
+    from softsim_ros.recording import BagError, html_replay
 
     try:
         page = html_replay(bag)

@@ -1,4 +1,4 @@
-"""`softsim record ROBOT`: its topics into a bag that `ros2 bag` and Foxglove open; mends torn bags."""
+"""`softsim record ROBOT`: record topics into a bag that `ros2 bag` and Foxglove open; repair torn bags."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 DEFAULT = "tripod"
-"""Whose topics are waited for where no robot runs yet."""
+"""Robot whose topics to wait for if no robot runs yet."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Record until Ctrl-C, a limit, or a full disk."""
     if arguments.repair:
-        from softsim_ros.recording.bag_writer import repair
+        from softsim_ros.recording import repair
 
         print(repair(Path(arguments.repair)))
         return 0
@@ -45,10 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
 
-    from softsim_node.ending import ending
-    from softsim_node.process import ros_process, spin
-    from softsim_ros.client.discovery import RunningRobot, running_robot
-    from softsim_ros.recording.recorder_node import Recorder
+    from softsim_node import ending, ros_process, spin
+    from softsim_ros.client import RunningRobot, running_robot
+    from softsim_ros.recording import Recorder
 
     robot, namespace = arguments.robot, arguments.namespace
     if robot is None:

@@ -1,4 +1,4 @@
-"""`softsim replay BAG`: its messages again, at their times, for a viewer or for a running simulator."""
+"""`softsim replay BAG`: publish its messages with their timing, for a viewer or for a running simulator."""
 
 from __future__ import annotations
 
@@ -34,10 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 2
     from rclpy.executors import SingleThreadedExecutor
 
-    from softsim_node.ending import ending
-    from softsim_node.process import ros_process
-    from softsim_ros.recording.bag import Bag
-    from softsim_ros.recording.replay_node import Replay
+    from softsim_node import ending, ros_process
+    from softsim_ros.recording import Bag, Replay
 
     with Bag(arguments.bag) as bag, ros_process():
         replay = Replay(

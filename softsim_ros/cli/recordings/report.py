@@ -1,4 +1,4 @@
-"""`softsim report BAG`: charts and the moving picture of a recording in one web page."""
+"""`softsim report BAG`: write charts and the moving picture of a recording into one web page."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from softsim_core.base.extras import install_command
+from softsim_core.base import install_command
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -21,9 +21,8 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec("matplotlib") is None:
         print(f"softsim report: charts need matplotlib; {install_command('report')}", file=sys.stderr)
         return 1
-    from softsim_core.base.files import write_file
-    from softsim_ros.recording.bag import Bag
-    from softsim_ros.recording.report import report
+    from softsim_core.base import write_file
+    from softsim_ros.recording import Bag, report
 
     bag_path = arguments.bag.resolve()
     file = arguments.out or bag_path.with_name(f"{bag_path.stem}_report.html")

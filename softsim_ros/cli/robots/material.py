@@ -1,4 +1,4 @@
-"""`softsim material NAME`: how an elastomer answers when it is pulled, and the laws that fit it."""
+"""`softsim material NAME`: show how an elastomer responds to tension, and the laws that fit it."""
 
 from __future__ import annotations
 
@@ -12,33 +12,31 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.base.extras import install_command
-from softsim_core.physics.fem.materials import material
-from softsim_core.physics.fem.materials.elastomers import (
+from softsim_core.base import Array, ConfigError, SceneError, install_command
+from softsim_core.physics.fem.materials import (
     DEFAULT_FIT,
     FITTED_LAWS,
     Elastomer,
     RestStiffness,
     elastomer,
     elastomer_names,
+    material,
     rest_stiffness,
     stiffness_warning,
     tension,
 )
-from softsim_core.scene.material import MaterialDescription
-from softsim_ros.figures import save_figure
+from softsim_core.scene import MaterialDescription
+from softsim_ros import save_figure
 
 WIDTH, HEIGHT = 60, 16
-"""Characters across and lines of the chart."""
+"""Columns and lines of the chart."""
 
 
 class Curve(NamedTuple):
-    """A law's curve of tension and measured points.
+    """A law's stress-stretch curve in tension and measured points.
 
     Attributes:
-        title: What it is.
+        title: Title of the chart.
         stretches: In [-], rising, shape (k,).
         stresses: Nominal, in [Pa], shape (k,).
         points: Measured stretch in [-] and stress in [Pa], shape (j, 2).
@@ -51,7 +49,7 @@ class Curve(NamedTuple):
 
 
 def terminal_chart(curve: Curve) -> list[str]:
-    """Lines of the chart: the law in dots, points as o."""
+    """Return the lines of the chart: the law in dots, points as o."""
     highest = float(max(curve.stresses.max(), curve.points[:, 1].max(initial=0.0)))
     first, last = float(curve.stretches[0]), float(curve.stretches[-1])
     cells = [[" "] * WIDTH for _ in range(HEIGHT)]
@@ -82,7 +80,7 @@ def draw(curve: Curve, file: Path) -> None:
     """Write a picture.
 
     Raises:
-        ConfigError: the file cannot be written, or its ending names no picture format.
+        ConfigError: the file cannot be written, or its suffix names no picture format.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -102,9 +100,9 @@ def draw(curve: Curve, file: Path) -> None:
 
 
 COMMON_DENSITY = 1070.0
-"""In [kg/m^3], that of Dragon Skin 10, where the table has none."""
+"""Density in [kg/m^3], that of Dragon Skin 10, if the table has none."""
 DAMPING = 0.05
-"""Damping ratio of silicone that rings; a step should not add more than that."""
+"""Damping ratio of oscillating silicone; a time step should not add more than that."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -166,7 +164,7 @@ def _values(made_of: MaterialDescription) -> np.ndarray[tuple[int], np.dtype[np.
 
 
 def _curve(chosen: Elastomer, made_of: MaterialDescription) -> Curve:
-    """Stress over stretch to the end of the fit, the points as far, scaled as the law."""
+    """Return stress over stretch to the end of the fit, with the points in that range, scaled as the law."""
     law = made_of.law or DEFAULT_FIT
     end = chosen.fit(law).to_stretch
     stretches = np.linspace(1.0, end, 61)
@@ -234,7 +232,10 @@ def _sentences(
 
 
 def _periods(stiffness: RestStiffness, density: float, size: float) -> tuple[float, float]:
-    """Periods in [s] of a square bar held at one end, a third as thick as long: bending, stretching."""
+    """Return the periods in [s] of bending and stretching of a square bar clamped at one end.
+
+    The bar is a third as thick as it is long.
+    """
     speed = stiffness.bar_speed(density)
     bending = 1.8751**2 / (2.0 * math.pi) * (size / 3.0) / math.sqrt(12.0) * speed / size**2
     return 1.0 / bending, 4.0 * size / speed

@@ -1,4 +1,4 @@
-"""`softsim mesh PART.stl`: tetrahedra of a part that a CAD program exported, and what they are worth."""
+"""`softsim mesh PART.stl`: fill a part that a CAD program exported with tetrahedra, and assess them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ import sys
 import warnings
 from pathlib import Path
 
-from softsim_core.base.errors import MeshError
-from softsim_core.base.extras import install_command
-from softsim_core.lab.meshing import MeshedPart, MeshingOptions, mesh_part
-from softsim_core.lab.meshing.part import UNITS
-from softsim_core.physics.mesh.readers import write_tets
+from softsim_core.base import MeshError, install_command
+from softsim_core.lab.meshing import UNITS, MeshedPart, MeshingOptions, mesh_part
+from softsim_core.physics.mesh import write_tets
 
 WRITTEN = (".vtk", ".msh")
 _LENGTHS = ("size", "holes", "deviation")
@@ -39,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare what says how a part is meshed."""
+    """Declare the arguments about how a part is meshed."""
     parser.add_argument(
         "--unit", choices=tuple(UNITS), default="mm", help="unit of the file, and of lengths (mm)"
     )
@@ -64,7 +62,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def options(arguments: argparse.Namespace) -> MeshingOptions:
-    """What the arguments wish of a mesh.
+    """Return the meshing options that the arguments ask for.
 
     Raises:
         MeshError: a length or a time is no number > 0.
@@ -117,12 +115,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def say(sentence: str) -> None:
-    """A line of progress."""
+    """Print a line of progress."""
     print(f"softsim: {sentence} ...", file=sys.stderr, flush=True)
 
 
 def measured(made: MeshedPart) -> float:
-    """Time in [s] of a step of the part."""
+    """Return the time in [s] of a step of the part."""
     from softsim_ros.cli.robots.mesh_speed import step_time
 
     say("measuring a step (the first one on a machine compiles for about a minute)")
@@ -132,7 +130,7 @@ def measured(made: MeshedPart) -> float:
 
 
 def sentences(made: MeshedPart, files: list[Path], seconds: float | None) -> list[str]:
-    """The report."""
+    """Return the report as lines of text."""
     report, source, unit = made.report, made.source, made.source.unit
     size = source.surface.points.max(axis=0) - source.surface.points.min(axis=0)
     error = made.volume_error
@@ -163,14 +161,14 @@ def sentences(made: MeshedPart, files: list[Path], seconds: float | None) -> lis
 
 
 def fitness(seconds: float) -> str:
-    """What a mesh is fit for, by the time of its step."""
+    """Return which time steps allow real time with a mesh, given the time in [s] of its step."""
     fit = [step for step in STEPS_MS if 1e3 * seconds < 0.8 * step]
     told = f"real time needs dt >= {fit[0]} ms" if fit else "too slow for real time: ask for fewer nodes"
     return f"{1e3 * seconds:.3g} ms on this machine, alone in silicone; any dt is stable; {told}"
 
 
 def plain(made: MeshedPart, files: list[Path], seconds: float | None) -> dict[str, object]:
-    """The report for programs, in SI units."""
+    """Return the report for programs, in SI units."""
     report, source = made.report, made.source
     return {
         "part": str(source.surface.name),

@@ -1,4 +1,4 @@
-"""The picture of `softsim mesh`: the mesh's boundary, and how its angles are spread."""
+"""The picture of `softsim mesh`: the mesh's boundary, and the distribution of its angles."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import matplotlib
 import numpy as np
 
 from softsim_core.lab.meshing import MeshedPart
-from softsim_core.physics.mesh.checks import dihedral_angles_deg
-from softsim_core.physics.mesh.surface import boundary_surface
-from softsim_ros.figures import save_figure
+from softsim_core.physics.mesh import boundary_surface, dihedral_angles_deg
+from softsim_ros import save_figure
 
 matplotlib.use("Agg")
 

@@ -1,4 +1,4 @@
-"""What a step of a mesh costs here: the part in silicone, held at its lowest face, under gravity."""
+"""Measure a step of a mesh on this machine: a part of silicone, clamped at its lowest face, under gravity."""
 
 from __future__ import annotations
 
@@ -6,26 +6,30 @@ from time import perf_counter
 
 import numpy as np
 
-from softsim_core.lab.meshing.guesses import end_face
-from softsim_core.physics.mesh.types import TetMesh
-from softsim_core.scene.deformable import AttachmentDescription, BodyDescription
-from softsim_core.scene.description import SceneDescription, SolverSettings
-from softsim_core.scene.material import MaterialDescription
+from softsim_core.lab.meshing import end_face
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.scene import (
+    AttachmentDescription,
+    BodyDescription,
+    MaterialDescription,
+    SceneDescription,
+    SolverSettings,
+)
 from softsim_core.simulation import Simulation
 
 PRESET = "Dragon Skin 10 MEDIUM"
 POISSON = {1: 0.45, 2: 0.49}
-"""By the order of the cells: linear ones lock at more."""
+"""Poisson ratio by the order of the cells; linear ones lock at larger values."""
 STIFFNESS_FACTOR = 1.75
-"""As measured for that elastomer; its table says too little."""
+"""Factor measured for that elastomer; its table value is too small."""
 DENSITY = 1070.0
-"""In [kg/m^3]."""
+"""Density in [kg/m^3]."""
 DT = 0.01
 _WARM, _TIMED = 3, 11
 
 
 def held_part(mesh: TetMesh) -> SceneDescription:
-    """A scene of the part alone, in SI units, z up."""
+    """Return a scene of the part alone, clamped, in SI units, z up."""
     body = BodyDescription(
         name="part",
         mesh=mesh,
@@ -40,7 +44,7 @@ def held_part(mesh: TetMesh) -> SceneDescription:
 
 
 def step_time(mesh: TetMesh) -> float:
-    """Median time in [s] of a step."""
+    """Return the median time in [s] of a step."""
     simulation = Simulation(held_part(mesh))
     times = []
     for step in range(_WARM + _TIMED):

@@ -10,11 +10,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.base.errors import MjcfError
-from softsim_core.base.files import write_file
+from softsim_core.base import MjcfError, write_file
 
 if TYPE_CHECKING:
-    from softsim_ros.benchmark.peers.mjcf_comparison import ModelComparison
+    from softsim_ros.benchmark.peers import ModelComparison
 
 SECONDS, ROUNDS = 3.0, 20
 MUJOCO_LAW = "saint_venant_kirchhoff"
@@ -56,7 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read, compare or write."""
+    """Import, compare or export."""
     if arguments.what == "import":
         return _import(arguments)
     if arguments.what == "export":
@@ -68,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    from softsim_core.mjcf.importing import import_mjcf, write_imported
+    from softsim_core.mjcf import import_mjcf, write_imported
 
     imported = import_mjcf(arguments.model, arguments.law)
     folder = arguments.out or Path(arguments.model.stem)
@@ -87,7 +86,7 @@ def _import(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from softsim_core.mjcf.exporting import export_mjcf
+    from softsim_core.mjcf import export_mjcf
     from softsim_core.scene import load_scene
 
     scene = load_scene(arguments.scene).scene
@@ -104,8 +103,8 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from softsim_ros.benchmark.machine import describe_machine
-    from softsim_ros.benchmark.peers.mjcf_comparison import LAWS, compare_model
+    from softsim_ros.benchmark import describe_machine
+    from softsim_ros.benchmark.peers import LAWS, compare_model
 
     laws = tuple(dict.fromkeys(arguments.law or LAWS))
     found = compare_model(arguments.model, laws, arguments.seconds, arguments.rounds)
@@ -117,7 +116,7 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 
 def report(found: ModelComparison) -> list[str]:
-    """The comparison as lines of text."""
+    """Return the comparison as lines of text."""
     theirs, *ours = found.rows
     lines = [
         f"{found.file}: {found.nodes} nodes, {found.elements} tetrahedra, dt {1e3 * found.dt:g} ms, "

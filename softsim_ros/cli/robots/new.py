@@ -1,4 +1,4 @@
-"""`softsim new NAME --from PART`: a folder with a robot of that part, which runs at once."""
+"""`softsim new NAME --from PART`: create a folder with a robot of that part, which runs at once."""
 
 from __future__ import annotations
 
@@ -11,18 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base.errors import ConfigError, SceneError, listing
-from softsim_core.base.files import write_file
-from softsim_core.base.values import Box
-from softsim_core.lab.meshing import MeshedPart, mesh_part
-from softsim_core.lab.meshing.guesses import Guess, guess
-from softsim_core.lab.meshing.openings import open_hollows
-from softsim_core.lab.meshing.repair import Repaired
-from softsim_core.physics.fem.materials.elastomers import elastomer
-from softsim_core.physics.mechanics.pose import euler_of, rotation_euler
-from softsim_core.physics.mesh.readers import write_tets
-from softsim_core.scene.arm.urdf_file import RigidRobot, read_urdf
-from softsim_core.scene.io.files import on_one_line, scalar
+from softsim_core.base import Box, ConfigError, SceneError, listing, write_file
+from softsim_core.lab.meshing import Guess, MeshedPart, Repaired, guess, mesh_part, open_hollows
+from softsim_core.physics.fem.materials import elastomer
+from softsim_core.physics.mechanics import euler_of, rotation_euler
+from softsim_core.physics.mesh import write_tets
+from softsim_core.scene.arm import RigidRobot, read_urdf
+from softsim_core.scene.io import on_one_line, scalar
 from softsim_ros.cli.robots.mesh import add_options, options, say
 from softsim_ros.cli.robots.mesh_speed import DENSITY, POISSON, PRESET, STIFFNESS_FACTOR
 
@@ -38,15 +33,15 @@ def scene_text(
     doubts: Sequence[str] = (),
     dt: float = _DT,
 ) -> str:
-    """The scene in YAML.
+    """Return the scene in YAML.
 
     Args:
-        name: Of the robot, and of its files.
+        name: Name of the robot, and of its files.
         made: Its mesh.
-        guess: What is assumed of it.
+        guess: Assumptions about it.
         preset: Name of an elastomer.
-        factor: Of its stiffness.
-        doubts: What speaks against the guess of a cable.
+        factor: Factor of its stiffness.
+        doubts: Arguments against the guess of a cable.
         dt: Time step in [s].
     """
     order, tilt = made.mesh.order, guess.tilt_deg
@@ -137,18 +132,18 @@ def _box(box: Box) -> str:
 
 
 def number_list(values: tuple[float, ...]) -> str:
-    """A YAML list of such numbers."""
+    """Return a YAML list of such numbers."""
     return "[" + ", ".join(number(each) for each in values) + "]"
 
 
 def number(value: float) -> str:
-    """A number as YAML takes it for one: with a point and without an exponent, to a nanometre."""
+    """Return a number that YAML reads as one: with a point and without an exponent, to a nanometre."""
     text = f"{value:.9f}".rstrip("0")
     return "0.0" if float(text) == 0.0 else text + "0" * text.endswith(".")
 
 
 def test_text(name: str, made: MeshedPart, guess: Guess) -> str:
-    """A test of that scene for pytest."""
+    """Return a pytest test of that scene."""
     pulled = 8000.0 if made.source.cavities == 1 else 0.06 * guess.length
     return f'''\
 """{name} comes to rest under its own weight, stays where it is held, and moves when it is told to."""
@@ -200,7 +195,7 @@ sensors:  # what the arm feels there: weight, and every acceleration
 
 
 def chosen_link(rigid: RigidRobot, link: str | None) -> str:
-    """The link that carries: the one named, else the last one.
+    """Return the link that carries the robot: the one named, else the last one.
 
     Raises:
         SceneError: the arm has no such link.
@@ -213,14 +208,14 @@ def chosen_link(rigid: RigidRobot, link: str | None) -> str:
 
 
 def arm_text(name: str, urdf: Path, rigid: RigidRobot, link: str, guess: Guess) -> str:
-    """The scene in YAML, which lies beside that of the robot.
+    """Return the scene in YAML, which lies beside that of the robot.
 
     Args:
-        name: Of the robot.
+        name: Name of the robot.
         urdf: The arm's file.
-        rigid: What stands in it.
-        link: What carries the robot.
-        guess: Where the robot is held.
+        rigid: The arm described in it.
+        link: Link that carries the robot.
+        guess: Assumptions about it, such as the end that is fixed.
     """
     turned = _ALONG_Z[guess.axis]
     if guess.tilt_deg:
@@ -255,7 +250,7 @@ keys:  # those of {name} are there, too
 
 
 def _carrier(rigid: RigidRobot, link: str) -> str | None:
-    """The last joint that moves before a link."""
+    """Return the last moving joint before a link."""
     carried_by = {joint.child: joint for joint in rigid.joints}
     while (joint := carried_by.get(link)) is not None and joint.kind == "fixed":
         link = joint.parent
@@ -288,7 +283,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Mesh the part, guess the rest, write the files and say what to try."""
+    """Mesh the part, guess the rest, write the files and print what to try."""
     name: str = arguments.name
     folder = Path(name)
     if not _NAME.fullmatch(name):
@@ -323,7 +318,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def inlet_notes(source: Repaired) -> list[str]:
-    """Return a message for each hollow that an inlet opens to the outside, which is no air chamber then."""
+    """Return a message for each hollow that an inlet opens to the outside; it is no air chamber."""
     return [
         f"a hollow of about {1e6 * each.volume:.2g} cm^3 is open to the outside, about "
         f"{source.unit.length(each.width)} wide at {source.unit.place(each.place)}: an air chamber needs a "

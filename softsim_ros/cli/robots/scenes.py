@@ -1,12 +1,12 @@
-"""`softsim scenes`: the robots and scenes that can be named, and one of them with all its values."""
+"""`softsim scenes`: list the known robots and scenes, or show one of them with all its values."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.scene.io.files import config_roots, known_scenes
+from softsim_core.base import SoftSimError
+from softsim_core.scene.io import config_roots, known_scenes
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what is known and where it was looked for, or one scene."""
+    """Print the known names and the searched folders, or one scene."""
     if arguments.show is not None:
         return _show(arguments.show)
     for kind in ("robots", "scenes"):
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _show(scene: str) -> int:
     try:
         from softsim_core.scene import load_scene
-        from softsim_core.scene.io.portable import write_description
+        from softsim_core.scene.io import write_description
 
         text = write_description(load_scene(scene))
     except (SoftSimError, ImportError) as error:

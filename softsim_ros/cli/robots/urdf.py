@@ -1,4 +1,4 @@
-"""`softsim urdf ROBOT`: the robot's URDF, for RViz, MoveIt and ros2_control."""
+"""`softsim urdf ROBOT`: write the robot's URDF, for RViz, MoveIt and ros2_control."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print or write it."""
+    """Print or write the URDF."""
     from softsim_core.scene import load_scene
-    from softsim_ros.description.urdf import control_topics, urdf
+    from softsim_ros.description import control_topics, urdf
 
     robot = load_scene(arguments.robot)
     namespace = robot.namespace if arguments.namespace is None else arguments.namespace
     if arguments.out is None:
         sys.stdout.write(urdf(robot, topics=control_topics(namespace)))
         return 0
-    from softsim_ros.description.folder import write_folder
+    from softsim_ros.description import write_folder
 
     try:
         files = write_folder(robot, arguments.out, namespace)

@@ -1,4 +1,4 @@
-"""`softsim workspace ROBOT`: how far its effector gets, how well it moves there, and a picture of it."""
+"""`softsim workspace ROBOT`: how far its effector reaches, how well it moves there, and a picture of it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.base.extras import install_command
-from softsim_node.text import takes_escapes
+from softsim_core.base import install_command
+from softsim_node import takes_escapes
 
 if TYPE_CHECKING:
-    from softsim_core.control.inverse.workspace import Workspace
+    from softsim_core.control.inverse import Workspace
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.samples < 4:
         print("softsim workspace: --samples must be 4 or more", file=sys.stderr)
         return 2
-    from softsim_core.control.inverse.workspace import sample_workspace
+    from softsim_core.control.inverse import sample_workspace
     from softsim_core.scene import load_scene
 
     scene = load_scene(arguments.robot)
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class _Progress:
-    """A line on the terminal that counts up; nothing where stderr is no terminal."""
+    """A counter on the terminal; shows nothing if stderr is no terminal."""
 
     def __init__(self) -> None:
         self._shown, self._next = takes_escapes(sys.stderr), 0.0

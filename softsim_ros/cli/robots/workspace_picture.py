@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from softsim_core.base.errors import ConfigError
-from softsim_core.control.inverse.workspace import Workspace
-from softsim_ros.figures import save_figure
+from softsim_core.base import ConfigError
+from softsim_core.control.inverse import Workspace
+from softsim_ros import save_figure
 
 
 def draw(workspace: Workspace, robot: str, file: Path) -> None:
     """Write a picture; colour is the conditioning of the position Jacobian.
 
     Raises:
-        ConfigError: the file cannot be written, or its ending names no picture format.
+        ConfigError: the file cannot be written, or its suffix names no picture format.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""The board that `softsim up` gives the bridge: virtual or emulated in this process, or a real one's port."""
+"""The board for the bridge of `softsim up`: virtual or emulated in this process, or a real one's port."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ import contextlib
 from dataclasses import dataclass
 from enum import Enum
 
-from servo_bridge.nodes.board_node import BoardNode
-from servo_bridge.nodes.virtual_board_node import VirtualBoardNode
-from softsim_core.base.errors import SceneError
+from servo_bridge.nodes import BoardNode, VirtualBoardNode
+from softsim_core.base import SceneError
 from softsim_core.scene import RobotDescription
 
 EMULATED_SERVOS = 3
-"""Servos of the firmware."""
+"""Number of servos of the firmware."""
 
 
 class BoardKind(Enum):
-    """What stands at the far end of the line; the value is the word of `--board`."""
+    """Device at the far end of the line; the value is that of `--board`."""
 
     NONE = "none"
     VIRTUAL = "virtual"
@@ -26,12 +25,12 @@ class BoardKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class BoardChoice:
-    """Which board the bridge talks to.
+    """Board that the bridge talks to.
 
     Attributes:
         kind: NONE has no bridge at all.
-        port: Port of a real one; empty searches for the one that is plugged in.
-        send: Start sending at once, without waiting for key B.
+        port: Port of a real board; empty searches for the one that is plugged in.
+        send: Whether to start sending at once, without waiting for key B.
     """
 
     kind: BoardKind
@@ -40,14 +39,14 @@ class BoardChoice:
 
 
 def quiet_s(kind: BoardKind) -> float | None:
-    """Quiet time in [s] that the bridge shall leave a board after opening; None for the bridge's own."""
+    """Return the time in [s] for which the bridge sends nothing after opening; None: the bridge's default."""
     return 0.0 if kind is BoardKind.VIRTUAL else None  # the virtual board has no boot loader to wait for
 
 
 def local_board(
     stack: contextlib.ExitStack, robot: RobotDescription, namespace: str, kind: BoardKind
 ) -> BoardNode | None:
-    """The node of a board in this process, closed by `stack`; None where it is not in this process.
+    """Return the node of a board in this process, closed by `stack`; None if the board is elsewhere.
 
     Raises:
         EmulatorMissingError: libsimavr is not installed.
@@ -57,7 +56,7 @@ def local_board(
     if kind is BoardKind.VIRTUAL or (kind is BoardKind.EMULATED and _has_bus(robot)):
         node = VirtualBoardNode(described=robot.board, link="", namespace=namespace)
     elif kind is BoardKind.EMULATED:
-        from servo_bridge.nodes.emulated_board_node import EmulatedBoardNode  # loads simavr: only when wanted
+        from servo_bridge.nodes import EmulatedBoardNode  # loads simavr: only when wanted
 
         if servo_count(robot) != EMULATED_SERVOS:
             raise SceneError(
@@ -72,10 +71,13 @@ def local_board(
 
 
 def _has_bus(robot: RobotDescription) -> bool:
-    """Whether its servos are on a bus: then the virtual board emulates those, each with its control table."""
+    """Return whether the robot's servos are on a bus.
+
+    The virtual board then emulates them, each with its control table.
+    """
     return robot.board is not None and bool(robot.board.bus_servos)
 
 
 def servo_count(robot: RobotDescription) -> int:
-    """Servos of a robot's board; 0 without one."""
+    """Return the number of servos of a robot's board; 0 without one."""
     return len(robot.board.servos) if robot.board else 0

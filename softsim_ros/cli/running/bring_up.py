@@ -12,19 +12,15 @@ from collections.abc import Callable, Sequence
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from servo_bridge.nodes.board_node import BoardNode
-from servo_bridge.nodes.bridge_node import ServoBridge
+from servo_bridge.nodes import BoardNode, ServoBridge
 from softsim_core.scene import RobotDescription
-from softsim_node.ending import ending
-from softsim_node.process import ros_process
-from softsim_node.text import takes_escapes
+from softsim_node import ending, ros_process, takes_escapes
+from softsim_ros import SpinThread
 from softsim_ros.cli.running.boards import BoardChoice, BoardKind, local_board, quiet_s
 from softsim_ros.cli.running.web_page import WebPage
-from softsim_ros.nodes.inverse.inverse_node import InverseControl
-from softsim_ros.nodes.simulator.simulator_node import Simulator
-from softsim_ros.nodes.teleop.teleop_node import Teleop, drive
-from softsim_ros.nodes.teleop.terminal import NoTerminalError
-from softsim_ros.robot_node import SpinThread
+from softsim_ros.nodes.inverse import InverseControl
+from softsim_ros.nodes.simulator import Simulator
+from softsim_ros.nodes.teleop import NoTerminalError, Teleop, drive
 
 LOOK_S = 0.2
 TERMINAL_PERIOD_S = 0.5
@@ -32,7 +28,7 @@ LOG_PERIOD_S = 30.0
 
 
 def status_text(simulator: Simulator, bridge: ServoBridge | None, board: BoardNode | None) -> tuple[str, str]:
-    """The line without and with the numbers that change all the time; a change of the first is news."""
+    """Return the status line without and with frequently changing numbers; a change of the first is news."""
     status = simulator.physics.status
     state = status.fault or ("paused" if status.paused else "running")
     news = f"{simulator.get_namespace()}  {state}"
@@ -48,7 +44,7 @@ def status_text(simulator: Simulator, bridge: ServoBridge | None, board: BoardNo
 def show_status(
     simulator: Simulator, bridge: ServoBridge | None, board: BoardNode | None, notice: Callable[[], str] = str
 ) -> None:
-    """Show the line until the process shall end, and what `notice` says whenever that changes."""
+    """Show the status line until the process is to end, and the text of `notice` whenever it changes."""
     terminal = takes_escapes(sys.stdout)
     period = TERMINAL_PERIOD_S if terminal else LOG_PERIOD_S
     shown, due, nap = "", 0.0, threading.Event()
@@ -68,16 +64,18 @@ def show_status(
 
 
 class BringUp:
-    """The nodes of one robot, spinning in two threads; leaving the `with` block reaches the safe pose.
+    """The nodes of one robot, spinning in two threads.
+
+    Leaving the `with` block moves the servos to the safe pose.
 
     Args:
         robot: The robot.
         namespace: Namespace of every node, without slashes at its ends.
         board: The bridge's board.
-        inverse: With inverse control, disabled until key I.
+        inverse: Whether to run inverse control, disabled until key I.
         policy: File of a policy that drives the robot; empty: none.
-        watch: Load the scene anew whenever one of its files is saved.
-        allow_code: Folders whose Python scenes may be loaded at run time.
+        watch: Whether to reload the scene when one of its files is saved.
+        allow_code: Folders with Python scenes that may be loaded at run time.
     """
 
     def __init__(
@@ -94,7 +92,7 @@ class BringUp:
         self.board: BoardNode | None = None
         self.bridge: ServoBridge | None = None
         self.inverse: InverseControl | None = None
-        with contextlib.ExitStack() as stack:  # unwound in order where one of these fails
+        with contextlib.ExitStack() as stack:  # unwound in order if one of these fails
             values = {"watch": watch, "allow_code": os.pathsep.join(allow_code)}
             self.simulator = Simulator(
                 robot,
@@ -112,8 +110,8 @@ class BringUp:
                 stack.callback(self.inverse.close)
                 stack.enter_context(SpinThread([self.inverse]))
             if policy:
-                from softsim_ros.nodes.policy.policy_node import (
-                    PolicyNode,  # with it come the tasks, and Gymnasium
+                from softsim_ros.nodes.policy import (
+                    PolicyNode,  # it imports the tasks, and Gymnasium
                 )
 
                 chosen = {"policy": policy, "enabled": True}
@@ -146,11 +144,11 @@ class BringUp:
         return [*([self.board] if self.board else ()), self.bridge]
 
     def __enter__(self) -> BringUp:
-        """Everything spins already."""
+        """Return the object; everything spins already."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop spinning, reach the safe pose, close the port, end the physics."""
+        """Stop spinning, move to the safe pose, close the port, end the physics."""
         self._stack.close()
 
 
@@ -166,24 +164,24 @@ def run_bring_up(
     allow_code: Sequence[str] = (),
     page: WebPage | None = None,
 ) -> int:
-    """Run a robot until its person or a signal ends it.
+    """Run a robot until the user or a signal ends it.
 
     Args:
         robot: The robot.
         namespace: Namespace of every node.
         board: The bridge's board.
-        interactive: Show the teleop in this terminal; else a status line.
-        inverse: With inverse control.
+        interactive: Whether to show the teleop in this terminal; otherwise a status line.
+        inverse: Whether to run inverse control.
         policy: File of a policy that drives the robot; empty: none.
-        watch: Load the scene anew whenever one of its files is saved.
-        allow_code: Folders whose Python scenes may be loaded at run time.
-        page: The viewer, whose address is told once the robot runs.
+        watch: Whether to reload the scene when one of its files is saved.
+        allow_code: Folders with Python scenes that may be loaded at run time.
+        page: The viewer, whose address is shown once the robot runs.
 
     Returns:
-        Exit code: 0 after every orderly end, Ctrl-C and SIGTERM included.
+        Exit code: 0 after every orderly end, including Ctrl-C and SIGTERM.
 
     Raises:
-        SoftSimError: a node could not be made.
+        SoftSimError: a node could not be created.
     """
     switches = {"inverse": inverse, "watch": watch}
     with (
@@ -200,7 +198,7 @@ def run_bring_up(
 
 
 def _drive(robot: RobotDescription, namespace: str, notice: Callable[[], str]) -> bool:
-    """Run the teleop here, with a line that stays; False where this terminal cannot be used."""
+    """Run the teleop here, with a permanent line; return False if this terminal cannot be used."""
     teleop = Teleop(robot, namespace=namespace)
     teleop.notice = notice
     try:

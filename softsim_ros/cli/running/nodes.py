@@ -1,4 +1,4 @@
-"""The ROS nodes of the suite by name, as `softsim run` and `ros2 run` know them."""
+"""The ROS nodes of the project by name, as `softsim run` and `ros2 run` know them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 
 class NodeEntry(NamedTuple):
-    """A node: the module whose `main(args)` runs it, the ROS package it belongs to, one line of help.
+    """A node: the module with `main(args)`, its ROS package, one line of help.
 
     Attributes:
-        joins: It joins a robot that runs already, which is found where none is named.
+        joins: Whether it joins a running robot, which is found if none is named.
     """
 
     module: str

@@ -1,4 +1,4 @@
-"""One `softsim up` a namespace and ROS domain: two simulators on the same topics would fight."""
+"""Allow one `softsim up` per namespace and ROS domain, since two simulators would send on the same topics."""
 
 from __future__ import annotations
 
@@ -8,26 +8,25 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from softsim_core.base.errors import SoftSimError
-from softsim_core.base.files import open_lock, runtime_folder
+from softsim_core.base import SoftSimError, open_lock, runtime_folder
 
 
 class AlreadyUpError(SoftSimError, RuntimeError):
-    """The same namespace is being served by another `softsim up`."""
+    """Another `softsim up` serves the same namespace."""
 
 
 def lock_file(namespace: str) -> Path:
-    """The file that stands for a namespace in this process's ROS domain."""
+    """Return the lock file of a namespace in this process's ROS domain."""
     domain = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
     return runtime_folder() / f"softsim-{os.getuid()}-domain-{domain}-{namespace.replace('/', '.')}.lock"
 
 
 @contextlib.contextmanager
 def only_one(namespace: str) -> Iterator[None]:
-    """Hold the namespace for the `with` block; freed by the system even after kill -9.
+    """Lock the namespace for the `with` block; the system releases it even after kill -9.
 
     Raises:
-        AlreadyUpError: another process holds it; carries its process id.
+        AlreadyUpError: another process has locked it; carries its process id.
         RuntimeFolderError: there is no private folder for the lock.
     """
     file = lock_file(namespace)

@@ -1,4 +1,4 @@
-"""`softsim run NODE --ros-args ...`: one node in this process, where `ros2 run` is not installed."""
+"""`softsim run NODE --ros-args ...`: run one node in this process, where `ros2 run` is not installed."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from softsim_core.base.names import known_names
-from softsim_node.ending import ending
-from softsim_node.program import run_module
+from softsim_core.base import known_names
+from softsim_node import ending, run_module
 from softsim_ros.cli.running.nodes import NODES
 
 NAMING = ("robot:=", "__ns:=", "--params-file")
-"""Where a word holds one of these, it may name the robot."""
+"""Parts of arguments that may name the robot."""
 
 HELP = ("--help", "-h")
 
@@ -41,15 +40,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _found(words: Sequence[str]) -> list[str]:
-    """What names the robot that runs, where the words name none."""
+    """Return arguments that name the running robot, if the given ones name none."""
     if any(sign in word for word in words for sign in (*NAMING, *HELP)):
         return []
     try:
-        from softsim_ros.client.discovery import running_robot
-    except ImportError:  # the node itself says what is missing
+        from softsim_ros.client import running_robot
+    except ImportError:  # the node itself reports what is missing
         return []
     found = running_robot()
     if found is None:
         return []
-    name = ["-p", f"robot:={found.robot}"] if found.robot else []  # it may not have answered
+    name = ["-p", f"robot:={found.robot}"] if found.robot else []  # empty if the node did not answer
     return ["--ros-args", *name, "-r", f"__ns:={found.namespace}"]

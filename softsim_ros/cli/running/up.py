@@ -8,7 +8,7 @@ import os
 import re
 import sys
 
-from softsim_node.text import takes_escapes
+from softsim_node import takes_escapes
 
 VIRTUAL, EMULATED, SEARCH = "virtual", "emulated", "auto"
 PAGE_HOST, PAGE_PORT = "127.0.0.1", 8080
@@ -74,8 +74,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until a key quits or Ctrl-C or SIGTERM comes; the servos end in the safe pose."""
-    import rclpy  # noqa: F401  # where there is none, that is told before anything starts
+    """Run until a key quits or Ctrl-C or SIGTERM arrives; the servos end in the safe pose."""
+    import rclpy  # noqa: F401  # if it is missing, that is reported before anything starts
 
     from softsim_core.scene import load_scene
     from softsim_node import environment
@@ -127,12 +127,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _robot_on_mesh(robot: str, level: str | None) -> str:
-    """Name of the robot on a mesh level: "tripod" and "mid" is "tripod_mid"; "low" is the robot itself.
+    """Return the robot's name on a mesh level: "tripod" and "mid" is "tripod_mid"; "low" is the robot itself.
 
     Raises:
         ConfigError: there is no such robot; names the known ones.
     """
-    from softsim_core.scene.io.files import known_scenes
+    from softsim_core.scene.io import known_scenes
 
     if level is None or (level == "low" and f"{robot}_low" not in known_scenes()):
         return robot

@@ -1,4 +1,4 @@
-"""The viewer of `softsim up`, in a process of its own: whatever it does, the physics keep their pace."""
+"""The viewer of `softsim up` in its own process, so that it cannot slow down the physics."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ import time
 from dataclasses import dataclass
 from typing import IO, Final
 
-from softsim_core.base.extras import install_command
-from softsim_core.base.processes import python_command, start_process
-from softsim_node.ending import ending
+from softsim_core.base import install_command, python_command, start_process
+from softsim_node import ending
 
 ANNOUNCED: Final = "viewer: "
-"""How the viewer begins the line with its address."""
+"""First word of the line in which the viewer prints its address."""
 
 START_WITHIN_S: Final = 60.0
 END_WITHIN_S: Final = 5.0
@@ -25,13 +24,13 @@ LOOK_S: Final = 0.1
 
 @dataclass(frozen=True)
 class PageChoice:
-    """What the command line says of the page.
+    """Options of the page on the command line.
 
     Attributes:
         host: IP address to listen on.
         port: TCP port.
         lite: Cheap light, for browsers without a graphics card.
-        no_token: Ask for no secret, on this machine only.
+        no_token: Require no secret, on this machine only.
     """
 
     host: str
@@ -46,7 +45,7 @@ class WebPage:
     Args:
         robot: Name of the robot or scene, as the viewer's parameter `robot`.
         namespace: Namespace of the robot, without slashes at its ends.
-        choice: Address and looks.
+        choice: Address and appearance.
     """
 
     def __init__(self, robot: str, namespace: str, choice: PageChoice) -> None:
@@ -74,12 +73,12 @@ class WebPage:
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            start_new_session=True,  # Ctrl-C is for the robot; the page ends last
+            start_new_session=True,  # Ctrl-C ends the robot first, the page last
         )
         threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
 
     def _listen(self, output: IO[str]) -> None:
-        """Read all it says: a full pipe would stop it."""
+        """Read all output, since a full pipe would block the process."""
         for line in output:
             if line.startswith(ANNOUNCED) and not self._address and "http://" in line:
                 self._address = line.removeprefix(ANNOUNCED).strip()
@@ -89,10 +88,10 @@ class WebPage:
         self._settled.set()
 
     def notice(self) -> str:
-        """One sentence with the address, or with the reason why there is no page; waits until it is known.
+        """Return a message with the address, or with the reason why there is no page; wait until it is known.
 
-        Nothing where this process shall end before. Ask again for the sentence of that moment: a page may
-        end before the robot does.
+        Return an empty string if this process is to end before. Call it again for the present message, since
+        a page may end before the robot.
         """
         end = time.monotonic() + START_WITHIN_S
         while not (self._settled.wait(LOOK_S) or ending.asked or time.monotonic() > end):
@@ -108,7 +107,7 @@ class WebPage:
         return f"open {self._address} in a browser"
 
     def __enter__(self) -> WebPage:
-        """It is starting already."""
+        """Return the object; the process is starting already."""
         return self
 
     def __exit__(self, *_: object) -> None:

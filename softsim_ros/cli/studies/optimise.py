@@ -1,4 +1,4 @@
-"""`softsim optimise STUDY`: the values of a study's variables at which its objective is best."""
+"""`softsim optimise STUDY`: find the values of a study's variables at which its objective is best."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run generations until it is found, and say what it is."""
-    from softsim_core.lab.study.optimise import optimise
-    from softsim_core.lab.study.preparing import prepare_study
+    """Run generations until the optimum is found, and print it."""
+    from softsim_core.lab.study import optimise, prepare_study
 
     if (wrong := wrong_numbers(arguments)) is not None:
         print(f"softsim optimise: {wrong}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""`softsim sweep STUDY`: many runs of one scene on all cores or a cluster, into one store; and its page."""
+"""`softsim sweep STUDY`: many runs of one scene on all cores or a cluster; one store and a report page."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.base.errors import StudyError
-from softsim_core.base.extras import install_command
-from softsim_node.text import takes_escapes
+from softsim_core.base import StudyError, install_command
+from softsim_node import takes_escapes
 
 if TYPE_CHECKING:
-    from softsim_core.lab.study.engine import StudySummary, SweepOptions
+    from softsim_core.lab.study import StudySummary, SweepOptions
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def configure_running(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments about where runs are done."""
+    """Declare the arguments about where the runs are executed."""
     parser.add_argument(
         "-o", "--out", type=Path, metavar="STORE", help="the store (NAME.zarr in this folder)"
     )
@@ -56,7 +55,7 @@ def configure_running(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a study, or draw its store."""
-    from softsim_core.lab.study.description import known_studies, load_study
+    from softsim_core.lab.study import known_studies, load_study
 
     if arguments.report is not None:
         return _report(arguments)
@@ -66,9 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         for name, file in known.items():
             print(f"{name:<{width}}  {load_study(file).about}")
         return 0
-    from softsim_core.lab.study.engine import sweep
-    from softsim_core.lab.study.preparing import prepare_study
-    from softsim_core.lab.study.store import read_results, write_parquet
+    from softsim_core.lab.study import prepare_study, read_results, sweep, write_parquet
 
     if (wrong := wrong_numbers(arguments)) is not None:
         print(f"softsim sweep: {wrong}", file=sys.stderr)
@@ -87,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def wrong_numbers(arguments: argparse.Namespace) -> str | None:
-    """What is wrong with the numbers given; None: nothing is."""
+    """Return which of the given numbers is invalid, as a message; None if all are valid."""
     for option, least in (("workers", 1), ("batch", 1), ("bags", 0)):
         given = getattr(arguments, option)
         if given is not None and given < least:
@@ -98,19 +95,19 @@ def wrong_numbers(arguments: argparse.Namespace) -> str | None:
 
 
 def options(arguments: argparse.Namespace, store: Path, progress: Progress) -> SweepOptions:
-    """How a study is run, as it was asked for.
+    """Return the options of a study run.
 
     Raises:
-        StudyError: recordings are asked for, and ROS or the package that writes them is missing.
+        StudyError: recordings are requested, and ROS or the package that writes them is missing.
     """
-    from softsim_core.lab.study.engine import SweepOptions, Where
+    from softsim_core.lab.study import SweepOptions, Where
 
     recorder = None
     if arguments.bags:
         for package, extra in (("rosbags", "recording"), ("rclpy", "ros")):
             if importlib.util.find_spec(package) is None:
                 raise StudyError(f"--bags needs {package}: {install_command(extra)}")
-        from softsim_ros.recording.run_bag import RunBags
+        from softsim_ros.recording import RunBags
 
         recorder = RunBags(store.absolute().with_suffix(".bags"))
     workers = arguments.workers or len(os.sched_getaffinity(0))
@@ -119,7 +116,7 @@ def options(arguments: argparse.Namespace, store: Path, progress: Progress) -> S
 
 
 def tell(summary: StudySummary, as_json: bool) -> None:
-    """Say what became of a study."""
+    """Print the summary of a study."""
     if as_json:
         told = {
             "store": str(summary.folder),
@@ -137,7 +134,7 @@ def tell(summary: StudySummary, as_json: bool) -> None:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from softsim_core.lab.study.store import read_results, write_parquet
+    from softsim_core.lab.study import read_results, write_parquet
     from softsim_ros.cli.studies.sweep_page import write
 
     if arguments.study is not None:
@@ -153,18 +150,18 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 class Progress:
-    """A line on the terminal: runs done and failed, rate, time to go; else one line a minute."""
+    """A line on the terminal: runs done and failed, rate, remaining time; in a log, one line per minute."""
 
     def __init__(self) -> None:
         self._terminal = takes_escapes(sys.stderr)
         self._begin, self._first, self._next, self._last = 0.0, 0, 0.0, (0, 0, 0)
 
     def line(self, text: str) -> None:
-        """Say something beside the bar."""
+        """Print a message beside the progress line."""
         print(text, file=sys.stderr, flush=True)
 
     def __call__(self, done: int, failed: int, total: int) -> None:
-        """Told after each run."""
+        """Show the state after a run."""
         now = time.monotonic()
         if not self._begin:
             self._begin, self._first, self._next = now, done, now + (0.0 if self._terminal else 60.0)
@@ -186,7 +183,7 @@ class Progress:
         sys.stderr.flush()
 
     def end(self) -> None:
-        """The last line."""
+        """Print the last line."""
         if self._begin:
             done, failed, total = self._last
             spent = time.monotonic() - self._begin

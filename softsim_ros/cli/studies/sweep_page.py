@@ -1,4 +1,4 @@
-"""The web page of `softsim sweep --report`: one file that loads nothing."""
+"""The web page of `softsim sweep --report`: one self-contained file."""
 
 from __future__ import annotations
 
@@ -9,12 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import StudyError
-from softsim_core.base.files import write_file
-from softsim_core.lab.study.optimise import response_surface
-from softsim_core.lab.study.store import StudyResults
-from softsim_ros.cli.measurements.validate_report import PAGE
+from softsim_core.base import Array, StudyError, write_file
+from softsim_core.lab.study import StudyResults, response_surface
+from softsim_ros.cli.measurements import PAGE
 
 STYLE: Final = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 84rem; margin: 1rem auto; padding: 0 1rem;
@@ -188,7 +185,7 @@ if (data.quantities.length) {
 
 
 MOST_RUNS = 3000
-"""Runs that are drawn; of more, evenly some. What is told in numbers is of all."""
+"""Largest number of drawn runs; of more, an evenly spaced selection. Printed numbers refer to all runs."""
 
 MOST_ERRORS = 20
 
@@ -219,7 +216,7 @@ def write(file: Path, results: StudyResults) -> None:
 
 
 def page(results: StudyResults) -> str:
-    """The page's text.
+    """Return the page as HTML.
 
     Raises:
         StudyError: no run is done.
@@ -256,7 +253,7 @@ def _errors(results: StudyResults) -> str:
 
 
 def _data(results: StudyResults) -> dict[str, Any]:
-    """What the page draws: runs that are done, and a fitted surface of each quantity."""
+    """Return the data that the page draws: finished runs, and a fitted surface of each quantity."""
     done = np.flatnonzero(results.done)
     shown = done[np.unique(np.linspace(0, len(done) - 1, min(len(done), MOST_RUNS)).astype(int))]
     varied = {name: each for name, each in results.variables.items() if np.ptp(each[done]) > 0.0}

@@ -1,1 +1,5 @@
-"""What this machine has and how fast it is: `doctor`, `bench`, `test`."""
+"""Commands about this machine and this project: `doctor`, `bench`, `test`."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""`softsim bench`: time of a simulation step on this machine, one thread, with what it is compared to."""
+"""`softsim bench`: measure a simulation step on this machine with one thread, and compare it."""
 
 from __future__ import annotations
 
@@ -8,15 +8,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_ros.benchmark.machine import describe_machine, limit_threads  # loads no NumPy
+from softsim_ros.benchmark import describe_machine, limit_threads  # loads no NumPy
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from softsim_ros.benchmark.cases import Case
-    from softsim_ros.benchmark.records import Record
-    from softsim_ros.benchmark.rubber import RubberTime
-    from softsim_ros.benchmark.sensing import SensorTime
+    from softsim_ros.benchmark import Case, Record, RubberTime, SensorTime
 
 ROUNDS, QUICK_ROUNDS = 40, 5
 QUICK_MESHES = ("low", "reference_low")
@@ -118,8 +115,8 @@ def run(arguments: argparse.Namespace) -> int:
         from softsim_ros.cli.upkeep.bench_batch import run_batch
 
         return run_batch(arguments, _rounds(arguments))
-    from softsim_core.base.names import known_names
-    from softsim_ros.benchmark.cases import MESHES, available_meshes, default_reference_dir
+    from softsim_core.base import known_names
+    from softsim_ros.benchmark import MESHES, available_meshes, default_reference_dir
 
     reference = arguments.reference or default_reference_dir()
     there = available_meshes(reference)
@@ -142,7 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not (arguments.quick or arguments.no_process):
         missed += _process(records)
     if arguments.json:
-        from softsim_ros.benchmark.records import write_json
+        from softsim_ros.benchmark import write_json
 
         try:
             write_json(records, arguments.json)
@@ -154,7 +151,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _install(arguments: argparse.Namespace) -> int:
     """Measure and print a first start."""
-    from softsim_ros.benchmark.first_start import INSTALL_WITHIN_S, FirstStart, judged
+    from softsim_ros.benchmark import INSTALL_WITHIN_S, FirstStart, judged
 
     checkout = Path(__file__).resolve().parents[3]
     if not (checkout / "softsim").is_file():
@@ -176,10 +173,8 @@ def _rounds(arguments: argparse.Namespace) -> int:
 
 
 def _steps(arguments: argparse.Namespace, meshes: list[str], reference: Path) -> tuple[list[Record], int]:
-    """Measure whole steps and print them; the records and the number of missed targets."""
-    from softsim_ros.benchmark.cases import cases
-    from softsim_ros.benchmark.records import judge, table
-    from softsim_ros.benchmark.steps import known_paths, measure
+    """Measure and print whole steps; return the records and the number of missed targets."""
+    from softsim_ros.benchmark import cases, judge, known_paths, measure, table
 
     paths = known_paths()
     if "numba" not in paths:
@@ -201,23 +196,23 @@ def _steps(arguments: argparse.Namespace, meshes: list[str], reference: Path) ->
 def _peers(
     arguments: argparse.Namespace, meshes: list[str], ours: list[Record], reference: Path
 ) -> list[Record]:
-    """Measure the held body in other engines and print it; their records."""
-    from softsim_ros.benchmark.cases import Case, describe
+    """Measure the clamped body in other engines and print it; return the records."""
+    from softsim_ros.benchmark import Case, describe
 
     chosen = meshes if arguments.mesh else [mesh for mesh in meshes if mesh in PEER_MESHES]
     cases = [Case("held_centre", mesh, describe("held_centre", mesh, reference)) for mesh in chosen]
     records = _compared(cases, _rounds(arguments))
     for found in records:
-        for record in ours:  # the sag of the same run stands beside our own time, too
+        for record in ours:  # also store the sag of the same run with our own time
             if (record.scene, record.mesh, record.path) == ("held_centre", found.mesh, "numba"):
                 record.extras["sag_mm"] = found.extras["ours_sag_mm"]
     return records
 
 
 def _compared(cases: Sequence[Case], rounds: int, to_rest: bool = True) -> list[Record]:
-    """Measure held bodies in other engines and print it; their records."""
-    from softsim_ros.benchmark.peers.comparison import compare
-    from softsim_ros.benchmark.records import peer_table
+    """Measure clamped bodies in other engines and print them; return the records."""
+    from softsim_ros.benchmark import peer_table
+    from softsim_ros.benchmark.peers import compare
 
     records: list[Record] = []
     notes: dict[str, None] = {}
@@ -232,8 +227,8 @@ def _compared(cases: Sequence[Case], rounds: int, to_rest: bool = True) -> list[
 
 
 def _process(records: list[Record]) -> int:
-    """Measure a simulator process and print it; the number of missed targets."""
-    from softsim_ros.benchmark.process import MEMORY_LIMIT_MB, PUBLISH_LIMIT_MS, measure_process
+    """Measure a simulator process and print it; return the number of missed targets."""
+    from softsim_ros.benchmark import MEMORY_LIMIT_MB, PUBLISH_LIMIT_MS, measure_process
 
     _say("running the simulator on mid for 1000 steps ...")
     figures = measure_process()
@@ -257,10 +252,10 @@ def _process(records: list[Record]) -> int:
 
 
 def _bridge(arguments: argparse.Namespace) -> int:
-    """Measure the servo bridge and print it; 1 where a target is missed and `--check` asks."""
+    """Measure the servo bridge and print it; return 1 if a target is missed and `--check` is given."""
     if not arguments.seconds >= 1.0:
         return _refuse("--seconds must be at least 1")
-    from softsim_ros.benchmark.bridge import measure_bridge
+    from softsim_ros.benchmark import measure_bridge
 
     print("\n".join(describe_machine()))
     _say(f"running the bridge twice for {arguments.seconds:g} s ...")
@@ -271,16 +266,16 @@ def _bridge(arguments: argparse.Namespace) -> int:
 
 
 def _scaling(arguments: argparse.Namespace) -> int:
-    """Measure meshes of growing size and print them; 1 where one could not be measured."""
-    from softsim_ros.benchmark.records import write_json
-    from softsim_ros.benchmark.scaling import (
+    """Measure meshes of growing size and print them; return 1 if one could not be measured."""
+    from softsim_ros.benchmark import (
         QUICK_SIZES,
         SIZES,
         ScalingError,
+        known_paths,
         measure_scaling,
         scaling_table,
+        write_json,
     )
-    from softsim_ros.benchmark.steps import known_paths
 
     if "numba" not in known_paths():
         return _refuse("--scaling needs the package numba: pip install numba")
@@ -308,10 +303,9 @@ def _scaling(arguments: argparse.Namespace) -> int:
 
 
 def _scaling_peers(sizes: Sequence[str]) -> list[Record]:
-    """Measure the same bodies in other engines, where they step in less than seconds; their records."""
-    from softsim_core.scene.robot import RobotDescription
-    from softsim_ros.benchmark.cases import Case
-    from softsim_ros.benchmark.scaling import PEER_ROUNDS, PEER_SIZES, SHAPES, held_scene, mesh_of
+    """Measure the same bodies in other engines if these step in less than seconds; return the records."""
+    from softsim_core.scene import RobotDescription
+    from softsim_ros.benchmark import PEER_ROUNDS, PEER_SIZES, SHAPES, Case, held_scene, mesh_of
 
     bodies = [(shape, size) for shape in SHAPES for size in sizes if size in PEER_SIZES]
     cases = [
@@ -322,9 +316,8 @@ def _scaling_peers(sizes: Sequence[str]) -> list[Record]:
 
 
 def _rubber(arguments: argparse.Namespace) -> int:
-    """Measure quadratic cells and chambers and print them; 1 where a target is missed and `--check` asks."""
-    from softsim_ros.benchmark.rubber import measure_rubber, rubber_table
-    from softsim_ros.benchmark.steps import known_paths
+    """Measure quadratic cells and chambers and print them; return 1 if a target is missed with `--check`."""
+    from softsim_ros.benchmark import known_paths, measure_rubber, rubber_table
 
     if "numba" not in known_paths():
         return _refuse("--rubber needs the package numba: pip install numba")
@@ -337,9 +330,8 @@ def _rubber(arguments: argparse.Namespace) -> int:
 
 
 def _sensors(arguments: argparse.Namespace) -> int:
-    """Measure sensors and print them; 1 where a target is missed and `--check` asks."""
-    from softsim_ros.benchmark.sensing import SCENE, measure_sensors, sensor_table
-    from softsim_ros.benchmark.steps import known_paths
+    """Measure sensors and print them; return 1 if a target is missed and `--check` is given."""
+    from softsim_ros.benchmark import SCENE, known_paths, measure_sensors, sensor_table
 
     if "numba" not in known_paths():
         return _refuse("--sensors needs the package numba: pip install numba")
@@ -351,8 +343,8 @@ def _sensors(arguments: argparse.Namespace) -> int:
 
 
 def _ended(times: Sequence[RubberTime] | Sequence[SensorTime], arguments: argparse.Namespace) -> int:
-    """Write where `--json` asks; 1 where that fails, or where a target is missed and `--check` asks."""
-    from softsim_ros.benchmark.records import write_json
+    """Write the file of `--json`; return 1 if that fails, or if a target is missed and `--check` is given."""
+    from softsim_ros.benchmark import write_json
 
     try:
         if arguments.json:
@@ -364,8 +356,8 @@ def _ended(times: Sequence[RubberTime] | Sequence[SensorTime], arguments: argpar
 
 
 def _viewer(arguments: argparse.Namespace) -> int:
-    """Measure the web viewer and print it; 1 where a target is missed and `--check` asks."""
-    from softsim_ros.benchmark.viewer import measure_viewer
+    """Measure the web viewer and print it; return 1 if a target is missed and `--check` is given."""
+    from softsim_ros.benchmark import measure_viewer
 
     print("\n".join(describe_machine()))
     _say("running the simulator alone and watched in turn, about a minute ...")

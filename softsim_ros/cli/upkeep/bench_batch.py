@@ -1,36 +1,36 @@
-"""`softsim bench --batch`: copies stepped together, and what the environments over them cost."""
+"""`softsim bench --batch`: measure copies that are stepped together, and the environments that use them."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 
-from softsim_ros.benchmark.cases import default_reference_dir
-from softsim_ros.benchmark.copies import (
+from softsim_ros.benchmark import (
     COUNTS,
     QUICK_COUNTS,
     WORKERS,
     BatchRate,
     EnvironmentCost,
     cost_table,
+    default_reference_dir,
+    describe_machine,
+    known_paths,
     measure_copies,
     measure_environments,
     measure_peer,
     missed,
     peer_missing,
     rate_table,
+    write_json,
 )
-from softsim_ros.benchmark.machine import describe_machine
-from softsim_ros.benchmark.records import write_json
-from softsim_ros.benchmark.steps import known_paths
 
 MOST_ROUNDS = 5
 PEER_COUNT = 8
-"""MuJoCo is measured with so many copies at most: its steps take up to 40 ms each."""
+"""Largest number of copies for MuJoCo, whose steps take up to 40 ms each."""
 
 
 def run_batch(arguments: argparse.Namespace, rounds: int) -> int:
-    """Measure and print; 1 where a target is missed and `--check` asks."""
+    """Measure and print; return 1 if a target is missed and `--check` is given."""
     if "numba" not in known_paths():
         print("softsim bench: --batch needs the package numba: pip install numba", file=sys.stderr)
         return 2

@@ -1,4 +1,4 @@
-"""`softsim doctor`: what is installed, which port, which ROS, and what to do where something is wrong."""
+"""`softsim doctor`: report what is installed, which port, which ROS, and what to do about problems."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from softsim_ros.cli.command import Colours
+from softsim_ros.cli import Colours
 from softsim_ros.cli.upkeep import findings, ros_findings
 from softsim_ros.cli.upkeep.findings import Finding, Level
 
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print every finding; 0 where nothing is broken (warnings allowed), else 1."""
+    """Print every finding; return 0 if nothing is broken (warnings allowed), else 1."""
     found = examine(arguments.port)
     colour = Colours(sys.stdout)
     for finding in found:
@@ -53,12 +53,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def examine(port: str = "") -> list[Finding]:
-    """Run every check; one that fails by itself becomes a finding, too."""
+    """Run every check; a check that fails itself becomes a finding, too."""
     found = []
     for check in CHECKS:
         try:
             found += check(port) if check is findings.board else check()
-        except Exception as error:  # a broken installation may fail anywhere, and this is where it gets said
+        except Exception as error:  # a broken installation may fail anywhere, and it is reported here
             name = f"{Path(check.__module__.replace('.', '/')).name} {check.__name__}"
             found.append(Finding(Level.PROBLEM, name, f"the check itself failed: {error!r}"))
     return found

@@ -1,4 +1,4 @@
-"""The checks of `softsim doctor`: Python, packages, kernels, robots' files, ports, ROS 2."""
+"""Checks of `softsim doctor`: Python, packages, kernels, robots' files, ports, ROS 2."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from servo_bridge.driver.ports import find_port
-from servo_bridge.emulator.simavr import why_missing
-from servo_bridge.emulator.virtual_board import VirtualBoard
-from servo_bridge.errors import PortError
-from softsim_core.base.errors import SoftSimError
+from servo_bridge import PortError
+from servo_bridge.driver import find_port
+from servo_bridge.emulator import VirtualBoard, why_missing
+from softsim_core.base import SoftSimError
 
 
 class Level(Enum):
-    """How bad it is: fine, worth knowing, or broken."""
+    """Severity: fine, worth knowing, or broken."""
 
     OK = "ok"
     WARNING = "warning"
@@ -34,10 +33,10 @@ class Finding:
     """One line of the doctor.
 
     Attributes:
-        level: How bad it is.
-        subject: What was looked at.
-        text: What was found.
-        advice: What to do, where there is something to do.
+        level: Severity.
+        subject: What was checked.
+        text: Result of the check.
+        advice: What to do; empty if there is nothing to do.
     """
 
     level: Level
@@ -53,6 +52,7 @@ PACKAGES = {  # import name -> distribution; all are needed but Numba
     "cattrs": "cattrs",
     "yaml": "PyYAML",
     "serial": "pyserial",
+    "lazy_loader": "lazy-loader",
 }
 OPTIONAL = {  # import name -> distribution, and what needs it
     "daqp": ("daqp", "inverse control (key I, inverse:=true, path follower)"),
@@ -72,7 +72,7 @@ OLDEST, NEWEST = (3, 10), (3, 13)
 
 
 def python() -> list[Finding]:
-    """Version and place of the interpreter."""
+    """Check version and location of the interpreter."""
     version = sys.version_info[:2]
     text = f"{platform.python_version()} at {sys.executable}, {os.cpu_count()} cores"
     if not OLDEST <= version <= NEWEST:
@@ -83,7 +83,7 @@ def python() -> list[Finding]:
 
 
 def packages() -> list[Finding]:
-    """The packages that everything needs."""
+    """Check the packages that everything needs."""
     missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
     if missing:
         names = " ".join(PACKAGES[name] for name in missing)
@@ -93,7 +93,7 @@ def packages() -> list[Finding]:
 
 
 def optional_packages() -> list[Finding]:
-    """The packages that some commands need, and what is lost without each."""
+    """Check the packages that some commands need, and report what is unavailable without each."""
     findings = []
     for name, (distribution, lost) in OPTIONAL.items():
         if importlib.util.find_spec(name) is not None:
@@ -105,13 +105,13 @@ def optional_packages() -> list[Finding]:
 
 
 def numba() -> list[Finding]:
-    """Numba, and whether the kernels are compiled already."""
+    """Check Numba, and whether the kernels are compiled already."""
     from softsim_core.physics.kernels import why_plain
 
     if plain := why_plain():
         advice = "until then the SciPy path runs, several times slower"
         return [Finding(Level.WARNING, "numba", plain, advice)]
-    from softsim_core.simulation.warmup import cached_kernels, kernels_ready
+    from softsim_core.simulation import cached_kernels, kernels_ready
 
     compiled, folder = cached_kernels()
     text = f"{_version('numba')}, {compiled} compiled kernels cached in {folder}"
@@ -125,9 +125,9 @@ def numba() -> list[Finding]:
 
 
 def configs() -> list[Finding]:
-    """The robots and scenes that are found, and whether the robots can be read."""
+    """Check which robots and scenes are found, and whether the robots can be read."""
     from softsim_core.scene import load_scene
-    from softsim_core.scene.io.files import config_roots, known_scenes
+    from softsim_core.scene.io import config_roots, known_scenes
 
     roots = config_roots()
     if not roots:
@@ -145,7 +145,7 @@ def configs() -> list[Finding]:
 
 
 def terminal() -> list[Finding]:
-    """Whether keys can be typed here."""
+    """Check whether keys can be typed here."""
     if sys.stdin.isatty() and sys.stdout.isatty():
         size = shutil.get_terminal_size()
         return [Finding(Level.OK, "terminal", f"{size.columns} x {size.lines}, teleop works here")]
@@ -164,7 +164,7 @@ NO_ACCESS = "sudo usermod -aG dialout $USER, then log out and in"
 
 
 def board(port: str = "") -> list[Finding]:
-    """Which port the bridge would take, and whether it may.
+    """Check which port the bridge would use, and whether it has access.
 
     Args:
         port: Named by the user; empty searches.
@@ -187,13 +187,13 @@ def board(port: str = "") -> list[Finding]:
 
 
 def virtual_board() -> list[Finding]:
-    """Whether a virtual board can be made on this machine."""
+    """Check whether a virtual board can be created on this machine."""
     with VirtualBoard() as virtual:
         return [Finding(Level.OK, "virtual board", f"works (just now on {virtual.port})")]
 
 
 def emulated_board() -> list[Finding]:
-    """Whether the firmware can run in an emulated board; nothing else needs it."""
+    """Check whether the firmware can run in an emulated board; nothing else needs it."""
     missing = why_missing()
     if missing:
         return [Finding(Level.OK, "emulated board", f"not possible here: {missing}")]
@@ -201,7 +201,7 @@ def emulated_board() -> list[Finding]:
 
 
 def flashing() -> list[Finding]:
-    """Whether a board's firmware can be uploaded; needed once a board."""
+    """Check whether a board's firmware can be uploaded, which is needed once per board."""
     program = shutil.which("avrdude")
     if program is None:
         advice = "only to put the firmware onto a board: sudo apt install avrdude"

@@ -1,4 +1,4 @@
-"""Checks of ROS 2: client, message packages, mixtures, discovery, logs, shared memory."""
+"""Checks of ROS 2: client, message packages, mixed installations, discovery, logs, shared memory."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import shutil
 import sys
 from pathlib import Path
 
-from softsim_node import environment
-from softsim_node.environment import has_ros_wheels, ros_problems, system_ros
+from softsim_node import environment, has_ros_wheels, ros_problems, system_ros
+from softsim_ros import OPTIONAL
 from softsim_ros.cli.upkeep.findings import Finding, Level
-from softsim_ros.optional_messages import OPTIONAL
 
 MESSAGE_PACKAGES = (
     "std_msgs", "sensor_msgs", "geometry_msgs", "trajectory_msgs", "visualization_msgs", "shape_msgs",
@@ -22,7 +21,7 @@ SHARED_MEMORY_NEEDED = 64_000_000
 
 
 def client() -> list[Finding]:
-    """Whether rclpy starts, and where it comes from."""
+    """Check whether rclpy starts, and where it comes from."""
     if importlib.util.find_spec("rclpy") is None:
         advice = "start with ./softsim, which installs it (x86-64 Linux), or source /opt/ros/jazzy/setup.bash"
         return [Finding(Level.PROBLEM, "ROS 2", "rclpy is not installed", advice)]
@@ -50,7 +49,7 @@ def client() -> list[Finding]:
 
 
 def _optional() -> list[Finding]:
-    """What is offered where its message package is installed."""
+    """Report the features of optional message packages."""
     findings = []
     for name, offer in OPTIONAL.items():
         here = importlib.util.find_spec(name) is not None
@@ -60,7 +59,7 @@ def _optional() -> list[Finding]:
 
 
 def mixture() -> list[Finding]:
-    """Whether a system ROS and the wheels meet in this environment."""
+    """Check whether a system ROS and the wheels are mixed in this environment."""
     other = system_ros(os.environ)
     if other and has_ros_wheels(Path(sys.prefix)):
         text = f"{other} is active beside the ROS wheels in {sys.prefix}"
@@ -69,7 +68,7 @@ def mixture() -> list[Finding]:
 
 
 def reach() -> list[Finding]:
-    """Who can reach the nodes that are started here."""
+    """Check which computers can reach the nodes started here."""
     wished, text = environment.wished_range(os.environ), environment.sentence(os.environ)
     if wished in ("SUBNET", "SYSTEM_DEFAULT") or os.environ.get(environment.PEERS):
         advice = f"unset {environment.WISH} and {environment.PEERS} to keep the robot to this computer"
@@ -78,7 +77,7 @@ def reach() -> list[Finding]:
 
 
 def log_folder() -> list[Finding]:
-    """Whether ROS can write its logs."""
+    """Check whether ROS can write its logs."""
     home = Path(os.environ.get("ROS_HOME", Path(os.environ.get("HOME", "/nonexistent")) / ".ros"))
     folder = Path(os.environ.get("ROS_LOG_DIR", home / "log"))
     try:
@@ -94,7 +93,7 @@ def log_folder() -> list[Finding]:
 
 
 def shared_memory() -> list[Finding]:
-    """Room for ROS's transport between processes, and what killed processes left there."""
+    """Check the space for ROS's transport between processes, and segments that killed processes left."""
     if not SHARED_MEMORY.is_dir():
         advice = "messages take the network loopback instead, which is slower; mount tmpfs on /dev/shm"
         return [Finding(Level.WARNING, "shared memory", "no /dev/shm", advice)]

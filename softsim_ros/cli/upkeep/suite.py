@@ -1,4 +1,4 @@
-"""`softsim test`: the test suite of the checkout, and which tests cover which files.
+"""`softsim test`: run the test suite of the checkout; which tests cover which files.
 
 CONTRIBUTING.md shows the same table; a test compares the two.
 """
@@ -14,9 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import NoReturn
 
-from softsim_core.base.errors import SoftSimError, listing
-from softsim_core.base.extras import install_command
-from softsim_core.base.processes import python_command, run_process
+from softsim_core.base import SoftSimError, install_command, listing, python_command, run_process
 
 TESTS: Mapping[str, str] = {
     "softsim_core": "analytic attacks/current_folder unit",
@@ -145,7 +143,7 @@ TESTS: Mapping[str, str] = {
 }
 """Tests by folder or file: `unit` is tests/unit, `unit/mesh*` every tests/unit/test_mesh*.py.
 
-The longest name that a path begins with counts.
+The longest entry that a path begins with applies.
 """
 
 
@@ -178,7 +176,7 @@ def covering_tests(path: str, root: Path) -> list[str]:
 
 
 def covering_words(path: str) -> list[str]:
-    """Return the words of TESTS that stand for the tests of a path.
+    """Return the words of TESTS that cover a path.
 
     Raises:
         UncoveredPathError: no entry of TESTS contains the path.
@@ -191,7 +189,7 @@ def covering_words(path: str) -> list[str]:
 
 
 def files_of(word: str, root: Path) -> list[str]:
-    """Return what a word of TESTS stands for, relative to the checkout."""
+    """Return the files and folders that a word of TESTS names, relative to the checkout."""
     folder, _, name = word.partition("/")
     if not name:
         return [f"tests/{folder}"]
@@ -199,11 +197,14 @@ def files_of(word: str, root: Path) -> list[str]:
 
 
 LIMIT_S = {False: 5400, True: 600}
-"""Time limits in [s], for what hangs."""
+"""Time limits in [s], for hanging tests."""
 
 MOST_WORKERS = 6
-"""Each has a robot, a page and a browser of its own, about 1 GB. A third of the tests' time is waiting for
-processes, so that one worker more than cores keeps the cores busy; quick ones wait for nothing."""
+"""Largest number of workers; each has its own robot, page and browser, about 1 GB.
+
+A third of the tests' time is waiting for processes, so that one worker more than cores keeps the cores busy.
+Quick tests do not wait.
+"""
 
 QUICK = "not slow and not exhaustive and not packaging"
 """Tests of `--quick`, as an expression of pytest's option -m."""
@@ -230,7 +231,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def command(arguments: argparse.Namespace, root: Path) -> list[str]:
     """Return the command line that runs the tests of the checkout at `root`.
 
-    Packaging tests run where a path is named that holds them; without a path only `-m packaging` runs them.
+    Packaging tests run if a named path contains them; without a path only `-m packaging` runs them.
 
     Raises:
         UncoveredPathError: no test covers a path.
@@ -249,7 +250,7 @@ def command(arguments: argparse.Namespace, root: Path) -> list[str]:
 
 
 def _with_tests(given: Sequence[str], root: Path) -> tuple[list[str], bool]:
-    """Return the words, tests in place of paths of the product, and whether any word was a path."""
+    """Return the words with tests in place of paths of the product, and whether any word was a path."""
     words, has_paths, previous, root = list[str](), False, "", root.resolve()
     for word in given:
         place = (root / word.partition("::")[0]).resolve()
@@ -262,7 +263,7 @@ def _with_tests(given: Sequence[str], root: Path) -> tuple[list[str], bool]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compile the kernels where that has not been done, then hand over to pytest.
+    """Compile the kernels if needed, then run pytest in place of this process.
 
     Its exit code is the command's (124: the time limit was reached).
     """

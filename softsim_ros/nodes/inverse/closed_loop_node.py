@@ -1,4 +1,4 @@
-"""The node `closed_loop`: measured tilts and their reference in, goals of the inverse controller out."""
+"""The node `closed_loop`: turns measured and reference tilts into goals of the inverse controller."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
 from softsim_core import RobotDescription
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError
-from softsim_core.control.inverse.closed_loop import (
+from softsim_core.base import Array, CommandError
+from softsim_core.control.inverse import (
+    MAZE_LIFT_M,
     ClosedLoopLog,
     TiltController,
     TiltGains,
@@ -30,20 +30,15 @@ from softsim_core.control.inverse.closed_loop import (
     tilt_rotation,
     tilts_of,
 )
-from softsim_core.control.inverse.paths import MAZE_LIFT_M
-from softsim_core.physics.mechanics.pose import quaternion_of, rotation_of
-from softsim_node.frames import WORLD
-from softsim_node.parameters import LiveParameters, Program, parameter
-from softsim_node.process import run_node
-from softsim_node.topics import MEASURED, StateTopics
-from softsim_ros.messages import pose_stamped
-from softsim_ros.messages.types import OK, WARN
+from softsim_core.physics.mechanics import quaternion_of, rotation_of
+from softsim_node import MEASURED, WORLD, LiveParameters, Program, StateTopics, parameter, run_node
+from softsim_ros import FrameSettings, RobotNode, RobotSettings
+from softsim_ros.messages import OK, WARN, pose_stamped
 from softsim_ros.nodes.inverse import plant
 from softsim_ros.nodes.inverse.inverse_switch import InverseSwitch
 from softsim_ros.nodes.inverse.path_follower_node import LEAVE
 from softsim_ros.nodes.inverse.plant import checked_pose
 from softsim_ros.nodes.inverse.robot import check_frame, effector_rest, world_frames
-from softsim_ros.robot_node import FrameSettings, RobotNode, RobotSettings
 
 MEASURES: Final = ("imu", "effector_pose")
 TASKS: Final = ("height_tilt", "orientation", "pose", LEAVE)
@@ -54,7 +49,7 @@ _LAW: Final = TiltGains()
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSettings(RobotSettings):
-    """Values of the parameters; `height` begins above the robot's effector at rest."""
+    """Values of the parameters; the default of `height` lies above the robot's effector at rest."""
 
     kp: float = parameter(_LAW.proportional, "Proportional gain", within=(0.0, 100.0))
     ki: float = parameter(_LAW.integral, "Integral gain", unit="1/s", within=(0.0, 1000.0))
@@ -90,11 +85,11 @@ class LoopSettings(RobotSettings):
 
 
 UNIT_WITHIN = 0.1
-"""A quaternion whose length differs from 1 by more than this is no orientation."""
+"""Largest deviation of an orientation quaternion's norm from 1."""
 
 
 def rotation(message: Quaternion) -> Array:
-    """Rotation matrix (3, 3) of a quaternion message.
+    """Return the rotation matrix (3, 3) of a quaternion message.
 
     Raises:
         CommandError: not finite, or its length is not 1.
@@ -107,7 +102,7 @@ def rotation(message: Quaternion) -> Array:
 
 
 def pose_tilts(message: Quaternion) -> Tilts:
-    """Tilts and turn of an orientation in the world.
+    """Return tilts and turn of an orientation in the world.
 
     Raises:
         CommandError: no unit quaternion.
@@ -116,9 +111,9 @@ def pose_tilts(message: Quaternion) -> Tilts:
 
 
 def imu_tilts(message: Imu) -> Array:
-    """Tilts about x and y in [rad] of an IMU on the plate, shape (2,): how it stands to gravity.
+    """Return the tilts about x and y in [rad] of an IMU on the plate relative to gravity, shape (2,).
 
-    The heading of its orientation does not matter, so it needs no magnetometer.
+    The heading of its orientation is not used, so the IMU needs no magnetometer.
 
     Raises:
         CommandError: it has no orientation (first covariance -1), or no unit quaternion.
@@ -130,7 +125,7 @@ def imu_tilts(message: Imu) -> Array:
 
 
 def reference_tilts(message: Vector3Stamped) -> Array:
-    """Tilts about x and y in [rad] of a reference, shape (2,); its z is not used.
+    """Return the tilts about x and y in [rad] of a reference, shape (2,); its z is not used.
 
     Raises:
         CommandError: not finite.
@@ -142,9 +137,10 @@ def reference_tilts(message: Vector3Stamped) -> Array:
 
 
 class LoopStep(NamedTuple):
-    """One step of the loop: tilts about x and y in [rad], shape (2,); time in [s] since it was switched on.
+    """One step of the loop: tilts about x and y in [rad], shape (2,), and time in [s] since its start.
 
-    A step that holds has not run the law: the command is the last one, and its time does not count.
+    If `holds` is true, the control law has not run: the command is the previous one, and its time does not
+    count.
     """
 
     time: float
@@ -155,11 +151,11 @@ class LoopStep(NamedTuple):
 
 
 class TiltLoop:
-    """Runs the controller at the times it is asked to.
+    """Runs the controller whenever `step` is called.
 
     Args:
-        gains: Of the controller.
-        measure_timeout: A measure older than this, in [s], holds the command.
+        gains: Gains of the controller.
+        measure_timeout: Age in [s] of a measurement beyond which the command stays unchanged.
     """
 
     def __init__(self, gains: TiltGains, measure_timeout: float) -> None:
@@ -172,25 +168,25 @@ class TiltLoop:
 
     @property
     def has_measure(self) -> bool:
-        """Whether anything was ever measured."""
+        """Whether any measurement has arrived."""
         return math.isfinite(self._measured_at)
 
     def begin(self, now: float) -> None:
-        """Forget integral, command and time; `now` is a steady clock in [s]."""
+        """Reset integral, command and time; `now` is a steady clock in [s]."""
         self.controller.reset()
         self._time = 0.0
         self._origin = self._last = now
 
     def measured(self, tilts: Array, now: float) -> None:
-        """Take a measure: tilts about x and y in [rad], shape (2,), finite."""
+        """Store a measurement: tilts about x and y in [rad], shape (2,), finite."""
         self._measure, self._measured_at = tilts.copy(), now
 
     def is_stale(self, now: float) -> bool:
-        """Whether the measure is too old to be used."""
+        """Return whether the last measurement is too old to be used."""
         return now - self._measured_at > self.measure_timeout
 
     def step(self, now: float) -> LoopStep | None:
-        """One step at `now`; None before the first measure."""
+        """Run one step at `now`; return None before the first measurement."""
         if not self.has_measure:
             self._origin = self._last = now
             return None
@@ -199,7 +195,7 @@ class TiltLoop:
             self._origin += now - self._last
         else:
             time = now - self._origin
-            # The difference of what is logged, so that the log gives the commands again to the last bit.
+            # The difference of the logged times, so that the log reproduces the commands to the last bit.
             self.controller.update(self.reference, self._measure, max(time - self._time, 0.0))
             self._time = max(time, self._time)
         self._last = now
@@ -211,7 +207,7 @@ NODE_NAME: Final = "closed_loop"
 
 
 class ClosedLoop(RobotNode):
-    """Tilts the goal until the measured tilts are the wanted ones; made as RobotNode says.
+    """Tilts the goal until the measured tilts equal the reference; created as RobotNode describes.
 
     Raises:
         SoftSimError: the robot is not known, a parameter is not allowed, or the log cannot be written.
@@ -267,7 +263,7 @@ class ClosedLoop(RobotNode):
         super().close()
 
     def enable(self, enabled: bool) -> str:
-        """Begin anew (no integral, time 0), or give no goals any more; returns a sentence."""
+        """Start the loop (integral and time are 0), or stop sending goals; return a message."""
         if enabled and not self._enabled:
             self._loop.begin(time.monotonic())
             self._follows = self._task == LEAVE
@@ -320,7 +316,7 @@ class ClosedLoop(RobotNode):
             self._said = ""
 
     def _say(self, sentence: str) -> None:
-        """Warn of a trouble once; it ends with the next good measure."""
+        """Log a problem as a warning, once; the next good measurement ends it."""
         if not self._said:
             self.get_logger().warning(sentence)
         self._said = sentence
@@ -353,7 +349,7 @@ class ClosedLoop(RobotNode):
             self._write(step)
 
     def _write(self, step: LoopStep) -> None:
-        """A row of the log; its x axis is our y, and its z our x."""
+        """Write a row of the log, in which x is this node's y axis, and z its x axis."""
         if self._log is None:
             return
         try:
@@ -365,7 +361,7 @@ class ClosedLoop(RobotNode):
     def _report(self) -> None:
         step = self._step
         if self._log is not None:
-            with suppress(OSError):  # the next row says it
+            with suppress(OSError):  # the next row reports it
                 self._log.flush()
         state = (
             "off" if not self._enabled else "waiting" if step is None else "holding" if step.holds else "on"
@@ -381,7 +377,7 @@ class ClosedLoop(RobotNode):
 
 
 def _check(_: frozenset[str], settings: LoopSettings) -> None:
-    """Raise where the gains do not fit together."""
+    """Raise if the gains do not fit together."""
     _gains = settings.gains
 
 
@@ -393,7 +389,7 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the closed loop as a process; returns the exit code."""
+    """Run the closed loop as a process; return the exit code."""
     return run_node(PROGRAM, lambda _: ClosedLoop(), args)
 
 

@@ -1,4 +1,4 @@
-"""Inverse control in a thread of its own: one tick per model step on the steady clock."""
+"""Run inverse control in its own thread: one tick per model step on the steady clock."""
 
 from __future__ import annotations
 
@@ -17,27 +17,23 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SoftSimError, listing
-from softsim_core.control.inverse.controller import InverseController, InverseReport
-from softsim_core.physics.mechanics.pose import Pose
-from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.joint import JointDescription
-from softsim_node.background import WorkQueue
-from softsim_node.ending import ending
-from softsim_node.topics import NEWEST_ONLY
+from softsim_core.base import Array, CommandError, SoftSimError, listing
+from softsim_core.control.inverse import InverseController, InverseReport
+from softsim_core.physics.mechanics import Pose
+from softsim_core.scene import InverseSettings, JointDescription
+from softsim_node import NEWEST_ONLY, WorkQueue, ending
 from softsim_ros.nodes.inverse.plant import SILENT_AFTER_S, Feedback, Plant, off_command
-from softsim_ros.nodes.simulator.monitor import Pacer, RateGate, SpeedMeter
+from softsim_ros.nodes.simulator import Pacer, RateGate, SpeedMeter
 
 STUCK_AFTER_S: Final = 1.0
-"""Joints away from their command for this long, in [s], do not follow."""
+"""Time in [s] after which joints away from their command count as not following."""
 
 
 class Following:
-    """Watches the joints of a robot under control.
+    """Checks whether the joints of a robot under control follow their commands.
 
     Args:
-        joints: Their limits.
+        joints: Joints with their limits.
         now: Steady clock in [s].
     """
 
@@ -47,15 +43,15 @@ class Following:
         self._stuck = ""
 
     def trouble(self, plant: Plant, command: Array | None, now: float) -> str:
-        """Why the command must be held at `now`; empty while the robot follows.
+        """Return why the command must stay unchanged at `now`; an empty string while the robot follows.
 
         Args:
-            plant: What is heard of the robot.
+            plant: Latest messages of the robot.
             command: The newest command in [rad] or [m], shape (j,); None before the first.
             now: Steady clock in [s].
         """
         if plant.is_silent(now) or plant.joints is None:
-            self._followed_at = now  # once heard of again they get their time to follow
+            self._followed_at = now  # after the silence the joints get their time to follow
             return f"holding: no joint states for more than {SILENT_AFTER_S:g} s; is the robot running?"
         off = [] if command is None else off_command(self._joints, plant.joints, command)
         if not off:
@@ -66,26 +62,26 @@ class Following:
 
 
 def has_moved(shift: float, plant: Plant) -> bool:
-    """Whether the joint bases are no longer at the `shift` [m] that the model was started with."""
+    """Return whether the joint bases have left the `shift` [m] with which the model was started."""
     return plant.base_shift is not None and not math.isclose(plant.base_shift, shift, abs_tol=1e-6)
 
 
 TOPIC: Final = "position_controller/commands"
 REMEMBERED: Final = 256
-"""Own commands that may still come back, newest last: some seconds of them."""
+"""Number of own commands that are remembered until they return on the topic; a few seconds of them."""
 
 
 class CommandsOut:
-    """Publishes commands and listens to those of others.
+    """Publishes commands and detects commands of other publishers.
 
     Args:
         node: Owner of the publisher and the subscription.
-        writer: The controller, as a sentence names it.
-        is_on: Whether it is on.
-        refuse: Called in the node's executor with one sentence for every command of others while it is on.
+        writer: Name of the controller in messages.
+        is_on: Returns whether it is on.
+        refuse: Called in the node's executor with a message for every foreign command while it is on.
 
     Attributes:
-        foreign: How many these were.
+        foreign: Number of foreign commands.
     """
 
     def __init__(
@@ -95,11 +91,11 @@ class CommandsOut:
         self.foreign = 0
         self._own: deque[bytes] = deque(maxlen=REMEMBERED)
         self._publisher = node.create_publisher(Float64MultiArray, TOPIC, NEWEST_ONLY)
-        all_of_them = QoSProfile(depth=REMEMBERED)  # ours come back: they must not push out one of another's
+        all_of_them = QoSProfile(depth=REMEMBERED)  # own ones return and must not displace others
         node.create_subscription(Float64MultiArray, TOPIC, self._on_command, all_of_them, raw=True)
 
     def publish(self, command: Array) -> None:
-        """Send one position per joint, in [rad] or [m], shape (j,)."""
+        """Publish one position per joint, in [rad] or [m], shape (j,)."""
         data = serialize_message(Float64MultiArray(data=array("d", command)))
         if not self._own or self._own[-1] != data:
             self._own.append(data)
@@ -122,17 +118,17 @@ DISABLED = "goal ignored: inverse control is off; call ~/enable first"
 
 @dataclass(frozen=True)
 class ControlStatus:
-    """What the thread did lately.
+    """Recent state of the thread.
 
     Attributes:
         mode: "off", "on", or "holding" the command because the robot does not follow.
-        sentence: What a person should know; empty where there is nothing.
-        fault: Whether it went off by itself.
-        report: The newest tick since it was enabled.
+        sentence: Message for the user; empty if there is none.
+        fault: Whether control switched itself off.
+        report: Report of the newest tick since it was enabled.
         measured: Whether a measured pose corrected the model in that tick.
-        rate: Ticks a second, of the last second or so.
-        stages_ms: Mean times of that second in [ms].
-        late_s: Wall time in [s] given up because ticks took too long, in all.
+        rate: Ticks per second, over about the last second.
+        stages_ms: Mean stage times over that second in [ms].
+        late_s: Total wall time in [s] given up because ticks took too long.
     """
 
     mode: Mode = "off"
@@ -146,15 +142,15 @@ class ControlStatus:
 
 
 class ControlThread:
-    """Owns an inverse controller once started: nothing else may touch it, except through `call`.
+    """Thread that owns an inverse controller once started; other threads may access it only through `call`.
 
     Args:
         controller: The model and its control law.
-        joints: Of the robot, in command order.
+        joints: Joints of the robot, in command order.
         dt: Time from tick to tick in [s].
         publish: Called in the thread with every command, shape (j,), and with the model's pose.
-        warn: Called in the thread with one sentence when the robot stops to follow, and when it is back.
-        ended: Called in the thread with one sentence when control goes off by itself.
+        warn: Called in the thread with a message when the robot stops following, and when it follows again.
+        ended: Called in the thread with a message when control switches itself off.
     """
 
     def __init__(
@@ -190,11 +186,14 @@ class ControlThread:
     # --- from any thread ------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Begin to serve; control is off."""
+        """Start the thread; control is off."""
         self._thread.start()
 
     def close(self) -> None:
-        """End after the tick in progress and join, see `ending.wait_for`; a second call does nothing."""
+        """Stop after the tick in progress and join the thread, see `ending.wait_for`.
+
+        A second call does nothing.
+        """
         self._requests.ask_to_end()
         ending.wait_for(self._thread)
 
@@ -204,7 +203,7 @@ class ControlThread:
         return self._thread.is_alive()
 
     def set_goal(self, goal: Pose) -> None:
-        """Give a goal for the next tick; the newest wins.
+        """Set the goal for the next tick; it replaces an earlier one.
 
         Raises:
             CommandError: control is off.
@@ -218,7 +217,7 @@ class ControlThread:
         """Run an action on the controller between two ticks and wait for its result.
 
         Args:
-            action: Gets the controller; what it raises is raised here.
+            action: Called with the controller; its exceptions are raised here.
 
         Raises:
             SoftSimError: the thread has ended, or is stuck in one tick for longer than REQUEST_TIMEOUT_S.
@@ -226,10 +225,10 @@ class ControlThread:
         return self._requests.ask(lambda: action(self._controller))
 
     def enable(self, base_shift: float) -> None:
-        """Start control from the joints as they are; the goal is where the effector is then.
+        """Start control from the present joint positions; the goal is the effector's pose at that time.
 
         Args:
-            base_shift: Of the joint bases in [m], where the robot does not say it itself.
+            base_shift: Shift of the joint bases in [m], used if the robot does not publish it.
 
         Raises:
             CommandError: no joint states are known, or the robot is not the model's.
@@ -262,7 +261,7 @@ class ControlThread:
         self.call(begin)
 
     def tune(self, settings: InverseSettings) -> None:
-        """Take other weights, gains and tolerances; limits stay what they were at start."""
+        """Set other weights, gains and tolerances; limits stay as they were at the start."""
 
         def change(controller: InverseController) -> None:
             controller.settings = self.settings = settings
@@ -270,7 +269,11 @@ class ControlThread:
         self.call(change)
 
     def set_foreign(self, sentence: str) -> None:
-        """Stay off while the robot is not the one of the model, as a sentence says; empty: it is again."""
+        """Switch off while the robot differs from the model; an empty `sentence` allows control again.
+
+        Args:
+            sentence: Message that says how they differ.
+        """
 
         def stay_off(_: InverseController) -> None:
             self._foreign = sentence
@@ -280,7 +283,7 @@ class ControlThread:
         self.call(stay_off)
 
     def disable(self) -> None:
-        """Stop control: nothing is published any more."""
+        """Stop control; nothing is published afterwards."""
         self.call(lambda _: self._stop(""))
 
     # --- in the thread --------------------------------------------------------------------------------
@@ -294,12 +297,12 @@ class ControlThread:
             delay = self._pacer.wait_s(time.monotonic(), self._dt) if self._try_tick() else None
 
     def _try_tick(self) -> bool:
-        """Tick; False: control went off."""
+        """Run a tick; return False if control switched off."""
         try:
             self._tick()
         except SoftSimError as error:
             self._fail(str(error))
-        except Exception as error:  # whatever it is, the node must live on and the topic be free
+        except Exception as error:  # whatever it is, the node must keep running and the topic be free
             self._fail(f"{type(error).__name__}: {error}")
         return self._mode != "off"
 

@@ -1,4 +1,4 @@
-"""The node `inverse_controller`: goals for the effector in, joint commands out, while it is enabled."""
+"""The node `inverse_controller`: turns goals of the effector into joint commands while it is enabled."""
 
 from __future__ import annotations
 
@@ -16,16 +16,21 @@ from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool
 
 from softsim_core import RobotDescription
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SceneError
-from softsim_core.control.inverse.controller import InverseController
-from softsim_core.physics.mechanics.pose import Pose
-from softsim_node.ending import ending
-from softsim_node.frames import WORLD
-from softsim_node.parameters import LiveParameters, Program
-from softsim_node.process import run_node
-from softsim_node.topics import LATCHED, MEASURED, NEWEST_ONLY, StateTopics
-from softsim_ros.listeners import JointReader, JointStates
+from softsim_core.base import Array, CommandError, SceneError
+from softsim_core.control.inverse import InverseController
+from softsim_core.physics.mechanics import Pose
+from softsim_node import (
+    LATCHED,
+    MEASURED,
+    NEWEST_ONLY,
+    WORLD,
+    LiveParameters,
+    Program,
+    StateTopics,
+    ending,
+    run_node,
+)
+from softsim_ros import FrameSettings, JointReader, JointStates, RobotNode
 from softsim_ros.messages import pose_stamped
 from softsim_ros.nodes.inverse import plant
 from softsim_ros.nodes.inverse.control_thread import CommandsOut, ControlThread
@@ -33,17 +38,16 @@ from softsim_ros.nodes.inverse.inverse_switch import health
 from softsim_ros.nodes.inverse.parameters import ControllerSettings
 from softsim_ros.nodes.inverse.plant import SILENT_AFTER_S, SimulatedRobot, checked_pose, unit_quaternion
 from softsim_ros.nodes.inverse.robot import world_frames
-from softsim_ros.nodes.simulator.monitor import RateGate
-from softsim_ros.robot_node import FrameSettings, RobotNode
+from softsim_ros.nodes.simulator import RateGate
 
 NODE_NAME = "inverse_controller"
 MODEL_POSE_PERIOD_S = 0.05
 
 
 class InverseControl(RobotNode):
-    """Brings one robot's effector to a goal; in front of the simulator and of the real robot alike.
+    """Moves one robot's effector to a goal; works with the simulator and with the real robot alike.
 
-    Made as RobotNode says.
+    Created as RobotNode describes.
 
     Raises:
         SoftSimError: the robot is not known or has no effector, or a parameter is not allowed.
@@ -96,7 +100,7 @@ class InverseControl(RobotNode):
         self.get_logger().info(f"ready to control {robot.name}; call ~/enable")
 
     def close(self) -> None:
-        """End control, then destroy the node; a second call does nothing."""
+        """Stop control, then destroy the node; a second call does nothing."""
         if self._closed:
             return
         self._closed = True
@@ -128,7 +132,7 @@ class InverseControl(RobotNode):
     def _on_other_robot(self, sentence: str) -> None:
         was_on = self._enabled
         self.control.set_foreign(sentence)
-        if not was_on:  # else the end of control is told
+        if not was_on:  # otherwise the end of control is reported
             self.get_logger().warning(sentence or "the simulator runs the robot of the model again")
         self._state_topics.refresh()
 
@@ -157,7 +161,7 @@ class InverseControl(RobotNode):
             self.refuse(str(error))
 
     def _publish(self, command: Array, model: Pose) -> None:
-        """Send a command and now and then the model's pose; called from the control thread."""
+        """Publish a command and periodically the model's pose; called from the control thread."""
         if self._closed:
             return
         try:
@@ -168,10 +172,10 @@ class InverseControl(RobotNode):
         except Exception:
             if self.context.ok():
                 raise
-            # Ctrl-C and SIGTERM invalidate the publishers before anybody can stop this thread
+            # Ctrl-C and SIGTERM invalidate the publishers before this thread can be stopped
 
     def enable(self, enabled: bool) -> str:
-        """Control the effector from the next tick on, or free the command topic; returns a sentence.
+        """Control the effector from the next tick on, or release the command topic; return a message.
 
         Raises:
             SoftSimError: see ControlThread.enable.
@@ -186,7 +190,7 @@ class InverseControl(RobotNode):
             self._state_topics.refresh()
             self._report()
 
-    # --- parameters, words ----------------------------------------------------------------------------
+    # --- parameters, diagnostics ----------------------------------------------------------------------
 
     def _check(self, _: frozenset[str], settings: ControllerSettings) -> None:
         settings.over(self._description.inverse)
@@ -217,7 +221,7 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the inverse controller as a process; returns the exit code."""
+    """Run the inverse controller as a process; return the exit code."""
     return run_node(PROGRAM, lambda _: InverseControl(), args)
 
 

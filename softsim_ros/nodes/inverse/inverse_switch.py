@@ -1,4 +1,4 @@
-"""The inverse controller's switch as other nodes see it, and its line in /diagnostics."""
+"""Client of the inverse controller's switch, and the controller's entry in /diagnostics."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool
 
-from softsim_core.base.errors import listing
-from softsim_core.base.units import MILLIMETRE
-from softsim_ros.client.services import AsyncService
-from softsim_ros.listeners import StateListener
-from softsim_ros.messages.types import ERROR, OK, WARN
+from softsim_core.base import MILLIMETRE, listing
+from softsim_ros import StateListener
+from softsim_ros.client import AsyncService
+from softsim_ros.messages import ERROR, OK, WARN
 from softsim_ros.nodes.inverse.control_thread import ControlStatus
 from softsim_ros.nodes.inverse.plant import Feedback
 
@@ -22,13 +21,13 @@ from softsim_ros.nodes.inverse.plant import Feedback
 def health(
     status: ControlStatus, alive: bool, feedback: Feedback, foreign_commands: int
 ) -> tuple[bytes, str, dict[str, object]]:
-    """Level, sentence and values of the diagnostics.
+    """Return level, message and values of the diagnostics.
 
     Args:
-        status: What the control thread did lately.
+        status: Recent state of the control thread.
         alive: Whether it runs.
         feedback: Which measured pose corrects the model.
-        foreign_commands: Commands that somebody else sent while control was on.
+        foreign_commands: Number of commands that other nodes sent while control was on.
     """
     report = status.report
     level, sentence = OK, status.sentence or status.mode
@@ -66,12 +65,12 @@ class InverseSwitch:
     """Follows and switches the `inverse_controller` of a node's namespace, without ever blocking.
 
     Args:
-        node: Its executor delivers the answers.
-        changed: Called with True or False when the controller was seen to go on or off.
-        warn: Told a sentence when a call fails.
+        node: Its executor delivers the responses.
+        changed: Called with True or False when the controller goes on or off.
+        warn: Called with a message when a call fails.
 
     Attributes:
-        is_on: Whether it controls; not while it does not run.
+        is_on: Whether it controls; False while it does not run.
     """
 
     def __init__(self, node: Node, changed: Callable[[bool], None], warn: Callable[[str], None]) -> None:
@@ -83,12 +82,12 @@ class InverseSwitch:
 
     @property
     def is_silent(self) -> bool:
-        """Whether it does not say that it lives, but has not ended: its process is paused, or cut off."""
+        """Whether it sends no sign of life but has not ended: its process is paused, or cut off."""
         return self._state.value is None and self._state.is_matched
 
     @property
     def service(self) -> str:
-        """Name of the service that switches it."""
+        """Name of the service that switches the controller."""
         return self._enable.name
 
     @property
@@ -97,12 +96,16 @@ class InverseSwitch:
         return self._enable.is_there and self._parameters.is_there
 
     def expire(self) -> None:
-        """Give up calls that have waited too long; call it now and then."""
+        """Give up calls that have waited too long; call this periodically."""
         for service in (self._enable, self._parameters):
             service.expire(time.monotonic())
 
     def enable(self, answered: Callable[[str], None]) -> None:
-        """Switch it on; `answered` is told why not, or an empty text. Nothing while a call is under way."""
+        """Switch the controller on, unless a call is in progress.
+
+        Args:
+            answered: Called with the reason of a refusal, or with an empty text on success.
+        """
 
         def on_answer(response: SetBool.Response | None) -> None:
             answered("no answer" if response is None else "" if response.success else response.message)
@@ -111,7 +114,7 @@ class InverseSwitch:
             self._enable.call(SetBool.Request(data=True), time.monotonic(), on_answer)
 
     def follow(self, task: str) -> None:
-        """Set what of a goal it follows: position, orientation, height_tilt or pose."""
+        """Set the part of a goal that it follows: position, orientation, height_tilt or pose."""
 
         def on_answer(response: SetParametersAtomically.Response | None) -> None:
             if response is None or not response.result.successful:

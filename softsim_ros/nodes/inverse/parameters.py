@@ -1,4 +1,4 @@
-"""The inverse controller's parameters: defaults from the robot's file, weights change at run time."""
+"""Parameters of the inverse controller: defaults from the robot's file; weights can change at run time."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Final
 
-from softsim_core.scene.control import InverseSettings
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.parameters import parameter
+from softsim_core.scene import InverseSettings, RobotDescription
+from softsim_node import parameter
+from softsim_ros import RobotSettings
 from softsim_ros.nodes.inverse.plant import FEEDBACKS, Feedback
-from softsim_ros.robot_node import RobotSettings
 
 TASKS: Final = ("position", "orientation", "height_tilt", "pose")
 BACKENDS: Final = ("analytic", "sampled")
@@ -21,7 +20,7 @@ _OWN: Final = InverseSettings()
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerSettings(RobotSettings):
-    """Values of the parameters; those of `InverseSettings` have its names."""
+    """Values of the parameters; those of `InverseSettings` have the same names."""
 
     task: str = parameter(_OWN.task, "What of a goal the effector follows", choices=TASKS)
     backend: str = parameter(
@@ -100,13 +99,13 @@ class ControllerSettings(RobotSettings):
 
     @classmethod
     def of(cls, robot: RobotDescription, named: str) -> ControllerSettings:
-        """As a robot's file says; `named` is the value of the parameter `robot`."""
+        """Return the settings of a robot's file; `named` is the value of the parameter `robot`."""
         own = {name: getattr(robot.inverse, name) for name in _shared()}
         own["gain"] = robot.inverse.gain or 0.0
         return cls(robot=named, base_shift=robot.start_shift, **own)
 
     def over(self, own: InverseSettings) -> InverseSettings:
-        """The settings of control with these values laid over them.
+        """Return the settings `own` of control, overridden by these values.
 
         Raises:
             SoftSimError: they do not fit together.
@@ -116,6 +115,6 @@ class ControllerSettings(RobotSettings):
 
 
 def _shared() -> list[str]:
-    """Names of the settings of control that are parameters."""
+    """Return the names of the settings of control that are parameters."""
     known = {field.name for field in dataclasses.fields(InverseSettings)}
     return [field.name for field in dataclasses.fields(ControllerSettings) if field.name in known]

@@ -18,9 +18,8 @@ from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from softsim_core import RobotDescription
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SoftSimError
-from softsim_core.control.inverse.paths import (
+from softsim_core.base import Array, CommandError, SoftSimError
+from softsim_core.control.inverse import (
     EffectorPath,
     PathRefusedError,
     find_path,
@@ -29,20 +28,25 @@ from softsim_core.control.inverse.paths import (
     known_paths,
     read_path,
 )
-from softsim_core.physics.mechanics.pose import Pose
-from softsim_core.scene.io.catalog import MOST_NAMES, names_up_to, shortened
-from softsim_node.frames import WORLD, RobotFrames
-from softsim_node.parameters import LiveParameters, Program, parameter
-from softsim_node.process import run_node
-from softsim_node.topics import MEASURED, StateTopics
-from softsim_ros.messages import pose_stamped
-from softsim_ros.messages.types import OK, WARN
+from softsim_core.physics.mechanics import Pose
+from softsim_core.scene.io import MOST_NAMES, names_up_to, shortened
+from softsim_node import (
+    MEASURED,
+    WORLD,
+    LiveParameters,
+    Program,
+    RobotFrames,
+    StateTopics,
+    parameter,
+    run_node,
+)
+from softsim_ros import FrameSettings, RobotNode, RobotSettings
+from softsim_ros.messages import OK, WARN, pose_stamped
 from softsim_ros.nodes.inverse import plant
 from softsim_ros.nodes.inverse.inverse_switch import InverseSwitch
 from softsim_ros.nodes.inverse.parameters import TASKS
 from softsim_ros.nodes.inverse.plant import FARTHEST_M
 from softsim_ros.nodes.inverse.robot import check_frame, effector_rest
-from softsim_ros.robot_node import FrameSettings, RobotNode, RobotSettings
 
 STARTS: Final = ("rest", "measured")
 AUTO: Final = "auto"
@@ -78,11 +82,11 @@ class FollowerSettings(RobotSettings):
 
 
 MOST_POSES = 100_000
-"""A path of more poses is refused."""
+"""Largest number of poses of a path."""
 
 
 def effector_path(message: PathMessage, frames: RobotFrames) -> EffectorPath:
-    """The path of a message; its poses' stamps, counted from the first one, are the times.
+    """Return the path of a message; the stamps of its poses, counted from the first one, are the times.
 
     Args:
         message: Poses in `world` (or the robot's base, which is the same); a pose's own frame may be empty.
@@ -117,13 +121,13 @@ PlayerState: TypeAlias = Literal["idle", "running", "paused", "ended"]
 
 
 class PathPlayer:
-    """One path at a time.
+    """Plays one path at a time.
 
     Attributes:
-        state: idle (nothing begun, or stopped), running, paused, or ended (the last pose was given).
+        state: idle (not started, or stopped), running, paused, or ended (the last pose was returned).
         path: The path that was started last; None before the first.
         time: Path time in [s].
-        rounds: Times a looped path began anew.
+        rounds: How often a looped path has restarted.
     """
 
     def __init__(self) -> None:
@@ -134,21 +138,21 @@ class PathPlayer:
 
     @property
     def percent(self) -> float:
-        """Part of the path that is done, 0..100."""
+        """Completed part of the path, 0..100."""
         if self.path is None or self.path.duration == 0.0:
             return 100.0 if self.state == "ended" else 0.0
         return 100.0 * min(self.time / self.path.duration, 1.0)
 
     def start(self, path: EffectorPath) -> None:
-        """Play a path from its beginning, whatever was played before."""
+        """Play a path from its beginning, in place of a previous one."""
         self.path, self.time, self.rounds, self.state = path, 0.0, 0, "running"
 
     def stop(self) -> None:
-        """Give no poses any more."""
+        """Stop; no further poses are returned."""
         self.state = "idle"
 
     def pause(self, paused: bool) -> None:
-        """Stay where it is, or go on from there.
+        """Pause the path, or continue it.
 
         Raises:
             CommandError: nothing is being played.
@@ -158,9 +162,9 @@ class PathPlayer:
         self.state = "paused" if paused else "running"
 
     def advance(self, elapsed: float, *, loop: bool = False) -> Pose | None:
-        """The pose after `elapsed` more seconds of path time; None while nothing runs.
+        """Advance path time by `elapsed` seconds and return the pose; None if no path is running.
 
-        The last pose of a path that is not looped is given once; then the player has ended.
+        The last pose of a path that is not looped is returned once; then the path has ended.
         """
         if self.state != "running" or self.path is None:
             return None
@@ -177,17 +181,20 @@ class PathPlayer:
 
 NODE_NAME: Final = "path_follower"
 GOAL_PERIOD_S: Final = 0.02
-"""Goals come at 50 Hz while a path runs."""
+"""Period of goals in [s] while a path runs."""
 
 PROGRESS_PERIOD_S: Final = 0.1
 DISCOVERY_S: Final = 5.0
-"""A start waits at most this long for other nodes, and for the inverse controller to hear of the joints."""
+"""Longest time in [s] that a start waits for other nodes.
+
+This includes the inverse controller's first joint states.
+"""
 
 RETRY_PERIOD_S: Final = 0.25
 
 
 class PathFollower(RobotNode):
-    """Gives timed goals to the inverse controller of its namespace; made as RobotNode says.
+    """Sends timed goals to the inverse controller of its namespace; created as RobotNode describes.
 
     Raises:
         SoftSimError: robot or file are not known, or a parameter is not allowed.
@@ -206,11 +213,11 @@ class PathFollower(RobotNode):
         self._measured: Array | None = None
         self._enabled = True
         self._problem = ""
-        # An automatic start is due as soon as the others are found, at the latest at this time.
+        # An automatic start is due once the other nodes are found, at the latest at this time.
         self._start_by: float | None = None
-        # What the path did when the inverse controller fell silent; None while it is heard.
+        # State of the path when the inverse controller fell silent; None while it is alive.
         self._before_silence: PlayerState | None = None
-        # A path whose inverse controller refused to be switched on: when to ask again, when to give up.
+        # A path whose inverse controller refused to switch on: time of the next attempt and of the last one.
         self._refused: tuple[EffectorPath, float, float] | None = None
         simulated = bool(self.get_parameter("use_sim_time").value)
         self._path_clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
@@ -247,10 +254,10 @@ class PathFollower(RobotNode):
     # --- services -------------------------------------------------------------------------------------
 
     def start(self) -> str:
-        """Play the path from its beginning; returns a sentence.
+        """Play the path from its beginning; return a message.
 
         Raises:
-            SoftSimError: disabled, no path, or a wrong one.
+            SoftSimError: disabled, no path, or an invalid one.
         """
         self._check_enabled()
         self._path()
@@ -279,7 +286,7 @@ class PathFollower(RobotNode):
         return _started(path)
 
     def _switch_on(self, path: EffectorPath, give_up_at: float) -> None:
-        """Switch the inverse controller on, then begin; ask again until `give_up_at` in [s]."""
+        """Switch the inverse controller on, then start; retry until `give_up_at` in [s]."""
 
         def on_answer(reason: str) -> None:
             if not self._enabled:
@@ -299,7 +306,7 @@ class PathFollower(RobotNode):
         self._inverse.enable(on_answer)
 
     def _task(self) -> str:
-        """What the inverse controller shall follow; empty: what it does now."""
+        """Return the task to set on the inverse controller; an empty string leaves it unchanged."""
         task = self._live.values.task
         if task != AUTO:
             return "" if task == LEAVE else task
@@ -314,7 +321,7 @@ class PathFollower(RobotNode):
 
     @property
     def _played_file(self) -> str:
-        """Name of the file whose path would be played; empty: none, or the path came as a message."""
+        """Name of the file with the path to play; empty if there is none or the path came as a message."""
         return self._file if self._received is None else ""
 
     def _check_enabled(self) -> None:
@@ -322,20 +329,20 @@ class PathFollower(RobotNode):
             raise CommandError(f"the path follower is off; call {NODE_NAME}/enable with true first")
 
     def pause(self, paused: bool) -> str:
-        """Stay where the path is, or go on; returns a sentence.
+        """Pause the path, or continue it; return a message.
 
         Raises:
             CommandError: no path runs.
         """
         self._player.pause(paused)
-        if self._before_silence is not None:  # what a person asks for in the silence holds after it
+        if self._before_silence is not None:  # a request during the silence applies after it
             self._before_silence = "paused" if paused else "running"
         self._ticked_at = self._now()
         self._state_topics.refresh()
         return f"{'paused' if paused else 'running'} at {self._player.time:.2f} s"
 
     def enable(self, enabled: bool) -> str:
-        """Allow paths to run, or stop the one that does and refuse others; returns a sentence."""
+        """Allow paths to run, or stop the running one and refuse others; return a message."""
         self._enabled = enabled
         if not enabled:
             self._start_by = self._refused = None
@@ -358,7 +365,7 @@ class PathFollower(RobotNode):
         return read_path(self._found(self._file), start)
 
     def _on_inverse(self, is_on: bool) -> None:
-        """The inverse controller was seen to go on or off, or is not heard any more."""
+        """Handle that the inverse controller went on or off, or is silent."""
         before, self._before_silence = self._before_silence, None
         if is_on and before is not None:
             self._problem = ""
@@ -393,7 +400,7 @@ class PathFollower(RobotNode):
         self._measured = np.array([place.x, place.y, place.z])
 
     def _can_start(self) -> bool:
-        """Whether those a start depends on have been found."""
+        """Return whether the nodes on which a start depends have been found."""
         needs_place = self._live.values.start_from == "measured" and self._measured is None
         switches = self._live.values.enable_inverse and not self._inverse.is_on
         return not needs_place and (self._inverse.is_there or not switches)
@@ -405,7 +412,9 @@ class PathFollower(RobotNode):
             self._warn(str(error))
 
     def _found(self, name: str) -> Path:
-        """The file of a path that may be asked for at run time: of a known name, or of the start command.
+        """Return the file of a path that may be requested at run time.
+
+        This is a known path, or the file that the start command named.
 
         Raises:
             CommandError: it is another file.
@@ -454,7 +463,7 @@ class PathFollower(RobotNode):
 
     def _publish_diagnostics(self) -> None:
         if self._before_silence is not None and not self._inverse.is_silent:
-            self._on_inverse(is_on=False)  # it has ended in its silence
+            self._on_inverse(is_on=False)  # it has ended while it was silent
         player = self._player
         values: dict[str, object] = {
             "state": player.state if self._enabled else "off",
@@ -488,7 +497,7 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the path follower as a process; returns the exit code."""
+    """Run the path follower as a process; return the exit code."""
     return run_node(PROGRAM, lambda _: PathFollower(), args)
 
 

@@ -1,4 +1,4 @@
-"""The robot that inverse control drives as topics report it, and pose messages as checked goals."""
+"""State of the controlled robot as its topics report it, and checks of pose messages."""
 
 from __future__ import annotations
 
@@ -8,26 +8,22 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
-from geometry_msgs.msg import Quaternion as QuaternionMessage
+from geometry_msgs.msg import PoseStamped, Quaternion as QuaternionMessage
 from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SoftSimError, listing
-from softsim_core.physics.contact.settings import ContactSettings
-from softsim_core.physics.mechanics.pose import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
-from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.io.catalog import shortened
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.topics import LATCHED
-from softsim_ros.messages.scene import SceneMessage, read_scene_message
+from softsim_core.base import Array, CommandError, SoftSimError, listing
+from softsim_core.physics.contact import ContactSettings
+from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
+from softsim_core.scene import JointDescription, RobotDescription, SceneDescription
+from softsim_core.scene.io import shortened
+from softsim_node import LATCHED
+from softsim_ros.messages import SceneMessage, read_scene_message
 
 
 def trigger(action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-    """Callback of a Trigger service; an error of the suite comes back as success = false."""
+    """Return a callback of a Trigger service; an error of this project sets success to false."""
 
     def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return _filled(response, action)
@@ -36,7 +32,7 @@ def trigger(action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Res
 
 
 def switch(action: Callable[[bool], str]) -> Callable[[SetBool.Request, SetBool.Response], SetBool.Response]:
-    """Callback of a SetBool service; an error of the suite comes back as success = false."""
+    """Return a callback of a SetBool service; an error of this project sets success to false."""
 
     def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         return _filled(response, lambda: action(bool(request.data)))
@@ -53,19 +49,19 @@ def _filled(response: Any, action: Callable[[], str]) -> Any:
 
 
 FARTHEST_M = 1000.0
-"""A goal further from the origin than this, in [m], is none that somebody meant."""
+"""Largest distance of a goal from the origin along each axis, in [m]."""
 
 NORM_TOLERANCE = 0.1
-"""A quaternion whose length is further from 1 than this is no rotation somebody meant."""
+"""Largest deviation of a quaternion's norm from 1."""
 
 
 def checked_pose(message: PoseStamped, frames: Sequence[str], what: str) -> Pose:
-    """The pose that a message tells, in the world.
+    """Return the pose in a message, in the world.
 
     Args:
         message: Position in [m] and quaternion; a quaternion of four zeros stands for no rotation.
         frames: Allowed frames; all of them coincide with the world.
-        what: What the pose is, for the sentence of a refusal.
+        what: Name of the pose in the message of a refusal.
 
     Raises:
         CommandError: unknown frame, a position that is not finite or too far away, or no rotation.
@@ -85,7 +81,7 @@ def checked_pose(message: PoseStamped, frames: Sequence[str], what: str) -> Pose
 
 
 def unit_quaternion(message: QuaternionMessage, what: str) -> Array:
-    """Unit quaternion (x, y, z, w), shape (4,), of a message; four zeros stand for no rotation.
+    """Return the unit quaternion (x, y, z, w) of a message, shape (4,); four zeros stand for no rotation.
 
     Raises:
         CommandError: not finite, or not a rotation.
@@ -103,14 +99,15 @@ _NO_COLOUR = (0.0, 0.0, 0.0, 0.0)
 
 
 class SimulatedRobot:
-    """Follows `scene/structure` of a node's namespace; on a bare robot it stays silent.
+    """Follows `scene/structure` of a node's namespace; a real robot has no such topic.
 
-    The scene that is heard of first counts as the model's: a model may be coarser than what is simulated.
+    The first scene received counts as the model's, since a model may be coarser than the simulated scene.
 
     Args:
         node: Its executor delivers the messages.
-        changed: Told a sentence when another robot has come, and an empty text when the first one is back.
-        refuse: Told a sentence for a message that cannot be read.
+        changed: Called with a message when another robot is loaded, and with an empty text when the first is
+            back.
+        refuse: Called with the reason why a message cannot be read.
     """
 
     def __init__(self, node: Node, changed: Callable[[str], None], refuse: Callable[[str], None]) -> None:
@@ -138,7 +135,7 @@ class SimulatedRobot:
 
 
 def mechanics_of(robot: RobotDescription) -> SceneDescription:
-    """What a model of the robot alone is made of: no name, no looks, nothing that it touches."""
+    """Return the mechanical part of a robot: no name, no appearance, none of the objects that it touches."""
     alone = robot.robot_alone().scene
     bodies = tuple(replace(body, surface=None, colour=_NO_COLOUR) for body in alone.bodies)
     return replace(alone, name="robot", bodies=bodies, contact=ContactSettings())
@@ -156,28 +153,31 @@ Feedback: TypeAlias = Literal["none", "effector_pose", "imu"]
 FEEDBACKS: Final[tuple[Feedback, ...]] = ("none", "effector_pose", "imu")
 
 SILENT_AFTER_S: Final = 1.0
-"""Joints not heard of for this long, in [s], have stopped."""
+"""Time in [s] without joint states after which the joints count as silent."""
 
 FEEDBACK_WITHIN_S: Final = 0.2
-"""A measured pose older than this, in [s], corrects nothing."""
+"""Largest age in [s] of a measured pose that corrects the model."""
 
 FOLLOWS_WITHIN: Final = 0.1
-"""Joints follow when this near to the command: a part of their range, or of 1 rad or m without one."""
+"""Largest distance from the command at which joints follow, as a fraction of their range.
+
+Joints without a range use 1 rad or 1 m.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """The robot as heard of at some time; immutable.
+    """Latest messages of the robot; immutable.
 
     Attributes:
         joints: Measured joint positions in [rad] or [m], efforts where these are commanded, shape (j,); None
             before the first message.
-        joints_at: When, steady clock in [s].
-        base_shift: Shift in [m] of the joint bases as the simulator says; None: nobody says.
+        joints_at: Their time, steady clock in [s].
+        base_shift: Shift in [m] of the joint bases that the simulator publishes; None if none was received.
         effector: Measured pose of the effector; None before the first message.
-        effector_at: When, in [s].
+        effector_at: Its time in [s].
         imu: Measured orientation, quaternion (x, y, z, w); None before the first message.
-        imu_at: When, in [s].
+        imu_at: Its time in [s].
     """
 
     joints: Array | None = None
@@ -189,30 +189,30 @@ class Plant:
     imu_at: float = -math.inf
 
     def with_joints(self, positions: Array, now: float) -> Plant:
-        """The plant after a measurement of its joints; one that is not finite is not used."""
+        """Return the plant with a new measurement of its joints; one that is not finite is ignored."""
         return replace(self, joints=positions, joints_at=now) if np.isfinite(positions).all() else self
 
     def with_base_shift(self, shift: float) -> Plant:
-        """The plant after the simulator said where its joint bases are, in [m]."""
+        """Return the plant with a new shift of the joint bases, in [m]."""
         return replace(self, base_shift=shift)
 
     def with_effector(self, pose: Pose, now: float) -> Plant:
-        """The plant after a measurement of its effector at `now` [s]."""
+        """Return the plant with a new measurement of its effector at `now` [s]."""
         return replace(self, effector=pose, effector_at=now)
 
     def with_imu(self, quaternion_xyzw: Array, now: float) -> Plant:
-        """The plant after a measurement of the effector's orientation at `now` [s]."""
+        """Return the plant with a new measurement of the effector's orientation at `now` [s]."""
         return replace(self, imu=quaternion_xyzw, imu_at=now)
 
     def is_silent(self, now: float) -> bool:
-        """Whether the joints were not heard of lately, at `now` in [s]."""
+        """Return whether no recent joint states have arrived, at `now` in [s]."""
         return now - self.joints_at > SILENT_AFTER_S
 
     def measured_pose(self, feedback: Feedback, model: Pose | None, now: float) -> Pose | None:
-        """What corrects the model, or None where nothing fresh is known.
+        """Return the pose that corrects the model, or None if no recent one is known.
 
         Args:
-            feedback: Where it comes from. An IMU tells the tilt only: position and heading are the model's.
+            feedback: Source of the pose. An IMU measures the tilt only: position and heading are the model's.
             model: The model's pose.
             now: Steady clock in [s].
         """
@@ -225,12 +225,12 @@ class Plant:
 
 
 def off_command(joints: Sequence[JointDescription], positions: Array, command: Array) -> list[str]:
-    """Names of the joints that are not near their command.
+    """Return the names of the joints that are not near their command.
 
     Args:
-        joints: Their limits.
+        joints: Joints with their limits.
         positions: Measured, in [rad] or [m], shape (j,).
-        command: Sent, same shape and unit.
+        command: Commanded, same shape and unit.
     """
     off = []
     for joint, position, wanted in zip(joints, positions, command, strict=True):
@@ -242,7 +242,7 @@ def off_command(joints: Sequence[JointDescription], positions: Array, command: A
 
 
 def _with_tilt(model: Pose, measured: Array) -> Pose:
-    """The model's pose, tilted as measured; the turn about the world's vertical stays the model's."""
+    """Return the model's pose with the measured tilt; its turn about the world's vertical stays."""
     rotation = rotation_of(model.quaternion_xyzw)
     error = rotation_log(rotation_of(measured) @ rotation.T)
     error[2] = 0.0

@@ -1,19 +1,18 @@
-"""What nodes that give goals need to know of a robot: where its effector rests, its frames."""
+"""Properties of a robot that senders of goals need: rest position of its effector, its frames."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from softsim_core import RobotDescription
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SceneError, listing
-from softsim_core.scene.building.builder import with_rest_frames
-from softsim_core.scene.io.catalog import shortened
-from softsim_node.frames import WORLD, RobotFrames
+from softsim_core.base import Array, CommandError, SceneError, listing
+from softsim_core.scene.building import with_rest_frames
+from softsim_core.scene.io import shortened
+from softsim_node import WORLD, RobotFrames
 
 
 def effector_rest(robot: RobotDescription) -> Array:
-    """Position of the effector in [m] on the robot at rest, shape (3,).
+    """Return the position of the effector in [m] on the robot at rest, shape (3,).
 
     Raises:
         SceneError: the robot has no effector.
@@ -25,7 +24,7 @@ def effector_rest(robot: RobotDescription) -> Array:
 
 
 def world_frames(frames: RobotFrames) -> tuple[str, str]:
-    """Frames a goal may be in: the world, and the robot's base, which stands in the world's origin."""
+    """Return the allowed frames of goals: the world, and the robot's base, which is at the world's origin."""
     return (WORLD, frames.base)
 
 
@@ -33,7 +32,7 @@ def check_frame(what: str, frame: str, frames: RobotFrames) -> None:
     """Refuse a message in a frame that is not one of `world_frames`.
 
     Raises:
-        CommandError: names what is allowed.
+        CommandError: lists the allowed frames.
     """
     allowed = world_frames(frames)
     if frame not in allowed:

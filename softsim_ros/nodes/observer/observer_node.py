@@ -1,4 +1,4 @@
-"""The node `observer`: joints and sensors in; shape, effector and contacts out."""
+"""The node `observer`: estimates shape, effector pose and contacts from joint states and sensors."""
 
 from __future__ import annotations
 
@@ -19,26 +19,34 @@ from std_msgs.msg import Bool, Float32MultiArray, Float64, String
 from std_srvs.srv import Trigger
 
 from softsim_core import RobotDescription
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, ConfigError, SolverDivergedError
-from softsim_core.control.observer.observer import Observer
-from softsim_core.control.observer.sensors import Sensor, effector_sensor, marker_sensors
-from softsim_core.control.observer.settings import Estimate, ObserverSettings
-from softsim_core.physics.mechanics.pose import Pose
+from softsim_core.base import Array, CommandError, ConfigError, SolverDivergedError
+from softsim_core.control.observer import (
+    Estimate,
+    Observer,
+    ObserverSettings,
+    Sensor,
+    effector_sensor,
+    marker_sensors,
+)
+from softsim_core.physics.mechanics import Pose
 from softsim_core.simulation import Simulation
-from softsim_node.ending import ending
-from softsim_node.frames import WORLD, RobotFrames
-from softsim_node.parameters import Program, declare, parameter
-from softsim_node.process import run_node
-from softsim_node.topics import LATCHED, MEASURED, NEWEST_ONLY, StateTopics
-from softsim_ros.listeners import JointReader
-from softsim_ros.messages import header, pose_stamped
-from softsim_ros.messages.states import message_array
-from softsim_ros.messages.types import OK, WARN
-from softsim_ros.nodes.inverse.plant import FARTHEST_M, checked_pose, unit_quaternion
-from softsim_ros.nodes.inverse.robot import check_frame, world_frames
-from softsim_ros.nodes.simulator.publications import Publications
-from softsim_ros.robot_node import FrameSettings, RobotNode, RobotSettings
+from softsim_node import (
+    LATCHED,
+    MEASURED,
+    NEWEST_ONLY,
+    WORLD,
+    Program,
+    RobotFrames,
+    StateTopics,
+    declare,
+    ending,
+    parameter,
+    run_node,
+)
+from softsim_ros import FrameSettings, JointReader, RobotNode, RobotSettings
+from softsim_ros.messages import OK, WARN, header, message_array, pose_stamped
+from softsim_ros.nodes.inverse import FARTHEST_M, check_frame, checked_pose, unit_quaternion, world_frames
+from softsim_ros.nodes.simulator import Publications
 
 EFFECTOR: Final = "effector"
 IMU: Final = "imu"
@@ -49,7 +57,7 @@ _OWN: Final = ObserverSettings()
 
 @dataclass(frozen=True, kw_only=True)
 class ObserverParameters(RobotSettings):
-    """Values of the parameters; those of `ObserverSettings` have its names."""
+    """Values of the parameters; those of `ObserverSettings` have the same names."""
 
     pose_topic: str = parameter("effector_pose", "Measured pose of the effector; empty: none", fixed=True)
     marker_topic: str = parameter("markers", "Measured places of markers, in their order", fixed=True)
@@ -105,10 +113,10 @@ class ObserverParameters(RobotSettings):
 
     @property
     def settings(self) -> ObserverSettings:
-        """How far the model may be off.
+        """Assumed errors of the model.
 
         Raises:
-            SoftSimError: a value cannot be.
+            SoftSimError: a value is not allowed.
         """
         known = {field.name for field in dataclasses.fields(ObserverSettings)}
         own = [field.name for field in dataclasses.fields(self) if field.name in known]
@@ -116,10 +124,10 @@ class ObserverParameters(RobotSettings):
 
     @property
     def places(self) -> Array:
-        """Where the markers sit, in [m], shape (k, 3).
+        """Positions of the markers in [m], shape (k, 3).
 
         Raises:
-            ConfigError: the text is not three numbers for each.
+            ConfigError: the text does not have three numbers for each.
         """
         rows = [row.split() for row in self.marker_places.split(";") if row.strip()]
         try:
@@ -136,10 +144,10 @@ class ObserverParameters(RobotSettings):
         return places
 
     def sensors(self, model: Simulation) -> Sequence[Sensor]:
-        """The sensors, named EFFECTOR, IMU and MARKER with a number; without effector only markers.
+        """Return the sensors, named EFFECTOR, IMU and MARKER with a number; only markers without an effector.
 
         Raises:
-            SoftSimError: no body is at a marker's place.
+            SoftSimError: no body is at a marker's position.
         """
         sensors: list[Sensor] = []
         if model.scene.effector is not None:
@@ -151,13 +159,13 @@ class ObserverParameters(RobotSettings):
 
 NODE_NAME: Final = "observer"
 SILENT_AFTER_S: Final = 1.0
-"""Joints not heard of for this long, in [s], have stopped: the observer waits."""
+"""Time in [s] without joint states after which the observer stops and waits."""
 
 REPORT_S: Final = 1.0
 
 
 class ObserverNode(RobotNode):
-    """A model beside a robot, corrected by its sensors; made as RobotNode says.
+    """A model that runs beside a robot and is corrected by its sensors; created as RobotNode describes.
 
     Raises:
         SoftSimError: the robot is not known, or a parameter is not allowed.
@@ -221,14 +229,14 @@ class ObserverNode(RobotNode):
     def _verdict(self) -> str:
         return self._estimate.verdict if self._running and self._estimate is not None else "waiting"
 
-    # --- what comes in --------------------------------------------------------------------------------
+    # --- messages -------------------------------------------------------------------------------------
 
     def _on_applied(self, message: JointState) -> None:
         self._applied_at = time.monotonic()
         self._take_joints(message)
 
     def _on_joint_states(self, message: JointState) -> None:
-        if time.monotonic() - self._applied_at > SILENT_AFTER_S:  # nobody reads servos back: a simulator
+        if time.monotonic() - self._applied_at > SILENT_AFTER_S:  # no bridge reports them: simulated
             self._take_joints(message)
 
     def _take_joints(self, message: JointState) -> None:
@@ -271,7 +279,7 @@ class ObserverNode(RobotNode):
             return
         for number, pose in enumerate(message.poses):
             place = np.array([pose.position.x, pose.position.y, pose.position.z])
-            if (np.abs(place) <= FARTHEST_M).all():  # else it is not seen
+            if (np.abs(place) <= FARTHEST_M).all():  # otherwise the marker is not visible
                 self._measured[f"{MARKER}{number}"] = place
 
     def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -343,7 +351,7 @@ class ObserverNode(RobotNode):
 
 
 class _Below:
-    """A node whose relative topics stand below its own name, so that they are not the robot's."""
+    """A node whose relative topics are below its own name, so that they differ from the robot's."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -363,7 +371,7 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the observer as a process; returns the exit code."""
+    """Run the observer as a process; return the exit code."""
     return run_node(PROGRAM, lambda _: ObserverNode(), args)
 
 

@@ -1,4 +1,4 @@
-"""The node `policy`: a robot's topics in, a trained policy's joint commands out."""
+"""The node `policy`: reads a robot's topics and publishes the joint commands of a trained policy."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool
 
 from softsim_core import RobotDescription
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, ConfigError, PolicyError
-from softsim_core.lab.learning.policy import load_policy
-from softsim_core.physics.mechanics.pose import Pose, rotation_of
-from softsim_node.parameters import Program, declare, parameter
-from softsim_node.process import run_node
-from softsim_node.topics import LATCHED, MEASURED, NEWEST_ONLY, StateTopics
-from softsim_ros.listeners import JointReader, JointStates, StateListener
-from softsim_ros.messages.types import OK, WARN
-from softsim_ros.nodes.inverse import plant
-from softsim_ros.nodes.inverse.control_thread import CommandsOut
-from softsim_ros.nodes.inverse.plant import SimulatedRobot, checked_pose
-from softsim_ros.nodes.inverse.robot import check_frame, world_frames
-from softsim_ros.robot_node import FrameSettings, RobotNode, RobotSettings
+from softsim_core.base import Array, CommandError, ConfigError, PolicyError
+from softsim_core.lab.learning import load_policy
+from softsim_core.physics.mechanics import Pose, rotation_of
+from softsim_node import LATCHED, MEASURED, NEWEST_ONLY, Program, StateTopics, declare, parameter, run_node
+from softsim_ros import FrameSettings, JointReader, JointStates, RobotNode, RobotSettings, StateListener
+from softsim_ros.messages import OK, WARN
+from softsim_ros.nodes.inverse import (
+    CommandsOut,
+    SimulatedRobot,
+    check_frame,
+    checked_pose,
+    plant,
+    world_frames,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,11 +49,11 @@ class PolicyParameters(RobotSettings):
 
 
 class Heard:
-    """Senses of one robot, with the time when each was heard.
+    """Latest sensor values of one robot, each with its time of arrival; implements `Senses` for k = 1.
 
     Args:
-        asks: Names of what is looked at, see Senses.
-        goal_size: Numbers of a goal.
+        asks: Names of the values that the policy observes, see Senses.
+        goal_size: Number of components of a goal.
     """
 
     def __init__(self, asks: Sequence[str], goal_size: int) -> None:
@@ -65,76 +65,76 @@ class Heard:
         self.commands = np.zeros((1, 0))
 
     def take(self, name: str, value: Array, now: float) -> bool:
-        """Keep a value, heard at `now` in [s]; False: it is not used, for it is not finite."""
+        """Store a value that arrived at `now` in [s]. Return False if it is not finite and was ignored."""
         if not np.isfinite(value).all():
             return False
         self._values[name], self._at[name] = value[None], now
         return True
 
     def take_pose(self, pose: Pose, now: float) -> None:
-        """Keep the effector's pose."""
+        """Store the position and the rotation of the effector."""
         self.take("effector_position", pose.position, now)
         self.take("effector_rotation", rotation_of(pose.quaternion_xyzw), now)
 
     def aim(self, goal: Array | None) -> None:
-        """Keep what is wanted, shape (g,); None: nothing yet."""
+        """Set the goal, shape (g,); None if there is no goal yet."""
         self._goal = goal
 
     def missing(self, now: float, timeout: float) -> list[str]:
-        """Names of what was not heard within `timeout` before `now`, in [s]."""
+        """Return the names of the values that did not arrive within `timeout` before `now`, both in [s]."""
         return [name for name in self._asks if not now - self._at.get(name, -np.inf) <= timeout]
 
     @property
     def has_goal(self) -> bool:
-        """Whether it is known what is wanted."""
+        """Whether the goal is known; True if the task has no goal."""
         return self._goal is not None or not self._goal_size
 
     # --- Senses ---------------------------------------------------------------------------------------
 
     @property
     def joint_positions(self) -> Array:
-        """See Senses."""
+        """Joint positions in [rad] or [m], shape (1, j)."""
         return self._values["joint_positions"]
 
     @property
     def joint_efforts(self) -> Array:
-        """See Senses."""
+        """Joint efforts in [N m] or [N], shape (1, j)."""
         return self._values["joint_efforts"]
 
     @property
     def effector_position(self) -> Array:
-        """See Senses."""
+        """Position of the effector in [m], shape (1, 3)."""
         return self._values["effector_position"]
 
     @property
     def effector_rotation(self) -> Array:
-        """See Senses."""
+        """Rotation matrix of the effector, shape (1, 3, 3)."""
         return self._values["effector_rotation"]
 
     @property
     def effector_rate(self) -> Array:
-        """See Senses."""
+        """Angular rate of the effector in its own axes in [rad/s], as from an IMU, shape (1, 3)."""
         return self._values["effector_rate"]
 
     @property
     def effector_force(self) -> Array:
-        """See Senses."""
+        """Specific force of the effector in its own axes in [m/s^2], as from an IMU, shape (1, 3)."""
         return self._values["effector_force"]
 
     @property
     def thing_position(self) -> Array:
-        """See Senses."""
+        """Position of the task's rigid body in [m], shape (1, 3)."""
         return self._values["thing_position"]
 
     @property
     def goals(self) -> Array:
-        """See Senses."""
+        """Goal of the task, shape (1, g)."""
         return np.zeros((1, 0)) if self._goal is None else self._goal[None]
 
 
 NODE_NAME: Final = "policy"
 SHIFTED_M: Final = 1e-3
-"""Joint bases shifted by more than this make another robot than the one of the environment."""
+"""Largest shift of the joint bases in [m]; beyond it the robot is not the one of the training environment."""
 
 TOPIC_OF: Final = {
     "joint_positions": "joint_states",
@@ -145,13 +145,13 @@ TOPIC_OF: Final = {
     "effector_force": "imu",
     "thing_position": "bodies/poses",
 }
-"""Where each of the senses comes from, for people."""
+"""Topic of each observed value, for messages to users."""
 
 
 class PolicyNode(RobotNode):
-    """Drives one robot by a policy; in front of the simulator and of the real robot alike.
+    """Drives one robot by a policy; works with the simulator and with the real robot alike.
 
-    Made as RobotNode says. The observation and the command are the Gymnasium environment's own code.
+    Created as RobotNode describes. Observation and command use the code of the Gymnasium environment.
 
     Raises:
         SoftSimError: robot or policy are not known or do not fit, or a parameter is not allowed.
@@ -165,7 +165,7 @@ class PolicyNode(RobotNode):
             raise ConfigError(NODE_NAME, "parameter policy", "no file is named: give -p policy:=FILE.onnx")
         self._policy = load_policy(values.policy)
         self._thing = self._policy.check_robot(robot)
-        self._robot_shift = self._policy.task.description().start_shift  # where its episodes begin
+        self._robot_shift = self._policy.task.description().start_shift  # its episodes begin there
         task = self._policy.task
         self._heard = Heard(task.asks, task.goal_size)
         self._timeout = values.measure_timeout
@@ -207,10 +207,11 @@ class PolicyNode(RobotNode):
     # --- services -------------------------------------------------------------------------------------
 
     def enable(self, enabled: bool) -> str:
-        """Drive the robot from the next tick on, or free the command topic; returns a sentence.
+        """Start driving the robot at the next tick, or release the command topic; return a message about it.
 
         Raises:
-            CommandError: not all that it looks at was heard lately, or somebody else drives the robot.
+            CommandError: a value that the policy observes did not arrive recently, or another node drives the
+                robot.
         """
         self._wanted = False
         if not enabled:
@@ -236,11 +237,14 @@ class PolicyNode(RobotNode):
         self._state_topics.refresh()
 
     def _obstacle(self) -> str:
-        """Why it may not drive this robot now, or not yet; empty: it may."""
+        """Return why the policy may not drive now: `_another`, else missing measurements; empty if it may."""
         return self._another() or self._unheard()
 
     def _another(self) -> str:
-        """Why the robot is not, or not as, the one that it drives; empty: it is."""
+        """Return why the policy must not drive this robot, or not at present; an empty string if it may.
+
+        It must not where the robot or its base shift differs from training, or while inverse control is on.
+        """
         if self._other_robot:
             return self._other_robot
         if abs(self._base_shift - self._robot_shift) > SHIFTED_M:
@@ -253,7 +257,7 @@ class PolicyNode(RobotNode):
         return ""
 
     def _unheard(self) -> str:
-        """What was not heard lately, in words; empty: all was."""
+        """Return a message about values that did not arrive recently; an empty string if all did."""
         missing = self._heard.missing(time.monotonic(), self._timeout)
         if missing:
             topics = ", ".join(dict.fromkeys(TOPIC_OF[name] for name in missing))
@@ -330,12 +334,12 @@ class PolicyNode(RobotNode):
                 self._stop(f"the policy is off: {error}")
                 return
             self._held = True
-        if self._enabled and self._held:  # blind, it says again what it said last: the servos stay
+        if self._enabled and self._held:  # without measurements, repeat the last command, so the servos stay
             self._commands.publish(self._heard.commands[0])
             self._sent += 1
 
     def _say(self, sentence: str) -> None:
-        """Warn of what is in the way, once; it ends with an empty sentence."""
+        """Log a new obstacle as a warning, once; an empty message means that it is gone."""
         if sentence and not self._said:
             self.get_logger().warning(sentence)
         self._said = sentence
@@ -363,7 +367,7 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the policy as a process; returns the exit code."""
+    """Run the policy as a process; return the exit code."""
     return run_node(PROGRAM, lambda _: PolicyNode(), args)
 
 

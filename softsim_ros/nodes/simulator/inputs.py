@@ -1,6 +1,6 @@
-"""Inputs on topics: commands of joints, pulls on the body, moved joint bases.
+"""Subscriptions of the simulator: joint commands, pulls on the body, moved joint bases.
 
-And where joints are followed that somebody else moves.
+Also the joint states that externally driven joints follow.
 """
 
 from __future__ import annotations
@@ -23,14 +23,11 @@ from sensor_msgs.msg import JointState, MultiDOFJointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SoftSimError
-from softsim_core.physics.mechanics.pose import rotation_of
-from softsim_core.scene.io.catalog import MOST_NAMES, names_up_to, shortened
+from softsim_core.base import Array, CommandError, SoftSimError
+from softsim_core.physics.mechanics import rotation_of
+from softsim_core.scene.io import MOST_NAMES, names_up_to, shortened
 from softsim_core.simulation import Simulation
-from softsim_node.frames import RobotFrames
-from softsim_node.guards import GuardedNode
-from softsim_node.parameters import LiveParameters, ParameterError, parameter
+from softsim_node import GuardedNode, LiveParameters, ParameterError, RobotFrames, parameter
 from softsim_ros.messages import read_base_target
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 from softsim_ros.nodes.simulator.setpoints import (
@@ -44,7 +41,7 @@ from softsim_ros.nodes.simulator.trajectory_action import TrajectoryAction
 
 ROUND_OFF = 1e-9
 LOOK_PERIOD_S = 0.1
-"""Whether a pull has timed out is looked at this often, in [s]."""
+"""Period in [s] at which the node checks whether a pull has timed out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,16 +57,16 @@ class PullSettings:
 
 
 class Pulls:
-    """Subscribes to `external_wrench` and puts its force on the simulation; the newest message holds.
+    """Subscribes to `external_wrench` and applies its force to the simulation.
 
-    Parameters: `pull_timeout` in [s], after which a force that is not sent again is let go; `pull_limit` in
-    [N], to which a force is shortened.
+    The newest message replaces earlier ones. Parameters: `pull_timeout` in [s], after which a force that is
+    not sent again is released; `pull_limit` in [N], to which a larger force is reduced.
 
     Args:
         node: Owner of the subscription and parameters.
         physics: The thread that owns the simulation.
         frames: Names of the robot's frames.
-        warn: Told the sentence of a refused message.
+        warn: Called with the text of each refusal.
     """
 
     def __init__(
@@ -111,19 +108,19 @@ class Pulls:
 
 
 def is_turned(wrench: Wrench) -> bool:
-    """Whether a wrench has a torque beyond the round-off of its force times a lever of 1 m."""
+    """Return whether a wrench has a torque beyond the round-off of its force times a lever of 1 m."""
     force, torque = wrench.force, wrench.torque
     turn = math.hypot(torque.x, torque.y, torque.z)
     return math.isnan(turn) or turn > ROUND_OFF * math.hypot(force.x, force.y, force.z)
 
 
 def let_go(simulation: Simulation) -> None:
-    """End all pulls."""
+    """Release all pulls."""
     simulation.forces[:] = 0.0
 
 
 def limited_force(force: tuple[float, float, float], limit: float) -> Array:
-    """A force in [N], shape (3,), no longer than `limit`.
+    """Return a force in [N], shape (3,), reduced to a length of at most `limit`.
 
     Raises:
         CommandError: it is not finite.
@@ -135,13 +132,13 @@ def limited_force(force: tuple[float, float, float], limit: float) -> Array:
 
 
 def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
-    """Forces on all nodes in [N], shape (n, 3), of a force at one place.
+    """Distribute a force at one place to the nodes; return nodal forces in [N], shape (n, 3).
 
     Args:
-        simulation: Whose nodes.
+        simulation: Simulation that has the nodes.
         frame: "mesh_point/INDEX", a vertex of the visible surface as in mesh/points, or the name of a free
             frame, whose nodes share the force.
-        force: In [N], in the axes of that frame; those of a vertex are the world's. Shape (3,).
+        force: In [N], shape (3,), in the axes of that frame; for a vertex, in the axes of the world.
 
     Raises:
         CommandError: there is no such place.
@@ -168,12 +165,12 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
 
 
 class BaseTargets:
-    """Subscribes to `base_target`: where in `world` the base of a joint goes, see messages.base_target.
+    """Subscribes to `base_target` and moves the base of a joint in `world`, see messages.base_target.
 
     Args:
         node: Owner of the subscription.
         physics: The thread that owns the simulation.
-        warn: Told the sentence of a refused message.
+        warn: Called with the text of each refusal.
     """
 
     def __init__(self, node: Node, physics: PhysicsThread, warn: Callable[[str], None]) -> None:
@@ -191,17 +188,17 @@ class BaseTargets:
 
 
 NAMED_DEPTH: Final = 10
-"""Commands by name that may wait: each may be for other joints."""
+"""Length of the queue of commands by name; each may address other joints, so none replaces another."""
 
 
 class CommandInputs:
-    """Hands commands to the physics; the newest of all of them wins.
+    """Subscribes to joint commands and passes them to the physics; the newest command takes effect.
 
     Args:
         node: Owner of the subscriptions.
         physics: The thread that owns the simulation.
-        joint_names: Tells the joints that there are.
-        now_s: The time now in [s], on the clock of the stamps.
+        joint_names: Returns the names of the robot's joints.
+        now_s: Returns the current time in [s], on the clock of the stamps.
         followed: Topic of joint states that joints of the same names follow; empty: none.
 
     Attributes:
@@ -233,7 +230,7 @@ class CommandInputs:
         self._node.create_subscription(JointState, topic, self._on_followed, qos_profile_sensor_data)
 
     def _on_followed(self, message: JointState) -> None:
-        """Names that the robot has not, and what is no number, are left out."""
+        """Pass on positions of known joints; ignore unknown names and values that are not finite."""
         known = self._joint_names()
         positions = {
             name: float(position)

@@ -1,4 +1,4 @@
-"""Observation of the simulation: its pace on the steady clock, statistics of steps and contacts."""
+"""Timing and statistics of the simulation: pace on the steady clock, step times, contact quality."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from typing import Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.dynamics.report import ContactReport, StepReport
+from softsim_core.base import Array
+from softsim_core.physics.dynamics import ContactReport, StepReport
 
 
 class Pacer:
-    """Due times of fixed steps: every dt / speed seconds, moved to now when the steps fall behind.
+    """Due times of fixed steps: one every dt / speed seconds; the schedule restarts when steps fall behind.
 
-    A late step is followed at once by the next one; behind by more than `tolerance_s` the schedule starts
-    anew from now. No step is ever left out: simulated time then runs slower, and `late_s` says by how much.
+    The step after a late one follows at once. If steps are behind by more than `tolerance_s`, the schedule
+    restarts from now. No step is ever skipped: simulated time then runs slower, and `late_s` says by how
+    much.
 
     Args:
         tolerance_s: How far steps may fall behind and still catch up, in [s].
 
     Attributes:
-        late_s: Time given up so far by starting the schedule anew, in [s].
-        restarts: How often that happened.
+        late_s: Total time given up by restarting the schedule, in [s].
+        restarts: Number of restarts.
     """
 
     def __init__(self, tolerance_s: float = 0.1) -> None:
@@ -34,11 +35,11 @@ class Pacer:
         self._due: float | None = None
 
     def start(self) -> None:
-        """Begin a new schedule with the next call of `wait_s` (after a pause, or a change of speed)."""
+        """Start a new schedule at the next call of `wait_s`, for example after a pause."""
         self._due = None
 
     def wait_s(self, now: float, period_s: float) -> float:
-        """How long to wait after a step that ended at `now`.
+        """Return how long to wait after a step that ended at `now`.
 
         Args:
             now: Steady clock in [s].
@@ -61,7 +62,7 @@ class Pacer:
 
 @dataclass
 class RateGate:
-    """Lets something through at most every `period_s` seconds, without drift.
+    """Limits a rate: allows at most one passage per `period_s` seconds on average, without drift.
 
     Attributes:
         period_s: Shortest mean time from one passage to the next, in [s].
@@ -71,7 +72,7 @@ class RateGate:
     _due: float = field(default=-float("inf"), init=False)
 
     def passes(self, now: float) -> bool:
-        """Whether it is time at `now` (steady clock in [s]); True books the passage."""
+        """Return whether a passage is allowed at `now` (steady clock in [s]); True counts as a passage."""
         if now < self._due:
             return False
         late = now - self._due > self.period_s  # after a gap: no burst to catch up
@@ -81,11 +82,11 @@ class RateGate:
 
 @dataclass(frozen=True)
 class StageTime:
-    """Times of one stage of the step over a stretch of wall time, in [ms].
+    """Times of one stage of the step over an interval of wall time, in [ms].
 
     Attributes:
-        calls: How many there were.
-        minimum, mean, maximum: Of one call.
+        calls: Number of calls.
+        minimum, mean, maximum: Time of one call.
         squares: Sum of squared distances from the mean, in [ms^2].
     """
 
@@ -97,16 +98,16 @@ class StageTime:
 
     @property
     def total(self) -> float:
-        """Of all calls."""
+        """Sum over all calls in [ms]."""
         return self.calls * self.mean
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of one call."""
+        """Standard deviation of one call in [ms]."""
         return math.sqrt(self.squares / self.calls)
 
     def with_call(self, time_ms: float) -> StageTime:
-        """The same after one more call."""
+        """Return the statistics with one more call of `time_ms`, in [ms]."""
         calls, away = self.calls + 1, time_ms - self.mean
         mean = self.mean + away / calls
         squares = self.squares + away * (time_ms - mean)  # Welford 1962
@@ -115,12 +116,12 @@ class StageTime:
 
 @dataclass(frozen=True)
 class Speed:
-    """What the physics did in one stretch of wall time.
+    """Speed of the physics over one interval of wall time.
 
     Attributes:
         real_time_factor: Simulated over wall time, [-]; 0 while paused.
         steps_per_second: Steps done per second of wall time.
-        cpu_ms: Mean processor time of a step in [ms]: what other programs and threads take is not in it.
+        cpu_ms: Mean processor time of a step in [ms], without the time that other programs and threads take.
         stages: Times of each stage of a step.
     """
 
@@ -136,7 +137,7 @@ class Speed:
 
 
 class SpeedMeter:
-    """Gathers steps and their stage times over stretches of about a second."""
+    """Collects step counts and stage times over intervals of about a second."""
 
     def __init__(self, dt: float, now: float) -> None:
         self._dt, self._since = dt, now
@@ -154,7 +155,7 @@ class SpeedMeter:
             )
 
     def take(self, now: float) -> Speed:
-        """The stretch up to `now` (steady clock in [s]); the next one begins."""
+        """Return the speed over the interval up to `now` (steady clock in [s]) and start a new one."""
         elapsed = max(now - self._since, 1e-9)
         steps = self._steps
         cpu_ms = 1e3 * self._cpu_s / max(steps, 1)
@@ -165,13 +166,14 @@ class SpeedMeter:
 
 @dataclass(frozen=True)
 class ContactQuality:
-    """Contacts of one stretch of steps.
+    """Quality of the contact solution over one interval of steps.
 
     Attributes:
-        contacts: How many there were in the last step, open ones within the alarm distance too.
-        residual: Largest residual of a step in [m]: how far its forces were from the contact law.
-        sweeps: Most sweeps of the contact solver in a step.
-        unsolved: Steps that stopped above the tolerance of the scene.
+        contacts: Number of contacts in the last step, including open ones within the alarm distance.
+        residual: Largest residual of a step in [m]; it measures how far the contact forces were from the
+            contact law.
+        sweeps: Largest number of solver sweeps in a step.
+        unsolved: Number of steps that stopped above the scene's tolerance.
     """
 
     contacts: int = 0
@@ -180,7 +182,7 @@ class ContactQuality:
     unsolved: int = 0
 
     def with_step(self, report: ContactReport, tolerance: float) -> ContactQuality:
-        """The same after one more step; `tolerance` in [m] is what the scene asks for."""
+        """Return the quality with one more step; `tolerance` in [m] is the scene's."""
         return ContactQuality(
             contacts=len(report.points),
             residual=max(self.residual, report.residual),
@@ -190,14 +192,14 @@ class ContactQuality:
 
     @property
     def complaint(self) -> str:
-        """What is wrong where steps stopped above the tolerance."""
+        """Message for steps that stopped above the tolerance: how far off they were, and what to change."""
         return (
             f"contacts solved only to {self.residual:.1e} m in {self.unsolved} of the last steps: allow "
             "more contact.iterations, a larger contact.tolerance or a shorter dt"
         )
 
     def as_values(self) -> dict[str, object]:
-        """Values for the diagnostics."""
+        """Return the values for the diagnostics, by name."""
         return {
             "contacts": self.contacts,
             "contact_residual_m": self.residual,
@@ -208,12 +210,12 @@ class ContactQuality:
 
 @dataclass(frozen=True)
 class Fallbacks:
-    """Steps of one stretch by StepReport.fallback.
+    """Counts of steps over one interval, by StepReport.fallback.
 
     Attributes:
-        steps: How many there were.
-        unpressed: Without the stiffness of what actuators press on.
-        clamped: With the negative stiffness of each cell taken as zero.
+        steps: Number of steps.
+        unpressed: Steps without the stiffness of the surfaces that actuators press on.
+        clamped: Steps with the negative stiffness of each cell set to zero.
     """
 
     steps: int = 0
@@ -221,7 +223,7 @@ class Fallbacks:
     clamped: int = 0
 
     def with_step(self, report: StepReport) -> Fallbacks:
-        """The same after one more step."""
+        """Return the counts with one more step."""
         return Fallbacks(
             self.steps + 1, self.unpressed + (report.fallback == 1), self.clamped + (report.fallback == 2)
         )
@@ -231,7 +233,7 @@ class Fallbacks:
 
     @property
     def complaint(self) -> str:
-        """What is wrong where there were some."""
+        """Message for steps that used a reduced stiffness: how many, why, and what to change."""
         return (
             f"{self.unpressed + self.clamped} of the last {self.steps} steps did without a part of their "
             "stiffness, as the body is about to buckle or to be torn: change commands more slowly, or "
@@ -239,7 +241,7 @@ class Fallbacks:
         )
 
     def as_values(self) -> dict[str, object]:
-        """Values for the diagnostics."""
+        """Return the values for the diagnostics, by name."""
         return {
             "steps_without_pressed_stiffness": self.unpressed,
             "steps_with_clamped_stiffness": self.clamped,
@@ -247,14 +249,14 @@ class Fallbacks:
 
 
 LENGTH: Final = 1000
-"""Steps that are kept."""
+"""Number of steps in the history."""
 
 
 class StepHistory:
-    """Filled from one thread, read from any.
+    """The last steps with their stage times; filled from one thread, read from any.
 
     Args:
-        length: Steps that are kept, >= 1.
+        length: Number of steps to store, >= 1.
     """
 
     def __init__(self, length: int = LENGTH) -> None:
@@ -264,10 +266,10 @@ class StepHistory:
         self._lock = threading.Lock()
 
     def add(self, step: int, time_s: float, stages_ms: Mapping[str, float]) -> None:
-        """Keep one more step; stages of other names, or an earlier step, begin a new history.
+        """Store one more step; other stage names, or a step number that does not grow, start a new history.
 
         Args:
-            step: Its number.
+            step: Number of the step.
             time_s: Simulated time at its end in [s].
             stages_ms: Time of each stage in [ms].
         """
@@ -281,7 +283,10 @@ class StepHistory:
             self._count += 1
 
     def steps(self) -> tuple[tuple[str, ...], Array]:
-        """Names of the stages, and a row a step, oldest first: number, time in [s], stages in [ms]."""
+        """Return the stage names and one row per step, oldest first.
+
+        A row contains the step number, the time in [s] and the stage times in [ms].
+        """
         with self._lock:
             kept = min(self._count, self._length)
             order = np.arange(self._count - kept, self._count) % self._length

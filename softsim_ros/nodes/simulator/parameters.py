@@ -1,4 +1,4 @@
-"""Parameters of the simulator, those of the physics included."""
+"""Parameters of the simulator node, including those of the physics."""
 
 from __future__ import annotations
 
@@ -11,22 +11,21 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription
 from softsim_core.simulation import Simulation
-from softsim_node.parameters import About, ParameterError, checked, declare_value, parameter
-from softsim_node.text import sentence_of
+from softsim_node import About, ParameterError, checked, declare_value, parameter, sentence_of
+from softsim_ros import RobotSettings
 from softsim_ros.nodes.simulator.snapshot_folder import default_folder
-from softsim_ros.robot_node import RobotSettings
 
 BACKENDS = ("auto", "numba", "scipy")
 OUT_OF_RANGE = ("clamp", "refuse")
 SLOWEST = 1.0e-3
-"""Least speed but 0, in simulated seconds per wall second; at slower ones a step comes after minutes."""
+"""Smallest speed above 0, in simulated seconds per wall second; at lower speeds a step may take minutes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneSettings(RobotSettings):
-    """Which scene is simulated: what has to be known before the defaults of the others are."""
+    """Parameters that choose the scene; they are declared first, as other defaults depend on them."""
 
     robot: str = parameter(
         "tripod", "Robot or scene: a name such as tripod; at the start also the path of a .yaml or .py file"
@@ -89,11 +88,11 @@ class SimulatorSettings(SceneSettings):
 
     @classmethod
     def of(cls, robot: RobotDescription, first: SceneSettings, snapshot: str) -> SimulatorSettings:
-        """As a robot's file says.
+        """Return the settings that a robot's file asks for.
 
         Args:
             robot: The robot.
-            first: What was asked for.
+            first: Values of the parameters that choose the scene.
             snapshot: Name of its snapshot.
         """
         return cls(
@@ -107,7 +106,7 @@ class SimulatorSettings(SceneSettings):
         )
 
     def over(self, robot: RobotDescription) -> RobotDescription:
-        """The robot with the limits of its commands as the parameters say."""
+        """Return the robot with its command limits set as the parameters say."""
         refuses = self.out_of_range == "refuse"
         commands = replace(
             robot.commands,
@@ -118,7 +117,7 @@ class SimulatorSettings(SceneSettings):
 
 
 def check_speed(speed: float) -> None:
-    """Raise where a simulation would stand still: slower than SLOWEST, but not 0.
+    """Raise if a simulation would practically stand still: 0 < speed < SLOWEST.
 
     Raises:
         ParameterError: it would.
@@ -128,17 +127,17 @@ def check_speed(speed: float) -> None:
 
 
 RANGES = {"young_modulus": (1.0, 1.0e12), "poisson_ratio": (-0.99, 0.4999)}
-"""Ranges of material parameters as ROS parameters; of others it is the interval of the law."""
+"""Ranges of material parameters as ROS parameters; other parameters take the interval of their law."""
 
 LARGEST = 1.0e12
-"""End of a range that a law leaves open."""
+"""Upper bound of a range that a law leaves open."""
 
 SCENE = {"robot", "overrides"}
-"""Parameters that bring another scene, and with it other parameters of the physics."""
+"""Parameters that load another scene, and with it other parameters of the physics."""
 
 
 class Tunable(NamedTuple):
-    """A physical parameter: its value in the scene's file, and how a running simulation is asked and told."""
+    """A physical parameter: its value in the scene's file, and its access in a running simulation."""
 
     value: float
     about: About
@@ -147,9 +146,10 @@ class Tunable(NamedTuple):
 
 
 def tunables(robot: RobotDescription) -> dict[str, Tunable]:
-    """Parameters of laws, as `young_modulus`, and damping; of several bodies `BODY.young_modulus`.
+    """Return the parameters of laws and damping by name, as `young_modulus`.
 
-    Those of a layer, fibres or a region are `LAYER.young_modulus` or `BODY.LAYER.young_modulus`.
+    With several bodies the name is `BODY.young_modulus`. Parameters of a layer, of fibres or of a region are
+    `LAYER.young_modulus` or `BODY.LAYER.young_modulus`.
     """
     scene, found = robot.scene, dict[str, Tunable]()
     for number, ((owner, values), law) in enumerate(zip(scene.materials, scene.laws, strict=True)):
@@ -179,7 +179,7 @@ def tunables(robot: RobotDescription) -> dict[str, Tunable]:
 
 
 def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDescription:
-    """The robot with other values of its tunables, by their names.
+    """Return the robot with other values of its tunable parameters, by name.
 
     Raises:
         SoftSimError: a law does not allow them.
@@ -209,11 +209,11 @@ def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDe
 
 
 class TuningParameters:
-    """The parameters of the physics that runs; checked as a whole, then written between two steps.
+    """ROS parameters of the running physics; checked as a whole, then written between two steps.
 
     Args:
-        node: Whose parameters they are.
-        write: Has the physics thread carry out a change of the simulation.
+        node: Node that declares the parameters.
+        write: Runs a change of the simulation in the physics thread.
     """
 
     def __init__(self, node: Node, write: Callable[[Callable[[Simulation], None]], object]) -> None:
@@ -225,11 +225,11 @@ class TuningParameters:
         node.add_post_set_parameters_callback(self._post_set)
 
     def declare(self, robot: RobotDescription, *, given: bool = True) -> RobotDescription:
-        """Declare the parameters of a robot in place of those of the one before.
+        """Declare the parameters of a robot in place of those of the previous one.
 
         Args:
             robot: The robot.
-            given: Values given at the start of the node count, not only those of the file.
+            given: Whether values given at the start of the node override those of the file.
 
         Returns:
             The robot with the values that the parameters have now.
@@ -248,18 +248,18 @@ class TuningParameters:
         return self._robot
 
     def tune(self, simulation: Simulation) -> None:
-        """Write what differs from the robot's file to a simulation that was built from that."""
+        """Write the values that differ from the robot's file to a simulation built from that file."""
         for name, tunable in self._tunables.items():
             value = float(self._node.get_parameter(name).value)
             if value != tunable.value:
                 tunable.write(simulation, value)
 
     def read(self, simulation: Simulation) -> dict[str, float]:
-        """What a simulation has, by name."""
+        """Return the values that a simulation uses, by name."""
         return {name: tunable.read(simulation) for name, tunable in self._tunables.items()}
 
     def store(self, values: Mapping[str, float]) -> None:
-        """Let the parameters tell what a simulation has already."""
+        """Set the parameters to values that a simulation uses already, without writing them back to it."""
         with self._quietly():
             self._node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
 

@@ -1,4 +1,4 @@
-"""The physics in a thread of its own: fixed steps on the steady clock, requests served between steps."""
+"""Run the physics in its own thread: fixed steps on the steady clock, requests served between steps."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SoftSimError, SolverDivergedError
-from softsim_core.physics.actuation.trajectory import JointTrajectory
+from softsim_core.base import Array, CommandError, SoftSimError, SolverDivergedError
+from softsim_core.physics.actuation import JointTrajectory
 from softsim_core.simulation import Simulation
-from softsim_node.background import WorkQueue
-from softsim_node.ending import ending
+from softsim_node import WorkQueue, ending
 from softsim_ros.nodes.simulator.monitor import (
     ContactQuality,
     Fallbacks,
@@ -30,7 +28,7 @@ from softsim_ros.nodes.simulator.setpoints import Commanded, Follower, LedJoints
 
 
 class _Lines:
-    """Hands text on in whole lines."""
+    """Collects text and passes it on in whole lines; empty lines are dropped."""
 
     def __init__(self, on_line: Callable[[str], None]) -> None:
         self._on_line, self._rest = on_line, ""
@@ -46,7 +44,7 @@ class _Lines:
 
 
 class _ByThread(io.TextIOBase):
-    """Stands in for standard output while a thread is listened to."""
+    """Replacement for standard output that captures what some threads print; other threads print as usual."""
 
     def __init__(self, usual: Any) -> None:
         self.usual, self.lines = usual, dict[int, _Lines]()
@@ -73,9 +71,9 @@ _exchange = threading.Lock()
 
 @contextmanager
 def printed_lines(on_line: Callable[[str], None]) -> Iterator[None]:
-    """Give each line that this thread prints inside to `on_line`, which must not print itself.
+    """Pass each line that this thread prints inside the context to `on_line`, which must not print itself.
 
-    Empty lines are left out. Threads may do so at the same time, each with its own `on_line`.
+    Empty lines are dropped. Several threads may do so at the same time, each with its own `on_line`.
     """
     this = threading.get_ident()
     lines = _Lines(on_line)
@@ -95,29 +93,29 @@ def printed_lines(on_line: Callable[[str], None]) -> Iterator[None]:
 
 
 IDLE_PERIOD_S = 0.1
-"""While paused the unchanged state is shown this often, in [s], so that late joiners see it."""
+"""Period in [s] at which the unchanged state is published while paused, so that late joiners see it."""
 
 Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
 class PhysicsStatus:
-    """What the thread did lately.
+    """Recent state of the physics thread.
 
     Attributes:
-        speed: Real-time factor, step rate and stage times of the last second or so.
+        speed: Real-time factor, step rate and stage times over about the last second.
         time_s: Simulated time in [s].
         dt: Time step in [s].
-        steps: Steps done since the start of the scene.
-        paused: Whether steps are stopped.
-        fault: Why the physics stopped by itself; empty while it is well.
-        late_s: Wall time in [s] by which simulated time fell behind the asked speed, in all.
-        clamped_commands: Commands that were moved to the limits, in all.
-        refused_commands: Commands that the simulation refused, in all.
+        steps: Number of steps since the start of the scene.
+        paused: Whether stepping is paused.
+        fault: Why the physics stopped by itself; empty if it did not.
+        late_s: Total wall time in [s] by which simulated time fell behind the requested speed.
+        clamped_commands: Total number of commands that were clamped to the limits.
+        refused_commands: Total number of commands that the simulation refused.
         trajectory: Whether a trajectory is running.
-        inverted_elements: Elements that are inside out or flat after the last step.
-        contacts: How contacts were solved in the last second or so; None in a scene without.
-        fallbacks: Steps of the last second or so that did without a part of their stiffness.
+        inverted_elements: Number of inverted or flat elements after the last step.
+        contacts: Quality of the contact solution over about the last second; None in a scene without contact.
+        fallbacks: Steps with reduced stiffness over about the last second.
         backend: Implementation of the step.
     """
 
@@ -138,19 +136,20 @@ class PhysicsStatus:
 
 
 class PhysicsThread:
-    """Owns a simulation once started: nothing else may touch it, except through `call`.
+    """Thread that owns a simulation once started; other threads may access it only through `call`.
 
     Args:
         simulation: What to run.
-        on_state: Called in the thread after every step and every request that changed the state; True as
-            second argument asks to show the whole state at once. Returns the milliseconds it took.
-        on_refusal: Called in the thread with the sentence of a refused command.
-        on_fault: Called in the thread with a sentence when the physics stops by itself.
+        on_state: Called in the thread after every step and every request that changed the state. If the
+            second argument is True, the whole state must be published at once. Returns the time it took in
+            [ms].
+        on_refusal: Called in the thread with the message of a refused command.
+        on_fault: Called in the thread with a message when the physics stops by itself.
         on_print: Called in the thread with each line that the scene's own code prints.
-        speed: Simulated seconds a wall second, >= 0; 0 is as fast as possible.
+        speed: Simulated seconds per wall second, >= 0; 0 is as fast as possible.
 
     Attributes:
-        status: What it did lately.
+        status: Recent state of the thread.
         history: The last steps with the time of each stage.
     """
 
@@ -184,11 +183,14 @@ class PhysicsThread:
     # --- from any thread ------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Begin stepping."""
+        """Start stepping."""
         self._thread.start()
 
     def close(self) -> None:
-        """End after the step in progress and join, see `ending.wait_for`; a second call does nothing."""
+        """Stop after the step in progress and join the thread, see `ending.wait_for`.
+
+        A second call does nothing.
+        """
         self._requests.ask_to_end()
         self._left_behind = not ending.wait_for(self._thread)
 
@@ -200,28 +202,28 @@ class PhysicsThread:
     def command(
         self, target: Array | JointTrajectory, delay_s: float = 0.0, follower: Follower | None = None
     ) -> None:
-        """Give joint positions, shape (j,), or a trajectory for the next step; see Commanded."""
+        """Command joint positions, shape (j,), or a trajectory from the next step on; see Commanded."""
         self._commanded.command(target, delay_s, follower)
 
     @property
     def led(self) -> LedJoints:
-        """Joints that somebody else moves."""
+        """Externally driven joints."""
         return self._commanded.led
 
     def command_named(self, positions: Mapping[str, float]) -> None:
-        """Give positions of some joints by name for the next step; the others stay where they are told."""
+        """Command positions of some joints by name from the next step on; other commands stay."""
         self._commanded.command_named(positions)
 
     def leave(self, follower: Follower, reason: str) -> None:
-        """End the trajectory of a follower, if it is on its way; the joints stay where they were told."""
+        """End the trajectory of a follower if it is running; the joints stay at their last commands."""
         self._commanded.leave(follower, reason)
 
     def call(self, action: Callable[[Simulation], Result], *, shows: bool = True) -> Result:
         """Run an action on the simulation between two steps and wait for its result.
 
         Args:
-            action: Gets the simulation; what it raises is raised here.
-            shows: Show the state afterwards, as after a step.
+            action: Called with the simulation; its exceptions are raised here.
+            shows: Whether to publish the state afterwards, as after a step.
 
         Raises:
             SoftSimError: the thread has ended, or is stuck in one step for longer than REQUEST_TIMEOUT_S.
@@ -236,7 +238,7 @@ class PhysicsThread:
         return self._requests.ask(run)
 
     def set_speed(self, speed: float) -> None:
-        """Simulated seconds a wall second, >= 0; 0 is as fast as possible."""
+        """Set the speed in simulated seconds per wall second, >= 0; 0 is as fast as possible."""
 
         def change(_: Simulation) -> None:
             self._speed = speed
@@ -245,7 +247,7 @@ class PhysicsThread:
         self.call(change, shows=False)
 
     def pause(self, paused: bool) -> None:
-        """Stop or go on stepping; a trajectory that is followed ends with a pause, others wait."""
+        """Pause or resume stepping; a pause ends a trajectory with a follower, other trajectories wait."""
 
         def change(_: Simulation) -> None:
             self._paused = paused
@@ -258,7 +260,7 @@ class PhysicsThread:
         self.call(change)
 
     def step_once(self) -> None:
-        """Do one step while paused.
+        """Advance by one step while paused.
 
         Raises:
             CommandError: it is running.
@@ -276,7 +278,7 @@ class PhysicsThread:
         self.call(step, shows=False)
 
     def reset(self) -> None:
-        """Back to the start of the scene; commands and trajectories given before are forgotten."""
+        """Return to the start of the scene and drop all earlier commands and trajectories."""
 
         def start_again(simulation: Simulation) -> None:
             self._commanded.forget("the simulation was reset")
@@ -286,7 +288,7 @@ class PhysicsThread:
         self.call(start_again)
 
     def restore(self, data: bytes) -> None:
-        """Go to a snapshot; commands and trajectories given before are forgotten.
+        """Restore a snapshot and drop all earlier commands and trajectories.
 
         Raises:
             SnapshotError: not a snapshot of this scene; nothing is changed.
@@ -302,15 +304,16 @@ class PhysicsThread:
     def replace(
         self, simulation: Simulation, prepare: Callable[[Simulation], None], *, goes_on: bool = False
     ) -> None:
-        """Go on with another simulation, from its start; what stopped the last one is forgotten.
+        """Continue with another simulation from its start; clear the fault that stopped the previous one.
 
         Args:
             simulation: What to run from now on.
-            prepare: Called in the thread with it before its first state is shown.
-            goes_on: It has the same joints and goes on where the last one is, commands and all.
+            prepare: Called with it in the thread before its first state is published.
+            goes_on: It has the same joints and continues from the state of the previous one, including
+                commands.
 
         Raises:
-            SoftSimError: it cannot go on from there; nothing is changed.
+            SoftSimError: it cannot continue from there; nothing is changed.
         """
 
         def swap(before: Simulation) -> None:
@@ -331,11 +334,11 @@ class PhysicsThread:
         self.call(swap)
 
     def stop(self, sentence: str) -> None:
-        """Pause with a fault, such as a scene file that cannot be used."""
+        """Pause with a fault, for example because a scene file cannot be used."""
         self.call(lambda _: self._stop_on_fault(sentence), shows=False)
 
     def play_start(self) -> None:
-        """Begin the start animation; a running trajectory ends.
+        """Start the start animation; a running trajectory ends.
 
         Raises:
             SceneError: the scene has none.
@@ -348,7 +351,7 @@ class PhysicsThread:
         self.call(begin, shows=False)
 
     def press_key(self, key: str) -> None:
-        """Hand a key to the scene's own code; what that raises is raised here."""
+        """Pass a key to the scene's own code; exceptions of that code are raised here."""
 
         def press(simulation: Simulation) -> None:
             with self._listening():
@@ -380,7 +383,7 @@ class PhysicsThread:
             cpu = time.thread_time() - cpu
         except SolverDivergedError as error:
             self._stop_on_fault(f"{error}; paused at the last good state: ease the load or call ~/reset")
-        except Exception as error:  # a scene's own controller may raise anything; the node must live on
+        except Exception as error:  # a scene's own controller may raise anything; the node must keep running
             self._stop_on_fault(f"step failed: {type(error).__name__}: {error}; paused: call ~/reset")
         else:
             self._commanded.follow(simulation)
@@ -393,7 +396,7 @@ class PhysicsThread:
             self.history.add(simulation.step_count, simulation.time, stages)
 
     def _listening(self) -> AbstractContextManager[None]:
-        """What is printed inside is the scene's, where it has code of its own."""
+        """Return a context that captures printed lines if the scene has code of its own."""
         return printed_lines(self._on_print) if self._simulation.robot.controllers else nullcontext()
 
     def _stop_on_fault(self, sentence: str) -> None:
@@ -405,7 +408,7 @@ class PhysicsThread:
         self._on_fault(sentence)
 
     def _show(self, *, whole: bool) -> float:
-        if self._left_behind:  # those who would be shown it are gone
+        if self._left_behind:  # the node that publishes it is gone
             return 0.0
         now = time.monotonic()
         if self._report_gate.passes(now):

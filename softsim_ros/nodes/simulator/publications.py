@@ -2,19 +2,21 @@
 
 `bodies/poses` (geometry_msgs/PoseArray, frame world, 60 Hz) has the poses of the rigid bodies in scene order;
 `bodies/topology` (visualization_msgs/MarkerArray, latched) their surfaces, one TRIANGLE_LIST a body, ns = its
-name, in its own frame on /tf. `cables` (MarkerArray, 30 Hz) has for every cable, by its
-number as id, ns "line" (LINE_STRIP), "points" (SPHERE_LIST) and "pull" (SPHERE at the pull point). `chambers`
-(MarkerArray, 30 Hz) has the hollow of every chamber, by its number as id, ns = name of its joint: a
-TRIANGLE_LIST in world coordinates, light at no pressure, red at the largest, blue at the smallest. `contacts`
-(MarkerArray, 30 Hz) has ns "points" (SPHERE_LIST) and "forces" (LINE_LIST from each point along the force on
-the first body, FORCE_LENGTH long a newton). `collisions` (MarkerArray, 10 Hz) has the collision surfaces, by
-their number as id, ns = name: a TRIANGLE_LIST in world coordinates, or a SPHERE.
+name, in its own frame on /tf. `cables` (MarkerArray, 30 Hz) has for every cable, by its number as id, ns
+"line" (LINE_STRIP), "points" (SPHERE_LIST) and "pull" (SPHERE at the pull point). `chambers` (MarkerArray, 30
+Hz) has the cavity of every chamber, by its number as id, ns = name of its joint: a TRIANGLE_LIST in world
+coordinates, light at zero pressure, red at the largest, blue at the smallest. `contacts` (MarkerArray, 30 Hz)
+has ns "points" (SPHERE_LIST) and "forces" (LINE_LIST from each point along the force on the first body,
+FORCE_LENGTH per newton). `collisions` (MarkerArray, 10 Hz) has the collision surfaces, by their number as id,
+ns = name: a TRIANGLE_LIST in world coordinates, or a SPHERE.
 
-A joint's effort is the pressure against the air around; the message wants it against vacuum. So the pressure
-of the atmosphere that the scene names is added, at any height. The variance is 0: unknown.
+A joint's effort is the pressure relative to the surrounding air, while FluidPressure is absolute. The
+atmospheric pressure of the scene is therefore added, the same at any height. The variance is 0, which means
+unknown.
 
-Each sensor has the standard message of its kind, see messages.sensors, once a sample, with the stamp of the
-step that it was taken in. `contacts/points` (sensor_msgs/PointCloud2) has every contact of the step.
+Each sensor publishes the standard message of its kind, see messages.sensors, once per sample, with the stamp
+of the step in which it was sampled. `contacts/points` (sensor_msgs/PointCloud2) has every contact of the
+step.
 """
 
 from __future__ import annotations
@@ -36,10 +38,10 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import ColorRGBA, Float64, String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.actuation import ActuatorView
 from softsim_core.physics.actuation.chamber import ATMOSPHERE, ChamberDescription
-from softsim_core.physics.dynamics.report import StageShare, stage_tree
+from softsim_core.physics.dynamics import StageShare, stage_tree
 from softsim_core.physics.sensing import (
     ForceTorqueDescription,
     ImuDescription,
@@ -47,23 +49,18 @@ from softsim_core.physics.sensing import (
     SimulatedSensorDescription,
     WrenchSensorDescription,
 )
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import RobotDescription
 from softsim_core.simulation import Simulation
-from softsim_node.frames import WORLD, RobotFrames
-from softsim_node.topics import EVERY_ONE, LATCHED, NEWEST_ONLY
-from softsim_ros import messages
-from softsim_ros.description.urdf import control_topics, urdf
-from softsim_ros.messages import header
-from softsim_ros.messages.sensors import Told, contact_cloud, told_of
-from softsim_ros.messages.types import shown
+from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY, WORLD, RobotFrames
+from softsim_ros import chambers_of, messages, optional_type, topic_words
+from softsim_ros.description import control_topics, urdf
+from softsim_ros.messages import Told, contact_cloud, header, shown, told_of
 from softsim_ros.nodes.simulator.monitor import RateGate, StageTime
 from softsim_ros.nodes.simulator.scene_topics import FrameTree, StructurePublications
-from softsim_ros.optional_messages import optional_type
-from softsim_ros.topic_names import chambers_of, topic_words
 
 
 def stage_statistics(stamp: Time, robot: str, stages: Mapping[str, StageTime]) -> DiagnosticArray:
-    """Each stage before its parts, with its level; see `_status` for the values."""
+    """Return diagnostics of all stages, each before its parts; see `_status` for the values."""
     tree = stage_tree({name: time.total for name, time in stages.items()})
     whole = sum(share.total for share in tree if share.level == 0)
     return DiagnosticArray(
@@ -73,7 +70,7 @@ def stage_statistics(stamp: Time, robot: str, stages: Mapping[str, StageTime]) -
 
 
 def _status(share: StageShare, robot: str, time: StageTime, whole: float) -> DiagnosticStatus:
-    """Level, calls, times of a call and of all in [ms], and percent of the whole."""
+    """Return level, number of calls, times per call and in total in [ms], and percentage of the whole."""
     values = {
         "level": share.level,
         "calls": time.calls,
@@ -95,7 +92,7 @@ POSES_PERIOD_S = 1.0 / 60.0
 MARKERS_PERIOD_S = 1.0 / 30.0
 COLLISIONS_PERIOD_S = 0.1
 FORCE_LENGTH = 0.02
-"""Length in [m] at which a contact force of 1 N is drawn."""
+"""Length in [m] that represents a contact force of 1 N."""
 
 
 _LINE, _DOT, _PULL = 0.0008, 0.002, 0.004
@@ -104,17 +101,17 @@ _PULL_COLOUR = ColorRGBA(r=0.1, g=0.3, b=0.9, a=1.0)
 _EMPTY, _FULL, _SUCKED = (
     np.array(each) for each in ((0.93, 0.93, 0.96, 1.0), (0.85, 0.1, 0.1, 1.0), (0.1, 0.2, 0.85, 1.0))
 )
-"""Colours of a chamber without pressure, at its largest and at its smallest one."""
+"""Colours of a chamber at zero, largest and smallest pressure."""
 _CONTACT = ColorRGBA(r=0.9, g=0.1, b=0.6, a=1.0)
 _COLLISIONS = tuple(
     ColorRGBA(r=r, g=g, b=b, a=1.0)
     for r, g, b in ((0.85, 0.45, 0.0), (0.0, 0.5, 0.7), (0.7, 0.2, 0.5), (0.2, 0.55, 0.2))
 )
-"""Surfaces that lie side by side, such as a finger and its notch walls, differ."""
+"""Different colours for surfaces that lie side by side, such as a finger and its notch walls."""
 
 
 class ObjectPublications:
-    """Publishers of what a scene holds beside silicone and servos; used from the physics thread.
+    """Publishes rigid bodies, cables, chambers, contacts and collision surfaces, in the physics thread.
 
     Args:
         node: Owner of the publishers.
@@ -134,7 +131,12 @@ class ObjectPublications:
         self._collisions_gate = RateGate(COLLISIONS_PERIOD_S)
 
     def show_scene(self, simulation: Simulation, frame_of: Callable[[int, str], str]) -> None:
-        """Send what does not move; `frame_of` names the frame of a rigid body by its number and name."""
+        """Publish the static part of a scene.
+
+        Args:
+            simulation: The scene.
+            frame_of: Returns the frame of a rigid body by its number and name.
+        """
         self._topology.publish(bodies_topology(simulation, frame_of))
         now = Time()
         self._moving_cables = messages.MovingMarkers(cable_markers(simulation, now).markers)
@@ -143,7 +145,14 @@ class ObjectPublications:
         self._moving_collisions = messages.MovingMarkers(collision_markers(simulation, now).markers)
 
     def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
-        """Send what is due to who listens; `now` is a steady clock in [s], `whole` asks for everything."""
+        """Publish what is due on topics with subscribers.
+
+        Args:
+            simulation: State to publish.
+            stamp: Time stamp of the messages.
+            now: Steady clock in [s].
+            whole: Whether to publish on all topics with subscribers now, whatever the rates.
+        """
         if _due(self._poses, self._poses_gate, now, whole) and simulation.rigid_bodies:
             poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.rigid_poses]
             self._poses.publish(PoseArray(header=messages.header(stamp, WORLD), poses=poses))
@@ -151,7 +160,7 @@ class ObjectPublications:
             self._cables.publish(self._moving_cables.fill(stamp, cable_places(simulation)))
         if _due(self._chambers, self._chambers_gate, now, whole) and (whole or self._has_chambers):
             self._chambers.publish(self._moving_chambers.fill(stamp, *chamber_places(simulation)))
-        touches = whole or simulation.collision_surfaces  # else there is nothing new to say
+        touches = whole or simulation.collision_surfaces  # otherwise the message would stay empty
         if touches and _due(self._contacts, self._contacts_gate, now, whole):
             self._contacts.publish(contact_markers(simulation, stamp))
         if _due(self._collisions, self._collisions_gate, now, whole):
@@ -159,7 +168,7 @@ class ObjectPublications:
 
 
 def bodies_topology(simulation: Simulation, frame_of: Callable[[int, str], str]) -> MarkerArray:
-    """Surfaces of the rigid bodies, each in its own frame, and locked to it: they move with /tf."""
+    """Return surface markers of the rigid bodies, each locked to its body's frame: it moves with /tf."""
     markers = []
     for number, body in enumerate(simulation.rigid_bodies):
         r, g, b, a = body.colour
@@ -173,7 +182,7 @@ def bodies_topology(simulation: Simulation, frame_of: Callable[[int, str], str])
 
 
 def cable_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
-    """Lines, points and pull points of all cables and other actuators that have points."""
+    """Return lines, points and pull points of all cables and other actuators that have points."""
     markers = []
     for number, cable in enumerate(simulation.actuators):
         if not len(cable.points):
@@ -191,7 +200,7 @@ def cable_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
 
 
 def cable_places(simulation: Simulation) -> list[Array]:
-    """Where the markers of `cable_markers` are in [m], see messages.MovingMarkers."""
+    """Return the points in [m] of the markers of `cable_markers`, see messages.MovingMarkers."""
     places = []
     for cable in simulation.actuators:
         if not len(cable.points):
@@ -202,7 +211,7 @@ def cable_places(simulation: Simulation) -> list[Array]:
 
 
 def chamber_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
-    """The hollows of all chambers in the colours of their pressures."""
+    """Return the cavities of all chambers in the colours of their pressures."""
     markers = []
     for number, chamber, colour in _chambers(simulation):
         r, g, b, a = colour.tolist()
@@ -215,20 +224,26 @@ def chamber_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
 
 
 def chamber_places(simulation: Simulation) -> tuple[list[Array], list[Array]]:
-    """Where the markers of `chamber_markers` are in [m], and their colours, see messages.MovingMarkers."""
+    """Return points in [m] and colours of the markers of `chamber_markers`, see MovingMarkers."""
     shown = list(_chambers(simulation))
     return [chamber.surface.reshape(-1, 3) for _, chamber, _ in shown], [colour for *_, colour in shown]
 
 
 def pressure_colour(pressure: float, lowest: float, highest: float) -> Array:
-    """Red, green, blue and alpha in 0..1 of a pressure, shape (4,); all in [Pa], lowest <= 0 <= highest."""
+    """Return the colour of a pressure: red, green, blue and alpha in 0..1, shape (4,).
+
+    All pressures are in [Pa], with lowest <= 0 <= highest.
+    """
     last, colour = (highest, _FULL) if pressure > 0.0 else (lowest, _SUCKED)
     share = min(pressure / last, 1.0) if last != 0.0 else 0.0
     return np.asarray(_EMPTY + share * (colour - _EMPTY))
 
 
 def _chambers(simulation: Simulation) -> Iterator[tuple[int, ActuatorView, Array]]:
-    """Number, view and colour of each chamber; without a limit the atmosphere's pressure has the last one."""
+    """Yield number, view and colour of each chamber.
+
+    If a chamber has no pressure limit, its atmospheric pressure gets the colour of the largest pressure.
+    """
     described = {joint.name: joint.actuator for joint in simulation.robot.joints}
     for number, view in enumerate(simulation.actuators):
         if isinstance(chamber := described[view.name], ChamberDescription):
@@ -237,7 +252,7 @@ def _chambers(simulation: Simulation) -> Iterator[tuple[int, ActuatorView, Array
 
 
 def contact_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
-    """Points and forces of all contacts of the last step; empty lists where nothing touches."""
+    """Return points and forces of all contacts of the last step; empty lists where nothing touches."""
     contacts = simulation.contacts
     points = _marker(stamp, "points", 0, Marker.SPHERE_LIST, _DOT, _CONTACT)
     points.points = _points(contacts.points)
@@ -248,7 +263,7 @@ def contact_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
 
 
 def collision_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
-    """The surfaces that contact looks at, where they are now; empty in a scene where nothing can meet."""
+    """Return the collision surfaces at their current positions; empty in a scene without contact."""
     markers, points = [], simulation.collision_points
     for number, surface in enumerate(simulation.collision_surfaces):
         colour = _COLLISIONS[number % len(_COLLISIONS)]
@@ -263,7 +278,7 @@ def collision_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
 
 
 def collision_places(simulation: Simulation) -> list[Array]:
-    """Where the markers of `collision_markers` are in [m], see messages.MovingMarkers."""
+    """Return the points in [m] of the markers of `collision_markers`, see messages.MovingMarkers."""
     points = simulation.collision_points
     return [
         points[surface.vertices if surface.radius > 0.0 else surface.triangles.ravel()]
@@ -292,7 +307,7 @@ DEPTH: Final = 10
 
 
 class ChamberPublications:
-    """Publishers of the chambers' pressures; a robot without chambers has none.
+    """Publishes the pressures of the chambers; a robot without chambers has no such topics.
 
     Args:
         node: Owner of the publishers.
@@ -305,9 +320,10 @@ class ChamberPublications:
         self._joints: list[tuple[int, float]] = []  # and the atmosphere in [Pa] around each
 
     def show_scene(self, simulation: Simulation) -> None:
-        """Have publishers for a scene's chambers and no others; a topic that stays keeps its publisher.
+        """Create publishers for a scene's chambers and remove all others.
 
-        The node must not be served meanwhile: its callback waits until the physics has taken the scene.
+        A topic that stays keeps its publisher. No other callback of the node may run meanwhile: the calling
+        callback waits until the physics has taken over the scene.
         """
         joints = simulation.robot.joints
         chambers = chambers_of(joints)
@@ -326,7 +342,7 @@ class ChamberPublications:
             )
 
     def publish(self, simulation: Simulation, stamp: Time) -> None:
-        """Send all pressures."""
+        """Publish all pressures."""
         if not self._joints:
             return
         efforts = simulation.joint_efforts
@@ -336,24 +352,25 @@ class ChamberPublications:
 
 
 class SensorPublications:
-    """Publishers of what sensors tell; used from the physics thread.
+    """Publishes sensor readings; used from the physics thread.
 
     Args:
         node: Owner of the publishers.
-        base: Frame of what is measured in no frame of its own.
+        base: Frame of readings that have no frame of their own.
     """
 
     def __init__(self, node: Node, base: str) -> None:
         self._node, self._base = node, base
         self._contacts = node.create_publisher(PointCloud2, "contacts/points", NEWEST_ONLY)
         self._publishers: dict[tuple[str, type], Publisher] = {}
-        self._sensors: list[tuple[str, str, list[tuple[Publisher, Told]]]] = []  # name, frame, what is sent
+        self._sensors: list[tuple[str, str, list[tuple[Publisher, Told]]]] = []  # name, frame, topics
         self._sent: dict[str, SensorReading] = {}
 
     def show_scene(self, simulation: Simulation, tree: FrameTree) -> None:
-        """Have publishers for a scene's sensors and no others; a topic that stays keeps its publisher.
+        """Create publishers for a scene's sensors and remove all others.
 
-        The node must not be served meanwhile: its callback waits until the physics has taken the scene.
+        A topic that stays keeps its publisher. No other callback of the node may run meanwhile: the calling
+        callback waits until the physics has taken over the scene.
         """
         described = simulation.scene.sensors
         words = topic_words([each.name for each in described], "sensor")
@@ -382,7 +399,7 @@ class SensorPublications:
             self._sensors.append((sensor.name, self._frame(sensor, tree), sends))
 
     def publish(self, simulation: Simulation, stamp: Time, whole: bool) -> None:
-        """Send new samples to who listens; `whole` asks for all of them."""
+        """Publish new samples on topics with subscribers; `whole` publishes all of them."""
         for name, frame, sends in self._sensors:
             reading = simulation.sensors[name]
             if reading is self._sent.get(name) and not whole:
@@ -405,29 +422,29 @@ class SensorPublications:
 
 
 def _around(sensor: SimulatedSensorDescription, robot: RobotDescription) -> float:
-    """Pressure in [Pa], against vacuum, of the air around the joint that a sensor is on."""
+    """Return the absolute pressure in [Pa] of the air around the joint that a sensor measures."""
     name = getattr(sensor, "joint", None)
     actuator = next((joint.actuator for joint in robot.joints if joint.name == name), None)
     return actuator.atmosphere if isinstance(actuator, ChamberDescription) else ATMOSPHERE
 
 
 MARKER_PERIOD_S = 0.1
-"""RViz copes with one large marker at 10 Hz."""
+"""RViz displays one large marker at 10 Hz without delay."""
 
 TF_PERIOD_S = 1.0 / 50.0
 
 
 class Publications:
-    """Publishers of a simulation's state; `publish` is called from the one thread that owns the simulation.
+    """Publishes the state of a simulation; `publish` is called from the thread that owns it.
 
     Args:
         node: Owner of the publishers.
-        simulation: What will be shown; its surface and joints must not change.
+        simulation: What will be published; its surface and joints must not change.
         frames: Names of the robot's frames.
-        mesh_rate: Messages a second on mesh/points, in [Hz]; 0 sends none.
-        publish_clock: Send simulated time on /clock and stamp every message with it.
+        mesh_rate: Rate of mesh/points in [Hz]; 0 publishes none.
+        publish_clock: Publish simulated time on /clock and stamp every message with it.
         marker_stress: Stress in [Pa] of the marker's last colour; 0 takes the largest of each message.
-        overrides: Text of what is laid over the scene's file.
+        overrides: Text of the overrides of the scene's file.
         scenes: Names of the scenes that can be loaded in its place.
     """
 
@@ -470,7 +487,7 @@ class Publications:
         self.show_scene(simulation, overrides, scenes)
 
     def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
-        """Send what does not move: of the first simulation, or of another one that takes its place."""
+        """Publish the static part of the first simulation, or of another one that replaces it."""
         self._tree = FrameTree(simulation, self._frames)
         self._description.publish(String(data=urdf(simulation.robot, topics=self._control)))
         if self._tf is not None:
@@ -485,7 +502,7 @@ class Publications:
 
     @property
     def mesh_rate(self) -> float:
-        """Messages a second on mesh/points, in [Hz]; 0 sends none."""
+        """Rate of mesh/points in [Hz]; 0 publishes none."""
         return 1.0 / self._mesh_gate.period_s if self._mesh_gate else 0.0
 
     @mesh_rate.setter
@@ -493,11 +510,11 @@ class Publications:
         self._mesh_gate = RateGate(1.0 / rate) if rate > 0.0 else None
 
     def publish(self, simulation: Simulation, whole: bool) -> float:
-        """Send what is due, only to topics that somebody listens to where a message is large.
+        """Publish what is due; topics with large messages only if they have subscribers.
 
         Args:
-            simulation: State to show.
-            whole: Send everything now, whatever the rates.
+            simulation: State to publish.
+            whole: Publish everything now, whatever the rates.
 
         Returns:
             Time it took in [ms].
@@ -508,11 +525,11 @@ class Publications:
         except Exception:
             if self._context.ok():
                 raise
-            # Ctrl-C and SIGTERM invalidate the publishers before anybody can stop this thread
+            # Ctrl-C and SIGTERM invalidate the publishers before this thread can be stopped
         return 1e3 * (time.perf_counter() - started)
 
     def stamp(self, simulation: Simulation) -> Time:
-        """Simulated time where /clock is published here, the node's clock otherwise."""
+        """Return simulated time if this node publishes /clock, otherwise the time of the node's clock."""
         return messages.time_message(simulation.time) if self._publish_clock else self._now().to_msg()
 
     def _publish(self, simulation: Simulation, whole: bool) -> None:
@@ -570,5 +587,5 @@ class Publications:
 
 
 def _is_due(publisher: Any, gate: RateGate, now: float, whole: bool) -> bool:
-    """Whether somebody listens and it is time."""
+    """Return whether the topic has subscribers and its period is over."""
     return publisher.get_subscription_count() > 0 and (gate.passes(now) or whole)

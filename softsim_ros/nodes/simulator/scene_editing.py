@@ -1,8 +1,8 @@
-"""Edits of the scene's file over ROS: proposed, applied to the running simulation, saved.
+"""Edit the scene's file over ROS: propose edits, apply them to the running simulation, save them.
 
 `scene/edit` (std_msgs/String) takes edits, see `messages.proposal`; `scene/proposal` (std_msgs/String,
-latched) tells the scene that they propose. Services: `~/edit/begin`, `undo`, `redo`, `discard`, `apply`,
-`save`, `copy` (std_srvs/Trigger). The document lives here, beside the file; whoever edits opens no file.
+latched) publishes the resulting scene. Services: `~/edit/begin`, `undo`, `redo`, `discard`, `apply`, `save`,
+`copy` (std_srvs/Trigger). This node stores the document next to the file, so an editor opens no file itself.
 """
 
 from __future__ import annotations
@@ -20,22 +20,13 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import ConfigError, SceneError, SoftSimError
-from softsim_core.base.files import write_file
-from softsim_core.scene.building.bodies import Body
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.editing import SceneDocument
-from softsim_core.scene.editing.chosen import RestShapes, chosen_by
-from softsim_core.scene.editing.document import rebased
-from softsim_core.scene.editing.parts import routed_points
-from softsim_core.scene.io.files import installed_roots, named_files
-from softsim_core.scene.io.portable import write_description
-from softsim_core.scene.io.programs import limited_to
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.text import one_line, sentence_of
-from softsim_node.topics import EVERY_ONE, LATCHED
-from softsim_ros.messages.scene import MOST_POINTS, ChosenPoints, Proposal, read_edits, write_proposal
+from softsim_core.base import Array, ConfigError, SceneError, SoftSimError, write_file
+from softsim_core.scene import BodyDescription, RobotDescription
+from softsim_core.scene.building import Body
+from softsim_core.scene.editing import RestShapes, SceneDocument, chosen_by, rebased, routed_points
+from softsim_core.scene.io import installed_roots, limited_to, named_files, write_description
+from softsim_node import EVERY_ONE, LATCHED, one_line, sentence_of
+from softsim_ros.messages import MOST_POINTS, ChosenPoints, Proposal, read_edits, write_proposal
 from softsim_ros.nodes.simulator.scene_files import NextScene, SceneBuilder, SceneFiles, files_of, reason
 
 MOST_BYTES: Final = 4_000_000
@@ -45,12 +36,12 @@ SUFFIXES: Final = (".yaml", ".yml")
 class SceneWriter:
     """Reads and writes scene files for the edit mode.
 
-    Written is the file that the start command named, if it is the user's own; besides, a copy of a scene into
-    the start folder, where no file of that name is.
+    It writes only files that the start command named and that are not part of the installation, and copies of
+    a scene in the start folder, under names that are free there.
 
     Args:
         named: The files that the start command named.
-        start_folder: Where copies go; None: nowhere.
+        start_folder: Folder of the copies; None: none can be written.
     """
 
     def __init__(self, named: Iterable[Path], start_folder: Path | None) -> None:
@@ -58,7 +49,7 @@ class SceneWriter:
         self._start_folder = start_folder
 
     def refusal(self, file: Path) -> str:
-        """Why a file is not written, in one sentence; "": it may be."""
+        """Return why a file must not be written, as a message; an empty string if it may be."""
         if any(file.resolve().is_relative_to(root.resolve()) for root in installed_roots()):
             return f"{file.name} came with softsim and is not overwritten; save a copy"
         if file.absolute() not in self._own:
@@ -74,7 +65,7 @@ class SceneWriter:
         return ""
 
     def read(self, file: Path) -> str:
-        """The text of a file.
+        """Return the text of a file.
 
         Raises:
             ConfigError: it cannot be edited.
@@ -95,10 +86,10 @@ class SceneWriter:
             raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
 
     def write(self, file: Path, text: str, before: str) -> None:
-        """Write a file that still holds the text `before`.
+        """Write a file whose present text is still `before`.
 
         Raises:
-            ConfigError: it must not be written, cannot be, or has changed.
+            ConfigError: it must not be written, cannot be written, or has changed.
         """
         if sentence := self.refusal(file):
             raise ConfigError(file, "", f"not saved: {sentence}")
@@ -115,7 +106,7 @@ class SceneWriter:
             raise ConfigError(file, "", f"not saved: {error.strerror}") from error
 
     def copy(self, name: str, text: str) -> Path:
-        """Write a new file NAME.yaml in the start folder, which may be written again from then on.
+        """Write a new file NAME.yaml in the start folder; later calls may write it again.
 
         Raises:
             ConfigError: there is one already, or it cannot be written.
@@ -137,13 +128,13 @@ OFF = "nothing is edited yet; begin first (service simulator/edit/begin)"
 
 
 class Running(NamedTuple):
-    """What edits are applied to.
+    """Access to the running scene, to which edits are applied.
 
     Attributes:
-        files: Gives those of the scene that runs.
-        bodies: Gives its bodies, described and made.
-        aside: Does work that takes long beside what runs.
-        go_on_with: Runs another scene.
+        files: Returns the files of the running scene.
+        bodies: Returns its bodies, each as description and as built.
+        aside: Runs a long task in the background while the simulation continues.
+        go_on_with: Replaces the running scene.
     """
 
     files: Callable[[], SceneFiles]
@@ -156,9 +147,9 @@ class SceneEditing:
     """Topics and services of the edit mode.
 
     Args:
-        node: Owner of topics and services; it refuses with a sentence.
-        running: What runs.
-        builder: Builds what is applied.
+        node: Owner of topics and services; publishes refusals.
+        running: Access to the running scene.
+        builder: Builds the scene that is applied.
         writer: Reads and writes the file.
     """
 
@@ -186,7 +177,7 @@ class SceneEditing:
     # --- requests -------------------------------------------------------------------------------------
 
     def begin(self) -> str:
-        """Read the file of the scene that runs, unless it is being edited already.
+        """Read the file of the running scene, unless it is being edited already; return a message.
 
         Raises:
             SoftSimError: it cannot be edited.
@@ -199,23 +190,23 @@ class SceneEditing:
         return self._open()
 
     def undo(self) -> str:
-        """Take the last change back."""
+        """Undo the last change; return a message."""
         return "undone" if self._open_document().undo() else "nothing is left to undo"
 
     def redo(self) -> str:
-        """Do again what was undone."""
+        """Redo the change that was undone last; return a message."""
         return "done again" if self._open_document().redo() else "nothing is left to do again"
 
     def discard(self) -> str:
-        """Forget the proposal and take the file as it is now."""
+        """Discard the proposal and read the file as it is now; return a message."""
         self._open_document()
         return f"proposal discarded; {self._open()}"
 
     def save(self) -> str:
-        """Write the proposal into its file.
+        """Write the proposal into its file; return a message.
 
         Raises:
-            ConfigError: it must not be written, cannot be, or has changed.
+            ConfigError: it must not be written, cannot be written, or has changed.
         """
         document = self._open_document()
         self._writer.write(document.file, document.text, document.saved)
@@ -227,10 +218,10 @@ class SceneEditing:
         )
 
     def copy(self) -> str:
-        """Write the proposal into a new file of the start folder.
+        """Write the proposal into a new file of the start folder; return a message.
 
         Raises:
-            ConfigError: it cannot be.
+            ConfigError: it cannot be written.
         """
         document = self._open_document()
         known = {*files_of(document.robot), *named_files(document.robot)} - {document.file}
@@ -242,7 +233,7 @@ class SceneEditing:
         return f"saved as {file}, which is edited from now on; start it with: softsim up {file}"
 
     async def apply(self) -> str:
-        """Go on with the proposal.
+        """Build the proposed scene and continue with it; return a message.
 
         Raises:
             SoftSimError: it cannot be built.
@@ -258,7 +249,7 @@ class SceneEditing:
         return "applied: the scene begins anew as it is proposed"
 
     def scene_replaced(self) -> None:
-        """Another scene runs, or the same one loaded anew."""
+        """Update the document after another scene, or the same one reloaded, has started to run."""
         files, document = self._running.files(), self._document
         if document is None:
             return
@@ -268,7 +259,7 @@ class SceneEditing:
         elif files.text is None:
             self._tell(self._done(self._follow))
 
-    # --- what is told ---------------------------------------------------------------------------------
+    # --- proposals -------------------------------------------------------------------------------------
 
     def _tell(self, sentence: str) -> None:
         self._revision += 1
@@ -297,7 +288,7 @@ class SceneEditing:
         found = []
         try:
             every = chosen_by(robot.scene, self._shapes)
-        except Exception as error:  # such as a mesh that cannot be used; it would not be applied either
+        except Exception as error:  # such as a mesh that cannot be used, with which apply would fail too
             return (ChosenPoints("scene", 0, np.zeros((0, 3)), sentence_of(error)),)
         for each in every:
             stride = -(-len(each.points) // MOST_POINTS) or 1
@@ -307,7 +298,7 @@ class SceneEditing:
     # --- the document ---------------------------------------------------------------------------------
 
     def _open(self) -> str:
-        """Read the file of the scene that runs."""
+        """Read the file of the running scene; return a message."""
         self._document = None
         source = self._running.files().scene.source
         if source is None:
@@ -320,14 +311,14 @@ class SceneEditing:
         return f"editing {source.name}"
 
     def _made(self, file: Path, text: str) -> SceneDocument:
-        """A document whose programs, such as the xacro file of an arm, are those that run with the scene."""
+        """Return a document that may run only the running scene's programs, such as an arm's xacro file."""
         with limited_to(self._running.files().programs):
             return SceneDocument(file, text)
 
     def _follow(self) -> str:
-        """Know what the files hold that were loaded anew; a proposal that changes nothing follows them."""
+        """Record the text of the reloaded files; a proposal without changes is read again from them."""
         document = self._open_document()
-        assert self._source is not None  # as every document has
+        assert self._source is not None  # every document has one
         self._runs = self._writer.read(self._source)
         if document.file == self._source and not document.is_changed and document.saved != self._runs:
             return self._open()
@@ -351,10 +342,10 @@ class SceneEditing:
         self._tell(self._done(change))
 
     def _done(self, action: Callable[[], str]) -> str:
-        """Do something and return its sentence, or why not, which is logged, too."""
+        """Run an action and return its message; if it fails, log and return why."""
         try:
             return action()
-        except Exception as error:  # what others send may go wrong anywhere
+        except Exception as error:  # a remote request may fail anywhere
             sentence = sentence_of(error)
             self._node.refuse(sentence)
             return sentence
@@ -382,10 +373,10 @@ class SceneEditing:
 
 
 def _routes(robot: RobotDescription) -> dict[str, Array]:
-    """Pull point and points of each cable in the world."""
+    """Return pull point and points in [m] of each cable in the world, by joint name."""
     routes: dict[str, Array] = {}
     for joint in robot.joints:
         if joint.kind == "cable":
-            with suppress(SoftSimError):  # its points' file is gone
+            with suppress(SoftSimError):  # the file with its points is gone
                 routes[joint.name] = np.array(routed_points(robot, joint.name))[:MOST_POINTS]
     return routes

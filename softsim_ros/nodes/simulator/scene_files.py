@@ -1,4 +1,4 @@
-"""Loading scenes while the simulator runs: files and their changes, the next scene, compilation beside it."""
+"""Load scenes while the simulator runs: files and their changes, the next scene, background compilation."""
 
 from __future__ import annotations
 
@@ -16,22 +16,33 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from softsim_core import RobotDescription, Simulation, load_scene
-from softsim_core.base.errors import ConfigError, SceneError, SoftSimError, SolverDivergedError
-from softsim_core.base.processes import python_command, start_process
-from softsim_core.base.values import MeshFile
-from softsim_core.physics.dynamics.backends import has_compiled_step
-from softsim_core.scene import SceneCatalog
-from softsim_core.scene.editing import Put, SceneDocument
-from softsim_core.scene.editing.document import Proposal
-from softsim_core.scene.editing.edits import Edit
-from softsim_core.scene.io.catalog import names_up_to
-from softsim_core.scene.io.files import file_names, named_files
-from softsim_core.scene.io.programs import ANY_PROGRAM, ProgramRule, limited_to
-from softsim_core.scene.io.yaml_loader import Item, load_yaml, read_overrides
-from softsim_core.scene.io.yaml_source import read_yaml, relative_to_file
-from softsim_core.scene.size import check_size
-from softsim_core.simulation.warmup import get_ready_to_load, kernels_ready
-from softsim_node.ending import ending
+from softsim_core.base import (
+    ConfigError,
+    MeshFile,
+    SceneError,
+    SoftSimError,
+    SolverDivergedError,
+    python_command,
+    start_process,
+)
+from softsim_core.physics.dynamics import has_compiled_step
+from softsim_core.scene import SceneCatalog, check_size
+from softsim_core.scene.editing import Edit, Proposal, Put, SceneDocument
+from softsim_core.scene.io import (
+    ANY_PROGRAM,
+    Item,
+    ProgramRule,
+    file_names,
+    limited_to,
+    load_yaml,
+    named_files,
+    names_up_to,
+    read_overrides,
+    read_yaml,
+    relative_to_file,
+)
+from softsim_core.simulation import get_ready_to_load, kernels_ready
+from softsim_node import ending
 from softsim_ros.nodes.simulator.parameters import SimulatorSettings
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 from softsim_ros.nodes.simulator.spawning import Spawnings, exchanged
@@ -42,14 +53,16 @@ BEGINS: Final = "the robot begins on the SciPy path while kernels compile beside
 
 
 class CompiledLater:
-    """Compiles, then has a physics thread step by the compiled kernels; waits for nobody.
+    """Compiles the kernels in the background, then switches the physics thread to them.
 
-    What the scene steps by comes first, then what other scenes need, then what large meshes need more.
+    Nothing waits for it. The kernels of the running scene are compiled first, then those that other scenes
+    need, then those that only large meshes need.
 
     Args:
-        physics: Whose simulation.
-        scene: File of the scene that runs; None: it is not as its file says, and waits for all kernels.
-        logger: The node's.
+        physics: Thread that runs the simulation.
+        scene: File of the running scene; None if the scene differs from its file: it then waits for all
+            kernels.
+        logger: Logger of the node.
     """
 
     def __init__(self, physics: PhysicsThread, scene: str | os.PathLike[str] | None, logger: Any) -> None:
@@ -59,15 +72,15 @@ class CompiledLater:
         self._stages: list[list[str]] = [*own, ["--small"], []]
         self._ended = threading.Event()
         self._child: subprocess.Popen[bytes] | None = None
-        self._changes = threading.Lock()  # of the child: none begins once all has ended
+        self._changes = threading.Lock()  # guards the child process: none starts after close()
         self._thread = threading.Thread(target=self._run, name="compiled later", daemon=True)
 
     def start(self) -> None:
-        """Begin to compile."""
+        """Start to compile."""
         self._thread.start()
 
     def close(self) -> None:
-        """End the process if it still compiles: what is in the cache stays, the next start goes on there."""
+        """End the compiling process, if any; the cache stays, so the next start continues from there."""
         with self._changes:
             self._ended.set()
             child = self._child
@@ -81,7 +94,7 @@ class CompiledLater:
     def _run(self) -> None:
         for words in self._stages:
             if not self._compile(words):
-                continue  # the scene's file may be gone; all other kernels hold its own
+                continue  # the scene's file may be gone; the later stages include its kernels
             try:
                 self._go_over()
             except SoftSimError as error:
@@ -89,7 +102,10 @@ class CompiledLater:
                     self._logger.warning(f"the SciPy path goes on: {error}")
 
     def _compile(self, words: list[str]) -> bool:
-        """Have a process compile, and wait for it; False where it failed, which is told, or all has ended."""
+        """Compile in a child process and wait for it.
+
+        Return False if it failed, which is logged, or if `close` ended it.
+        """
         with self._changes:
             if self._ended.is_set():
                 return False
@@ -98,7 +114,7 @@ class CompiledLater:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-                start_new_session=True,  # Ctrl-C is for the robot, which ends this process
+                start_new_session=True,  # Ctrl-C is for the node, which ends this process itself
             )
         _, errors = self._child.communicate()
         if self._child.returncode and not self._ended.is_set():
@@ -107,7 +123,10 @@ class CompiledLater:
         return self._child.returncode == 0
 
     def _go_over(self) -> None:
-        """Until the simulation that runs steps by the kernels, or needs some that are not compiled yet."""
+        """Switch the running simulation to the kernels.
+
+        Do nothing if it uses them already or needs some that are not compiled yet.
+        """
         while not self._ended.is_set():
             running = self._physics.call(lambda simulation: simulation, shows=False)
             if running.compiled or not (kernels_ready() or running.robot.source == self._scene):
@@ -122,7 +141,7 @@ class CompiledLater:
 
 
 def _compiled(running: Simulation) -> Simulation:
-    """The same scene, stepped by the kernels, which this loads."""
+    """Return the same scene stepped by the kernels; building it loads them."""
     robot = replace(running.robot, controllers=())
     trial = Simulation(robot, backend="numba")
     with suppress(SolverDivergedError):
@@ -132,7 +151,10 @@ def _compiled(running: Simulation) -> Simulation:
 
 
 def _goes_over(running: Simulation, loaded: Simulation) -> Callable[[Simulation], int | None]:
-    """What to do between two steps; gives the next step's number, None where another simulation runs now."""
+    """Return an action that switches `running` to the kernels between two steps.
+
+    The action returns the number of the next step, or None if another simulation runs by then.
+    """
 
     def go_over(simulation: Simulation) -> int | None:
         if simulation is not running:
@@ -147,18 +169,18 @@ Stamps = dict[Path, tuple[int, int] | None]
 
 
 class SceneFiles:
-    """The source of a scene: its file, the files it extends or imports, its meshes, what is laid over them.
+    """Sources of a scene: its file, the files that it extends or imports, its meshes, and overrides.
 
     Args:
-        robot: As loaded; one that came from no file can be neither watched nor loaded anew.
-        programs: Which programs run when it is loaded anew, such as the xacro file of its arm.
+        robot: As loaded; one that came from no file can be neither watched nor reloaded.
+        programs: Programs that may run when it is reloaded, such as the xacro file of its arm.
 
     Attributes:
-        scene: The scene that runs.
+        scene: The running scene.
         programs: As given.
-        overrides: Text of values that are laid over the files when they are loaded, see `read_overrides`.
-        spawned: What was put beside it since; it stays when the files are loaded anew.
-        text: What stands for the text of its file until the files are loaded anew; None: nothing does.
+        overrides: Text of values that override those of the files when they are loaded, see `read_overrides`.
+        spawned: Bodies that were spawned since the start; they stay when the files are reloaded.
+        text: Text that replaces that of the scene's file until the files are reloaded; None: none.
     """
 
     def __init__(self, robot: RobotDescription, programs: ProgramRule = ANY_PROGRAM) -> None:
@@ -171,11 +193,11 @@ class SceneFiles:
         self._named_files = named_files(robot)
 
     def load(self) -> RobotDescription:
-        """The scene as its files are now.
+        """Load the scene from its files as they are now.
 
         Raises:
             SceneError: it came from no file.
-            ConfigError: any problem in the files or in the overrides, in one sentence.
+            ConfigError: any problem in the files or in the overrides, as a message.
         """
         if self._source is None:
             raise SceneError(f"{self._name} came from no file and cannot be loaded anew; restart its program")
@@ -191,11 +213,14 @@ class SceneFiles:
         return exchanged(scene, (), self.spawned)
 
     def try_overrides(self, overrides: str) -> RobotDescription:
-        """The scene with other overrides, which come from others; only `load` takes them over.
+        """Return the scene with other overrides, which may be remote.
+
+        Nothing else changes; `take_over` makes it the running scene.
 
         Raises:
             SceneError: it came from no file.
-            ConfigError: as `load`; or the overrides hold an arm, or name a file that the scene does not name.
+            ConfigError: as `load`; or the overrides contain an arm, or name a file that the scene does not
+                name.
         """
         if self._source is None:
             raise SceneError(f"{self._name} came from no file; nothing can be laid over it")
@@ -211,7 +236,9 @@ class SceneFiles:
         return exchanged(scene, (), self.spawned)
 
     def try_text(self, text: str) -> RobotDescription:
-        """The scene with another text in the place of its file's; only `take_over` goes on with it.
+        """Return the scene with another text in place of its file's.
+
+        Nothing else changes; `take_over` makes it the running scene.
 
         Raises:
             SceneError: it came from no file.
@@ -224,7 +251,7 @@ class SceneFiles:
         return exchanged(scene, (), self.spawned)
 
     def proposed(self, document: SceneDocument, edits: Sequence[Edit]) -> Proposal:
-        """What edits of others would make of a document of the scene; it changes nothing.
+        """Apply remote edits to a document of the scene and return the result; the document does not change.
 
         Raises:
             ConfigError: they fit nowhere, or name a file that the scene itself does not name.
@@ -238,15 +265,15 @@ class SceneFiles:
         return proposal
 
     def _check_names(self, whose: str, values: Mapping[str, Any], folder: Path) -> None:
-        """Refuse values of others that name other files than the scene does; nothing is looked for.
+        """Refuse remote values that name files which the scene does not name; no file is accessed.
 
         Args:
             whose: Names the values in a message.
             values: As `load_scene` takes them.
-            folder: That relative paths in them are relative to.
+            folder: Folder to which relative paths in them refer.
 
         Raises:
-            ConfigError: they name others, or hold an arm, which is made of files of its own.
+            ConfigError: they name other files, or contain an arm, which is made of files of its own.
         """
         if "arm" in values:
             raise ConfigError(whose, "arm", "is made of files; change it in the scene's own file")
@@ -254,7 +281,7 @@ class SceneFiles:
         _refuse_others(whose, others)
 
     def _check_files(self, whose: str, scene: RobotDescription) -> None:
-        """Refuse a scene made with values of others that names other files.
+        """Refuse a scene that was built with remote values and names other files.
 
         Raises:
             ConfigError: it does; `whose` names the values.
@@ -264,18 +291,18 @@ class SceneFiles:
     def take_over(
         self, scene: RobotDescription, overrides: str, spawned: Spawnings, text: str | None = None
     ) -> None:
-        """Go on with a scene, what was laid over its files for it, what was spawned in it, and its text."""
+        """Record the scene that runs now, with its overrides, its spawned bodies and its text."""
         self.scene, self.overrides, self.spawned, self.text = scene, overrides, spawned, text
         self._files = files_of(scene)
         self._loaded = self._seen = {**stamps(self._files), **self._loaded}
 
     def note_saved(self) -> None:
-        """The text that runs was written into the file: there is nothing to load anew."""
+        """Record that the running text was written into the file, so nothing has to be reloaded."""
         self.text = None
         self._loaded = self._seen = stamps(self._files)
 
     def saved(self) -> bool:
-        """Whether a file has changed since it was loaded and is at rest since the last call."""
+        """Return whether a file has changed since it was loaded and has not changed since the last call."""
         before, self._seen = self._seen, stamps(self._files)
         at_rest = self._seen == before and None not in self._seen.values()
         return at_rest and any(self._loaded.get(file) != stamp for file, stamp in self._seen.items())
@@ -292,7 +319,7 @@ def _refuse_others(whose: str, names: Iterable[str]) -> None:
 
 
 def _written_out(edit: Put) -> Mapping[str, Any]:
-    """The part of a file that holds what an edit puts there."""
+    """Return the part of a scene file that an edit would set, as nested mappings."""
     data: Any = edit.value
     for step in reversed(edit.steps):
         data = [data] if isinstance(step, Item) else {step: data}
@@ -300,12 +327,12 @@ def _written_out(edit: Put) -> Mapping[str, Any]:
 
 
 def _plain_path(path: Path) -> Path:
-    """A path without `..`, by its text alone."""
+    """Return a path without `..`, computed from its text alone."""
     return Path(os.path.normpath(path))
 
 
 def files_of(robot: RobotDescription) -> list[Path]:
-    """Every file that the scene was made of and that a person may edit."""
+    """Return every file that the scene was made of and that a user may edit."""
     if robot.source is None:
         return []
     files = [robot.source]
@@ -320,7 +347,7 @@ def files_of(robot: RobotDescription) -> list[Path]:
 
 
 def stamps(files: list[Path]) -> Stamps:
-    """Time of the last change and size of each file; None for one that is not there."""
+    """Return modification time and size of each file; None for a missing one."""
     return {file: _stamp(file) for file in files}
 
 
@@ -333,7 +360,7 @@ def _stamp(file: Path) -> tuple[int, int] | None:
 
 
 def _extended(file: Path) -> Iterator[Path]:
-    """The files that a YAML file extends, one after the other; ends where one cannot be read."""
+    """Yield the files that a YAML file extends, in order; stop at one that cannot be read."""
     seen = {file}
     while True:
         try:
@@ -350,7 +377,7 @@ def _extended(file: Path) -> Iterator[Path]:
 
 
 def _modules_beside(source: Path) -> list[str]:
-    """Names of the imported modules that lie in the scene's folder or below, the suite's own left out."""
+    """Return names of the imported modules from the scene's folder or below, except this project's."""
     folder = str(source.parent) + "/"
     return [
         name
@@ -361,7 +388,7 @@ def _modules_beside(source: Path) -> list[str]:
 
 
 class NextScene(NamedTuple):
-    """A scene that is ready to take the place of the one that runs."""
+    """A scene that is ready to replace the running one."""
 
     files: SceneFiles
     scene: RobotDescription
@@ -372,7 +399,7 @@ class NextScene(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """What came of a parameter's wish (name and value) for another scene: that, or why there is none."""
+    """Result of building the scene that a parameter change (name and value) asks for, or the error."""
 
     wish: tuple[str, str]
     built: NextScene | None
@@ -380,18 +407,18 @@ class Tried(NamedTuple):
 
 
 class SceneBuilder:
-    """Makes simulations as the node's parameters say; in any thread, and nothing that runs is touched.
+    """Builds simulations as the node's parameters say; works in any thread and touches no running simulation.
 
     Args:
-        settings: Tells the present parameters.
-        logger: The node's.
+        settings: Returns the present parameters.
+        logger: Logger of the node.
     """
 
     def __init__(self, settings: Callable[[], SimulatorSettings], logger: Any) -> None:
         self._settings, self._logger = settings, logger
 
     def build(self, scene: RobotDescription) -> Simulation:
-        """The simulation, ready: the first real step takes no longer than the others.
+        """Build a simulation that is warmed up: its first step takes no longer than the others.
 
         Before the kernels are compiled, "auto" is the SciPy path; see CompiledLater.
 
@@ -405,11 +432,11 @@ class SceneBuilder:
         self._logger.info(f"building {robot.name}{f'; {BEGINS}' if waits else ''}")
         if waits:
             backend = "scipy"
-            get_ready_to_load()  # now, since later it would be in the way of a robot that moves
+            get_ready_to_load()  # now, since later it would delay a moving robot
 
         def make() -> Simulation:
             trial = Simulation(replace(robot, controllers=()), backend=backend)
-            with suppress(SolverDivergedError):  # the physics thread will meet it, stop there and say so
+            with suppress(SolverDivergedError):  # the physics thread will meet it too, stop and report it
                 trial.step()
             trial.von_mises()
             return Simulation(robot, backend=backend)
@@ -422,12 +449,12 @@ class SceneBuilder:
         return simulation
 
     def waits(self, robot: RobotDescription) -> bool:
-        """Whether the robot begins on the SciPy path because kernels are not compiled yet."""
+        """Return whether the robot starts on the SciPy path because kernels are not compiled yet."""
         compiles = self._settings().backend == "auto" and has_compiled_step(robot.scene.solver.linear_solver)
         return compiles and not kernels_ready()
 
     def anew(self, files: SceneFiles) -> NextScene:
-        """The scene as its files are now.
+        """Load and build the scene from its files as they are now.
 
         Raises:
             SoftSimError: it cannot be loaded or built.
@@ -436,7 +463,7 @@ class SceneBuilder:
         return NextScene(files, scene, self.build(scene), files.overrides, files.spawned)
 
     def named(self, name: str, scenes: SceneCatalog) -> NextScene:
-        """A known scene by its name.
+        """Load and build a known scene by its name.
 
         Raises:
             SoftSimError: it is not known, or cannot be loaded or built.
@@ -445,7 +472,7 @@ class SceneBuilder:
         return self.anew(SceneFiles(robot, scenes.rule_of(scenes.find(name))))
 
     def overridden(self, overrides: str, files: SceneFiles) -> NextScene:
-        """The scene with other values laid over its files.
+        """Load and build the scene with other overrides of its files.
 
         Raises:
             SoftSimError: it cannot be loaded or built with them.
@@ -459,7 +486,11 @@ class SceneBuilder:
     def with_spawned(
         self, files: SceneFiles, change: Callable[[RobotDescription, Spawnings], Spawnings]
     ) -> NextScene:
-        """The scene that runs, with other bodies spawned; `change` makes them of it and of those before.
+        """Build the running scene with other spawned bodies.
+
+        Args:
+            files: Sources of the running scene.
+            change: Returns the new spawned bodies, given the scene and the present ones.
 
         Raises:
             SoftSimError: it cannot be built with them, or `change` refuses.
@@ -469,7 +500,7 @@ class SceneBuilder:
         return NextScene(files, scene, self.build(scene), files.overrides, spawned, files.text)
 
     def proposed(self, files: SceneFiles, text: str) -> NextScene:
-        """The scene with a proposed text in the place of its file's.
+        """Build the scene with a proposed text in place of its file's.
 
         Raises:
             SoftSimError: it cannot be built.
@@ -479,5 +510,5 @@ class SceneBuilder:
 
 
 def reason(error: Exception) -> str:
-    """Why something failed, with the kind of an error that is not the suite's."""
+    """Return why something failed; for an error from outside this project, with its type."""
     return str(error) if isinstance(error, SoftSimError) else f"{type(error).__name__}: {error}"

@@ -1,9 +1,9 @@
-"""Frames of the robot as transforms, and the structure of its scene as a message.
+"""Publish frames of the robot as transforms, and the structure of its scene as a message.
 
 Topics: `scene/structure` (std_msgs/String, latched) is a JSON object, see `structure`; `mesh/tetrahedra`
 (std_msgs/UInt32MultiArray, latched) has the node indices of all elements; `mesh/nodes`
-(sensor_msgs/PointCloud2) has the nodes as mesh/points has the visible vertices, 10 Hz; `frames`
-(geometry_msgs/PoseArray) has the poses in `world` of the frames that the structure names, 30 Hz.
+(sensor_msgs/PointCloud2, 10 Hz) has the nodes in the format of mesh/points; `frames`
+(geometry_msgs/PoseArray) has the poses in `world` of the frames that the structure names, at 30 Hz.
 """
 
 from __future__ import annotations
@@ -20,17 +20,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, String, UInt32MultiArray
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.mechanics.model import FIXED
-from softsim_core.physics.mechanics.pose import quaternion_of, rotation_euler, rotation_of
+from softsim_core.base import Array
+from softsim_core.physics.mechanics import FIXED, quaternion_of, rotation_euler, rotation_of
 from softsim_core.physics.sensing import ForceTorqueDescription, ImuDescription
-from softsim_core.scene.io.location import places_of
-from softsim_core.scene.io.portable import write_description
+from softsim_core.scene.io import places_of, write_description
 from softsim_core.simulation import Simulation
-from softsim_node.frames import BASE_LINK, WORLD, RobotFrames
-from softsim_node.topics import LATCHED
+from softsim_node import BASE_LINK, LATCHED, WORLD, RobotFrames
 from softsim_ros import messages
-from softsim_ros.description.links import Link, links_of, moved_link
+from softsim_ros.description import Link, links_of, moved_link
 from softsim_ros.messages import transform_stamped
 from softsim_ros.nodes.simulator.monitor import RateGate
 
@@ -38,11 +35,11 @@ from softsim_ros.nodes.simulator.monitor import RateGate
 class FrameTree:
     """Transforms of a simulation's links and of its rigid bodies.
 
-    A link that the simulation measures is where it is, with moved bases too; a rigid body that no link shows
-    hangs on `world`, under its name.
+    A link with a measured pose gets that pose, also with moved bases. A rigid body without a link is a child
+    of `world`, under its own name.
 
     Args:
-        simulation: Whose frames; of another scene another tree is made.
+        simulation: Scene of the frames; another scene needs another tree.
         frames: Names of the frames.
     """
 
@@ -73,11 +70,11 @@ class FrameTree:
         }
 
     def of_sensor(self, name: str) -> str:
-        """The frame of a sensor that has one of its own, fixed in what it sits on: an IMU."""
+        """Return the frame of a sensor that has its own, such as an IMU, fixed to the sensor's mount."""
         return self._frames.of(self._units[name][1])
 
     def of_place(self, name: str) -> str:
-        """The frame of what a sensor may sit on, by the name that the scene gives it."""
+        """Return the frame of a part that sensors may be mounted on, by its name in the scene."""
         scene = self._scene
         name = next((each.to for each in scene.attachments if each.name == name and each.to != "free"), name)
         if name == WORLD:
@@ -92,11 +89,11 @@ class FrameTree:
         return self._frames.of(name)  # the base of a joint
 
     def of_body(self, number: int, name: str) -> str:
-        """The frame of a rigid body, by its number and name in the scene."""
+        """Return the frame of a rigid body, by its number and name in the scene."""
         return self._frames.of(self._objects[number] if number in self._objects else self._carried[name])
 
     def still(self, stamp: Time) -> list[TransformStamped]:
-        """What never moves: `world` to the base, and what is fixed to another link."""
+        """Return the static transforms: `world` to the base, fixed links, and sensors."""
         base = transform_stamped(stamp, WORLD, self._frames.base, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
         links = [self._transform(stamp, link, *link.pose(0.0)) for link in self._still]
         return [base, *links, *(self._unit(stamp, unit, name) for unit, name in self._units.values())]
@@ -109,7 +106,7 @@ class FrameTree:
         return transform_stamped(stamp, parent, child, unit.pose.translation, turn)
 
     def moving(self, simulation: Simulation, stamp: Time) -> list[TransformStamped]:
-        """What moves, as it is now."""
+        """Return the current transforms of moving links and rigid bodies."""
         measured, positions = simulation.frames(), simulation.joint_positions
         world: dict[str, tuple[Array, Array]] = {BASE_LINK: (np.zeros(3), np.eye(3))}
         transforms = []
@@ -139,7 +136,7 @@ FRAMES_PERIOD_S = 1.0 / 30.0
 
 
 class StructurePublications:
-    """Publishers of a scene's inner structure; used from the thread that owns the simulation.
+    """Publishes the inner structure of a scene; used from the thread that owns the simulation.
 
     Args:
         node: Owner of the publishers.
@@ -154,14 +151,20 @@ class StructurePublications:
         self._nodes_gate, self._frames_gate = RateGate(NODES_PERIOD_S), RateGate(FRAMES_PERIOD_S)
 
     def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
-        """Send what does not move, of a scene with `overrides` laid over its file, and names of others."""
+        """Publish the static part of a scene.
+
+        Args:
+            simulation: The scene.
+            overrides: Text of the overrides of its file.
+            scenes: Names of the scenes that can be loaded in its place.
+        """
         self._generation = max(self._generation + 1, time.time_ns())
         told = structure(simulation, overrides, scenes, self._generation)
         self._tetrahedra.publish(index_array(simulation.tets))
         self._structure.publish(String(data=json.dumps(told)))
 
     def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
-        """Send what is due; `now` is a steady clock in [s], `whole` asks for everything at once."""
+        """Publish what is due; `now` is a steady clock in [s], `whole` publishes everything at once."""
         if self._frames.get_subscription_count() and (self._frames_gate.passes(now) or whole):
             poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.frames().values()]
             self._frames.publish(PoseArray(header=messages.header(stamp, "world"), poses=poses))
@@ -173,18 +176,18 @@ class StructurePublications:
 def structure(
     simulation: Simulation, overrides: str = "", scenes: Sequence[str] = (), generation: int = 0
 ) -> dict[str, Any]:
-    """The parts of a scene as plain values: all that a program needs which draws it, without its files.
+    """Return the parts of a scene as plain values: all that a program needs to draw it without its files.
 
     Returns:
         `generation`, a number that grows with every scene, across restarts too; `name`; `description`, the
-        scene as YAML text with every value; `overrides`, YAML text of what is laid over its file; `scenes`,
-        names of those that the parameter `robot` takes; `places`, file and line of each part, by its steps
+        scene as YAML text with every value; `overrides`, YAML text of the values that override its file;
+        `scenes`, names that the parameter `robot` accepts; `places`, file and line of each part, by its steps
         such as "joints/servo_0/base"; `dt` in [s]; `frames`, names in the order of the topic `frames`;
         `bodies`, each with `name`, `points` and `triangles` (first and end index in mesh/topology), `nodes`
         (first and end index in mesh/nodes) and `colour` (red, green, blue, alpha in 0..1); `body_names`, of
-        all bodies, by the numbers that `contacts/points` gives them; `regions`, each a
-        rigid region with `name`, `to` ("world", "free" or a joint) and `nodes`; `checksums`, by their topics,
-        of the meshes that belong to this generation.
+        all bodies, by the numbers that `contacts/points` gives them; `regions`, each a rigid region with
+        `name`, `to` ("world", "free" or a joint) and `nodes`; `checksums`, by their topics, of the meshes
+        that belong to this generation.
     """
     scene, model, source = simulation.scene, simulation.model, simulation.robot.source
     bodies, point, triangle = [], 0, 0
@@ -230,7 +233,7 @@ def structure(
 
 
 def index_array(rows: Any) -> UInt32MultiArray:
-    """Rows of indices (r, c) as a message whose layout tells r and c."""
+    """Return rows of indices (r, c) as a message, with r and c in its layout."""
     indices = np.asarray(rows, dtype=np.uint32)
     count, width = indices.shape
     layout = MultiArrayLayout(

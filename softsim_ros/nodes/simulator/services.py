@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_core.base.errors import SoftSimError
-from softsim_node.guards import GuardedNode
+from softsim_core.base import SoftSimError
+from softsim_node import GuardedNode
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 from softsim_ros.nodes.simulator.snapshot_folder import SnapshotFolder
 
 
 def attempt(action: Callable[[], str]) -> tuple[bool, str]:
-    """Success and sentence of a service call."""
+    """Run an action; return its success and its message for the response of a service."""
     try:
         return True, action()
     except SoftSimError as error:
@@ -23,7 +23,7 @@ def attempt(action: Callable[[], str]) -> tuple[bool, str]:
 def answering(
     action: Callable[[], str],
 ) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-    """A callback that does `action` and answers with its sentence."""
+    """Return a service callback that runs `action` and responds with its message."""
 
     def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = attempt(action)
@@ -37,8 +37,8 @@ class RunServices:
 
     Args:
         node: The simulator's node.
-        physics: What they act on.
-        tell: Called once a pause has begun or ended, before that is answered.
+        physics: Thread that the services act on.
+        tell: Called once a pause has begun or ended, before the response is sent.
     """
 
     def __init__(self, node: GuardedNode, physics: PhysicsThread, tell: Callable[[], None]) -> None:
@@ -75,10 +75,10 @@ class SnapshotServices:
 
     Args:
         node: The simulator's node.
-        physics: Whose state.
-        snapshots: Where snapshots are.
-        name: Asked for the name of the one that is meant.
-        loaded: Called once the state is another one.
+        physics: Thread that owns the state.
+        snapshots: Folder of the snapshots.
+        name: Returns the name of the snapshot to save or load.
+        loaded: Called after a snapshot was loaded.
     """
 
     def __init__(

@@ -13,31 +13,30 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError
-from softsim_core.physics.actuation.trajectory import JointTrajectory
-from softsim_core.physics.mechanics.limits import (
+from softsim_core.base import Array, CommandError
+from softsim_core.physics.actuation import JointTrajectory
+from softsim_core.physics.mechanics import (
     check_age,
     check_command,
     check_named_command,
     check_positions_only,
     says_something,
 )
-from softsim_core.scene.io.catalog import MOST_NAMES, names_up_to
+from softsim_core.scene.io import MOST_NAMES, names_up_to
 from softsim_core.simulation import Simulation
 
 MOST_POINTS: Final = 10_000
-"""A trajectory of more way points is refused: every one of them costs time between two steps."""
+"""Largest number of way points of a trajectory; each costs time between two steps."""
 
 FARTHEST_START_S: Final = 3600.0
-"""A trajectory that begins later than so many seconds from now was stamped by another clock."""
+"""Longest delay of a trajectory's start in [s]; a later start means that another clock stamped it."""
 
 LATE_S: Final = 0.5
-"""A trajectory that is over for no longer than this in [s] still goes to its end."""
+"""A trajectory that ended at most this long ago, in [s], still moves the joints to its end."""
 
 
 def position_command(message: Float64MultiArray, joints: Sequence[str]) -> Array:
-    """Joint positions in [rad] or [m], shape (len(joints),).
+    """Return joint positions in [rad] or [m], shape (len(joints),).
 
     Raises:
         CommandError: wrong length, or a value that is not a finite number.
@@ -46,20 +45,20 @@ def position_command(message: Float64MultiArray, joints: Sequence[str]) -> Array
 
 
 def seconds(stamp: Time) -> float:
-    """A time stamp in [s]."""
+    """Return a time stamp in [s]."""
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
 
 def named_command(message: JointState, joints: Sequence[str], now_s: float) -> dict[str, float]:
-    """Positions in [rad] or [m] of the joints that a message names, those with NaN left out.
+    """Return the positions in [rad] or [m] of the joints that a message names, without those that are NaN.
 
     Args:
         message: In any order, of some joints or all.
-        joints: Joints that there are.
-        now_s: The time now in [s], on the clock of the stamps.
+        joints: Names of the robot's joints.
+        now_s: The current time in [s], on the clock of the stamps.
 
     Raises:
-        CommandError: it is too old, says more than positions, or what `check_named_command` refuses.
+        CommandError: it is too old, contains more than positions, or `check_named_command` refuses it.
     """
     check_age(seconds(message.header.stamp), now_s)
     check_positions_only(message.velocity, message.effort)
@@ -67,7 +66,9 @@ def named_command(message: JointState, joints: Sequence[str], now_s: float) -> d
 
 
 def trajectory_delay(message: JointTrajectoryMessage, now_s: float) -> float:
-    """In how many seconds a trajectory begins by its time stamp, < 0 where it has begun; 0 without a stamp.
+    """Return the delay in [s] until a trajectory starts by its stamp.
+
+    It is negative if the trajectory has started already, and 0 without a stamp.
 
     Raises:
         CommandError: it is over already, or too far ahead.
@@ -88,10 +89,10 @@ def trajectory_delay(message: JointTrajectoryMessage, now_s: float) -> float:
 
 
 def trajectory_command(message: JointTrajectoryMessage, joints: Sequence[str]) -> JointTrajectory:
-    """The way points of a message, see `JointTrajectory`.
+    """Return the way points of a message, see `JointTrajectory`.
 
     Raises:
-        CommandError: unknown joints, too many of them or of points, wrong lengths, times that do not grow,
+        CommandError: unknown joints, too many joints or points, wrong lengths, times that do not grow,
             values that are not finite, slopes at some points only, or efforts.
     """
     if len(message.joint_names) > len(joints):
@@ -129,7 +130,9 @@ def trajectory_command(message: JointTrajectoryMessage, joints: Sequence[str]) -
 
 
 def _slopes(message: JointTrajectoryMessage, field: str) -> Array | None:
-    """Velocities or accelerations of all way points, shape (points, joints); None where none has them.
+    """Return velocities or accelerations of all way points, shape (points, joints).
+
+    Return None if no point has them.
 
     Raises:
         CommandError: only some have them, or not one for each joint.
@@ -146,14 +149,14 @@ def _slopes(message: JointTrajectoryMessage, field: str) -> Array | None:
 
 
 LONGEST_S: Final = 0.2
-"""The way from one message to the next takes this long at most, in [s]."""
+"""Longest time in [s] over which positions are interpolated from one message to the next."""
 
 
 class LedJoints:
-    """Positions of joints by name, on their way from one message to the next.
+    """Positions of externally driven joints by name, interpolated from one message to the next.
 
-    A joint takes as long from one place to the next as there is between the stamps of the messages: what
-    hangs on it feels an even motion, one message late, and no jerk at each of them.
+    A joint moves for as long as the difference between the stamps of the last two messages. Attached bodies
+    thus see an even motion, one message late, without a jerk at each message.
     """
 
     def __init__(self) -> None:
@@ -164,12 +167,15 @@ class LedJoints:
         self._to: dict[str, float] = {}
 
     def hear(self, positions: Mapping[str, float], stamp: float) -> None:
-        """Take a message of a time stamp in [s]; from any thread."""
+        """Store a message with its time stamp in [s]; may be called from any thread."""
         with self._lock:
             self._newest = stamp, dict(positions)
 
     def advance(self, simulation: Simulation) -> dict[str, float]:
-        """Where joints that the simulation has are led at the end of the next step; in its thread."""
+        """Return the positions at the end of the next step of all driven joints that the simulation has.
+
+        Call it from the thread of the simulation.
+        """
         with self._lock:
             newest, self._newest = self._newest, None
         if newest is not None:
@@ -197,12 +203,12 @@ class Progress:
     """A step of a trajectory, for the k joints that it names.
 
     Attributes:
-        elapsed: Time since its begin in [s], >= 0.
-        desired: Where the joints should be in [rad] or [m], or in the unit of an effort that they are told,
-            shape (k,).
-        desired_velocities: The same a second, shape (k,).
-        actual: Where they are, or their effort, shape (k,).
-        actual_velocities: Shape (k,); NaN of efforts, whose rates are not measured.
+        elapsed: Time since its start in [s], >= 0.
+        desired: Desired positions in [rad] or [m], or desired efforts in the unit of an effort-controlled
+            joint, shape (k,).
+        desired_velocities: Their rates per second, shape (k,).
+        actual: Actual positions or efforts, shape (k,).
+        actual_velocities: Shape (k,); NaN for efforts, whose rates are not measured.
     """
 
     elapsed: float
@@ -213,20 +219,27 @@ class Progress:
 
 
 class Follower(Protocol):
-    """Who gave a trajectory and wants to know how it goes and how it ends."""
+    """Observer of a trajectory, for example the goal of an action."""
 
     def follow(self, progress: Progress) -> bool:
-        """Called in the physics thread after each step of it; True: it has ended."""
+        """Process a step of the trajectory; return True to end it. Called in the physics thread."""
         ...
 
     def give_up(self, reason: str) -> None:
-        """Called from any thread, once: why it ended before its time, such as "the simulation was reset"."""
+        """Process an early end of the trajectory. Called once, from any thread.
+
+        Args:
+            reason: Why it ended, such as "the simulation was reset".
+        """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """A trajectory with its follower, and once it runs its begin in [s] and the command (j,) at that time."""
+    """A trajectory with its follower.
+
+    Once it runs, also its start time in [s] and the command, shape (j,), at that time.
+    """
 
     trajectory: JointTrajectory
     follower: Follower | None
@@ -235,22 +248,22 @@ class _Course:
 
 
 class Commanded:
-    """The commands of a simulation's joints, from any thread, applied in the one that steps it.
+    """Commands of a simulation's joints: set from any thread, applied in the thread that steps it.
 
     Args:
-        on_refusal: Called in that thread with the sentence of a refused command.
+        on_refusal: Called in that thread with the message of a refused command.
 
     Attributes:
-        led: Joints that somebody else moves: whatever is commanded, they go where they are led.
-        clamped: Commands that were moved to the limits, in all.
-        refused: Commands that the simulation refused, in all.
+        led: Externally driven joints; they follow their driver whatever is commanded.
+        clamped: Total number of commands that were clamped to the limits.
+        refused: Total number of commands that the simulation refused.
     """
 
     def __init__(self, on_refusal: Callable[[str], None]) -> None:
         self._on_refusal = on_refusal
         self._lock = threading.Lock()
         self._newest: Array | _Course | None = None
-        self._named: dict[str, float] = {}  # positions of some joints, over the newest command
+        self._named: dict[str, float] = {}  # positions of some joints, which override the newest command
         self._delay = 0.0
         self._course: _Course | None = None
         self._leaving: list[tuple[Follower, str]] = []
@@ -262,12 +275,14 @@ class Commanded:
     def command(
         self, target: Array | JointTrajectory, delay_s: float = 0.0, follower: Follower | None = None
     ) -> None:
-        """Give joint positions, shape (j,), or a trajectory for the next step; the newest of either wins.
+        """Command joint positions, shape (j,), or a trajectory from the next step on.
+
+        The newest command replaces earlier ones of either kind.
 
         Args:
             target: Where to go.
             delay_s: In how many simulated seconds a trajectory begins; < 0: it has begun already.
-            follower: Is told how the trajectory goes and ends.
+            follower: Observer of the trajectory.
         """
         newest = _Course(target, follower) if isinstance(target, JointTrajectory) else target
         with self._lock:
@@ -276,7 +291,7 @@ class Commanded:
         _give_up(before, TAKEN_OVER)
 
     def command_named(self, positions: Mapping[str, float]) -> None:
-        """Give positions of some joints by name for the next step; the others stay where they are told."""
+        """Command positions of some joints by name from the next step on; other commands stay."""
         with self._lock:
             self._named.update(positions)
 
@@ -289,11 +304,11 @@ class Commanded:
 
     @property
     def runs_trajectory(self) -> bool:
-        """Whether a trajectory is on its way."""
+        """Whether a trajectory is running."""
         return self._course is not None
 
     def apply(self, simulation: Simulation) -> None:
-        """Tell the joints what is due in the next step."""
+        """Send the simulation the commands that are due in the next step."""
         with self._lock:
             newest, self._newest = self._newest, None
             named, self._named, delay = self._named, {}, self._delay
@@ -321,7 +336,7 @@ class Commanded:
             self._on_refusal(str(error))
 
     def follow(self, simulation: Simulation) -> None:
-        """Show the step that was done to the follower of the trajectory."""
+        """Pass the completed step to the follower of the trajectory, if any."""
         course = self._course
         if course is None or course.follower is None or simulation.time < course.begin:
             return
@@ -337,11 +352,12 @@ class Commanded:
             self._course = None
 
     def forget(self, reason: str, whose: Callable[[Follower | None], bool] = lambda follower: True) -> None:
-        """Drop what was given before; its followers are told the reason.
+        """Drop earlier commands and trajectories; their followers receive the reason.
 
         Args:
             reason: Why, such as "the simulation was reset".
-            whose: Tells by its follower what is dropped; what nobody follows has None.
+            whose: Selects by follower what is dropped; commands and trajectories without a follower have
+                None.
         """
         with self._lock:
             newest = self._newest
@@ -359,7 +375,7 @@ class Commanded:
             return
         course = self._course
         assert course.start is not None
-        elapsed = simulation.time + simulation.dt - course.begin  # targets hold at the end of the step
+        elapsed = simulation.time + simulation.dt - course.begin  # targets apply at the end of the step
         if course.follower is None and course.trajectory.is_over(elapsed):
             self._course = None
         if elapsed >= 0.0:
@@ -384,7 +400,7 @@ def _give_up(dropped: Array | _Course | None, reason: str) -> None:
 
 
 def _within(simulation: Simulation, positions: Mapping[str, float]) -> dict[str, float]:
-    """Positions by name, within the limits where these hold."""
+    """Return positions by name, clamped to the limits if the simulation enforces them."""
     if not simulation.enforce_limits:
         return dict(positions)
     limits = {joint.name: joint.limits for joint in simulation.robot.joints}
@@ -392,13 +408,16 @@ def _within(simulation: Simulation, positions: Mapping[str, float]) -> dict[str,
 
 
 def _laid_over(simulation: Simulation, newest: Array | _Course | None, named: Mapping[str, float]) -> Array:
-    """Targets of all joints: those named, over the newest command, else over what was told before."""
+    """Return the targets of all joints, of which `named` override the newest command.
+
+    Where that is no array of positions, they override the present targets.
+    """
     targets = np.array(newest) if isinstance(newest, np.ndarray) else simulation.joint_targets
-    if simulation.enforce_limits:  # a rest pose beyond them is no command of anybody's
+    if simulation.enforce_limits:  # nobody commanded a rest pose beyond them
         targets[:] = [
             joint.limits.clamp(target) for joint, target in zip(simulation.robot.joints, targets, strict=True)
         ]
     for name, position in named.items():
-        if name in simulation.joint_names:  # else another scene has come since
+        if name in simulation.joint_names:  # otherwise another scene was loaded since
             targets[simulation.joint_names.index(name)] = position
     return targets

@@ -18,17 +18,22 @@ from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 from softsim_core import RobotDescription
-from softsim_core.base.errors import SoftSimError, listing
-from softsim_core.scene import SceneCatalog
-from softsim_core.scene.building.bodies import Body
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.io.catalog import folders_of
-from softsim_node.background import Aside
-from softsim_node.parameters import LiveParameters, ParameterError, Program, declare
-from softsim_node.process import keep_freed_memory, run_node
-from softsim_node.topics import StateTopics
-from softsim_ros.messages import step_profile
-from softsim_ros.messages.types import ERROR, OK, WARN
+from softsim_core.base import SoftSimError, listing
+from softsim_core.scene import BodyDescription, SceneCatalog
+from softsim_core.scene.building import Body
+from softsim_core.scene.io import folders_of
+from softsim_node import (
+    Aside,
+    LiveParameters,
+    ParameterError,
+    Program,
+    StateTopics,
+    declare,
+    keep_freed_memory,
+    run_node,
+)
+from softsim_ros import FrameSettings, RobotNode
+from softsim_ros.messages import ERROR, OK, WARN, step_profile
 from softsim_ros.nodes.simulator.inputs import BaseTargets, CommandInputs, Pulls, PullSettings
 from softsim_ros.nodes.simulator.parameters import (
     SCENE,
@@ -52,17 +57,16 @@ from softsim_ros.nodes.simulator.services import RunServices, SnapshotServices
 from softsim_ros.nodes.simulator.snapshot_folder import SnapshotFolder, default_name
 from softsim_ros.nodes.simulator.spawning import Spawner, Spawnings
 from softsim_ros.nodes.simulator.standard_services import StandardServices
-from softsim_ros.robot_node import FrameSettings, RobotNode
 
 SLOW = 0.95
-"""Below this share of the asked speed the simulator says that it is slow."""
+"""Below this fraction of the requested speed the simulator reports that it is slow."""
 
 NOT_LOADED: Final = "scene not loaded: "
-"""How a fault begins whose cause is a file of the scene; the physics before it is whole."""
+"""First words of a fault caused by a scene file; the physics of the previous scene is intact."""
 
 
 def memory_mb() -> float:
-    """Resident memory of this process in [MB]; 0 where /proc does not tell."""
+    """Return the resident memory of this process in [MB]; 0 where /proc does not report it."""
     try:
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmRSS:"):
@@ -73,12 +77,12 @@ def memory_mb() -> float:
 
 
 def health(status: PhysicsStatus, alive: bool, speed: float) -> tuple[bytes, str, dict[str, object]]:
-    """Level, sentence and values of the diagnostics.
+    """Return level, message and values of the diagnostics.
 
     Args:
-        status: What the physics did lately.
+        status: Recent state of the physics.
         alive: Whether its thread runs.
-        speed: Asked speed, simulated seconds a wall second; 0 is as fast as possible.
+        speed: Requested speed, simulated seconds per wall second; 0 is as fast as possible.
     """
     factor = status.speed.real_time_factor
     state = "paused" if status.paused else "running"
@@ -124,11 +128,11 @@ def health(status: PhysicsStatus, alive: bool, speed: float) -> tuple[bytes, str
 
 NODE_NAME = "simulator"
 WATCH_PERIOD_S = 0.25
-"""The scene's files are looked at this often, in [s]; one that was saved must rest that long."""
+"""Period in [s] of checks of the scene's files; a saved file must stay unchanged for one period."""
 
 
 class Simulator(RobotNode):
-    """Simulates one robot or scene in real time; made as RobotNode says.
+    """Simulates one robot or scene in real time; created as RobotNode describes.
 
     Raises:
         SoftSimError: the robot is not known, or a parameter is not allowed.
@@ -225,7 +229,7 @@ class Simulator(RobotNode):
         )
 
     def close(self) -> None:
-        """End the physics, then destroy the node; a second call does nothing."""
+        """Stop the physics, then destroy the node; a second call does nothing."""
         if self._closed:
             return
         self._closed = True
@@ -254,22 +258,25 @@ class Simulator(RobotNode):
     # --- commands -------------------------------------------------------------------------------------
 
     def _now_s(self) -> float:
-        """The time now in [s], on the clock that stamps what the simulator sends."""
+        """Return the current time in [s], on the clock that stamps the simulator's messages."""
         if self._live.values.publish_clock:
             return self.physics.status.time_s
         return float(self.get_clock().now().nanoseconds) * 1e-9
 
     def _on_key(self, message: String) -> None:
-        """A key for the functions that the scene itself hung on keys."""
+        """Pass a key to the functions that the scene's own code registered for it."""
         try:
             self.physics.press_key(message.data)
-        except Exception as error:  # a scene's own code may raise anything; the node must live on
+        except Exception as error:  # a scene's own code may raise anything; the node must keep running
             self.refuse(f"key {message.data!r}: {error}")
 
     # --- another scene --------------------------------------------------------------------------------
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
-        """As ClosableNode's; parameters that bring another scene are answered once that has been built."""
+        """Create a service as ClosableNode does.
+
+        A request to set parameters that load another scene is answered once that scene has been built.
+        """
         setters = (SetParameters, SetParametersAtomically)
         if srv_type in setters:
             callback, options = self._built_first(callback), {**options, "callback_group": self._waiting}
@@ -277,7 +284,10 @@ class Simulator(RobotNode):
 
     @cached_property
     def _waiting(self) -> ReentrantCallbackGroup:
-        """Callbacks that wait for work aside; in the node's own group all others would wait with them."""
+        """Callback group of callbacks that wait for background work.
+
+        In the node's own group, which is exclusive, all other callbacks would wait with them.
+        """
         return ReentrantCallbackGroup()
 
     def _built_first(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
@@ -308,7 +318,11 @@ class Simulator(RobotNode):
         return response
 
     async def _reload(self) -> str:
-        """Load the scene's files anew and go on with it; with wrong ones the scene before stays, paused."""
+        """Reload the scene's files and continue with them.
+
+        Raises:
+            SoftSimError: the files are wrong; the previous scene stays, paused.
+        """
         try:
             following = await self._aside.run(partial(self._builder.anew, self._files))
         except Exception as error:
@@ -319,7 +333,10 @@ class Simulator(RobotNode):
         return f"loaded {following.scene.source}"
 
     def _prepare(self, name: str, value: str) -> NextScene:
-        """The scene that `robot` or `overrides` asks for, ready to run; nothing changes here."""
+        """Return the scene that a value of `robot` or `overrides` asks for, ready to run.
+
+        Nothing that runs changes.
+        """
         if name == "robot":
             return self._builder.named(value, self._scenes)
         return self._builder.overridden(value, self._files)
@@ -327,14 +344,14 @@ class Simulator(RobotNode):
     def _go_on_with(self, following: NextScene) -> None:
         try:
             self._tuning.declare(following.scene)
-        except ParameterError:  # what was given at the start fits another material
+        except ParameterError:  # values given at the start fit another material
             self._tuning.declare(following.scene, given=False)
         self._tuning.tune(following.simulation)
         self._replace(following)
         self.joint_names = following.simulation.joint_names
 
     async def _exchange(self, change: Callable[[RobotDescription, Spawnings], Spawnings]) -> None:
-        """Go on with the same scene and other bodies spawned in it, from where it is then."""
+        """Continue the same scene with other spawned bodies, from its state at that time."""
         following = await self._aside.run(lambda: self._builder.with_spawned(self._files, change))
         self._replace(following, goes_on=True)
 
@@ -350,7 +367,7 @@ class Simulator(RobotNode):
     # --- edits of its file ----------------------------------------------------------------------------
 
     def _running(self) -> Running:
-        """What edits are applied to."""
+        """Return the access to the running scene for the edit mode."""
 
         def bodies() -> list[tuple[BodyDescription, Body]]:
             return self.physics.call(
@@ -360,7 +377,7 @@ class Simulator(RobotNode):
         return Running(lambda: self._files, bodies, self._aside.run, self._go_on_with)
 
     def _writer(self) -> SceneWriter:
-        """What may write the file that the start command named."""
+        """Return the writer of the scene file, restricted to the files that the start command named."""
         return SceneWriter(self.named.values(), self._scenes.start_folder)
 
     # --- parameters -----------------------------------------------------------------------------------
@@ -394,7 +411,7 @@ class Simulator(RobotNode):
         self._publications.marker_stress = settings.marker_stress
 
     def _take_over_tuning(self) -> None:
-        """Make the parameters tell what the loaded snapshot holds."""
+        """Set the parameters to the values of the loaded snapshot."""
         values, limits = self.physics.call(
             lambda simulation: (self._tuning.read(simulation), simulation.enforce_limits), shows=False
         )
@@ -425,7 +442,7 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the simulator as a process; returns the exit code."""
+    """Run the simulator as a process; return the exit code."""
     return run_node(PROGRAM, lambda _: Simulator(), args)
 
 

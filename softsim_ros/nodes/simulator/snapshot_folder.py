@@ -1,4 +1,4 @@
-"""Where snapshots of robots are kept: under names in one folder, whole or not at all, in ordinary files."""
+"""Storage of snapshots: ordinary files in one folder, by name, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,35 +10,34 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from softsim_core.base.errors import SnapshotError
-from softsim_core.base.files import write_file
-from softsim_core.scene.io.catalog import shortened
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.base import SnapshotError, write_file
+from softsim_core.scene import RobotDescription
+from softsim_core.scene.io import shortened
 
 MOST_BYTES: Final = 2**30
-"""A larger file is no snapshot."""
+"""Largest size of a snapshot file in bytes."""
 
 SUFFIX: Final = ".snapshot"
 LONGEST_NAME: Final = 64
-"""Characters of a snapshot's name at most."""
+"""Largest number of characters in a snapshot's name."""
 
 _NAME: Final = re.compile(rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{LONGEST_NAME - 1}}}")
 
 
 def default_folder(environment: Mapping[str, str] = os.environ) -> Path:
-    """`softsim` under XDG_STATE_HOME, or under ~/.local/state where that is not set."""
+    """Return `softsim` under XDG_STATE_HOME, or under ~/.local/state where that is not set."""
     home = environment.get("HOME") or os.path.expanduser("~")  # noqa: PTH111 (which may find none)
     return Path(environment.get("XDG_STATE_HOME") or Path(home, ".local", "state")) / "softsim"
 
 
 def default_name(robot: RobotDescription, namespace: str) -> str:
-    """The snapshot of a robot: its name, behind that of a namespace which is not its own.
+    """Return the default snapshot name of a robot: its name, prefixed by a namespace that is not its own.
 
-    So two robots of one kind in two namespaces do not share a file.
+    Two robots of one kind in two namespaces thus do not share a file.
 
     Args:
         robot: The robot.
-        namespace: Of the node, such as `/lab/left`: the name is `lab.left.tripod` there.
+        namespace: Namespace of the node; in `/lab/left` the name is `lab.left.tripod`.
     """
     place = namespace.strip("/")
     if place in ("", robot.namespace.strip("/")):
@@ -47,17 +46,17 @@ def default_name(robot: RobotDescription, namespace: str) -> str:
 
 
 class SnapshotFolder:
-    """Snapshots by name in a folder: never through links, never over anything but an ordinary file.
+    """Snapshots by name in a folder; links are not followed, and only ordinary files are overwritten.
 
     Args:
-        folder: Made with the first snapshot.
+        folder: Created with the first snapshot.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def file(self, name: str) -> Path:
-        """The file of a snapshot.
+        """Return the path of a snapshot.
 
         Raises:
             SnapshotError: the name is not allowed.
@@ -70,11 +69,11 @@ class SnapshotFolder:
         return self._folder / f"{name}{SUFFIX}"
 
     def write(self, name: str, data: bytes) -> Path:
-        """Write a snapshot whole or not at all; returns its file.
+        """Write a snapshot completely or not at all; return its path.
 
         Raises:
             SnapshotError: the name is not allowed, a link or a device is in its place, or the file cannot be
-                written; an older one is kept.
+                written; an older snapshot is preserved.
         """
         file = self.file(name)
         try:
@@ -89,7 +88,7 @@ class SnapshotFolder:
         return file
 
     def read(self, name: str) -> bytes:
-        """The bytes of a snapshot.
+        """Return the bytes of a snapshot.
 
         Raises:
             SnapshotError: the name is not allowed, there is none, it is no ordinary file, or it cannot be
@@ -98,7 +97,7 @@ class SnapshotFolder:
         file = self.file(name)
         try:
             _need_ordinary(file, file.lstat())
-            flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK  # what was put there since does not block
+            flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK  # a pipe put there since cannot block
             with os.fdopen(os.open(file, flags), "rb") as stream:
                 _need_ordinary(file, os.fstat(stream.fileno()))
                 return stream.read(MOST_BYTES)
@@ -109,7 +108,7 @@ class SnapshotFolder:
 
 
 def _need_ordinary(file: Path, status: os.stat_result) -> None:
-    """Refuse links, devices and folders, and files that are too large."""
+    """Raise if the file is a link, a device or a folder, or if it is too large."""
     if not stat.S_ISREG(status.st_mode):
         raise SnapshotError(
             f"snapshot {file} is a link, a device or a folder, not an ordinary file; remove it"

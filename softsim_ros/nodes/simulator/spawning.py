@@ -1,4 +1,4 @@
-"""Rigid bodies of known scenes that are added to the running simulation and removed again."""
+"""Add rigid bodies of known scenes to the running simulation and remove them again."""
 
 from __future__ import annotations
 
@@ -12,21 +12,18 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from softsim_core import RobotDescription
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import ConfigError, SceneError, SoftSimError
-from softsim_core.base.values import Placement
-from softsim_core.physics.mechanics.pose import euler_of
-from softsim_core.scene import SceneCatalog
-from softsim_core.scene.building.contact_builder import rigid_objects
-from softsim_core.scene.description import CollisionDescription, RigidBodyDescription, SceneDescription
-from softsim_core.scene.io.catalog import MOST_NAMES, names_up_to
+from softsim_core.base import Array, ConfigError, Placement, SceneError, SoftSimError
+from softsim_core.physics.mechanics import euler_of
+from softsim_core.scene import CollisionDescription, RigidBodyDescription, SceneCatalog, SceneDescription
+from softsim_core.scene.building import rigid_objects
+from softsim_core.scene.io import MOST_NAMES, names_up_to
 
 
 class RequestError(SoftSimError):
-    """A request that is answered with another result than OK.
+    """A request whose result is not OK.
 
     Args:
-        kind: Name of the result, such as "NOT_FOUND", or of one of the service's own.
+        kind: Name of the result, such as "NOT_FOUND", or of one that only this service has.
         sentence: Why.
     """
 
@@ -36,13 +33,13 @@ class RequestError(SoftSimError):
 
 
 MOST_SPAWNED: Final = 32
-"""Spawned bodies at a time; each of them costs time in every step."""
+"""Largest number of spawned bodies at a time; each of them costs time in every step."""
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 
 
 class Spawned(NamedTuple):
-    """A rigid body with mass that is no part of the scene's files, and its collision surfaces."""
+    """A rigid body with mass that is not part of the scene's files, with its collision surfaces."""
 
     body: RigidBodyDescription
     collisions: tuple[CollisionDescription, ...]
@@ -50,14 +47,14 @@ class Spawned(NamedTuple):
 
 Spawnings = tuple[Spawned, ...]
 Exchange = Callable[[Callable[[RobotDescription, Spawnings], Spawnings]], Awaitable[None]]
-"""Has another simulation built and go on in the place of the one that runs.
+"""Function that builds a simulation with other spawned bodies and continues with it.
 
-It is given what makes, of the description that runs and of what is spawned in it, what shall be spawned.
+Its argument returns the new spawned bodies, given the running description and the present ones.
 """
 
 
 def exchanged(robot: RobotDescription, before: Spawnings, after: Spawnings) -> RobotDescription:
-    """A robot with other bodies spawned than those of `before`.
+    """Return a robot in which the spawned bodies `after` replace those of `before`.
 
     Raises:
         SceneError: a name is taken.
@@ -76,13 +73,13 @@ def exchanged(robot: RobotDescription, before: Spawnings, after: Spawnings) -> R
 
 
 class Spawner:
-    """Spawns by URIs `SCENE/BODY`: of the scenes in YAML that are known, the rigid bodies with mass.
+    """Spawns bodies by URI `SCENE/BODY`: the rigid bodies with mass of the known YAML scenes.
 
     Args:
-        scenes: What is known.
-        exchange: Lets another simulation go on.
-        aside: Runs long work while the executor serves others.
-        present: Tells what is spawned.
+        scenes: The known scenes.
+        exchange: Continues the simulation with other spawned bodies.
+        aside: Runs long work in the background while the executor serves other callbacks.
+        present: Returns the present spawned bodies.
     """
 
     def __init__(
@@ -95,24 +92,24 @@ class Spawner:
         self._scenes, self._exchange, self._aside, self._present = scenes, exchange, aside, present
 
     async def known(self) -> dict[str, RigidBodyDescription]:
-        """What can be spawned, by its URI; files that cannot be read are left out."""
+        """Return the bodies that can be spawned, by URI; files that cannot be read are left out."""
         return dict(await self._aside(self._find_all))
 
     async def spawn(self, uri: str, name: str, renames: bool, position: Array, rotation: Array) -> str:
-        """Put a body somewhere, at rest.
+        """Spawn a body at rest.
 
         Args:
-            uri: Which one.
-            name: What it shall be called; "" for its name in its scene.
-            renames: Whether it may be called otherwise where the name is taken.
-            position: Of its centre of mass in [m], in the world, shape (3,).
-            rotation: How it is turned, shape (3, 3).
+            uri: URI of the body.
+            name: Requested name; "" for its name in its scene.
+            renames: Whether another name may be given if this one is taken.
+            position: Position of its centre of mass in [m], in the world, shape (3,).
+            rotation: Rotation matrix, shape (3, 3).
 
         Returns:
-            What it is called.
+            The name of the spawned body.
 
         Raises:
-            RequestError: it cannot be.
+            RequestError: the body cannot be spawned.
         """
         if name and not _NAME.fullmatch(name):
             raise RequestError(
@@ -140,7 +137,7 @@ class Spawner:
         return called
 
     async def delete(self, name: str) -> None:
-        """Take a spawned body away.
+        """Remove a spawned body.
 
         Raises:
             RequestError: it was not spawned.
@@ -161,7 +158,7 @@ class Spawner:
         await self._exchange(left)
 
     async def clear(self) -> None:
-        """Take all spawned bodies away."""
+        """Remove all spawned bodies."""
         if self._present():
             await self._exchange(lambda robot, spawned: ())
 
@@ -188,7 +185,10 @@ class Spawner:
         )
 
     def _bodies(self, scene: str, file: Path) -> Spawnings:
-        """Rigid bodies with mass of a known scene; none of a Python scene, whose code would have to run."""
+        """Return the rigid bodies with mass of a known scene.
+
+        A Python scene has none here, because its code would have to run.
+        """
         if file.suffix == ".py":
             return ()
         description = self._scenes.load(scene).scene
@@ -200,7 +200,7 @@ class Spawner:
 
 
 def _free_name(name: str, renames: bool, scene: SceneDescription) -> str:
-    """The name, or one like it that no body and no collision surface has."""
+    """Return the name, or a similar one that no body and no collision surface has."""
     taken = {*scene.body_names, *(collision.name for collision in scene.collisions)}
     if name not in taken:
         return name
@@ -210,7 +210,7 @@ def _free_name(name: str, renames: bool, scene: SceneDescription) -> str:
 
 
 def _placed(found: Spawned, name: str, position: Array, rotation: Array) -> Spawned:
-    """A body under another name, at rest, with its centre of mass at `position` (3,) in [m]."""
+    """Return a body under another name, at rest, with its centre of mass at `position` (3,) in [m]."""
     at_origin = replace(found.body, pose=Placement())
     (built,) = rigid_objects(SceneDescription(name="spawned", rigid_bodies=(at_origin,)))
     pose = Placement(
@@ -220,7 +220,7 @@ def _placed(found: Spawned, name: str, position: Array, rotation: Array) -> Spaw
     still = (0.0, 0.0, 0.0)
     body = replace(found.body, name=name, pose=pose, velocity=still, angular_velocity=still)
     described = found.collisions or (CollisionDescription(name=name, body=name),)
-    collisions = (  # groups are words of their own scene: here it meets everything
+    collisions = (  # group names belong to the original scene, so here it collides with everything
         replace(each, name=f"{name}_{number}" if number else name, body=name, groups=())
         for number, each in enumerate(described)
     )

@@ -1,4 +1,4 @@
-"""The services of simulation_interfaces, where that package is installed: what tools ask of any simulator."""
+"""Services of simulation_interfaces, where that package is installed; tools use them with any simulator."""
 
 from __future__ import annotations
 
@@ -11,19 +11,13 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from softsim_core.base.errors import CommandError, SoftSimError
-from softsim_core.scene.io.catalog import MOST_NAMES, names_up_to
-from softsim_core.simulation import Simulation
-from softsim_core.simulation.drive import checked, rotation_from
-from softsim_node.background import Aside
-from softsim_node.ending import ending
-from softsim_node.frames import WORLD
-from softsim_node.guards import GuardedNode
-from softsim_node.text import one_line, sentence_of
-from softsim_ros import messages
+from softsim_core.base import CommandError, SoftSimError
+from softsim_core.scene.io import MOST_NAMES, names_up_to
+from softsim_core.simulation import Simulation, checked, rotation_from
+from softsim_node import WORLD, Aside, GuardedNode, ending, one_line, sentence_of
+from softsim_ros import messages, optional_module, optional_type
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 from softsim_ros.nodes.simulator.spawning import RequestError, Spawner
-from softsim_ros.optional_messages import optional_module, optional_type
 
 FEATURES: Final = {
     "GetSimulatorFeatures": (),
@@ -38,26 +32,29 @@ FEATURES: Final = {
     "SpawnEntity": ("SPAWNING",),
     "DeleteEntity": ("DELETING",),
 }
-"""The services, each with the features that it stands for."""
+"""The services, each with the features that it provides."""
 
 MOST_STEPS: Final = 10_000
-"""More steps than this at once are refused: others are served more slowly while they are done."""
+"""Largest number of steps per request; while they run, other requests are served more slowly."""
 
 LONGEST_FILTER: Final = 200
 MOST_REPEATS: Final = 3
-"""A filter has at most so many repetitions, and no groups: a match takes time that grows with their power."""
+"""Largest number of repetitions in a filter; groups are not allowed.
+
+The time of a match grows with a power given by the number of repetitions.
+"""
 
 Handler = Callable[[Any, Any], Awaitable[None]]
 
 
 class StandardServices:
-    """Answers for one simulation; its entities are the rigid bodies with mass, by their names.
+    """Offers the standard services of one simulation; its entities are the rigid bodies with mass, by name.
 
     Args:
         node: Owner of the services, which are named after their types: `~/reset_simulation`, ...
         physics: The thread that owns the simulation.
-        stamp: Tells the time of a state, from the physics thread.
-        spawner: Brings and takes entities.
+        stamp: Returns the time stamp of a state; called in the physics thread.
+        spawner: Adds and removes entities.
     """
 
     def __init__(
@@ -82,11 +79,11 @@ class StandardServices:
                 self._offered.append(name)
 
     def close(self) -> None:
-        """Wait for steps that are being done."""
+        """Wait for steps in progress."""
         self._aside.close()
 
     def _answering(self, kind: Any, handler: Handler) -> Callable[[Any, Any], Awaitable[Any]]:
-        """A callback that answers with the result of a handler that takes request and response."""
+        """Return a callback that runs a handler on request and response and sets the result."""
         assert self._messages is not None
         results = self._messages.Result
 
@@ -228,7 +225,7 @@ class StandardServices:
 
         self._physics.call(write)
 
-    # --- what comes and goes --------------------------------------------------------------------------
+    # --- spawning and deleting ------------------------------------------------------------------------
 
     async def _get_spawnables(self, request: Any, response: Any) -> None:
         assert self._messages is not None
@@ -269,12 +266,12 @@ class StandardServices:
 
 
 def _resource(message: Any) -> Any:
-    """What holds `uri` and `resource_string`: the message itself, or its field since release 2."""
+    """Return the object with `uri` and `resource_string`: the message, or its field since release 2."""
     return getattr(message, "entity_resource", message)
 
 
 def _number(simulation: Simulation, name: str) -> int:
-    """Number of an entity."""
+    """Return the number of an entity among the rigid bodies."""
     if name not in simulation.rigid_names:
         known = names_up_to(MOST_NAMES, simulation.rigid_names)
         raise RequestError("NOT_FOUND", f"no entity {names_up_to(1, [name])}; there are: {known}")
@@ -282,10 +279,10 @@ def _number(simulation: Simulation, name: str) -> int:
 
 
 def _pattern(text: str) -> re.Pattern[str]:
-    """A filter that takes no longer than it is worth.
+    """Compile a filter that is sure to match in a short time.
 
     Raises:
-        CommandError: it is no expression, or could take long.
+        CommandError: it is no expression, or a match could take long.
     """
     repeats = sum(text.count(mark) for mark in "*+?")
     if len(text) > LONGEST_FILTER or repeats > MOST_REPEATS or set(text) & set("(){}\\"):

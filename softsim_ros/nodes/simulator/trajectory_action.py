@@ -17,25 +17,23 @@ from rclpy.action.server import ActionServer, CancelResponse, GoalResponse, Serv
 from rclpy.exceptions import InvalidHandle
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError
-from softsim_core.physics.actuation.trajectory import JointTrajectory
-from softsim_core.scene.io.catalog import MOST_NAMES, names_up_to
-from softsim_core.scene.joint import JointDescription
-from softsim_node.guards import GuardedNode
-from softsim_ros.description.folder import CONTROLLER, GOAL_TIME, GOAL_TOLERANCE
-from softsim_ros.listeners import StateListener
+from softsim_core.base import Array, CommandError
+from softsim_core.physics.actuation import JointTrajectory
+from softsim_core.scene import JointDescription
+from softsim_core.scene.io import MOST_NAMES, names_up_to
+from softsim_node import GuardedNode
+from softsim_ros import StateListener, optional_type
+from softsim_ros.description import CONTROLLER, GOAL_TIME, GOAL_TOLERANCE
 from softsim_ros.messages import message_array, time_message
 from softsim_ros.nodes.simulator.monitor import RateGate
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 from softsim_ros.nodes.simulator.setpoints import Progress, trajectory_command, trajectory_delay
-from softsim_ros.optional_messages import optional_type
 
 ANY: Final = np.inf
-"""A tolerance that nothing is outside of."""
+"""Tolerance that everything satisfies."""
 
 ROUNDING_S: Final = 1e-9
-"""Times of steps are sums, and rounded by less than this, in [s]."""
+"""Bound in [s] of the rounding error of times, which are sums of steps."""
 
 
 class End(Enum):
@@ -48,14 +46,17 @@ class End(Enum):
 
 
 class Outcome(NamedTuple):
-    """How a goal ended, and a sentence about it."""
+    """How a goal ended, with a message about it."""
 
     end: End
     sentence: str
 
 
 class Band(NamedTuple):
-    """How far the k joints of a trajectory may be from it: in [rad] or [m], and a second; shapes (k,)."""
+    """Tolerances of the k joints of a trajectory, shapes (k,).
+
+    Positions are in [rad] or [m], velocities per second.
+    """
 
     position: Array
     velocity: Array
@@ -63,14 +64,14 @@ class Band(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FollowedGoal:
-    """A goal on its way; a Follower of its trajectory.
+    """An active goal; implements Follower for its trajectory.
 
     Attributes:
         trajectory: Where the joints go.
-        units: Units of the joints' positions, for sentences, such as ("rad", "m").
-        path: What holds on the way.
-        goal: What has to hold at the end.
-        goal_time: So long after its end the joints may be on their way, in [s]; ANY: as long as it takes.
+        units: Units of the joints' positions, for messages, such as ("rad", "m").
+        path: Tolerances while the trajectory runs.
+        goal: Tolerances at its end.
+        goal_time: How long after its end the joints may take to arrive, in [s]; ANY: as long as it takes.
         on_progress: Called after each step.
         on_end: Called once, from any thread.
     """
@@ -84,7 +85,7 @@ class FollowedGoal:
     on_end: Callable[[Outcome], object] = field(default=lambda outcome: None)
 
     def follow(self, progress: Progress) -> bool:
-        """Judge a step; True: the goal has ended."""
+        """Compare a step with the tolerances; return True if the goal has ended."""
         self.on_progress(progress)
         outcome = self.judge(progress)
         if outcome is not None:
@@ -92,11 +93,11 @@ class FollowedGoal:
         return outcome is not None
 
     def give_up(self, reason: str) -> None:
-        """The trajectory ended before its time."""
+        """Report that the trajectory ended early."""
         self.on_end(Outcome(End.GIVEN_UP, f"goal given up: {reason}; the joints stay where they were told"))
 
     def judge(self, progress: Progress) -> Outcome | None:
-        """How the goal ends with this step; None while it goes on."""
+        """Return how the goal ends with this step; None if it continues."""
         trajectory, elapsed = self.trajectory, progress.elapsed
         if not trajectory.is_over(elapsed):
             outside = self._outside(self.path, progress)
@@ -109,7 +110,7 @@ class FollowedGoal:
         return None
 
     def _outside(self, band: Band, progress: Progress) -> str:
-        """What is wrong first, in words; empty where all joints are inside."""
+        """Return a message about the first violated tolerance; an empty string if there is none."""
         rows = (
             (progress.actual - progress.desired, band.position, ""),
             (progress.actual_velocities - progress.desired_velocities, band.velocity, "/s"),
@@ -127,10 +128,11 @@ class FollowedGoal:
 
 
 def followed_goal(goal: Any, trajectory: JointTrajectory, joints: Sequence[JointDescription]) -> FollowedGoal:
-    """The goal of a message.
+    """Return the goal that a message asks for.
 
-    As in ros2_control a tolerance of 0 stands for the default, a negative one for none: on the way nothing
-    is asked by default, at the end GOAL_TOLERANCE of joints that are told in rad or m, after GOAL_TIME.
+    As in ros2_control a tolerance of 0 stands for the default, and a negative one for none. By default
+    nothing is checked on the way; at the end, joints commanded in rad or m must be within GOAL_TOLERANCE
+    after GOAL_TIME.
 
     Args:
         goal: A control_msgs/FollowJointTrajectory goal.
@@ -138,7 +140,8 @@ def followed_goal(goal: Any, trajectory: JointTrajectory, joints: Sequence[Joint
         joints: All joints of the robot.
 
     Raises:
-        CommandError: it is for several degrees of freedom a joint, or has a tolerance that cannot be kept.
+        CommandError: it addresses joints with several degrees of freedom, or has a tolerance that cannot be
+            met.
     """
     if goal.multi_dof_trajectory.joint_names or goal.multi_dof_trajectory.points:
         raise _refused("multi_dof_trajectory is not obeyed; leave it empty")
@@ -161,7 +164,7 @@ def followed_goal(goal: Any, trajectory: JointTrajectory, joints: Sequence[Joint
 
 
 def check_reachable(goal: FollowedGoal, joints: Sequence[JointDescription]) -> None:
-    """Refuse a goal that lies beyond the joints' limits by more than its tolerance: it would never end.
+    """Refuse a goal that lies beyond the joints' limits by more than its tolerance, since it would never end.
 
     Raises:
         CommandError: it does.
@@ -178,7 +181,10 @@ def check_reachable(goal: FollowedGoal, joints: Sequence[JointDescription]) -> N
 
 
 def _band(what: str, tolerances: Sequence[Any], joints: Sequence[JointDescription], position: Array) -> Band:
-    """The default positions, shape (k,), with what a message asks for in their place."""
+    """Return the default tolerances, replaced by those that a message asks for.
+
+    Default positions have shape (k,); velocities have no default tolerance.
+    """
     names = [joint.name for joint in joints]
     position, velocity = position.copy(), np.full(len(joints), ANY)
     if len(tolerances) > len(joints):
@@ -205,23 +211,23 @@ def _refused(problem: str) -> CommandError:
 
 ACTION: Final = f"{CONTROLLER}/follow_joint_trajectory"
 FEEDBACK_PERIOD_S: Final = 0.05
-"""Feedback is sent at most this often, in [s]: the controller's 20 Hz."""
+"""Shortest period of feedback in [s]: the 20 Hz of ros2_control's controller."""
 
 RESULT_KEPT_S: Final = 60
-"""A result is kept so long in [s] for a client that asks late."""
+"""How long a result is available to a client that asks late, in [s]."""
 
 
 class TrajectoryAction:
-    """Takes goals for one trajectory at a time; a new one takes over from the one before.
+    """Accepts goals for one trajectory at a time; a new goal replaces the present one.
 
-    A goal is aborted with a sentence when another command takes over, at a pause, a reset, another scene or a
+    A goal is aborted with a message when another command takes over, at a pause, a reset, another scene or a
     fault, and when the bridge's e-stop latches. While ros2_control's controller runs in the same namespace
     goals are left to it.
 
     Args:
         node: Owner of the server.
         physics: The thread that owns the simulation.
-        now_s: The time now in [s], on the clock of the stamps.
+        now_s: Returns the current time in [s], on the clock of the stamps.
     """
 
     def __init__(self, node: GuardedNode, physics: PhysicsThread, now_s: Callable[[], float]) -> None:
@@ -235,12 +241,12 @@ class TrajectoryAction:
             self.look()
 
     def look(self) -> None:
-        """Offer the action, unless the controller itself is there; to be called now and then."""
+        """Offer the action unless ros2_control's controller is present; call this periodically."""
         if self._type is None:
             return
         taken = self._has_controller()
         if taken and self._current is not None:
-            self._leave(f"{CONTROLLER} is there now")  # and look again, once its client was told
+            self._leave(f"{CONTROLLER} is there now")  # look() runs again once its client has the result
         elif taken and self._server is not None:
             self.close()
             self._node.get_logger().info(f"{CONTROLLER} is there: the action {ACTION} is left to it")
@@ -248,7 +254,7 @@ class TrajectoryAction:
             self._server = _Server(self._node, self._type, self._decide, self._begin, self._on_cancel)
 
     def close(self) -> None:
-        """Offer the action no longer; a second call does nothing."""
+        """Stop offering the action; a second call does nothing."""
         if self._server is not None:
             self._server.destroy()
             self._server = None
@@ -268,7 +274,7 @@ class TrajectoryAction:
         return GoalResponse.REJECT
 
     def _check(self, goal: Any) -> tuple[FollowedGoal, float]:
-        """The goal and in how many seconds it begins.
+        """Return the goal and the delay in [s] until it begins.
 
         Raises:
             CommandError: why it is rejected.
@@ -342,13 +348,13 @@ class TrajectoryAction:
         except Exception:
             if self._node.context.ok():
                 raise
-            # Ctrl-C and SIGTERM invalidate the publishers before anybody can stop this thread
+            # Ctrl-C and SIGTERM invalidate the publishers before this thread can be stopped
 
 
 class _Server(ActionServer):
     """An action server whose goals end when `finish` is called, from any thread.
 
-    A callback that executes a goal and waits for its end would keep the executor busy all the time.
+    A callback that executed a goal and waited for its end would occupy the executor all the time.
     """
 
     def __init__(
@@ -380,16 +386,16 @@ class _Server(ActionServer):
         )
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
-        """Of a goal that begins: the physics thread has it; nothing is to be done here."""
+        """Do nothing when a goal begins: the physics thread executes it."""
 
     def finish(self, handle: ServerGoalHandle, outcome: Outcome, before: Callable[[], None]) -> None:
-        """In the executor's turn: call `before`, then send the result."""
+        """Call `before` and send the result, in the executor's thread."""
         self._ended.append((handle, outcome, before))
         with suppress(InvalidHandle):  # the node is gone
             self._wake.trigger()
 
     def destroy(self) -> None:
-        """Offer the action no longer."""
+        """Stop offering the action."""
         self._owner.destroy_guard_condition(self._wake)
         super().destroy()
 

@@ -1,9 +1,9 @@
-"""Incremental decoder from terminal bytes to key presses: pure, any chunking, no part of a sequence leaks.
+"""Decode terminal bytes to key presses incrementally: pure, any chunking, no part of a sequence leaks.
 
 Understood: printable ASCII, control bytes, arrows and editing keys as CSI, SS3, rxvt and xterm-modifier
-sequences, the kitty protocol (CSI u), xterm's modifyOtherKeys. Swallowed whole: every other escape sequence,
-strings (OSC, DCS, APC, PM, SOS), mouse reports, bracketed pastes, Alt+key, characters outside ASCII. Ctrl+C
-always gets through.
+sequences, the kitty protocol (CSI u), xterm's modifyOtherKeys. Discarded completely: every other escape
+sequence, strings (OSC, DCS, APC, PM, SOS), mouse reports, bracketed pastes, Alt+key, characters outside
+ASCII. Ctrl+C is always recognised.
 
 Source: ECMA-48 section 5.4 (shape of a control sequence); xterm control sequences; kitty keyboard protocol.
 """
@@ -15,14 +15,14 @@ from collections.abc import Iterator
 from enum import Enum, auto
 from typing import Final
 
-from softsim_ros.keys.press import KeyPress
+from softsim_ros.keys import KeyPress
 
 ESCAPE_TIMEOUT_S: Final = 0.5
-"""Silence in [s] after which an unfinished sequence is given up; long, since slow links split sequences."""
+"""Silence in [s] after which an unfinished sequence is discarded; long, since slow links split sequences."""
 
 _ESC, _CTRL_C, _TAB, _DEL = 0x1B, 0x03, 0x09, 0x7F
 _PASTE_END: Final = b"\x1b[201~"
-_SEQUENCE_MAX: Final = 64  # parameter bytes kept of one sequence; no key needs more
+_SEQUENCE_MAX: Final = 64  # limit of stored parameter bytes; no key needs more
 _CTRL, _IGNORED_MODIFIERS = 0b100 | 0b1000, 0b1 | 0b1100_0000  # Ctrl or Cmd/Super; Shift, Caps Lock, Num Lock
 
 _ARROWS: Final = {"A": "up", "B": "down", "C": "right", "D": "left", "H": "home", "F": "end"}
@@ -58,10 +58,10 @@ class _State(Enum):
 
 
 class KeyDecoder:
-    """Turns bytes into key presses; holds only the unfinished sequence.
+    """Decodes bytes to key presses; its only state is the unfinished sequence.
 
     Args:
-        timeout_s: Silence in [s] after which `flush` gives up an unfinished sequence.
+        timeout_s: Silence in [s] after which `flush` discards an unfinished sequence.
     """
 
     def __init__(self, timeout_s: float = ESCAPE_TIMEOUT_S) -> None:
@@ -75,19 +75,19 @@ class KeyDecoder:
 
     @property
     def pending(self) -> bool:
-        """An unfinished sequence waits for more bytes, or for `flush` to give it up."""
+        """Whether an unfinished sequence waits for more bytes, or for `flush`."""
         return self._state not in (_State.GROUND, _State.PASTE)
 
     def feed(self, data: bytes, now: float = 0.0) -> list[KeyPress]:
-        """Key presses completed by `data`, in order; `now` is a steady clock in [s]. Never raises."""
+        """Return key presses completed by `data`, in order; `now` is a steady clock in [s]. Never raises."""
         if data:
             self._last_byte_at = now
         return [key for byte in data for key in self._step(byte)]
 
     def flush(self, now: float) -> list[KeyPress]:
-        """Give up an unfinished sequence after `timeout_s` of silence; a lone ESC becomes the key "escape".
+        """Discard an unfinished sequence after `timeout_s` of silence; a lone ESC becomes the key "escape".
 
-        A paste waits for its end however long it takes: its text must never turn into keys.
+        A paste has no time limit, since its text must never turn into keys.
         """
         if not self.pending or now - self._last_byte_at < self.timeout_s:
             return []
@@ -141,7 +141,7 @@ class KeyDecoder:
             self._state = _State.GROUND
 
     def _sequence(self, byte: int) -> Iterator[KeyPress]:
-        """A byte after ESC, ESC [, ESC O or ESC [ [."""
+        """Process a byte after ESC, ESC [, ESC O or ESC [ [."""
         if byte == _ESC:  # Alt+key as ESC ESC ..., or a new sequence after a broken one
             self._alt = self._state is _State.ESCAPE
             self._state = _State.ESCAPE
@@ -181,7 +181,7 @@ class KeyDecoder:
             self._remaining -= 1
             if self._remaining == 0:
                 self._state = _State.GROUND
-        else:  # a cut character: this byte starts something new
+        else:  # a truncated character: this byte starts a new one
             self._state = _State.GROUND
             yield from self._ground(byte)
 
@@ -197,7 +197,10 @@ class KeyDecoder:
             self._state = _State.STRING_ESCAPE if byte == _ESC else _State.STRING
 
     def _mouse(self, byte: int) -> None:
-        """Three characters, which may be UTF-8 pairs: a continuation byte belongs to the one before it."""
+        """Process a mouse report of three characters, which may be UTF-8 pairs.
+
+        A continuation byte belongs to the byte before it.
+        """
         if not (0x80 <= byte < 0xC0 and self._remaining < 3):
             self._remaining -= 1
         if self._remaining == 0:
@@ -207,7 +210,7 @@ class KeyDecoder:
 
 
 def _character(code: int, ctrl: bool) -> Iterator[KeyPress]:
-    """The key of a printable ASCII code, letters of either case alike; nothing for other codes."""
+    """Yield the key of a printable ASCII code, upper and lower case alike; nothing for other codes."""
     character = chr(code) if 0 <= code <= _DEL else ""
     if name := _NAMED_CHARACTERS.get(character):
         yield KeyPress(name, ctrl=ctrl or code == _TAB)
@@ -216,19 +219,22 @@ def _character(code: int, ctrl: bool) -> Iterator[KeyPress]:
 
 
 def _numbers(parameters: str) -> list[int]:
-    """Numbers of a parameter string, sub-parameters dropped ("1;5:1" gives 1, 5); empty when not numeric."""
+    """Return the numbers of a parameter string without sub-parameters; empty if it is not numeric.
+
+    For example, "1;5:1" gives 1, 5.
+    """
     fields = [parameter.split(":")[0] or "1" for parameter in parameters.split(";")] if parameters else []
     return [int(text) for text in fields] if all(text.isdecimal() for text in fields) else []
 
 
 def _ctrl(modifier: int) -> bool | None:
-    """Whether an xterm/kitty modifier (1 + bits) means Ctrl; None when another one (Alt, Meta) is held."""
+    """Return whether an xterm/kitty modifier (1 + bits) means Ctrl; None if Alt or Meta is down."""
     bits = max(modifier - 1, 0)
     return None if bits & ~(_CTRL | _IGNORED_MODIFIERS) else bool(bits & _CTRL)
 
 
 def _csi_key(parameters: str, final: str) -> KeyPress | None:
-    """The key of the sequence ESC [ parameters final, or None."""
+    """Return the key of the sequence ESC [ parameters final, or None."""
     numbers = _numbers(parameters)
     if (parameters and not numbers) or _is_release(parameters):
         return None
@@ -249,7 +255,7 @@ def _csi_key(parameters: str, final: str) -> KeyPress | None:
 
 
 def _ss3_key(parameters: str, final: str) -> KeyPress | None:
-    """The key of the sequence ESC O parameters final, or None."""
+    """Return the key of the sequence ESC O parameters final, or None."""
     numbers = _numbers(parameters)
     if parameters and not numbers:
         return None
@@ -260,13 +266,16 @@ def _ss3_key(parameters: str, final: str) -> KeyPress | None:
 
 
 def _is_release(parameters: str) -> bool:
-    """The event of a kitty sequence stands in its second field: 1 press, 2 repeat, 3 release."""
+    """Return whether a kitty sequence reports a release.
+
+    Its second field contains the event: 1 press, 2 repeat, 3 release.
+    """
     fields = parameters.split(";")
     return len(fields) > 1 and fields[1].split(":")[1:2] == ["3"]
 
 
 def _coded(code: int, modifier: int) -> KeyPress | None:
-    """The key of a character code (kitty and modifyOtherKeys) with its modifier."""
+    """Return the key of a character code (kitty and modifyOtherKeys) with its modifier."""
     ctrl = _ctrl(modifier)
     if ctrl is None:
         return None

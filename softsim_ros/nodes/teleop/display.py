@@ -1,4 +1,4 @@
-"""The status display: pure functions from what is known to lines of text that fit the terminal."""
+"""The status display: pure functions that turn the robot's state into lines of text that fit the terminal."""
 
 from __future__ import annotations
 
@@ -7,20 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from softsim_core.base.units import ANGLE, LENGTH, MILLIMETRE, SHORTENING, Unit
-from softsim_core.scene.control import KeyBinding
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_ros.client.control import format_point
-from softsim_ros.client.state import (
+from softsim_core.base import ANGLE, LENGTH, MILLIMETRE, SHORTENING, Unit
+from softsim_core.scene import JointDescription, KeyBinding, RobotDescription
+from softsim_ros.client import (
     STALE_AFTER_S,
     BridgeState,
     RobotState,
     commandable,
     enforces_limits,
+    format_point,
     known_effector,
 )
-from softsim_ros.keys.press import (
+from softsim_ros.keys import (
     GOAL_KEYS,
     HELP_KEY,
     TILT_KEYS,
@@ -32,10 +30,10 @@ from softsim_ros.keys.press import (
 )
 
 BAR_WIDTHS: Final = (24, 16, 10)
-"""Widths in [columns] tried for the bars, widest first; narrower terminals show none."""
+"""Widths in [columns] tried for the bars, widest first; narrower terminals have no bars."""
 
 WARNING_S: Final = 20.0
-"""A warning stays in view so long in [s], beside the answers to keys."""
+"""Time in [s] for which a warning is shown, beside the answers to keys."""
 
 BRIDGE_TEXT: Final[dict[BridgeState, str]] = {
     "not running": "not running",
@@ -52,16 +50,16 @@ _SIGNS = {"plus": "+", "minus": "-"}
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What is shown.
+    """Content of the display.
 
     Attributes:
         robot: Joints with limits, and keys.
-        state: What is known of the robot.
-        keys: What is known of the keys.
-        message: Newest sentence for the person.
+        state: State of the robot.
+        keys: State of the keys.
+        message: Newest message for the user.
         now: Steady clock in [s].
-        namespace: Of the robot's topics.
-        notice: What stays in view, such as the page's address; empty: nothing.
+        namespace: Namespace of the robot's topics.
+        notice: Permanent text, such as the page's address; empty: nothing.
         warning: Newest warning of the robot's nodes, or line of the scene's own code; empty: nothing.
         warned_at: When it came, in [s]; it is shown for WARNING_S.
     """
@@ -78,9 +76,10 @@ class View:
 
 
 def render(view: View, width: int, height: int) -> list[str]:
-    """The display as at most `height` lines of at most `width` printable ASCII characters.
+    """Return the display as at most `height` lines of at most `width` printable ASCII characters.
 
-    What matters least goes first when rows are few: blank lines, the keys, the table's head, the title.
+    If rows are few, the least important parts are left out first: blank lines, the keys, the table's head,
+    the title.
     """
     message = _wrap(f"> {view.message}" if view.message else ">", width)[:3]
     warns = bool(view.warning) and view.now - view.warned_at <= WARNING_S
@@ -107,20 +106,20 @@ def render(view: View, width: int, height: int) -> list[str]:
             break
         kept.remove(max(kept, key=lambda section: section[0]))
     lines = [line for _, section in kept for line in section]
-    if not lines:  # not even the joints fit
+    if not lines:  # even the joints do not fit
         lines = joints[1:]
     return [_fit(line, width) for line in lines[:height]]
 
 
 def frame(lines: Sequence[str], height: int) -> str:
-    """The text that puts the lines on the screen: each over the old one, the rest of the screen cleared."""
+    """Return the text that draws the lines over the previous ones and clears the rest of the screen."""
     body = "\x1b[K\r\n".join(lines)
     below = "\x1b[K\x1b[J" if len(lines) < height else "\x1b[K"
-    return f"\x1b[?2026h\x1b[H{body}{below}\x1b[?2026l"  # 2026: shown in one go where the terminal can
+    return f"\x1b[?2026h\x1b[H{body}{below}\x1b[?2026l"  # mode 2026: drawn at once if supported
 
 
 def status_lines(view: View, width: int) -> list[str]:
-    """State of the simulator, the bridge and inverse control, in one line or one each."""
+    """Return the state of the simulator, the bridge and inverse control, in one line or one line each."""
     state = view.state
     if state.is_fresh(view.now):
         simulator = state.simulator or "running"
@@ -141,7 +140,7 @@ def status_lines(view: View, width: int) -> list[str]:
 
 
 def _bridge_text(view: View) -> str:
-    """State of the bridge; a latched e-stop, and how it is released, stand before it."""
+    """Return the state of the bridge, preceded by a latched e-stop and the key that releases it."""
     text = BRIDGE_TEXT[view.state.bridge]
     if not view.state.e_stopped:
         return text
@@ -150,7 +149,7 @@ def _bridge_text(view: View) -> str:
 
 
 def _pulse_lines(view: View) -> list[str]:
-    """What an emulated board measures on its pins; no line without one."""
+    """Return the pulses that an emulated board measures on its pins; no line without such a board."""
     state = view.state
     if view.now - state.pulses_at > STALE_AFTER_S:
         return []
@@ -158,13 +157,13 @@ def _pulse_lines(view: View) -> list[str]:
 
 
 def _goal_line(view: View) -> str:
-    """What the goal keys move, and where it is."""
+    """Return what the goal keys move, and its present value."""
     tilt = view.state.tilt
     return goal_line(view.state, view.now) if tilt is None else tilt_line(tilt, view.keys.axis)
 
 
 def goal_line(state: RobotState, now: float) -> str:
-    """Goal, effector and the distance between them for the display, in mm."""
+    """Return goal, effector and the distance between them for the display, in mm."""
     effector = known_effector(state, now)
     goal = "at the effector" if state.goal is None else format_point(state.goal)
     line = f"goal mm: {goal}   effector: {'no data' if effector is None else format_point(effector)}"
@@ -174,7 +173,10 @@ def goal_line(state: RobotState, now: float) -> str:
 
 
 def joint_rows(view: View, width: int) -> list[str]:
-    """A head and one line per joint: name, limits, bar, commanded and measured position, as wide as fits."""
+    """Return a head and one line per joint, as wide as fits.
+
+    A line has name, limits, bar, commanded and measured position.
+    """
     joints, state = view.robot.joints, view.state
     commanded = state.commanded or (None,) * len(joints)
     measured = state.measured or (None,) * len(joints)
@@ -216,7 +218,7 @@ def joint_rows(view: View, width: int) -> list[str]:
 
 
 def bar(joint: JointDescription, measured: float | None, commanded: float | None, width: int) -> str:
-    """Where a joint stands between its limits: "[---o-|--]", o measured, | commanded, # both.
+    """Return a joint's position between its limits as "[---o-|--]": o measured, | commanded, # both.
 
     Without limits a revolute joint's bar spans a whole turn (-pi to pi), and a slide's is empty.
     """
@@ -234,7 +236,7 @@ def bar(joint: JointDescription, measured: float | None, commanded: float | None
 
 
 def key_label(name: str) -> str:
-    """A key's name as short as people write it."""
+    """Return a short name of a key."""
     return _SIGNS.get(name, name.replace("_", " "))
 
 
@@ -242,7 +244,7 @@ def _help_lines(view: View, width: int) -> list[str]:
     if not view.keys.show_help:
         return [f"{HELP_KEY} shows the keys"]
     table: dict[str, KeyBinding] = key_table(view.robot)
-    if view.state.inverse:  # the goal's keys, then what else still works
+    if view.state.inverse:  # keys of the goal, then other keys that are active
         helps = {key: goal_help(key) for key in GOAL_KEYS} if view.state.tilt is None else TILT_KEYS
         entries = [(key_label(key), text) for key, text in helps.items()]
         table = {
@@ -261,7 +263,7 @@ def _help_lines(view: View, width: int) -> list[str]:
 
 
 def _help_table(entries: Sequence[tuple[str, str]], columns: int) -> list[str]:
-    """Keys and what they do, read down the columns."""
+    """Return keys and their actions in columns, read downwards."""
     rows = -(-len(entries) // columns)
     blocks = []
     for first in range(0, len(entries), rows):
@@ -294,7 +296,7 @@ def _small(unit: Unit, value: float | None) -> str:
 
 
 def _columns(columns: Sequence[Sequence[str]]) -> list[str]:
-    """Rows of a table: the first column and bars to the left, numbers to the right."""
+    """Return the rows of a table: the first column and bars aligned left, numbers right."""
     widths = [max(map(len, column)) for column in columns]
     rows = zip(*columns, strict=True)
     return [
@@ -307,7 +309,7 @@ def _columns(columns: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _wrap(text: str, width: int) -> list[str]:
-    """Lines of at most `width` characters, broken at blanks where there are any."""
+    """Return lines of at most `width` characters, broken at blanks where possible."""
     lines = [""]
     for word in text.split(" "):
         if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
@@ -318,6 +320,6 @@ def _wrap(text: str, width: int) -> list[str]:
 
 
 def _fit(text: str, width: int) -> str:
-    """Printable ASCII of at most `width` characters, a cut marked by a tilde."""
+    """Return printable ASCII of at most `width` characters; a tilde marks a cut."""
     clean = "".join(character if " " <= character <= "~" else "?" for character in text)
     return clean if len(clean) <= width else clean[: max(width - 1, 0)] + "~"[:width]

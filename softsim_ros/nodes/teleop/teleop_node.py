@@ -1,4 +1,4 @@
-"""ROS node `teleop`: the keys of a terminal drive a robot, whose state is displayed."""
+"""The node `teleop`: the keys of a terminal drive a robot, and the terminal shows its state."""
 
 from __future__ import annotations
 
@@ -11,26 +11,22 @@ from typing import Any, Final, Protocol
 from rclpy.executors import SingleThreadedExecutor
 
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_node.ending import ending
-from softsim_node.parameters import Program
-from softsim_node.process import ready_callbacks, run_node
-from softsim_ros.client.robot_client import RobotClient
-from softsim_ros.client.services import Warnings
-from softsim_ros.keys.keyboard import Keyboard, KeySettings, requested_robot
-from softsim_ros.keys.press import KeyPress
+from softsim_node import Program, ending, ready_callbacks, run_node
+from softsim_ros import ClosableNode
+from softsim_ros.client import RobotClient, Warnings
+from softsim_ros.keys import Keyboard, KeyPress, KeySettings, requested_robot
 from softsim_ros.nodes.teleop.decoder import KeyDecoder
 from softsim_ros.nodes.teleop.display import View, frame, render
 from softsim_ros.nodes.teleop.terminal import HeldOutput, RawTerminal
-from softsim_ros.robot_node import ClosableNode
 
 KEY_WAIT_S: Final = 0.04
-"""Longest wait for a key in [s]; callbacks are served at least this often."""
+"""Longest wait for a key in [s], hence the longest interval between callbacks."""
 
 DRAW_INTERVAL_S: Final = 0.1
 
 
 class DrivenByKeys(Protocol):
-    """What the loop asks of a node; a Teleop is one."""
+    """Node that the keyboard loop can drive; Teleop implements it."""
 
     @property
     def context(self) -> Any:
@@ -39,20 +35,20 @@ class DrivenByKeys(Protocol):
 
     @property
     def quit_requested(self) -> bool:
-        """Whether a key has asked to end."""
+        """Whether a key has requested to quit."""
         ...
 
     def handle_key(self, key: KeyPress, now: float) -> None:
-        """Act on a key, `now` in [s]."""
+        """Process a key, `now` in [s]."""
         ...
 
     def view(self, now: float) -> View:
-        """What the terminal shows."""
+        """Return the content of the display at `now` in [s]."""
         ...
 
 
 def run_teleop(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
-    """Drive the robot from a terminal until a key quits, the process shall end or the terminal is gone.
+    """Drive the robot from a terminal until a key quits, the process is to end or the terminal is gone.
 
     Args:
         node: The teleop; may share its process with other nodes that spin in threads of their own.
@@ -65,7 +61,7 @@ def run_teleop(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Calla
     except Exception:
         if node.context.ok():
             raise
-        # the context was shut down in the middle of a call: an ordinary end
+        # the context was shut down during a call, which is an ordinary end
 
 
 def _run(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
@@ -76,7 +72,7 @@ def _run(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[]
         data = terminal.read() if terminal.wait(KEY_WAIT_S) else b""
         if data is None:
             return
-        serve_callbacks()  # before the keys: a step starts from the newest measured position
+        serve_callbacks()  # before the keys, so that a key step starts from the newest measured position
         now = time.monotonic()
         for key in decoder.flush(now) + decoder.feed(data, now):
             node.handle_key(key, now)
@@ -92,17 +88,17 @@ def _run(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[]
 
 
 class Teleop(ClosableNode):
-    """Thin: a client of the robot, a keyboard that drives it, and the newest sentence for the person.
+    """Thin node: a client of the robot, a keyboard that drives it, and the newest message for the user.
 
     Args:
         robot: Joints, limits, poses and keys.
         **node_options: Passed on to rclpy's Node; without a namespace there, the robot's name is used (a
-            remapping on the command line wins over both).
+            remapping on the command line overrides both).
 
     Attributes:
-        client: The robot.
-        keyboard: What its keys do.
-        notice: Asked for what the display shows all the time, such as the page's address.
+        client: Client of the robot.
+        keyboard: Actions of its keys.
+        notice: Returns the permanent text of the display, such as the page's address.
     """
 
     def __init__(self, robot: RobotDescription, **node_options: Any) -> None:
@@ -116,23 +112,23 @@ class Teleop(ClosableNode):
 
     @property
     def quit_requested(self) -> bool:
-        """Whether a key has asked to end."""
+        """Whether a key has requested to quit."""
         return self.keyboard.quit_requested
 
     def set_status(self, message: str) -> None:
-        """Show one sentence."""
+        """Set the message for the user."""
         self._message = message
 
     def warn(self, sentence: str) -> None:
-        """Show a sentence of another node for a while; the answer to a key stays beside it."""
+        """Show a message of another node for a while, beside the answers to keys."""
         self._warning, self._warned_at = sentence, time.monotonic()
 
     def handle_key(self, key: KeyPress, now: float) -> None:
-        """Do what a key asks for, without waiting for anything; `now` is a steady clock in [s]."""
+        """Run the action of a key without blocking; `now` is a steady clock in [s]."""
         self.keyboard.press(key, now)
 
     def view(self, now: float) -> View:
-        """What the display shows at `now`, steady clock in [s]."""
+        """Return the content of the display at `now`, steady clock in [s]."""
         client = self.client
         return View(
             client.robot,
@@ -148,9 +144,9 @@ class Teleop(ClosableNode):
 
 
 def drive(node: Teleop) -> None:
-    """Keys and display in this terminal until a person or a signal ends it.
+    """Run keys and display in this terminal until the user or a signal ends it.
 
-    SIGINT, SIGTERM and SIGHUP end its loop in order, see `softsim_node.ending`.
+    SIGINT, SIGTERM and SIGHUP end the loop in an orderly way, see `softsim_node.signals`.
 
     Raises:
         NoTerminalError: this terminal cannot be used.
@@ -172,7 +168,7 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the teleop in this terminal; returns the exit code."""
+    """Run the teleop in this terminal; return the exit code."""
     return run_node(PROGRAM, lambda _: Teleop(load_scene(requested_robot("teleop"))), args, drive)
 
 

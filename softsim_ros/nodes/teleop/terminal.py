@@ -15,17 +15,18 @@ from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import IO, Any, Final
 
-from softsim_core.base.errors import SoftSimError
-from softsim_node.text import takes_escapes
+from softsim_core.base import SoftSimError
+from softsim_node import takes_escapes
 
 _SHOWN_BYTES = 16_384
 
 
 class HeldOutput:
-    """Context manager: standard output and error of the process go to a file while a display is on.
+    """Context manager that redirects standard output and error to a file while a display is on.
 
-    Only those that lead to a terminal are held; a redirected one is left alone. At the end the newest lines
-    are written to where they belonged. Works on file descriptors, so libraries and threads are held too.
+    It redirects those of the whole process. A stream that does not lead to a terminal is left alone. At the
+    end the newest lines are written to the original stream. Because it works on file descriptors, output of
+    libraries and threads is redirected too.
     """
 
     def __init__(self) -> None:
@@ -33,7 +34,7 @@ class HeldOutput:
         self._saved: dict[int, int] = {}
 
     def __enter__(self) -> HeldOutput:
-        """Redirect standard output and error where they are a terminal."""
+        """Redirect standard output and error if they are a terminal."""
         descriptors = [descriptor for descriptor in (1, 2) if _is_terminal(descriptor)]
         if descriptors:
             _flush()
@@ -46,7 +47,7 @@ class HeldOutput:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give both back and write the newest of what was held to standard error (or output)."""
+        """Restore both and write the newest redirected lines to standard error (or output)."""
         if self._file is None:
             return
         _flush()
@@ -87,13 +88,13 @@ ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _READ_SIZE = 4096
 _DEFAULT_SIZE = (80, 24)
 # Alternate screen, cursor hidden, no line wrap, pastes bracketed, kitty keys (flag 1), modifyOtherKeys 1; the
-# last "0m" undoes what terminals that take modifyOtherKeys for a colour make of it.
+# last "0m" resets the colour on terminals that misread modifyOtherKeys as one.
 _ENTER: Final = b"\x1b[?1049h\x1b[?25l\x1b[?7l\x1b[?2004h\x1b[>1u\x1b[>4;1m\x1b[0m\x1b[2J"
 _LEAVE: Final = b"\x1b[>4m\x1b[<u\x1b[0m\x1b[?2004l\x1b[?7h\x1b[?25h\x1b[?1049l"
 
 
 class NoTerminalError(SoftSimError, RuntimeError):
-    """Keys cannot be read here: no terminal, or it belongs to another job."""
+    """Keys cannot be read: there is no terminal, or it belongs to another job."""
 
     def __init__(self, reason: str) -> None:
         self.reason = reason
@@ -106,13 +107,13 @@ class NoTerminalError(SoftSimError, RuntimeError):
 class RawTerminal:
     """Context manager: bytes as they are typed, with Ctrl+Z, Ctrl+Q and Ctrl+C as plain bytes.
 
-    The terminal is standard input, or /dev/tty where that is redirected. Its modes are given back on every
-    way out: the end of the `with` block, exceptions, and SIGINT, SIGTERM and SIGHUP, which then go on to the
-    handler that was there before (SIGHUP as SIGTERM). On SIGTSTP it is given back for the pause, on SIGCONT
-    taken again.
+    The terminal is standard input, or /dev/tty if that is redirected. Its modes are restored on every way
+    out: the end of the `with` block, exceptions, and SIGINT, SIGTERM and SIGHUP, which are then passed on to
+    the previous handler (SIGHUP as SIGTERM). SIGTSTP restores the modes for the pause, and SIGCONT makes the
+    terminal raw again.
 
     Args:
-        signals: Signals to watch; leave out those that somebody else turns into an orderly end of the block.
+        signals: Signals to watch; leave out those that other code turns into an orderly end of the block.
 
     Raises:
         NoTerminalError: on entry, when there is no terminal to read from.
@@ -142,11 +143,11 @@ class RawTerminal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give the terminal back."""
+        """Restore the terminal."""
         self.close()
 
     def close(self) -> None:
-        """Give the terminal and the signal handlers back; a second call does nothing."""
+        """Restore the terminal and the signal handlers; a second call does nothing."""
         self._give_back()
         for number, handler in self._previous_handlers.items():
             signal.signal(number, handler)
@@ -157,7 +158,7 @@ class RawTerminal:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Columns and rows; 80 and 24 where the terminal does not know."""
+        """Columns and rows; 80 and 24 if the terminal does not report them."""
         try:
             columns, rows = os.get_terminal_size(self._output)
         except OSError:
@@ -165,16 +166,16 @@ class RawTerminal:
         return (columns, rows) if columns > 0 and rows > 0 else _DEFAULT_SIZE
 
     def take_redraw(self) -> bool:
-        """Whether the screen lost its content since the last call (first time, or after a pause)."""
+        """Return whether the screen lost its content since the last call (first time, or after a pause)."""
         redraw, self._redraw = self._redraw, False
         return redraw
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for a key for at most `timeout_s` seconds; True when there is something to read."""
+        """Wait for a key for at most `timeout_s` seconds; return True when there is something to read."""
         return bool(select.select([self._input], [], [], timeout_s)[0])
 
     def read(self) -> bytes | None:
-        """Bytes that have arrived, after `wait` was true; None when the terminal is gone."""
+        """Return the bytes that have arrived, after `wait` was true; None when the terminal is gone."""
         try:
             return os.read(self._input, _READ_SIZE) or None
         except BlockingIOError:
@@ -183,7 +184,7 @@ class RawTerminal:
             return None
 
     def write(self, text: str) -> None:
-        """Show text; what a vanished or jammed terminal does not take is dropped."""
+        """Show text; drop what a vanished or jammed terminal does not accept."""
         self._write(text.encode("utf-8", "replace"))
 
     def _write(self, data: bytes) -> None:
@@ -279,9 +280,9 @@ def _in_foreground(descriptor: int) -> bool:
 
 
 def _raw(saved: list[Any]) -> list[Any]:
-    """Terminal modes for single keys: no echo, no line editing, no signals, no flow control.
+    """Return terminal modes for single keys: no echo, no line editing, no signals, no flow control.
 
-    Output processing stays on, so that lines written by others still end at the left margin.
+    Output processing stays on, so that lines written by other programs still end at the left margin.
     """
     iflag, oflag, cflag, lflag, ispeed, ospeed, characters = saved
     iflag &= ~(

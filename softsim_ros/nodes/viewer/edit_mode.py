@@ -1,4 +1,4 @@
-"""The edit mode of the page: its tab, its drawing, and its state when the page is made anew."""
+"""The edit mode of the page: its tab, its drawing, and its state when the page is rebuilt."""
 
 from __future__ import annotations
 
@@ -13,13 +13,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SoftSimError
-from softsim_core.base.values import Box, Sphere
-from softsim_core.scene.editing.parts import Region
-from softsim_ros.client.services import Outcome
-from softsim_ros.client.simulator import Editing
-from softsim_ros.messages.scene import Proposal
+from softsim_core.base import Array, Box, IndexArray, SoftSimError, Sphere
+from softsim_core.scene.editing import Region
+from softsim_ros.client import Editing, Outcome
+from softsim_ros.messages import Proposal
 from softsim_ros.nodes.viewer.edit_session import CLICKS, EditSession, Field, dragged
 from softsim_ros.nodes.viewer.panel import Control, Inbox, Shown
 from softsim_ros.nodes.viewer.picture import Picture
@@ -28,7 +25,7 @@ from softsim_ros.nodes.viewer.surface import MM, Part, box_lines, sphere_lines
 Points = NDArray[np.float32]
 
 SEND_PERIOD_S: Final = 0.2
-"""While a handle is dragged its place is proposed this often, in [s]."""
+"""Period in [s] at which the position of a dragged handle is proposed."""
 
 OPACITY: Final = 0.5
 COLOURS: Final = {
@@ -39,17 +36,17 @@ COLOURS: Final = {
     "collisions": (12, 133, 153),
     "joints": (25, 113, 194),
 }
-"""Of attachments by what moves them; of masses, contact surfaces, chambers and cables."""
+"""Colours of attachments by what moves them; of masses, contact surfaces, chambers and cables."""
 
 
 class EditStage:
-    """Draws what an EditSession edits, and takes clicks and drags for it.
+    """Draws the proposal of an EditSession, and handles its clicks and drags.
 
     Args:
         scene: viser's scene.
-        inbox: Where the mouse's events go.
+        inbox: Queue for mouse events.
         session: What is edited.
-        attempt: Carries out an action of a person in its turn and says what came of it.
+        attempt: Runs a user's action in its turn and reports the result.
         is_behind: Whether such an action has to wait.
     """
 
@@ -107,7 +104,7 @@ class EditStage:
         return mesh
 
     def show(self) -> None:
-        """Draw regions, chosen nodes, cables and handles as the session has them."""
+        """Draw regions, chosen nodes, cables and handles of the session."""
         for handle in self._drawn:
             handle.remove()
         self._drawn, self._lines = [], None
@@ -172,7 +169,7 @@ class EditStage:
     # --- handles --------------------------------------------------------------------------------------
 
     def _show_handles(self, places: dict[str, Array]) -> None:
-        """Place the handles; one that is in the hand stays there."""
+        """Move the handles to their places, except one that is being dragged."""
         for name in [name for name in self._handles if name not in places]:
             self._handles.pop(name).remove()
             self._held = "" if self._held == name else self._held
@@ -217,11 +214,11 @@ class EditStage:
 
 
 def first_hit(origin: Array, direction: Array, points: Array, triangles: IndexArray) -> Array | None:
-    """Where a ray first meets triangles, shape (3,); None: nowhere.
+    """Return where a ray first meets triangles, shape (3,), or None if it misses all of them.
 
     Args:
-        origin: Where the ray begins, shape (3,).
-        direction: Where it goes, shape (3,).
+        origin: Start of the ray, shape (3,).
+        direction: Direction of the ray, shape (3,).
         points: Vertices, shape (p, 3).
         triangles: Their indices, shape (k, 3).
 
@@ -241,7 +238,7 @@ def first_hit(origin: Array, direction: Array, points: Array, triangles: IndexAr
 
 
 def lines_of(region: Region, shape: Box | Sphere) -> Points:
-    """The wire frame of a region in the world with a shape, in [mm], shape (k, 2, 3)."""
+    """Return the wire frame of a region in the world with a given shape, in [mm], shape (k, 2, 3)."""
     if isinstance(shape, Sphere):
         lines = sphere_lines(shape.center, shape.radius)
     else:
@@ -250,14 +247,14 @@ def lines_of(region: Region, shape: Box | Sphere) -> Points:
 
 
 def colour_of(part: str, targets: dict[str, str]) -> tuple[int, int, int]:
-    """Colour of a part; `targets` tells what moves each attachment."""
+    """Return the colour of a part; `targets` maps each attachment to what moves it."""
     if part in targets:
         return COLOURS.get(targets[part], COLOURS["joint"])
     return COLOURS[part.partition("/")[0]]
 
 
 Action = Callable[[], "str | None"]
-"""What a person does; returns a sentence for them, or none."""
+"""An action of a user; returns a message for the user, or None."""
 
 MOST_WAITING: Final = 50
 
@@ -265,18 +262,18 @@ MOST_WAITING: Final = 50
 class EditMode:
     """Session and stage of the edit mode.
 
-    A person may be faster than the simulator: what they do waits until it is known what came of what they did
-    before, so that all of it happens, in its order, to the scene that they meant.
+    A user may act faster than the simulator answers. Each action therefore waits until the result of the
+    previous one is known, so that all actions apply, in order, to the scene that the user meant.
 
     Args:
         server: viser's server.
-        inbox: Where events of browsers go.
-        picture: Shows what runs, which is put aside while somebody edits.
-        editing: The simulator's side.
-        say: Called with sentences for the person.
+        inbox: Queue for events of browsers.
+        picture: Shows the running scene; hidden while somebody edits.
+        editing: Client of the simulator's edit services.
+        say: Called with messages for the user.
 
     Attributes:
-        session: What is edited; it stays when another scene begins.
+        session: What is edited; it persists when another scene begins.
     """
 
     def __init__(
@@ -290,7 +287,7 @@ class EditMode:
         self._waiting: deque[Action] = deque()
 
     def build(self) -> None:
-        """Begin anew on an empty 3-D scene."""
+        """Rebuild the stage on an empty 3-D scene."""
         self._stage = EditStage(
             self._server.scene, self._inbox, self.session, self.attempt, lambda: self.is_behind
         )
@@ -298,14 +295,14 @@ class EditMode:
         self.show()
 
     def turn(self, on: bool) -> None:
-        """Show the proposal in place of what runs, or what runs."""
+        """Show the proposal in place of the running scene, or the running scene."""
         self.session.is_on = on
         if on:
             self.ask("begin")
         self.show()
 
     def ask(self, name: str) -> None:
-        """Ask the simulator for something by name; what was applied is looked at while it runs."""
+        """Call an edit service of the simulator by name; a successful "apply" shows the running scene."""
 
         def done(end: Outcome) -> None:
             if end.success and name == "apply":
@@ -315,11 +312,11 @@ class EditMode:
 
     @property
     def is_behind(self) -> bool:
-        """What the session knows is older than what was asked for."""
+        """Whether the session's proposal is older than the last request."""
         return self._editing.is_behind or self._editing.proposal is not self.session.told
 
     def attempt(self, action: Action) -> None:
-        """Carry out an action of a person in its turn, and say what it returns or why it is refused."""
+        """Run a user's action in its turn, and show the message that it returns or why it is refused."""
         if len(self._waiting) >= MOST_WAITING:
             self._say(f"{MOST_WAITING} actions wait for the simulator's answer; wait until it tells")
         else:
@@ -327,7 +324,7 @@ class EditMode:
             self._go_on()
 
     def _go_on(self) -> None:
-        """Carry out what waits, as far as it is known what came of what was before it."""
+        """Run waiting actions until one of them has to wait for the simulator's answer."""
         while self._waiting and not self.is_behind:
             self._carry_out(self._waiting.popleft())
 
@@ -340,7 +337,7 @@ class EditMode:
             self._say(sentence)
 
     def refresh(self) -> None:
-        """Draw what was told since the last time."""
+        """Draw a proposal that has arrived since the last call."""
         told = self._editing.proposal
         if told is not None and told is not self.session.told:
             self.session.take(told)
@@ -351,12 +348,12 @@ class EditMode:
 
     @property
     def _bodies(self) -> object:
-        """The bodies that are to be drawn; None: what runs is shown."""
+        """Bodies to draw at rest; None while the running scene is shown."""
         return self._picture.rest if self.session.is_on and self.session.robot is not None else None
 
     def show(self) -> None:
-        """Draw the proposal in place of what runs, or what runs again."""
-        assert self._stage is not None  # as after `build`
+        """Draw the proposal in place of the running scene, or the running scene again."""
+        assert self._stage is not None  # set by `build`
         bodies, (parts, points) = self._bodies, self._picture.rest
         self._picture.put_aside(bodies is not None)
         with self._server.atomic():
@@ -375,8 +372,8 @@ class EditTab:
 
     Args:
         gui: viser's controls, inside the tab.
-        inbox: Where events of browsers go.
-        mode: What is edited, drawn and asked for.
+        inbox: Queue for events of browsers.
+        mode: What is edited, drawn and requested.
     """
 
     def __init__(self, gui: Any, inbox: Inbox, mode: EditMode) -> None:
@@ -397,7 +394,7 @@ class EditTab:
         self.refresh()
 
     def refresh(self) -> None:
-        """Show the proposal as it is told now."""
+        """Show the newest proposal."""
         session, told = self._session, self._session.told
         self._switch.show(session.is_on)
         self._clicks.show(session.click)
@@ -412,7 +409,7 @@ class EditTab:
         self._fields = [(field, _follow(before, field, box)) for field, (before, box) in pairs]
 
     def _build(self, fields: list[Field]) -> None:
-        """Make the controls of the chosen part anew."""
+        """Rebuild the controls of the chosen part."""
         for handle in self._content:
             handle.remove()
         self._content, self._fields = [], []
@@ -453,7 +450,7 @@ class EditTab:
         actions = {name: partial(self._mode.ask, name.lower()) for name in names}
         self._inbox.on_press(self._gui.add_button_group("", names), actions)
 
-    # --- what a person does ---------------------------------------------------------------------------
+    # --- actions of the user --------------------------------------------------------------------------
 
     def _turn(self, on: bool) -> None:
         self._mode.turn(on)
@@ -481,14 +478,14 @@ class EditTab:
 
 
 def _follow(before: Field, field: Field, box: Any) -> Any:
-    """The box of a field with its newest text, unless a person has written into it."""
+    """Return the text box of a field, updated to its newest text unless the user has changed it."""
     if box.value == before.text != field.text:
         box.value = field.text
     return box
 
 
 def status(told: Proposal | None) -> str:
-    """What to know about a proposal, as HTML."""
+    """Return the state of a proposal as HTML."""
     if told is None:
         return "waiting for the simulator ..."
     if told.robot is None:

@@ -1,4 +1,4 @@
-"""What a person edits on the page: the chosen part, its fields, handles, and what a click adds."""
+"""State of the edit mode: the chosen part, its fields and handles, and what a click adds."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import CommandError, SceneError, SoftSimError
-from softsim_core.base.values import Box, Sphere
-from softsim_core.physics.actuation.cable.description import CableDescription
-from softsim_core.physics.actuation.chamber.description import ChamberDescription
-from softsim_core.scene.deformable import BodyDescription
-from softsim_core.scene.editing import Edit, Put
-from softsim_core.scene.editing.parts import (
+from softsim_core.base import Array, Box, CommandError, SceneError, SoftSimError, Sphere
+from softsim_core.physics.actuation.cable import CableDescription
+from softsim_core.physics.actuation.chamber import ChamberDescription
+from softsim_core.scene import BodyDescription, JointDescription, RobotDescription
+from softsim_core.scene.editing import (
+    Edit,
+    Put,
     Region,
     add_attachment,
     add_cable,
@@ -32,10 +31,8 @@ from softsim_core.scene.editing.parts import (
     reshaped,
     route,
 )
-from softsim_core.scene.io.yaml_loader import Item, Steps, read_overrides
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_ros.messages.scene import Proposal
+from softsim_core.scene.io import Item, Steps, read_overrides
+from softsim_ros.messages import Proposal
 from softsim_ros.nodes.viewer.parameters import KILO
 from softsim_ros.nodes.viewer.surface import MM
 
@@ -46,12 +43,13 @@ Edits = Sequence[Edit]
 
 @dataclass(frozen=True)
 class Field:
-    """A value that a person can write.
+    """A value that the user can edit.
 
     Attributes:
         label: Its name, with the unit that is shown.
         text: The value as text.
-        edits: The edits for the value that a person wrote; TypeError or ValueError where it is none.
+        edits: Returns the edits for the value that the user entered; raises TypeError or ValueError if it is
+            invalid.
     """
 
     label: str
@@ -60,7 +58,7 @@ class Field:
 
 
 def fields_of(robot: RobotDescription, part: str, region: Region | None) -> list[Field]:
-    """The fields of a part of a scene; `region` is its box or sphere."""
+    """Return the fields of a part of a scene; `region` is its box or sphere."""
     if region is not None:
         return list(_of_region(robot, region))
     kind, _, name = part.partition("/")
@@ -72,19 +70,19 @@ def fields_of(robot: RobotDescription, part: str, region: Region | None) -> list
 
 
 def point_field(at: Array, moved: Callable[[Array], Edits]) -> Field:
-    """The field of one point of a cable at (3,) in [m]."""
+    """Return the field of one point of a cable at (3,) in [m]."""
     return Field("Point [mm]", _text(at * MM), lambda value: moved(_three(value) / MM))
 
 
 class _Draft:
-    """A region while its fields are read: each of them changes it, the last one's edit holds all."""
+    """A region while its fields are read; each field changes it, so the last edit contains all changes."""
 
     def __init__(self, robot: RobotDescription, region: Region) -> None:
         self._scene, self.region = robot.scene, region
         self.grams: float | None = None
 
     def put(self, shape: Box | Sphere) -> Edits:
-        """The edit for another shape, and the mass that was read before."""
+        """Return the edit for another shape, including a mass that was read before."""
         self.region = replace(self.region, shape=shape)
         edit = reshaped(self._scene, self.region, shape)
         if self.grams is not None:
@@ -92,28 +90,28 @@ class _Draft:
         return (edit,)
 
     def move(self, value: Any) -> Edits:
-        """Another centre, in [mm]."""
+        """Return the edit for another centre, in [mm]."""
         return self.put(self.region.at(_three(value) / MM))
 
     def resize(self, value: Any) -> Edits:
-        """Another size or radius, in [mm]."""
+        """Return the edit for another size or radius, in [mm]."""
         if isinstance(self.region.shape, Sphere):
             return self.put(replace(self.region.shape, radius=float(value) / MM))
         return self.put(replace(self.region.shape, size=_rounded_vector(_three(value) / MM)))
 
     def turn(self, value: Any) -> Edits:
-        """Other angles of a box, in [deg]."""
+        """Return the edit for other angles of a box, in [deg]."""
         assert isinstance(self.region.shape, Box)  # only boxes have the field
         return self.put(replace(self.region.shape, rotation_deg=_rounded_vector(_three(value))))
 
     def weigh(self, value: Any) -> Edits:
-        """Another mass, in [g]."""
+        """Return the edit for another mass, in [g]."""
         self.grams = float(value)
         return self.put(self.region.shape)
 
 
 def _of_region(robot: RobotDescription, region: Region) -> Iterator[Field]:
-    """Place and size of a region, and what it belongs to."""
+    """Yield the fields of a region: its place and size, and what it belongs to."""
     shape, draft = region.shape, _Draft(robot, region)
     yield Field("Centre [mm]", _text(region.center * MM), draft.move)
     if isinstance(shape, Sphere):
@@ -149,7 +147,7 @@ def _of_body(body: BodyDescription) -> Iterator[Field]:
     at: Steps = ("bodies", Item(body.name))
 
     def take(value: Any) -> Edits:
-        """Another elastomer of the table, with all its constants."""
+        """Return the edit for another elastomer of the table, with all its constants."""
         if not isinstance(value, str):
             raise ValueError("the name of an elastomer is needed; `softsim material` lists them")
         return (Put((*at, "material"), {"preset": value}),)
@@ -174,17 +172,17 @@ def _put(*steps: str | Item) -> Callable[[Any], Edits]:
 
 
 def _put_number(scale: float, *steps: str | Item) -> Callable[[Any], Edits]:
-    """Puts a shown number, of which an SI unit has so many, in SI."""
+    """Return a function that writes a displayed number in SI; `scale` displayed units are one SI unit."""
     return lambda value: (Put(steps, _digits(float(value) / scale)),)
 
 
 def _digits(value: float) -> float:
-    """Without the rounding of a change of units."""
+    """Return a value without the rounding error of a change of units."""
     return float(f"{value:.12g}")
 
 
 def _text(value: Any) -> str:
-    """A number, or several, as YAML reads them."""
+    """Return one or several numbers as YAML text."""
     if value is None:
         return ""
     if np.ndim(value):
@@ -195,7 +193,7 @@ def _text(value: Any) -> str:
 
 
 def _three(value: Any) -> Array:
-    """Three numbers."""
+    """Return three numbers as an array, shape (3,)."""
     numbers = np.array([float(each) for each in value])
     if numbers.shape != (3,):
         raise ValueError("three numbers are needed, such as [1, 2.5, 0]")
@@ -221,10 +219,10 @@ CLICKS: Final = (
     "add a contact box",
     "add a mass",
 )
-"""What a click on a body can do."""
+"""Actions of a click on a body."""
 
 SHARE: Final = 0.15
-"""A new box has this share of its body's diagonal."""
+"""Size of a new box as a fraction of its body's diagonal."""
 
 NEW_MASS: Final = 0.01
 NEW_PRESSURE: Final = 1.0e4
@@ -238,10 +236,10 @@ class EditSession:
 
     Attributes:
         is_on: Whether the proposal is shown in place of the robot.
-        click: What a click on a body does, one of CLICKS.
+        click: Action of a click on a body, one of CLICKS.
         part: The chosen part, "" for none.
         point: Number of the chosen point of a cable, -1 its pull point.
-        told: The newest proposal; None: none was told.
+        told: The newest proposal; None if none was received.
     """
 
     def __init__(self, send: Callable[[Sequence[Edit], str], None]) -> None:
@@ -256,7 +254,7 @@ class EditSession:
     # --- the proposal ---------------------------------------------------------------------------------
 
     def take(self, told: Proposal) -> None:
-        """Go on with a newer proposal; a part that was just added is chosen, one that is gone is not."""
+        """Take a newer proposal; choose a part that was just added, deselect one that was removed."""
         self.told = told
         parts = self.parts
         if self._awaited in parts:
@@ -272,7 +270,7 @@ class EditSession:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What can be chosen."""
+        """Parts that can be chosen."""
         robot = self.robot
         if robot is None:
             return ()
@@ -284,12 +282,12 @@ class EditSession:
 
     @property
     def regions(self) -> dict[str, Region]:
-        """Boxes and spheres by their parts."""
+        """Boxes and spheres by the names of their parts."""
         return {} if self.robot is None else regions_of(self.robot.scene)
 
     @property
     def route(self) -> Array:
-        """Points of the chosen cable in the world in [m], shape (k, 3); none where no cable is chosen."""
+        """Points of the chosen cable in the world in [m], shape (k, 3); empty if no cable is chosen."""
         if self.told is None or self._joint is None:
             return np.zeros((0, 3))
         return self.told.routes.get(self._joint.name, np.zeros((0, 3)))
@@ -308,12 +306,12 @@ class EditSession:
 
     @property
     def first(self) -> int:
-        """Place of point 0 of the chosen cable among `point_names`: 1 where there is a pull point."""
+        """Index of point 0 of the chosen cable in `point_names`: 1 if there is a pull point."""
         return int(self._cable is not None and self._cable.pull_point is not None)
 
     @property
     def point_names(self) -> tuple[str, ...]:
-        """Names of the points of the chosen cable, from where it leaves."""
+        """Names of the points of the chosen cable, from its exit on."""
         points = tuple(f"point {number + 1}" for number in range(len(self.route)))
         return ("pull point", *points) if self.first else points
 
@@ -338,13 +336,13 @@ class EditSession:
             self.point = self.point_names.index(name) - self.first
 
     def choose_click(self, click: str) -> None:
-        """Choose what a click on a body does, one of CLICKS."""
+        """Choose the action of a click on a body, one of CLICKS."""
         self.click = click if click in CLICKS else CHOOSE
 
     # --- clicks on a body -----------------------------------------------------------------------------
 
     def press(self, body: str, place: Array, points: Array) -> str:
-        """A click on a body, and a sentence for the person.
+        """Handle a click on a body; return a message for the user.
 
         Args:
             body: Name of the body.
@@ -383,7 +381,7 @@ class EditSession:
 
     def _pick(self, body: str, place: Array, diagonal: float) -> None:
         """Choose a cable's point near a place (3,) in [m], the smallest region around it, or the body."""
-        assert self.told is not None  # as where there is a robot
+        assert self.told is not None  # set if there is a robot
         for name, points in self.told.routes.items():
             apart = np.linalg.norm(points - place, axis=1)
             if len(apart) and apart.min() < 0.03 * diagonal:
@@ -394,7 +392,7 @@ class EditSession:
         self.choose(f"bodies/{body}" if smallest is None else smallest.part)
 
     def _lead(self, robot: RobotDescription, body: str, at: Array, diagonal: float) -> str:
-        """A click that routes a cable: where it leaves, then its points, one after the other."""
+        """Handle a click that routes a cable: first its exit, then its points, one after the other."""
         cable = self._cable
         if cable is not None and cable.body == body and self._joint is not None:
             points = [*self.route.tolist(), at.tolist()]
@@ -414,7 +412,7 @@ class EditSession:
     # --- handles --------------------------------------------------------------------------------------
 
     def handles(self) -> dict[str, Array]:
-        """Where handles of the chosen part are in [m], shapes (3,): "centre" and "size", or "point"."""
+        """Return the chosen part's handles in [m], shapes (3,): "centre" and "size", or "point"."""
         region = self.regions.get(self.part)
         if region is not None:
             return {"centre": region.center, "size": region.center + region.rotation @ _half(region.shape)}
@@ -426,12 +424,12 @@ class EditSession:
         return {"point": points[max(self.point, 0)]}
 
     def drag(self, handle: str, place: Array, stroke: str) -> None:
-        """A handle of the chosen part is dragged to a place (3,) in [m]."""
+        """Handle a drag of a handle of the chosen part to a place (3,) in [m]."""
         if edits := self._moved(handle, place):
             self._send(edits, stroke)
 
     def _moved(self, handle: str, place: Array) -> Sequence[Edit]:
-        """The edits that put a handle somewhere."""
+        """Return the edits that move a handle to a place."""
         robot, region, joint, cable = self.robot, self.regions.get(self.part), self._joint, self._cable
         if robot is None:
             return ()
@@ -449,7 +447,7 @@ class EditSession:
     # --- values ---------------------------------------------------------------------------------------
 
     def fields(self) -> list[Field]:
-        """The values of the chosen part that can be written."""
+        """Return the editable values of the chosen part."""
         if self.robot is None:
             return []
         found = fields_of(self.robot, self.part, self.regions.get(self.part))
@@ -457,7 +455,7 @@ class EditSession:
         return found if at is None else [point_field(at, partial(self._moved, "point")), *found]
 
     def write(self, texts: Sequence[tuple[Field, str]]) -> None:
-        """Propose what a person wrote into fields.
+        """Propose the values that the user entered into fields.
 
         Raises:
             SoftSimError: a text is no value for its field.
@@ -475,32 +473,33 @@ class EditSession:
             self._send(edits, "")
 
     def remove(self) -> None:
-        """Take the chosen part out.
+        """Remove the chosen part.
 
         Raises:
-            SoftSimError: it is not taken out here.
+            SoftSimError: it cannot be removed here.
         """
         if self.robot is not None and self.part:
             self._send(remove(self.robot, self.part), "")
 
     def remove_point(self) -> None:
-        """Take the chosen point out of the chosen cable."""
+        """Remove the chosen point from the chosen cable."""
         if self.robot is None or self._joint is None or self.point < 0 or not len(self.route):
             raise SceneError("choose a point of a cable first")
         points = np.delete(self.route, self.point, axis=0).tolist()
         self._send(route(self.robot, self._joint.name, points), "")
 
     def make_effector(self) -> None:
-        """Have the chosen rigid region be the end effector."""
+        """Make the chosen rigid region the end effector."""
         if not self.is_free:
             raise SceneError("choose a rigid region first")
         self._send((Put(("effector",), self.part.partition("/")[2]),), "")
 
 
 def dragged(region: Region, handle: str, place: Array) -> Box | Sphere:
-    """The shape of a region whose handle "centre" or "size" is dragged to a place (3,) in [m].
+    """Return the shape of a region after its handle "centre" or "size" is dragged to a place (3,) in [m].
 
-    The corner that is dragged takes its faces along, the opposite corner stays; so does a sphere's centre.
+    Dragging a corner moves the three faces that meet there; the opposite corner stays fixed. The centre of a
+    sphere stays fixed when its size is dragged.
     """
     shape, diagonal = region.shape, 10.0 * float(np.linalg.norm(2.0 * _half(region.shape)))
     if handle == "centre":
@@ -518,14 +517,14 @@ def dragged(region: Region, handle: str, place: Array) -> Box | Sphere:
 
 
 def _half(shape: Box | Sphere) -> Array:
-    """From the centre to the handle for the size, in the shape's own axes, shape (3,)."""
+    """Return the vector from the centre to the size handle, in the axes of the shape, shape (3,)."""
     if isinstance(shape, Sphere):
         return np.array([shape.radius, 0.0, 0.0])
     return 0.5 * np.array(shape.size)
 
 
 def _rounded(values: Array, diagonal: float) -> Array:
-    """Lengths to about a thousandth of a diagonal: as many digits as a hand has."""
+    """Round lengths to about a thousandth of a diagonal, the accuracy of a drag by hand."""
     digits = 4 - math.ceil(math.log10(max(diagonal, 1e-9)))
     return np.round(values, max(0, digits))
 

@@ -1,14 +1,14 @@
 """A viser server that only its own page may talk to: token, origin, and a check of every message.
 
-viser itself lets a page change any property of a control, its callbacks too, upload files without end, and
-call what was never asked for. Here a message passes only if it is one of `RULES`, has just the fields of that
-kind, and each of them is what that field may be.
+By itself viser lets a page change any property of a control, including its callbacks, upload files without
+end, and send messages that nobody requested. Here a message passes only if it is one of `RULES` and has
+exactly the fields of that kind, each with a permitted value.
 
-By itself viser listens on every interface, accepts any Origin and Host, moves on to another port when one
-is busy, opens a public tunnel when a page asks for it, and believes whatever a page sends. Here every request
-and every WebSocket handshake passes `AccessRule` first, every message `PageFilter`, and the tunnel is closed.
-The seam is `websockets.asyncio.server.serve`, which viser calls once; if it no longer does, nothing is
-served.
+By itself viser also listens on every interface, accepts any Origin and Host, moves on to another port when
+one is busy, opens a public tunnel when a page asks for it, and trusts everything that a page sends. Here
+every request and every WebSocket handshake passes `AccessRule` first, every message passes `PageFilter`, and
+the tunnel is disabled. The hook is `websockets.asyncio.server.serve`, which viser calls once; if it no longer
+does, nothing is served.
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ import websockets.asyncio.server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from softsim_core.base.errors import SoftSimError
+from softsim_core.base import SoftSimError
 
 MOST_BYTES: Final = 16 * 2**20
-"""Longest message: a picture of the view, which the page was asked for."""
+"""Largest size of a message in bytes; the largest is a picture of the view, which the server requests."""
 
 LONGEST_TEXT: Final = 20_000
 LARGEST: Final = 1.0e9
 RATE_HZ: Final = 300.0
-"""So many messages a second are taken from one page; a faster one has to wait."""
+"""Largest rate of messages that are accepted from one page; a faster page has to wait."""
 
 BURST: Final = 1000
 MOST_REFUSED: Final = 100
-"""After so many refused messages a connection is closed."""
+"""Number of refused messages after which a connection is closed."""
 
 Check = Callable[[Any], bool]
 
@@ -119,23 +119,23 @@ RULES: Final[Mapping[str, Mapping[str, Check]]] = {
     },
     "GetRenderResponseMessage": {"payload": _bytes, "render_uuid": _text},
 }
-"""Kinds of messages that a page may send, and what each field may be; `owner` may be left out."""
+"""Kinds of messages that a page may send, with a check of each field; `owner` may be missing."""
 
 _MAY_LACK: Final = {"owner"}
 
 
 class PageFilter:
-    """Decides about messages of pages.
+    """Decides which messages of a page pass.
 
     Args:
-        controls: Gives viser's handles of the controls that are on the page now, by their ids.
+        controls: Returns viser's handles of the controls that are on the page now, by their ids.
     """
 
     def __init__(self, controls: Callable[[], Mapping[str, Any]]) -> None:
         self._controls = controls
 
     def passes(self, raw: bytes | str) -> bool:
-        """Whether a message may go on to viser."""
+        """Return whether a message may be passed on to viser."""
         if not isinstance(raw, bytes):
             return False
         try:
@@ -159,7 +159,7 @@ class PageFilter:
 
 
 def may_have(handle: Any, value: Any) -> bool:
-    """Whether a person could give a control this value: of its type, from its list, within its range."""
+    """Return whether a user could give a control this value: its type, list and range must fit."""
     state = handle._impl
     props, present = state.props, state.value
     if getattr(props, "disabled", False):
@@ -179,11 +179,13 @@ def may_have(handle: Any, value: Any) -> bool:
 
 
 class FilteredConnection:
-    """A WebSocket connection whose incoming messages have passed the filter; the rest is the inner one's.
+    """A WebSocket connection that receives only messages that pass the filter.
+
+    Everything else is passed to the inner connection.
 
     Args:
         inner: The connection.
-        page_filter: What decides.
+        page_filter: Decides which messages pass.
     """
 
     def __init__(self, inner: Any, page_filter: PageFilter) -> None:
@@ -191,11 +193,11 @@ class FilteredConnection:
         self._refused, self._credit, self._counted_at = 0, float(BURST), time.monotonic()
 
     def __getattr__(self, name: str) -> Any:
-        """Whatever else is asked of the connection."""
+        """Return any other attribute of the inner connection."""
         return getattr(self._inner, name)
 
     async def recv(self) -> bytes:
-        """The next message that is allowed; a page that sends too many others is left."""
+        """Return the next message that passes; close a page that sends too many others."""
         while True:
             raw = await self._inner.recv()
             await self._wait_for_turn()
@@ -214,13 +216,13 @@ class FilteredConnection:
 
 
 COOKIE: Final = "softsim_viewer"
-"""How the name of the cookie begins; the port follows, since browsers keep one jar for all ports."""
+"""First part of the cookie's name; the port follows, since all ports of a host share cookies."""
 
 MOST_CONNECTIONS: Final = 100
-"""So many connections may be open at once; a further one is closed unheard."""
+"""Largest number of open connections; a further one is closed at once."""
 
 HANDSHAKE_WITHIN_S: Final = 5.0
-"""A connection that has not said by then what it wants is closed, in [s]."""
+"""Time limit in [s] for the request of a new connection."""
 
 ANYWHERE: Final = ("0.0.0.0", "::")
 
@@ -228,13 +230,13 @@ CONTENT_POLICY: Final = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
-"""The page loads and contacts nothing but this server, and no other page frames it."""
+"""The page loads from and connects to this server only, and no other page can frame it."""
 
 KEYS_STAY_HERE: Final = (
     "<script>document.documentElement.addEventListener('keydown',"
     "event=>{if(event.ctrlKey||event.metaKey)event.stopPropagation()})</script>"
 )
-"""Keys with Ctrl are the robot's: without this the camera would move with Ctrl+arrow, too."""
+"""Script that reserves keys with Ctrl for the robot; otherwise Ctrl+arrow would also move the camera."""
 
 
 class ViewerError(SoftSimError, RuntimeError):
@@ -243,12 +245,12 @@ class ViewerError(SoftSimError, RuntimeError):
 
 @dataclass(frozen=True)
 class AccessRule:
-    """Who may load the page and connect to it.
+    """Rule that decides who may load the page and connect to it.
 
     Attributes:
-        host: Address that is listened on.
+        host: Address to listen on.
         port: Its port.
-        token: Secret that a browser brings once as `?token=` and then in a cookie; None asks for none.
+        token: Secret that a browser sends once as `?token=` and then in a cookie; None requires none.
     """
 
     host: str
@@ -257,7 +259,7 @@ class AccessRule:
 
     @property
     def address(self) -> str:
-        """What a person opens in a browser of this machine."""
+        """Address of the page for a browser on this machine."""
         anywhere = self.host in ANYWHERE
         host = socket.gethostname() if anywhere else f"[{self.host}]" if ":" in self.host else self.host
         host = self.own_name or host
@@ -265,10 +267,10 @@ class AccessRule:
 
     @property
     def own_name(self) -> str:
-        """Name of this machine that only who has the token knows; empty where there is none.
+        """Host name of this machine that only those with the token know; empty if there is none.
 
-        Browsers send a cookie to every port of the host that set it, so also to pages that other accounts
-        serve at 127.0.0.1; they do not know this host, which every browser takes for this machine.
+        Browsers send a cookie to every port of the host that set it, hence also to pages that other accounts
+        serve at 127.0.0.1. Those pages do not know this name, which every browser resolves to this machine.
         """
         if self.token is None or self.host != "127.0.0.1":
             return ""
@@ -276,11 +278,11 @@ class AccessRule:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie that keeps the token."""
+        """Name of the cookie that stores the token."""
         return f"{COOKIE}_{self.port}"
 
     def refusal(self, request: Request) -> tuple[http.HTTPStatus, str] | None:
-        """Status and sentence for a request that is not allowed, or None."""
+        """Return status and message for a request that is not allowed, or None if it is."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or not self._is_own_host(hosts[0]):
             return http.HTTPStatus.MISDIRECTED_REQUEST, f"unknown Host; open {self.address.split('?')[0]}"
@@ -291,7 +293,7 @@ class AccessRule:
         return None
 
     def has_token(self, request: Request) -> bool:
-        """Whether the address of the request carries the token."""
+        """Return whether the address of the request contains the token."""
         given = parse_qs(urlsplit(request.path).query).get("token", [])
         return self.token is not None and any(_equal(value, self.token) for value in given)
 
@@ -304,7 +306,7 @@ class AccessRule:
         return self.cookie in cookies and _equal(cookies[self.cookie].value, self.token)
 
     def _is_own_host(self, host: str) -> bool:
-        if not is_loopback(self.host):  # any name may lead here; the token tells friend from foe
+        if not is_loopback(self.host):  # any name may lead here; only the token protects the page
             return True
         own = f"[{self.host}]" if ":" in self.host else self.host
         names = [own, "127.0.0.1", "localhost", "[::1]", *filter(None, [self.own_name])]
@@ -316,7 +318,7 @@ def _equal(given: str, wanted: str) -> bool:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches `host`.
+    """Return whether `host` can be reached from this machine only.
 
     Raises:
         ViewerError: not an IP address.
@@ -333,7 +335,7 @@ class GuardedServer(viser.ViserServer):
     """A viser server behind an AccessRule.
 
     Args:
-        rule: Address and who may use it.
+        rule: Address, and who may use it.
         label: Title of the panel.
 
     Raises:
@@ -359,12 +361,12 @@ class GuardedServer(viser.ViserServer):
             )
 
     def _controls(self) -> dict[str, Any]:
-        """Viser's handles of the controls that are on the page now."""
+        """Return viser's handles of the controls that are on the page now."""
         gui = getattr(self, "gui", None)
         return {} if gui is None else gui._gui_input_handle_from_uuid
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """No tunnel to the outside, whoever asks."""
+        """Return None: no public tunnel is opened, whoever asks for it."""
         return None
 
     def stop(self) -> None:
@@ -395,7 +397,7 @@ def _busy(rule: AccessRule) -> str:
 
 @contextlib.contextmanager
 def _guarding(rule: AccessRule, page_filter: PageFilter, guarded: list[bool]) -> Iterator[None]:
-    """Put rule and filter before whatever is served meanwhile; `guarded` then is not empty."""
+    """Apply rule and filter to servers started inside the context; `guarded` is then not empty."""
     serve = websockets.asyncio.server.serve
     page = _page()
 
@@ -420,21 +422,21 @@ def _guarding(rule: AccessRule, page_filter: PageFilter, guarded: list[bool]) ->
 
 
 def _silent_logger() -> logging.Logger:
-    """A logger that says nothing: what strangers send must not fill the terminal."""
+    """Return a disabled logger, so that requests of strangers cannot fill the terminal."""
     logger = logging.getLogger("softsim_ros.nodes.viewer.websockets")
     logger.disabled = True
     return logger
 
 
 def _counted_connections() -> type[websockets.asyncio.server.ServerConnection]:
-    """Connections of which at most MOST_CONNECTIONS are open at once."""
+    """Return a connection class that allows at most MOST_CONNECTIONS open connections."""
     live: set[object] = set()
 
     class Counted(websockets.asyncio.server.ServerConnection):
-        """A connection that is closed unheard where too many are open."""
+        """A connection that is closed at once if too many are open."""
 
         def connection_made(self, transport: Any) -> None:
-            """Take it, or close it."""
+            """Count the connection, or close it."""
             super().connection_made(transport)
             if len(live) >= MOST_CONNECTIONS:
                 transport.abort()
@@ -442,7 +444,7 @@ def _counted_connections() -> type[websockets.asyncio.server.ServerConnection]:
                 live.add(self)
 
         def connection_lost(self, exc: Exception | None) -> None:
-            """Forget it."""
+            """Remove the connection from the count."""
             live.discard(self)
             super().connection_lost(exc)
 
@@ -460,7 +462,7 @@ def _guard(rule: AccessRule, page: bytes, inner: Any) -> Callable[[Any, Request]
         if rule.has_token(request):
             answer = _response(http.HTTPStatus.SEE_OTHER, b"", "text/plain")
             if rule.own_name and request.headers["Host"].lower() != f"{rule.own_name}:{rule.port}":
-                answer.headers["Location"] = rule.address  # no cookie for a name that others share
+                answer.headers["Location"] = rule.address  # set no cookie for a host name that others share
                 return answer
             answer.headers["Location"] = "/"
             answer.headers["Set-Cookie"] = f"{rule.cookie}={rule.token}; Path=/; HttpOnly; SameSite=Strict"
@@ -478,7 +480,7 @@ def _guard(rule: AccessRule, page: bytes, inner: Any) -> Callable[[Any, Request]
 
 
 def _page() -> bytes:
-    """The page of viser with our script in it, compressed."""
+    """Return viser's page with our script in it, compressed."""
     file = Path(viser.__file__).parent / "client" / "build" / "index.html"
     text = file.read_text(encoding="utf-8")
     head = text.find("<head>")

@@ -1,4 +1,4 @@
-"""What lies inside bodies and around them: elements, regions, frames, collision surfaces, normals."""
+"""Draw what is inside bodies and around them: elements, regions, frames, collision surfaces, normals."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.scene.deformable import AttachmentDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.view import ViewSettings
+from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.scene import AttachmentDescription, RobotDescription, ViewSettings
 from softsim_ros.nodes.viewer.marker_view import MarkerView, marker_points
 from softsim_ros.nodes.viewer.surface import MM, box_lines, normal_lines, shrunk_faces, sphere_lines
 
@@ -36,7 +34,7 @@ class CollisionView:
         self._view = ViewSettings()
 
     def obey(self, view: ViewSettings) -> None:
-        """Show what a view says."""
+        """Apply view settings."""
         self._view = view
         self._surfaces.switch(view.collisions, view.hidden)
         if not view.collisions:
@@ -45,7 +43,7 @@ class CollisionView:
             self._draw_boxes(np.zeros((0, 2, 3), np.float32))
 
     def update(self, message: MarkerArray) -> None:
-        """Draw where the surfaces are now."""
+        """Draw the surfaces at their current positions."""
         view = self._view
         if view.collisions:
             self._surfaces.update(message)
@@ -66,7 +64,7 @@ class CollisionView:
 
 
 def around(marker: Marker) -> NDArray[np.float32]:
-    """Edges in [mm] of the box around a surface, along the axes of the world, shape (12, 2, 3)."""
+    """Return the edges in [mm] of a surface's box along the axes of the world, shape (12, 2, 3)."""
     points = marker_points(marker)
     margin = MM * marker.scale.x / 2.0 if marker.type == Marker.SPHERE else 0.0
     lower, upper = points.min(axis=0) - margin, points.max(axis=0) + margin
@@ -76,13 +74,13 @@ def around(marker: Marker) -> NDArray[np.float32]:
 
 LENGTH_MM: Final = 2.0
 PERIOD_S: Final = 0.2
-"""Normals are drawn anew this often, in [s]."""
+"""Period in [s] at which normals are redrawn."""
 
 _COLOUR = (12, 133, 153)
 
 
 class NormalsView:
-    """Draws a line from the middle of each triangle along its normal.
+    """Draws a line from the centre of each triangle along its normal.
 
     Args:
         scene: viser's scene.
@@ -94,13 +92,19 @@ class NormalsView:
         self.visible = False
 
     def switch(self, shown: bool) -> None:
-        """Show or hide them."""
+        """Show or hide the normals."""
         self.visible, self._drawn_at = shown, -math.inf
         if not shown:
             self._remove()
 
     def update(self, points: NDArray[np.float32], triangles: IndexArray, now: float) -> None:
-        """Draw those of `triangles` (k, 3) over `points` (p, 3) in [mm], when it is time; `now` in [s]."""
+        """Redraw the normals if their period is over.
+
+        Args:
+            points: Vertices in [mm], shape (p, 3).
+            triangles: Triangles with normals, shape (k, 3).
+            now: Steady clock in [s].
+        """
         if not self.visible or now - self._drawn_at < PERIOD_S:
             return
         self._drawn_at = now
@@ -119,15 +123,15 @@ class NormalsView:
 
 
 Still: TypeAlias = tuple[str, str, Any]
-"""A thing that is drawn once: its layer, the part of the scene it belongs to, its handle."""
+"""An object that is drawn once: its layer, the part of the scene that it belongs to, its handle."""
 
 ELEMENT_SHARE = 0.85
 EDGES = (20, 24, 28)
 REGION_SHARE = 2.2
-"""Nodes of rigid regions are drawn so many times as large as others."""
+"""Size of the nodes of rigid regions relative to other nodes."""
 
 STILL = 1e-4
-"""A frame that moves by less than this in [mm], or in its quaternion, stays where it is drawn."""
+"""Change below which a frame is not moved in the picture, in [mm] or in its quaternion."""
 
 REGION_COLOURS = ((230, 119, 0), (47, 158, 68), (25, 113, 194), (174, 62, 201), (201, 42, 42), (12, 133, 153))
 
@@ -137,7 +141,7 @@ class InnerView:
 
     Args:
         scene: viser's scene.
-        robot: What the scene is made of.
+        robot: Description of the scene.
         frames: Names of its frames, in the order of their poses.
     """
 
@@ -158,7 +162,7 @@ class InnerView:
 
     @property
     def needs_nodes(self) -> bool:
-        """Whether something is shown that needs the positions of the nodes."""
+        """Whether a visible layer needs the positions of the nodes."""
         view = self._view
         return view.elements or view.nodes or view.regions
 
@@ -168,7 +172,13 @@ class InnerView:
         bodies: Sequence[Mapping[str, Any]],
         regions: Sequence[Mapping[str, Any]],
     ) -> None:
-        """Tell elements, shape (m, 4); `name` and `nodes` of bodies (first, end) and rigid regions (all)."""
+        """Set the structure of the scene.
+
+        Args:
+            tetrahedra: Node indices of the elements, shape (m, 4).
+            bodies: `name` and `nodes` (first and end index) of each body.
+            regions: `name` and `nodes` (all indices) of each rigid region.
+        """
         self._tetrahedra = tetrahedra
         self._bodies = {str(body["name"]): slice(*body["nodes"]) for body in bodies}
         self._regions = [
@@ -177,7 +187,7 @@ class InnerView:
         self._forget()
 
     def obey(self, view: ViewSettings) -> None:
-        """Show what a view says."""
+        """Apply view settings."""
         self._view = view
         for name, handle in self._frames:
             part = name.removesuffix("_horn")
@@ -189,20 +199,20 @@ class InnerView:
             self.move_nodes(self._positions)
 
     def move_frames(self, poses: Array) -> None:
-        """Place the frames; rows of x, y, z in [mm] and a quaternion x, y, z, w, shape (f, 7)."""
+        """Move the frames; rows of x, y, z in [mm] and a quaternion x, y, z, w, shape (f, 7)."""
         if len(poses) != len(self._frames):
             return
-        moved = (np.abs(poses - self._poses) > STILL).any(axis=1)  # what stands costs nothing
+        moved = (np.abs(poses - self._poses) > STILL).any(axis=1)  # frames at rest cost nothing
         for number in np.flatnonzero(moved):
             handle, row = self._frames[number][1], poses[number]
             handle.position, handle.wxyz = row[:3], row[[6, 3, 4, 5]]
             self._poses[number] = row
 
     def move_nodes(self, positions: Array) -> None:
-        """Place nodes and elements; `positions` in [mm], shape (n, 3)."""
+        """Move nodes and elements; `positions` in [mm], shape (n, 3)."""
         self._positions = positions
         if int(self._tetrahedra.max(initial=-1)) >= len(positions):
-            return  # of another scene
+            return  # nodes of another scene
         view, seen = self._view, self._seen(len(positions))
         tetrahedra = self._tetrahedra[seen[self._tetrahedra[:, 0]]]
         if view.elements and len(tetrahedra):
@@ -218,7 +228,7 @@ class InnerView:
             self._draw(f"regions/{name}", "points", points, colour, size=REGION_SHARE * size)
 
     def _seen(self, count: int) -> BoolArray:
-        """Which of `count` nodes are of bodies that are not hidden."""
+        """Return a mask of the `count` nodes: True for nodes of bodies that are not hidden."""
         seen = np.ones(count, dtype=bool)
         for name, nodes in self._bodies.items():
             if f"bodies/{name}" in self._view.hidden:
@@ -243,7 +253,7 @@ class InnerView:
             )
 
     def _forget(self) -> None:
-        """Take away what moves; it is drawn anew with the next positions."""
+        """Remove moving objects; they are drawn again with the next positions."""
         for handle in self._moving.values():
             handle.remove()
         self._moving.clear()
@@ -258,7 +268,7 @@ class InnerView:
                 ),
             )
             for joint in self._robot.joints
-            if joint.kind == "revolute"  # the servos; slides and cables have no place of their own
+            if joint.kind == "revolute"  # the servos; slides and cables have no position of their own
         ]
 
     def _arms(self) -> list[Still]:

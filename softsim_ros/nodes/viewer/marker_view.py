@@ -1,4 +1,4 @@
-"""Marker arrays of the simulator in the page: cables, chambers, contacts, rigid bodies."""
+"""Draw marker arrays of the simulator in the page: cables, chambers, contacts, rigid bodies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from softsim_ros.nodes.viewer.surface import MM
 
 LONGEST_AXES_MM: Final = 30.0
-"""Arrows of a rigid body's frame reach out of the body, but no farther than this."""
+"""Upper limit of the length of a rigid body's axes, which otherwise reach out of the body."""
 
 
 LONGEST_NODE_NAME: Final = 60
@@ -24,7 +24,7 @@ _SINGLE: Final = frozenset({Marker.ARROW, Marker.CUBE, Marker.SPHERE, Marker.CYL
 
 
 def marker_points(marker: Marker) -> NDArray[np.float32]:
-    """Points of a marker in [mm], shape (k, 3): of its list, or its own position if it is a single thing."""
+    """Return the points of a marker in [mm], shape (k, 3): its list, or its position if it has none."""
     at = marker.pose.position
     shift = np.array([at.x, at.y, at.z])
     points = np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
@@ -32,19 +32,19 @@ def marker_points(marker: Marker) -> NDArray[np.float32]:
 
 
 def marker_colour(marker: Marker) -> tuple[int, int, int]:
-    """Red, green, blue in 0..255."""
+    """Return red, green, blue in 0..255."""
     colour = marker.color
     return round(255 * colour.r), round(255 * colour.g), round(255 * colour.b)
 
 
 def marker_opacity(marker: Marker) -> float | None:
-    """Opacity in 0..1 of a marker that one sees through; None of any other."""
+    """Return the opacity in 0..1 of a transparent marker, and None for any other."""
     alpha = marker.color.a
     return alpha if 0.0 < alpha < 1.0 else None
 
 
 def node_name(name: str) -> str:
-    """A name of others as part of one in viser's tree: itself where it is plain, else its CRC-32."""
+    """Return a foreign name as a part of a name in viser's tree: itself if it is plain, else its CRC-32."""
     plain = re.fullmatch(rf"[\w -]{{0,{LONGEST_NODE_NAME}}}", name)
     return name if plain else f"named_{crc32(name.encode()):08x}"
 
@@ -55,10 +55,10 @@ class MarkerView:
     Args:
         scene: viser's scene.
         name: Where in the tree they go, such as "cables".
-        part_of: From a marker's name and number, the part of the scene that it draws.
+        part_of: Returns the part of the scene that a marker draws, given its name and number.
         wireframe: Whether triangles and spheres are drawn as wire frames.
-        offset: By how much in [mm] triangles are drawn before where they are, the way they face: what lies on
-            the wall of a body would flicker through it.
+        offset: Distance in [mm] by which triangles are moved along their normals. A surface that lies on the
+            wall of a body would otherwise flicker through it.
     """
 
     def __init__(
@@ -76,17 +76,17 @@ class MarkerView:
         self._drawn: dict[tuple[str, int], tuple[int, Any]] = {}
 
     def switch(self, shown: bool, hidden: Collection[str] = ()) -> None:
-        """Show or hide all of them; those of `hidden` parts do not show either way."""
+        """Show or hide all markers; those of `hidden` parts are always hidden."""
         self._visible, self._hidden = shown, frozenset(hidden)
         for key, (_, handle) in self._drawn.items():
             handle.visible = self._shows(key)
 
     def clear(self) -> None:
-        """Take all of them away."""
+        """Remove all markers."""
         self.update(MarkerArray())
 
     def update(self, message: MarkerArray) -> None:
-        """Draw what a message says; what it does not name, is gone."""
+        """Draw the markers of a message and remove all others."""
         named = set()
         for marker in message.markers:
             key = (marker.ns, marker.id)
@@ -142,12 +142,12 @@ class MarkerView:
 
 
 def corner_faces(corners: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Triangles over a list of their corners (3 k, 3), shape (k, 3)."""
+    """Return triangles over a list of their corners (3 k, 3), shape (k, 3)."""
     return np.arange(len(corners) // 3 * 3, dtype=np.uint32).reshape(-1, 3)
 
 
 def facing(corners: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Unit vectors in which triangles face, one a corner, by a list of their corners, shapes (3 k, 3)."""
+    """Return the unit normal of each corner's triangle; corners and normals have shape (3 k, 3)."""
     a, b, c = np.moveaxis(corners.reshape(-1, 3, 3), 1, 0)
     ways = np.cross(b - a, c - a)
     ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
@@ -155,7 +155,7 @@ def facing(corners: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _move(handle: Any, marker: Marker, points: NDArray[np.float32]) -> bool:
-    """Move what is drawn, triangles in their new colour; False where it has another number of corners."""
+    """Move a drawn marker, and recolour triangles; return False if the number of corners has changed."""
     if marker.type == Marker.SPHERE:
         handle.position = points[0]
     elif marker.type != Marker.TRIANGLE_LIST:
@@ -170,7 +170,7 @@ def _move(handle: Any, marker: Marker, points: NDArray[np.float32]) -> bool:
 
 
 class RigidView:
-    """Draws rigid bodies: their triangles once, then their poses, and their frames.
+    """Draws rigid bodies and their frames: the triangles once, then the poses.
 
     Args:
         scene: viser's scene.
@@ -182,11 +182,11 @@ class RigidView:
         self._visible, self._axes, self._hidden = True, False, frozenset[str]()
 
     def show(self, message: MarkerArray) -> None:
-        """Take other bodies: one TRIANGLE_LIST each, in the body's own frame."""
+        """Draw other bodies: one TRIANGLE_LIST each, in the body's own frame."""
         for _, frame, _ in self._bodies:
             frame.remove()
         names = [marker.ns or str(marker.id) for marker in message.markers]
-        apart = len({*names}) == len(names)  # else numbers tell them apart: two nodes never share a name
+        apart = len({*names}) == len(names)  # otherwise use numbers: two nodes never share a name
         shown = [node_name(name) if apart else str(number) for number, name in enumerate(names)]
         self._bodies = [
             (name, *self._make(node, marker))
@@ -195,7 +195,7 @@ class RigidView:
         self.switch(self._visible, axes=self._axes, hidden=self._hidden)
 
     def switch(self, shown: bool, *, axes: bool = False, hidden: Collection[str] = ()) -> None:
-        """Show or hide their surfaces, and their frames (`axes`); `hidden` parts show neither."""
+        """Show or hide surfaces (`shown`) and frames (`axes`); `hidden` parts show neither."""
         self._visible, self._axes, self._hidden = shown, axes, frozenset(hidden)
         for name, frame, surface in self._bodies:
             there = f"rigid_bodies/{name}" not in self._hidden
@@ -203,7 +203,7 @@ class RigidView:
             frame.show_axes = axes and there
 
     def move(self, message: PoseArray) -> None:
-        """Place the bodies, in their order; poses of another number of bodies are of another scene."""
+        """Move the bodies, in their order; poses of another number of bodies are of another scene."""
         if len(message.poses) != len(self._bodies):
             return
         for (_, frame, _), pose in zip(self._bodies, message.poses, strict=True):
@@ -212,7 +212,7 @@ class RigidView:
             frame.wxyz = (turn.w, turn.x, turn.y, turn.z)
 
     def _make(self, node: str, marker: Marker) -> tuple[Any, Any]:
-        """Frame and surface of a body, under a name in viser's tree."""
+        """Return the frame and the surface of a body, under a name in viser's tree."""
         vertices = marker_points(marker)
         length = min(1.3 * float(np.abs(vertices).max(initial=0.0)), LONGEST_AXES_MM)
         frame = self._scene.add_frame(

@@ -1,4 +1,4 @@
-"""Controls of the page, served in the node's own thread."""
+"""Controls of the page, handled in the node's own thread."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from typing import Any, Final
 
 
 class Spoken:
-    """The newest sentence for the person.
+    """The newest message for the user.
 
     Attributes:
-        sentence: Empty: nothing was said.
+        sentence: The message; empty if there is none.
     """
 
     def __init__(self) -> None:
         self.sentence = ""
 
     def say(self, sentence: str) -> None:
-        """Show one sentence."""
+        """Set the message."""
         self.sentence = sentence
 
 
 HOLD_S: Final = 1.0
-"""A control that was changed by hand stays as it is this long, in [s], before it follows the robot again."""
+"""Time in [s] for which a control stays as the user set it before it follows the robot again."""
 
 
 class Inbox:
-    """What browsers did, in order, handed over from viser's thread to the node's.
+    """Actions of browsers in order, passed from viser's thread to the node's.
 
-    Plain callbacks run in a pool of viser's, out of order; `async` ones run in order in its own thread, where
-    nothing may wait. So every callback here only puts an action into the queue.
+    viser runs plain callbacks in a thread pool, out of order. It runs `async` callbacks in order in its own
+    thread, which must not block. Every callback here therefore only puts an action into the queue.
     """
 
     def __init__(self) -> None:
@@ -39,15 +39,15 @@ class Inbox:
         self._page = 0
 
     def turn_page(self) -> None:
-        """The controls are made anew: changes of the old ones that are still here go nowhere."""
+        """Start a new page of controls; pending changes of the previous controls are dropped."""
         self._page += 1
 
     def put(self, action: Callable[[], None]) -> None:
-        """Leave an action for the node's thread."""
+        """Queue an action for the node's thread."""
         self._actions.put(action)
 
     def take(self) -> Iterator[Callable[[], None]]:
-        """The actions left so far, oldest first."""
+        """Yield the queued actions, oldest first."""
         for _ in range(self._actions.qsize()):
             yield self._actions.get()
 
@@ -60,7 +60,7 @@ class Inbox:
         button.on_click(clicked)
 
     def on_press(self, row: Any, actions: Mapping[str, Callable[[], None]]) -> None:
-        """Run the action of the button that is pressed in a row of them."""
+        """Run the action of the pressed button in a row of buttons."""
 
         async def pressed(event: Any) -> None:
             if event.target.value in actions:
@@ -69,7 +69,7 @@ class Inbox:
         row.on_click(pressed)
 
     def on_change(self, handle: Any, action: Callable[[Any], None]) -> Control:
-        """Run an action with the new value whenever a person changes a control of the present page."""
+        """Run an action with the new value whenever a user changes a control of the present page."""
         control, page = Control(handle, action), self._page
 
         async def changed(event: Any) -> None:
@@ -81,7 +81,7 @@ class Inbox:
         return control
 
     def on_key(self, command: Any, action: Callable[[], None]) -> None:
-        """Run an action whenever the key of a command is pressed."""
+        """Run an action whenever the hotkey of a command is pressed."""
 
         async def pressed(_: Any) -> None:
             self.put(action)
@@ -90,14 +90,14 @@ class Inbox:
 
 
 class Control:
-    """A control with a value, which follows the robot and which a person changes.
+    """A control with a value that follows the robot and that the user can change.
 
-    The page commands nothing by itself: whatever a browser sends, only a value that differs from the one on
-    the page by more than its rounding counts as a person's.
+    The page sends no command by itself: only a value that differs from the displayed one by more than its
+    rounding counts as the user's, whatever a browser sends.
 
     Args:
         handle: viser's control.
-        action: Called with the value that a person has given.
+        action: Called with the value that the user has set.
     """
 
     def __init__(self, handle: Any, action: Callable[[Any], None]) -> None:
@@ -107,11 +107,11 @@ class Control:
         self._taken_at = -float("inf")
 
     def show(self, value: Any) -> None:
-        """Show what the robot has, unless a person has just changed it.
+        """Show the robot's value, unless the user has just changed the control.
 
-        viser gives the handle a person's value before that is taken here. So a value that differs while the
-        robot's is the one shown before may be such a one: it is replaced only if it was there at the last
-        call too, and has been taken since.
+        viser writes a user's value into the handle before `take` is called. A handle value that differs while
+        the robot's value is unchanged may therefore be a new one of the user. It is overwritten only if it
+        differed at the last call too, because `take` has been called since.
         """
         differed, self._differed = self._differed, value != self._handle.value
         news = value != self._on_page or differed
@@ -119,7 +119,7 @@ class Control:
             self._handle.value = self._on_page = value
 
     def take(self, value: Any) -> None:
-        """Act on what a person has given."""
+        """Run the action for a value that the user has set."""
         if self._is_on_page(value):
             return
         self._on_page, self._taken_at = value, time.monotonic()
@@ -133,13 +133,13 @@ class Control:
 
 
 class Shown:
-    """A piece of HTML that is sent only when it changes."""
+    """An HTML element that is sent only when its content changes."""
 
     def __init__(self, handle: Any) -> None:
         self._handle, self._content = handle, ""
 
     def show(self, content: str) -> None:
-        """Show this content."""
+        """Set the content."""
         if content != self._content:
             self._content = content
             self._handle.content = content

@@ -1,4 +1,4 @@
-"""Parameters of the viewer, and those of the simulator that the page can tune."""
+"""Parameters of the viewer, and the simulator's parameters that the page can tune."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import Any, Final
 
 from softsim_core.physics.fem.materials import MaterialParameter
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.parameters import declare, parameter, parameter_probe
-from softsim_ros.keys.keyboard import DEFAULT_ROBOT, KeySettings
+from softsim_core.scene import RobotDescription
+from softsim_node import declare, parameter, parameter_probe
+from softsim_ros.keys import DEFAULT_ROBOT, KeySettings
 from softsim_ros.nodes.viewer.guard import ViewerError
 
 KILO: Final = 1000.0
 MEGA: Final = 1.0e6
 SHOWN_IN_MPA: Final = 1.0e7
-"""From this pressure in [Pa] on a slider shows [MPa]: paper and thread, not rubber."""
+"""Pressure in [Pa] from which a slider uses [MPa]; paper and thread are above it, rubber below."""
 
 YOUNG_KPA: Final = (10.0, 2000.0)
-"""Range of Young modulus in [kPa]; wider where the scene's own lies outside."""
+"""Range of Young modulus in [kPa]; extended if the scene's own value lies outside."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Tunable:
     Attributes:
         name: Name of the simulator's parameter.
         label: Words on the page, with the unit that is shown.
-        help: One sentence.
+        help: Short help text.
         start: Value at the start, as shown.
         lower, upper, step: Range of the slider, as shown.
         scale: SI value of one shown unit.
@@ -48,22 +48,22 @@ class Tunable:
 
     @property
     def is_switch(self) -> bool:
-        """Whether it is true or false."""
+        """Whether the parameter is a boolean."""
         return isinstance(self.start, bool)
 
     def si(self, value: Any) -> Any:
-        """The parameter's value for what the control shows."""
+        """Return the parameter's value in SI for a displayed value."""
         return bool(value) if self.is_switch else float(value) * self.scale
 
     def shown(self, value: Any) -> Any:
-        """What the control shows for a parameter's value, within its range."""
+        """Return the displayed value for a parameter's value, clamped to the range."""
         if self.is_switch:
             return bool(value)
         return min(max(round(float(value) / self.scale, 9), self.lower), self.upper)
 
 
 def tunables(robot: RobotDescription) -> list[Tunable]:
-    """Speed, limits, material of each body, of its layers and its fibres, damping."""
+    """Return speed, limits, materials of bodies, layers and fibres, and damping."""
     scene = robot.scene
     found = [
         Tunable(
@@ -106,7 +106,7 @@ def tunables(robot: RobotDescription) -> list[Tunable]:
 
 
 def _material_parameter(owner: str, prefix: str, parameter: MaterialParameter, value: float) -> Tunable:
-    """The slider of a parameter of a law, by the full name of what is made of it; see SceneDescription."""
+    """Return the slider of a material parameter, under the full name of its owner; see SceneDescription."""
     name, whose = f"{prefix}{parameter.name}", prefix.rstrip(".") or owner
     if parameter.name == "poisson_ratio":
         return Tunable(
@@ -136,14 +136,14 @@ def _material_parameter(owner: str, prefix: str, parameter: MaterialParameter, v
 
 
 def _shown_unit(unit: str, value: float) -> tuple[float, str]:
-    """How many of SI are one of the shown unit, and how a label ends with it."""
+    """Return how many SI units one displayed unit is, and the suffix of the label."""
     if unit != "Pa":
         return 1.0, "" if unit == "-" else f" [{unit}]"
     return (MEGA, " [MPa]") if abs(value) >= SHOWN_IN_MPA else (KILO, " [kPa]")
 
 
 def _in_short(parameter: MaterialParameter) -> str:
-    """What a label calls it: "C1" of "C1, half the shear modulus at rest", which its help says whole."""
+    """Return the short name: "C1" of "C1, half the shear modulus at rest"; the help has the full text."""
     return parameter.description.partition(",")[0]
 
 
@@ -151,7 +151,10 @@ DEFAULT_PORT = 8080
 
 TOKEN: Final = "SOFTSIM_PAGE_TOKEN"
 TOKEN_FILE: Final = "SOFTSIM_PAGE_TOKEN_FILE"
-"""Variables with the secret of the page, and with the file that holds it: no other account reads them."""
+"""Environment variables with the page's secret, and with the file that contains it.
+
+Other accounts can read neither.
+"""
 
 LONGEST_TOKEN: Final = 200
 _TOKEN: Final = re.compile(rf"[A-Za-z0-9_-]{{8,{LONGEST_TOKEN}}}")
@@ -159,12 +162,12 @@ _TOKEN: Final = re.compile(rf"[A-Za-z0-9_-]{{8,{LONGEST_TOKEN}}}")
 
 @dataclass(frozen=True, kw_only=True)
 class ViewerSettings:
-    """Where the page is served, and how it looks.
+    """Address and appearance of the page.
 
     Attributes:
-        host: IP address that is listened on; 127.0.0.1 is this machine only.
+        host: IP address to listen on; 127.0.0.1 is this machine only.
         port: TCP port.
-        no_token: Ask for no secret: every account of this machine may use the page.
+        no_token: Require no secret: every account of this machine may use the page.
         lite: Cheap light, for browsers without a graphics card.
     """
 
@@ -176,20 +179,20 @@ class ViewerSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TokenSetting:
-    """The token as a parameter, as it was given once; the node has none, since others read its parameters.
+    """The token as a parameter of a temporary node; others could read it from the viewer's parameters.
 
     Attributes:
-        token: Secret that browsers bring.
+        token: Secret that browsers send.
     """
 
     token: str = parameter("", "Secret that browsers bring; give it in SOFTSIM_PAGE_TOKEN", fixed=True)
 
 
 def requested_settings() -> tuple[str, ViewerSettings, str]:
-    """The robot, the settings and the token given to this process.
+    """Return the robot, the settings and the token given to this process.
 
     Raises:
-        ViewerError: the file of the token cannot be read, or holds none.
+        ViewerError: the file of the token cannot be read, or contains none.
     """
     with parameter_probe("viewer", namespace=DEFAULT_ROBOT) as probe:
         given = declare(probe, TokenSetting()).token
@@ -206,10 +209,12 @@ def requested_settings() -> tuple[str, ViewerSettings, str]:
 
 
 def requested_token(environment: Mapping[str, str]) -> str:
-    """The secret that browsers bring, out of the environment or of a file that it names; empty: a new one.
+    """Return the secret that browsers must send, from the environment or from a file that it names.
+
+    An empty string asks for a new one.
 
     Raises:
-        ViewerError: the file cannot be read, or holds no token.
+        ViewerError: the file cannot be read, or contains no token.
     """
     if token := environment.get(TOKEN, "").strip():
         return _usable(token, TOKEN)

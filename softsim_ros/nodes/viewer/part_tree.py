@@ -11,16 +11,14 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from softsim_core.base.errors import ConfigError
+from softsim_core.base import ConfigError
 from softsim_core.physics.actuation import ActuatorDescription
-from softsim_core.scene.file_keys import is_beside
-from softsim_core.scene.io.yaml_loader import Item, override_at, read_overrides, write_overrides
-from softsim_core.scene.material import MaterialDescription
-from softsim_core.scene.robot import RobotDescription
+from softsim_core.scene import MaterialDescription, RobotDescription, is_beside
+from softsim_core.scene.io import Item, override_at, read_overrides, write_overrides
 from softsim_ros.nodes.viewer.panel import Control, Inbox
 
 _LISTS = ("bodies", "joints", "attachments", "rigid_bodies", "collisions", "sensors")
-"""Lists of parts, which are properties only where they are empty."""
+"""Lists of parts; they are shown as properties only where they are empty."""
 
 _SKIPPED = ("name", "keys", "controllers", "source")
 
@@ -30,11 +28,11 @@ class Part:
     """One part of a scene.
 
     Attributes:
-        path: Where it stands in the tree, such as "bodies/silicone".
-        help: What it is, one sentence or two.
+        path: Path in the tree, such as "bodies/silicone".
+        help: Description in one or two sentences.
         properties: Name, value as text, and help of each property.
-        steps: Where it stands in the scene's file; None for an item of a list without names.
-        editable: Values by name of the properties that a person may change: plain ones.
+        steps: Position in the scene's file; None for an item of a list without names.
+        editable: Values by name of the properties that the user may change: plain ones.
     """
 
     path: str
@@ -45,14 +43,14 @@ class Part:
 
 
 def parts_of(robot: RobotDescription) -> dict[str, Part]:
-    """Every part of a scene by its path, the scene itself first."""
+    """Return every part of a scene by its path, the scene itself first."""
     found: dict[str, Part] = {}
     _visit(robot, robot.name, (), found)
     return found
 
 
 def _visit(value: Any, path: str, steps: tuple[str | Item, ...] | None, found: dict[str, Part]) -> None:
-    """Add a description and the descriptions in it."""
+    """Add a description and its nested descriptions to `found`."""
     summary = documentation(type(value))[0]
     rows: list[tuple[str, str, str]] = []
     inner: list[tuple[str, tuple[str | Item, ...] | None, Any]] = []
@@ -79,7 +77,10 @@ def _visit(value: Any, path: str, steps: tuple[str | Item, ...] | None, found: d
 
 
 def _contents(value: Any) -> Iterator[tuple[str, Any, str]]:
-    """Keys of a description in files, contents and help texts; those of one that stands beside it too."""
+    """Yield key in files, content and help text of each field.
+
+    Fields of descriptions that files write beside it are included.
+    """
     if isinstance(value, MaterialDescription):
         for parameter in value.law_for("polar").parameters:
             unit = "" if parameter.unit == "-" else f" in {parameter.unit}"
@@ -98,14 +99,14 @@ def _contents(value: Any) -> Iterator[tuple[str, Any, str]]:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a value can be written by hand."""
+    """Return whether a value can be edited as text."""
     if isinstance(value, tuple):
         return all(map(_is_plain, value))
     return value is None or isinstance(value, bool | int | float | str)
 
 
 def value_text(value: Any) -> str:
-    """A value for a person."""
+    """Return a value as text for the user."""
     if value is None:
         return "none"
     if isinstance(value, float):
@@ -120,7 +121,7 @@ def value_text(value: Any) -> str:
 
 
 def documentation(kind: type) -> tuple[str, dict[str, str]]:
-    """First paragraph of a class's docstring, and the texts of its attributes by name."""
+    """Return the first paragraph of a class's docstring, and the texts of its attributes by name."""
     text = inspect.getdoc(kind) or ""
     summary = " ".join(text.split("\n\n")[0].split())
     section = re.search(r"^Attributes:\n(.*?)(?=^\S|\Z)", text, re.DOTALL | re.MULTILINE)
@@ -137,10 +138,10 @@ class PartPanel:
     """A folder that shows one part at a time.
 
     Args:
-        gui: viser's controls, where the folder goes.
-        inbox: Where events of browsers go.
-        on_change: Called with what a person wants laid over the scene, see `load_scene`.
-        say: Called with one sentence for the person.
+        gui: viser's controls, where the folder is added.
+        inbox: Queue for events of browsers.
+        on_change: Called with the overrides of the scene that the user requests, see `load_scene`.
+        say: Called with a message for the user.
     """
 
     def __init__(
@@ -156,7 +157,7 @@ class PartPanel:
         self._fields: dict[str, tuple[str, Any]] = {}
 
     def show(self, part: Part, source: str) -> None:
-        """Show a part; `source` is HTML that tells where it is written."""
+        """Show a part; `source` is HTML with its file and line."""
         for handle in self._content:
             handle.remove()
         gui = self._gui
@@ -175,7 +176,7 @@ class PartPanel:
                 self._content.append(button)
 
     def _apply(self, part: Part) -> None:
-        """Hand over the fields that a person has changed."""
+        """Pass on the fields that the user has changed."""
         texts = {
             name: handle.value for name, (shown, handle) in self._fields.items() if handle.value != shown
         }
@@ -191,7 +192,7 @@ class PartPanel:
 
 
 def field_text(value: Any) -> str:
-    """A value as it is written in a scene's file, on one line."""
+    """Return a value as it is written in a scene's file, on one line."""
     yaml = importlib.import_module("yaml")
     plain = read_overrides(write_overrides({"value": value}))["value"]  # tuples as lists
     text: str = yaml.safe_dump(plain, default_flow_style=True, width=1e9)
@@ -199,7 +200,7 @@ def field_text(value: Any) -> str:
 
 
 def field_value(name: str, text: str) -> Any:
-    """The value that a person wrote.
+    """Return the value of a text that the user entered.
 
     Raises:
         ConfigError: it is no YAML.
@@ -208,7 +209,7 @@ def field_value(name: str, text: str) -> Any:
 
 
 def _table(part: Part, source: str) -> str:
-    """What a part is, and its properties that are not to be changed by hand."""
+    """Return a part's description and its read-only properties as HTML."""
     rows = "".join(
         f"<tr><td>{html.escape(name)}</td><td>{html.escape(value)}</td></tr>"
         f'<tr><td colspan="2" style="opacity:0.7">{html.escape(text)}</td></tr>'
@@ -220,14 +221,14 @@ def _table(part: Part, source: str) -> str:
 
 
 class PartTree:
-    """Folders in folders, closed at first but for the scene itself.
+    """Nested folders, closed at first except that of the scene itself.
 
     Args:
-        gui: viser's controls, where the tree goes.
-        inbox: Where events of browsers go.
-        parts: The parts by path, each after the one it belongs to.
-        shown_parts: Those of them (paths without the scene's name) that can be hidden.
-        on_select: Called with the path of a part whose properties a person wants to see.
+        gui: viser's controls, where the tree is added.
+        inbox: Queue for events of browsers.
+        parts: The parts by path, each after its parent.
+        shown_parts: Parts that can be hidden, as paths without the scene's name.
+        on_select: Called with the path of a part that the user selects.
         on_hide: Called with a path without the scene's name, and whether it is hidden from now on.
     """
 
@@ -249,7 +250,7 @@ class PartTree:
 
     @property
     def folder(self) -> Any:
-        """The folder of the scene itself, around all others."""
+        """Folder of the scene itself, which contains all others."""
         return next(iter(self._folders.values()))
 
     def show_hidden(self, hidden: Collection[str]) -> None:
@@ -258,7 +259,7 @@ class PartTree:
             control.show(part not in hidden)
 
     def _add(self, path: str) -> None:
-        """A part's folder with its switch and its button."""
+        """Add a part's folder with its switch and its button."""
         with self._folder(path):
             part = path.partition("/")[2]
             if part in self._shown_parts:
@@ -269,7 +270,7 @@ class PartTree:
             self._inbox.on_click(self._gui.add_button("Show properties"), lambda: self._on_select(path))
 
     def _folder(self, path: str) -> Any:
-        """The folder of a path, made with those above it."""
+        """Return the folder of a path; create it and its parents if needed."""
         if path not in self._folders:
             above, _, name = path.rpartition("/")
             if above:

@@ -1,4 +1,4 @@
-"""The picture of the page: from the topics made for drawing to the stage, and what of it is shown."""
+"""The 3-D picture of the page: passes the drawing topics to the stage and applies the view settings."""
 
 from __future__ import annotations
 
@@ -16,48 +16,45 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import String, UInt32MultiArray
 from visualization_msgs.msg import MarkerArray
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.scene.io.location import Place, place_of
-from softsim_core.scene.io.yaml_loader import Steps
-from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.view import Camera, ViewSettings
-from softsim_node.topics import LATCHED, NEWEST_ONLY
-from softsim_ros.client.state import EffectorPose
-from softsim_ros.messages import mesh_checksum, read_point_cloud
-from softsim_ros.messages.scene import SceneMessage, read_scene_message
+from softsim_core.base import Array, IndexArray
+from softsim_core.scene import Camera, RobotDescription, ViewSettings
+from softsim_core.scene.io import Place, Steps, place_of
+from softsim_node import LATCHED, NEWEST_ONLY
+from softsim_ros.client import EffectorPose
+from softsim_ros.messages import SceneMessage, mesh_checksum, read_point_cloud, read_scene_message
 from softsim_ros.nodes.viewer.panel import Inbox
 from softsim_ros.nodes.viewer.stage import BaseHandle, Stage, camera_for, move_camera, move_cameras
 from softsim_ros.nodes.viewer.surface import MM, Part
 
 ERROR_WIDTH: Final = 36
-"""Letters in a line of an error that takes the place of the scene."""
+"""Characters per line of an error that is shown in place of the scene."""
 
 _SWITCHES: Any = {each.name: False for each in fields(ViewSettings) if each.type == "bool"}
 NOTHING: Final = ViewSettings(**_SWITCHES)
-"""What is shown of a scene whose files are wrong."""
+"""View of a scene with invalid files: nothing is shown."""
 
 
 class Picture:
-    """Subscribes to what is drawn and keeps a stage up to date.
+    """Subscribes to the drawing topics and updates a stage.
 
     Topics: `scene/structure`, `mesh/topology`, `mesh/tetrahedra`, `mesh/points`, `frames`, `cables`,
-    `chambers`, `contacts`, `bodies/topology`, `bodies/poses`; `mesh/nodes` and `collisions` while something
-    shows them.
+    `chambers`, `contacts`, `bodies/topology`, `bodies/poses`; `mesh/nodes` and `collisions` only while a
+    visible layer needs them.
 
     Args:
         node: The node whose executor delivers the messages.
         server: viser's server.
-        inbox: Where the mouse's events go.
-        on_scene: Called with the scene that begins; it calls `build`.
+        inbox: Queue for mouse events.
+        on_scene: Called with a new scene; it calls `build`.
         on_goal: Called with a dragged goal, in [m].
-        on_base: Called with a joint and where a person drags its base, in [mm].
+        on_base: Called with a joint and the position in [mm] to which its base is dragged.
         lite: Cheap light and no shadows, for machines without a graphics card.
 
     Attributes:
-        stage: The 3-D side of the page; another one after each `build`.
-        is_dark: Whether it is light on dark ground.
-        base: The handle of the chosen joint's base; another one, too.
-        view: What is shown now: what the scene said, then what people switched.
+        stage: The 3-D side of the page; replaced by each `build`.
+        is_dark: Whether the page has a dark background.
+        base: Handle of the chosen joint's base; replaced by each `build`.
+        view: Present view: that of the scene, changed by users.
         robot: The scene that is shown.
         rest: Its bodies at rest: parts, and points in [mm], shape (p, 3).
     """
@@ -115,7 +112,7 @@ class Picture:
     # --- a scene --------------------------------------------------------------------------------------
 
     def build(self, robot: RobotDescription) -> None:
-        """Make the stage of a scene on the server's empty 3-D scene; a scene loaded anew keeps its view."""
+        """Build the stage of a scene on the server's empty 3-D scene; a reloaded scene keeps its view."""
         if self._begun != (robot.name, robot.view):
             self._begun, self.view = (robot.name, robot.view), robot.view
             self._seen = ""
@@ -132,20 +129,20 @@ class Picture:
 
     @property
     def overrides(self) -> str:
-        """What is laid over the scene's file, as YAML text."""
+        """Overrides of the scene's file, as YAML text."""
         return "" if self._scene is None else self._scene.overrides
 
     @property
     def scenes(self) -> tuple[str, ...]:
-        """Names of the scenes that the simulator can load; empty while it has not told."""
+        """Names of the scenes that the simulator can load; empty until it has published them."""
         return () if self._scene is None else self._scene.scenes
 
     def place(self, steps: Steps) -> Place | None:
-        """File and line where a part of the scene is written; None: the simulator has not told."""
+        """Return file and line of a part of the scene; None until the simulator has published them."""
         return None if self._scene is None else place_of(self._scene.places, steps)
 
     def show_known(self) -> None:
-        """Draw what has come already: it may have come before the structure did."""
+        """Draw surface and rigid bodies that arrived before the structure."""
         self._show_surface()
         self._show_rigid()
 
@@ -153,7 +150,7 @@ class Picture:
         told = read_scene_message(message.data)
         if self._scene is None or told.generation != self._scene.generation:
             self._scene = told
-            self._points = self._nodes = self._frames = None  # where things of the scene before were
+            self._points = self._nodes = self._frames = None  # positions of the previous scene
             self._on_scene(told.robot)
 
     def _on_topology(self, message: Mesh) -> None:
@@ -171,7 +168,7 @@ class Picture:
         self._show_rigid()
 
     def _show_rigid(self) -> None:
-        """Draw the rigid bodies once they are those of the scene."""
+        """Draw the rigid bodies if they belong to the present scene."""
         if self._rigid is None:
             return
         named = [marker.ns for marker in self._rigid.markers]
@@ -179,10 +176,10 @@ class Picture:
             self.stage.show_rigid(self._rigid)
 
     def _show_surface(self) -> None:
-        """Draw the bodies once surface, elements and structure are those of one scene."""
+        """Draw the bodies once surface, elements and structure belong to one scene."""
         told = self._scene
         if told is None or self._surface is None or not self._are_of(told, *self._surface):
-            return  # the rest of the new scene has not come yet
+            return  # other messages of the new scene are missing
         (points, triangles), bodies = self._surface, told.bodies
         parts = [
             Part(
@@ -197,22 +194,22 @@ class Picture:
         with self._server.atomic():
             self.stage.show_surface(*self.rest)
             self.stage.inner.set_structure(self._tetrahedra, told.bodies, told.regions)
-        if self._seen != told.robot.name:  # the same scene loaded anew keeps the view
+        if self._seen != told.robot.name:  # a reloaded scene keeps the view
             self._seen = told.robot.name
             self.reset_view()
 
     def _are_of(self, told: SceneMessage, points: Array, triangles: IndexArray) -> bool:
-        """Whether the newest surface and elements are those of a scene."""
+        """Return whether the newest surface and elements belong to a scene, by their sizes and checksums."""
         count = sum(body["points"][1] - body["points"][0] for body in told.bodies)
         fits = count == len(points) and int(triangles.max(initial=-1)) < count
         surface, elements = mesh_checksum(triangles, points), mesh_checksum(self._tetrahedra)
         return fits and told.owns("mesh/topology", surface) and told.owns("mesh/tetrahedra", elements)
 
-    # --- what moves -----------------------------------------------------------------------------------
+    # --- motion ---------------------------------------------------------------------------------------
 
     @property
     def has_news(self) -> bool:
-        """Whether the bodies have moved since the last frame."""
+        """Whether new vertex positions have arrived since the last frame."""
         return self._points is not None
 
     def _on_points(self, message: PointCloud2) -> None:
@@ -225,7 +222,7 @@ class Picture:
         self._frames = message
 
     def draw(self, now: float) -> None:
-        """Move what has come since the last frame; `now` is a steady clock in [s]."""
+        """Draw messages that have arrived since the last frame; `now` is a steady clock in [s]."""
         message, self._points = self._points, None
         if message is not None:
             rows = read_point_cloud(message)
@@ -244,10 +241,10 @@ class Picture:
         if nodes is not None:
             self.stage.inner.move_nodes(MM * read_point_cloud(nodes)[:, :3].astype(float))
 
-    # --- what is shown --------------------------------------------------------------------------------
+    # --- the view -------------------------------------------------------------------------------------
 
     def show(self, view: ViewSettings) -> None:
-        """Show what a view says; large messages are asked for only while they are needed. Cameras stay."""
+        """Apply view settings, and subscribe to large messages only while needed. Cameras do not move."""
         self.view = view
         self.stage.obey(NOTHING if self._error or self._is_aside else view)
         self._want(PointCloud2, "mesh/nodes", self._on_nodes, self.stage.inner.needs_nodes)
@@ -257,13 +254,13 @@ class Picture:
         )
 
     def put_aside(self, aside: bool) -> None:
-        """Show nothing of what runs, while something else is shown in its place."""
+        """Hide the running scene (`aside` True), for example behind a proposal, or show it again."""
         if aside != self._is_aside:
             self._is_aside = aside
             self.show(self.view)
 
     def show_error(self, sentence: str) -> None:
-        """Show a sentence in place of the scene; an empty one shows the scene again."""
+        """Show a message in place of the scene; an empty one shows the scene again."""
         if sentence == self._error:
             return
         self._error = sentence
@@ -282,22 +279,22 @@ class Picture:
             )
 
     def change(self, **values: Any) -> None:
-        """Show the present view with other values of some of its fields."""
+        """Change some fields of the present view."""
         self.show(replace(self.view, **values))
 
     def set_dark(self, dark: bool) -> None:
-        """Take the colours of a bright or a dark page."""
+        """Set the colours of a bright or a dark page."""
         self.is_dark = dark
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark)
         self.stage.paint(dark)
 
     def set_pull_mode(self, on: bool) -> None:
-        """Let a plain drag pull, too, where there is no Shift key."""
+        """Choose whether a plain drag pulls too, for devices without a Shift key."""
         self._pull_mode = on
         self.stage.set_pull_mode(on)
 
     def extent(self, axis: int) -> tuple[float, float]:
-        """Lowest and highest place of the bodies at rest along an axis in [mm]; 0 and 0 without any."""
+        """Return the range of the bodies at rest along an axis in [mm]; 0 and 0 without bodies."""
         along = self.rest[1][:, axis]
         return (float(along.min()), float(along.max())) if len(along) else (0.0, 0.0)
 
@@ -307,12 +304,12 @@ class Picture:
         self.change(hidden=(*others, part) if hidden else others)
 
     def save_view(self, position: Sequence[float], target: Sequence[float]) -> None:
-        """Have `reset_view` go to this camera from now on; in [mm]."""
+        """Set the camera of `reset_view`, in [mm]."""
         near, far = ([round(each / MM, 5) for each in point] for point in (position, target))
         self.change(camera=Camera(position=(near[0], near[1], near[2]), target=(far[0], far[1], far[2])))
 
     def reset_view(self) -> None:
-        """Move every camera to where the view says, or to where it sees the bodies."""
+        """Move every camera to that of the view, or to one that sees all bodies."""
         self._left.clear()
         camera = self.view.camera
         if camera is None:
@@ -324,7 +321,11 @@ class Picture:
         move_cameras(self._server, position, target)
 
     def welcome(self, client: Any) -> None:
-        """A browser has come: it sees the scene as one left it; at first, from farther in a narrow window."""
+        """Place the camera of a new browser.
+
+        It gets the camera of the last browser that left a window of that shape, else the initial one, farther
+        away for a narrow window.
+        """
         camera, is_narrow = self._server.initial_camera, client.camera.aspect < 1.0
         if is_narrow in self._left:
             client.camera.position, client.camera.look_at = self._left[is_narrow]
@@ -333,12 +334,12 @@ class Picture:
             move_camera(client, camera.position.tolist(), camera.look_at.tolist())
 
     def leave(self, client: Any) -> None:
-        """A browser has gone: the next one, with a window as wide or as narrow, sees what it saw last."""
+        """Store the camera of a leaving browser for the next one with a window as wide or as narrow."""
         position, target = client.camera.position.tolist(), client.camera.look_at.tolist()
         self._left[client.camera.aspect < 1.0] = tuple(position), tuple(target)
 
     def _want(self, kind: Any, topic: str, callback: Callable[[Any], None], wanted: bool) -> None:
-        """Subscribe to a topic while it is wanted."""
+        """Subscribe to a topic if it is wanted, else unsubscribe."""
         if wanted and topic not in self._on_demand:
             self._on_demand[topic] = self._node.create_subscription(kind, topic, callback, NEWEST_ONLY)
         elif not wanted and topic in self._on_demand:
@@ -346,7 +347,10 @@ class Picture:
 
 
 def landmarks(robot: RobotDescription) -> NDArray[np.float32]:
-    """Servos, ends of cables and loads, which a first view shows besides bodies: in [m], shape (k, 3)."""
+    """Return positions that a first view includes besides the bodies, in [m], shape (k, 3).
+
+    These are servos, pull points of cables, and loads.
+    """
     scene = robot.scene
     places = [joint.base.translation for joint in scene.joints if joint.horn_length > 0.0]
     pulls = [getattr(joint.actuator, "pull_point", None) for joint in scene.joints]
@@ -355,7 +359,7 @@ def landmarks(robot: RobotDescription) -> NDArray[np.float32]:
 
 
 def _pose_rows(message: PoseArray) -> Array:
-    """Poses as rows: x, y, z in [mm], quaternion x, y, z, w, shape (f, 7)."""
+    """Return poses as rows: x, y, z in [mm], quaternion x, y, z, w, shape (f, 7)."""
     return np.array(
         [
             (

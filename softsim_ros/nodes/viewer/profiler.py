@@ -12,24 +12,24 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.dynamics.report import PART_OF, stage_tree
-from softsim_node.topics import NEWEST_ONLY
-from softsim_ros.client.state import STALE_AFTER_S, RobotState
+from softsim_core.base import Array
+from softsim_core.physics.dynamics import PART_OF, stage_tree
+from softsim_node import NEWEST_ONLY
+from softsim_ros.client import STALE_AFTER_S, RobotState
 from softsim_ros.messages import read_step_profile
 from softsim_ros.nodes.viewer.panel import Inbox, Shown
 from softsim_ros.nodes.viewer.readings import box
 
 
 class StepStatistics:
-    """Follows `stage_statistics` and `step_profile` of the node's namespace.
+    """Subscribes to `stage_statistics` and `step_profile` in the node's namespace.
 
     Args:
         node: The node whose executor delivers the messages.
 
     Attributes:
-        stages: For each stage of a step its statistics, by name.
-        profile: Stages and rows of the last steps, see `step_profile`; None: not heard.
+        stages: Statistics of each stage of a step, by name.
+        profile: Stages and rows of the last steps, see `step_profile`; None until received.
     """
 
     def __init__(self, node: Node) -> None:
@@ -58,11 +58,11 @@ STATISTICS: Final = {
     "max_ms": ("max", 2),
     "total_ms": ("total", 0),
 }
-"""Columns of the statistics: value of the topic `stage_statistics`, its title, and digits that find room."""
+"""Columns of the statistics: value of the topic `stage_statistics`, title, displayed digits."""
 
 
 def stage_table(stages: Mapping[str, Stage]) -> str:
-    """Statistics of each stage over a second: calls, times of a call and of all in [ms], percent."""
+    """Return a table of each stage over a second: calls, times per call and in total in [ms], percentage."""
     if not stages:
         return box("no statistics yet; is the simulator running?")
     rows = [
@@ -77,7 +77,10 @@ def stage_table(stages: Mapping[str, Stage]) -> str:
 
 
 def step_table(step: int, time_s: float, times_ms: Mapping[str, float]) -> str:
-    """The tree of one step: time of each stage, its own time without its parts, and both as percent."""
+    """Return the tree of one step: time of each stage and its own time without its parts.
+
+    Both are also given in percent.
+    """
     tree = stage_tree(times_ms)
     whole = sum(share.total for share in tree if share.level == 0)
     percent = 100.0 / (whole or 1.0)
@@ -96,7 +99,7 @@ def step_table(step: int, time_s: float, times_ms: Mapping[str, float]) -> str:
 
 
 def _indented(name: str, level: int) -> str:
-    return "\u00a0" * 2 * level + name  # spaces that do not collapse
+    return "\u00a0" * 2 * level + name  # non-breaking spaces, which HTML does not collapse
 
 
 def _rounded(number: str, digits: int) -> str:
@@ -104,7 +107,7 @@ def _rounded(number: str, digits: int) -> str:
 
 
 def _table(title: str, titles: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose first column is words, the others numbers."""
+    """Return a table with text in the first column and numbers in the others."""
     body = "".join(f"<tr>{_cells('td', row)}</tr>" for row in rows)
     return box(
         f'{title}<div style="overflow-x:auto"><table style="width:100%;border-spacing:0;font-size:0.9em">'
@@ -126,10 +129,10 @@ COLOURS: Final = ("#1971c2", "#e67700", "#2b8a3e", "#c92a2a", "#9c36b5", "#0c859
 
 
 class TimeAxis:
-    """Simulated time of values that are seen between the simulator's reports, which come once a second.
+    """Simulated time of samples taken between the simulator's reports, which arrive once per second.
 
-    Time grows evenly between two reports. After the newest it grows by the real-time factor, and stands while
-    the simulation does. Where no simulator reports, it is the time since `start`.
+    Between two reports time is interpolated linearly. After the newest one it grows by the real-time factor,
+    and stops while the simulation is paused. If no simulator reports, it is the time since `start`.
 
     Args:
         start: Time of the steady clock in [s].
@@ -141,7 +144,7 @@ class TimeAxis:
         self._rate = 0.0
 
     def follow(self, state: RobotState) -> bool:
-        """Take what is known of the robot; True where time begins anew, as it does with a reset."""
+        """Take the newest state of the robot; return True if time restarted, as after a reset."""
         self._rate = 0.0 if state.stands else state.real_time_factor or 0.0
         if state.time_s is None or (self._reports and state.time_at <= self._reports[-1][0]):
             return False
@@ -152,7 +155,7 @@ class TimeAxis:
         return is_new
 
     def times(self, seen: Sequence[float]) -> Array:
-        """Return simulated times in [s] of times of the steady clock in [s]."""
+        """Return simulated times in [s] for times of the steady clock in [s]."""
         steady = np.asarray(seen, dtype=float)
         if not self._reports:
             return steady - self._start
@@ -162,12 +165,12 @@ class TimeAxis:
 
 
 class Curves:
-    """One chart with some series.
+    """One chart with several series.
 
     Args:
         gui: viser's controls.
-        title: Above the chart.
-        names: One a series.
+        title: Title above the chart.
+        names: Name of each series.
         axis: Times of the rows.
     """
 
@@ -186,29 +189,29 @@ class Curves:
         )
 
     def blank(self, now: float) -> None:
-        """Show an axis of time that ends at `now`, steady clock, in [s], and nothing else."""
+        """Show an empty time axis that ends at `now`, steady clock, in [s]."""
         self._rows.clear()
         self._chart.data = self._nothing(self._axis.times([now - WINDOW * PERIOD_S, now]))
 
     def add(self, now: float, values: Sequence[float]) -> None:
-        """Add a row that is seen at `now`, steady clock, in [s]."""
+        """Add a row sampled at `now`, steady clock, in [s]."""
         self._rows.append((now, *(float(value) for value in values)))
         seen, *columns = zip(*self._rows, strict=True)
         self._chart.data = self._axis.times(seen), *(np.array(column) for column in columns)
 
     def _nothing(self, times: Array) -> tuple[Array, ...]:
-        """Values that are not drawn; without any, uPlot would not draw later ones either."""
+        """Return values that are not drawn; uPlot would draw no later values if there were none at first."""
         return times, *(np.full(len(times), np.nan) for _ in self.names)
 
 
 class Profile:
-    """The last steps; they stand still from the moment a person looks at one of them.
+    """The last steps; they are frozen while the user examines one of them.
 
     Attributes:
         stages: Names of the stages, length s.
         rows: Number, simulated time in [s] and the time of each stage in [ms], shape (k, 2 + s).
-        at: Row that is looked at.
-        held: Whether newer steps are kept out.
+        at: Index of the selected row.
+        held: Whether the steps are frozen.
     """
 
     def __init__(self) -> None:
@@ -217,31 +220,31 @@ class Profile:
         self.at, self.held = 0, False
 
     def take(self, stages: tuple[str, ...], rows: Array) -> None:
-        """Newer steps: the last of them is looked at, unless these stand still."""
+        """Take newer steps and select the last one, unless the steps are frozen."""
         if not self.held:
             self.stages, self.rows, self.at = stages, rows, max(0, len(rows) - 1)
 
     def look_at(self, row: int) -> None:
-        """Hold the steps, where there are some, and look at the nearest there is."""
+        """Freeze the steps, if there are any, and select the given or the nearest row."""
         self.held = len(self.rows) > 0
         self.at = max(0, min(row, len(self.rows) - 1))
 
     def look_at_slowest(self) -> None:
-        """Hold the steps and look at the longest."""
+        """Freeze the steps and select the longest."""
         self.look_at(int(np.argmax(self.durations)) if len(self.rows) else 0)
 
     def follow(self) -> None:
-        """Let newer steps in again."""
+        """Unfreeze, so that newer steps are shown again."""
         self.held = False
 
     @property
     def durations(self) -> Array:
-        """Time of each step with all that follows it, in [ms], shape (k,)."""
+        """Time of each step including what follows it, in [ms], shape (k,)."""
         tops = [2 + i for i, name in enumerate(self.stages) if PART_OF.get(name) not in self.stages]
         return np.asarray(self.rows[:, tops].sum(axis=1))
 
     def table(self) -> str:
-        """The tree of the step that is looked at, as HTML; empty while there are no steps."""
+        """Return the tree of the selected step as HTML; empty if there are no steps."""
         if not len(self.rows):
             return ""
         step, time_s, *times = self.rows[self.at].tolist()
@@ -249,11 +252,11 @@ class Profile:
 
 
 class ProfilerView:
-    """Curve, slider, buttons and tree.
+    """Chart, slider, buttons and tree of the profiler.
 
     Args:
         gui: viser's controls, inside the tab.
-        inbox: Where events of browsers go.
+        inbox: Queue for events of browsers.
     """
 
     HEIGHT: Final = 170
@@ -281,7 +284,7 @@ class ProfilerView:
         inbox.on_click(slowest, lambda: self._change(self._profile.look_at_slowest))
 
     def refresh(self, newest: tuple[tuple[str, ...], Array] | None) -> None:
-        """Show newer steps: names of their stages, and rows as of `Profile`."""
+        """Show newer steps: names of their stages, and rows as in `Profile`."""
         if newest is not None and newest is not self._newest and not self._profile.held:
             self._newest = newest
             self._profile.take(*newest)

@@ -1,4 +1,4 @@
-"""Numbers for a person as HTML, the units of joints, and what can be shown."""
+"""Format numbers for the user as HTML; units of joints; names of the layers that can be shown."""
 
 from __future__ import annotations
 
@@ -8,13 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
-from softsim_core.base.units import Unit
-from softsim_core.scene.io.yaml_loader import write_overrides
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.view import ViewSettings
-from softsim_ros.client.joints import format_position
-from softsim_ros.client.state import RobotState
+from softsim_core.base import Unit
+from softsim_core.scene import JointDescription, RobotDescription, ViewSettings
+from softsim_core.scene.io import write_overrides
+from softsim_ros.client import RobotState, format_position
 from softsim_ros.nodes.viewer.surface import MM
 
 LAYERS: Final[Mapping[str, str]] = {
@@ -41,22 +38,22 @@ LAYERS: Final[Mapping[str, str]] = {
 
 
 FINEST: Final = 1.0e-6
-"""Steps of SI below this cannot be read on the page; the unit for people takes its place."""
+"""Smallest step in SI that is readable on the page; below it the display unit is used."""
 
 
 def unit_on_page(unit: Unit) -> tuple[float, str]:
-    """How many of the unit of sliders and curves are one of SI, and its name: SI, but ml for volumes."""
+    """Return how many page units one SI unit is, and the page unit's name: SI, but ml for volumes."""
     return (unit.per_si, unit.shown) if unit.step < FINEST else (1.0, unit.si)
 
 
 def slider_label(joint: JointDescription) -> str:
-    """A joint's name, with the unit of its slider where that is not of SI."""
+    """Return a joint's name, with the unit of its slider if that is not SI."""
     factor, name = unit_on_page(joint.units.command)
     return joint.name if factor == 1.0 else f"{joint.name} [{name}]"
 
 
 def joint_range(joint: JointDescription) -> tuple[float, float, float]:
-    """Lower end, upper end and step of a joint's slider, in its unit on the page."""
+    """Return lower end, upper end and step of a joint's slider, in its unit on the page."""
     unit = joint.units.command
     factor, _ = unit_on_page(unit)
     free = unit.reach
@@ -68,22 +65,22 @@ def joint_range(joint: JointDescription) -> tuple[float, float, float]:
 
 
 def slider_value(joint: JointDescription, position: float) -> float:
-    """What a joint's slider shows for a command in SI: within its ends, without idle digits."""
+    """Return the slider value of a joint for a command in SI, within the slider's ends and rounded."""
     lower, upper, step = joint_range(joint)
     factor, _ = unit_on_page(joint.units.command)
     return min(max(round(position * factor, 1 - round(math.log10(step))), lower), upper)
 
 
 def command_of(joint: JointDescription, shown: float) -> float:
-    """The command in SI for what a joint's slider shows; at its ends the limits, to the last digit."""
+    """Return the command in SI for a slider value; at the slider's ends exactly the limits."""
     factor, _ = unit_on_page(joint.units.command)
     return joint.limits.clamp(shown / factor)
 
 
 def view_file(robot: RobotDescription, view: ViewSettings) -> str:
-    """YAML text of a scene that shows `scene` with `view`.
+    """Return YAML text of a scene that shows `robot` with `view`.
 
-    It extends the scene's own file; one in Python cannot be extended, and the text is the section alone.
+    It extends the scene's own file. A scene in Python cannot be extended, so the text is the section alone.
     """
     own, shown = asdict(robot.view), asdict(view)
     changed = {name: value for name, value in shown.items() if value != own[name]}
@@ -97,7 +94,7 @@ GREEN, AMBER, RED, GREY = "#2b8a3e", "#e67700", "#c92a2a", "#868e96"
 
 
 def box(content: str) -> str:
-    """Content with the panel's margins and size of type."""
+    """Return content in a box with the panel's margins and font size."""
     return f'<div style="padding:2px 10px 6px;font-size:0.8em;line-height:1.35">{content}</div>'
 
 
@@ -108,7 +105,7 @@ def joint_bars(
     efforts: Sequence[float],
     enforced: bool = True,
 ) -> str:
-    """A bar for each joint from its lower to its upper limit: measured position, a tick for its command."""
+    """Return a bar per joint from lower to upper limit: measured position, and a tick at the command."""
     if positions is None:
         return box("no joint states yet; is the simulator running?")
     rows = []
@@ -132,7 +129,7 @@ def joint_bars(
             )
         rows.append(
             '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;gap:0 10px">'
-            f"<b>{html.escape(joint.name)}</b>"  # in a narrow panel the numbers take a line of their own
+            f"<b>{html.escape(joint.name)}</b>"  # in a narrow panel the numbers wrap to their own line
             f"<span>{html.escape(format_position(joint, position))} &nbsp; {effort}</span></div>{bar}"
         )
     return box("".join(rows))
@@ -157,7 +154,7 @@ def _short(joint: JointDescription, value: float) -> str:
 
 
 def lamps(states: Sequence[tuple[str, str]]) -> str:
-    """Coloured lamps with their words: (word, colour) each."""
+    """Return coloured lamps with their words; each state is (word, colour)."""
     lamp = (
         '<span style="white-space:nowrap;margin-right:10px"><span style="display:inline-block;width:9px;'
         'height:9px;border-radius:5px;background:{colour};margin-right:4px"></span>{word}</span>'
@@ -166,7 +163,7 @@ def lamps(states: Sequence[tuple[str, str]]) -> str:
 
 
 def legend(highest: float, colours: Sequence[tuple[int, int, int]]) -> str:
-    """The stress scale from 0 to `highest` in [Pa], a colour for each band."""
+    """Return the stress scale from 0 to `highest` in [Pa], one colour for each band."""
     cells = "".join(
         f'<div style="flex:1;height:12px;background:rgb({r},{g},{b})"></div>' for r, g, b in colours
     )
@@ -178,7 +175,7 @@ def legend(highest: float, colours: Sequence[tuple[int, int, int]]) -> str:
 
 
 def pressure(value: float) -> str:
-    """A stress for a person: Pa, kPa or MPa."""
+    """Return a stress as text in Pa, kPa or MPa."""
     for factor, unit in ((1e6, "MPa"), (1e3, "kPa")):
         if abs(value) >= factor:
             return f"{value / factor:.3g} {unit}"
@@ -193,7 +190,7 @@ def goal_error_mm(state: RobotState) -> float | None:
 
 
 def progress(word: str, factor: float | None, time_s: float | None, dt: float | None) -> str:
-    """State of the simulation in its own word, real-time factor in [-], simulated time and step in [s]."""
+    """Return state of the simulation, real-time factor in [-], simulated time and step in [s] as text."""
     parts = [word or "no simulator heard"]
     if word and factor is not None:
         parts.append(f"{factor:.2f} × real time")
@@ -203,6 +200,6 @@ def progress(word: str, factor: float | None, time_s: float | None, dt: float | 
 
 
 def sentence(text: str, *, bad: bool = False) -> str:
-    """One sentence, in red where it is bad news."""
+    """Return a message as HTML, in red if it is bad news."""
     colour = f"color:{RED};font-weight:bold" if bad else ""
     return box(f'<span style="{colour}">{html.escape(text)}</span>')

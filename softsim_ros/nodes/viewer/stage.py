@@ -1,7 +1,4 @@
-"""The 3-D side of the page: bodies, markers, goal and base handles, pull; positions in mm.
-
-The page's own lamps throw none here: they look 20 units far, and the page's units are millimetres.
-"""
+"""The 3-D side of the page: bodies, markers, goal and base handles, pull; positions in mm."""
 
 from __future__ import annotations
 
@@ -16,11 +13,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from visualization_msgs.msg import MarkerArray
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.view import ViewSettings
-from softsim_ros.client.simulator import Simulator
-from softsim_ros.client.state import EffectorPose
+from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.scene import RobotDescription, ViewSettings
+from softsim_ros.client import EffectorPose, Simulator
 from softsim_ros.nodes.viewer.inner_view import CollisionView, InnerView, NormalsView
 from softsim_ros.nodes.viewer.marker_view import MarkerView, RigidView
 from softsim_ros.nodes.viewer.panel import HOLD_S, Inbox
@@ -28,12 +23,12 @@ from softsim_ros.nodes.viewer.surface import MM, Part, SurfaceView
 
 MOST_POINTS: Final = 600
 LEAST_STEP_MM: Final = 0.2
-"""A place nearer than this to the last one adds nothing."""
+"""A position nearer than this to the last one is not added."""
 COLOUR: Final = (240, 140, 0)
 
 
 class Trail:
-    """See the module.
+    """Path of the effector, drawn as a line.
 
     Args:
         scene: viser's scene.
@@ -46,12 +41,12 @@ class Trail:
         self._shown = False
 
     def switch(self, shown: bool) -> None:
-        """Show or hide it; it goes on while it is hidden."""
+        """Show or hide the line; positions are recorded while it is hidden, too."""
         self._shown = shown
         self._draw()
 
     def add(self, position: Sequence[float]) -> None:
-        """The effector is at a place in [m]."""
+        """Add a position of the effector in [m]."""
         point = tuple(MM * each for each in position)
         if self._points and np.linalg.norm(np.subtract(point, self._points[-1])) < LEAST_STEP_MM:
             return
@@ -70,25 +65,28 @@ class Trail:
 
 
 CELLS: Final = 80
-"""Pixels of the picture along each side."""
+"""Pixels of the shadow image along each side."""
 MARGIN: Final = 0.6
-"""The picture reaches so much of the bodies' extent at rest beyond them on each side, or their height."""
+"""Margin of the image on each side, as a fraction of the bodies' extent at rest.
+
+If their height is larger than that, the margin is their height.
+"""
 BLUR: Final = 2.2
-"""Standard deviation of its softness in pixels."""
+"""Standard deviation of the blur in pixels."""
 MOST_PARTS: Final = 6
-"""A triangle's edge is cut into so many parts at most, to find the pixels below it."""
+"""Largest number of parts into which a triangle's edge is divided to find the pixels below it."""
 PERIOD_S: Final = 0.2
 DEPTH_MM: Final = 0.3
-"""So far below the floor it lies: the grid is seen on it."""
+"""Distance of the shadow below the floor, so that the grid is visible on it."""
 
 
 def covered(points: NDArray[np.float32], middle: NDArray[np.float64], width: float) -> BoolArray:
-    """Which pixels lie below points, shape (CELLS, CELLS): rows along y, columns along x.
+    """Return which pixels lie below points, shape (CELLS, CELLS): rows along y, columns along x.
 
     Args:
-        points: What throws the shadow in [mm], shape (p, 3).
-        middle: Of the picture, x and y in [mm], shape (2,).
-        width: Of the picture in [mm].
+        points: Points that cast the shadow in [mm], shape (p, 3).
+        middle: Centre of the image, x and y in [mm], shape (2,).
+        width: Width of the image in [mm].
     """
     cells = np.floor(((points[:, :2] - middle) / width + 0.5) * CELLS).astype(np.int64)
     inside = ((cells >= 0) & (cells < CELLS)).all(axis=1)
@@ -98,14 +96,15 @@ def covered(points: NDArray[np.float32], middle: NDArray[np.float64], width: flo
 
 
 def shade(pixels: BoolArray) -> NDArray[np.float64]:
-    """How dark each pixel is in 0..1 where some are covered, both of shape (CELLS, CELLS)."""
+    """Return how dark each pixel is in 0..1, given which are covered; both of shape (CELLS, CELLS)."""
     return np.asarray(np.clip(1.6 * gaussian_filter(pixels.astype(float), BLUR), 0.0, 1.0))
 
 
 def spread_over(points: NDArray[np.float32], triangles: IndexArray, pixel: float) -> NDArray[np.float32]:
-    """Weights of the corners of each triangle at places a pixel in [mm] apart or so, shape (s, 3).
+    """Return barycentric weights of points spread over each triangle, shape (s, 3).
 
-    The middle is among them; a mesh of many triangles has small ones and gets few places.
+    The points are about a `pixel` in [mm] apart and include the centre. A mesh of many triangles has small
+    ones, so it gets few points.
     """
     corners = points[triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(initial=0.0)
@@ -117,13 +116,16 @@ def spread_over(points: NDArray[np.float32], triangles: IndexArray, pixel: float
 
 
 class GroundShadow:
-    """See the module.
+    """A soft shadow of the bodies: a small image on the floor.
+
+    The lights of viser cast no shadow here: shadows reach 20 units only, and the page's units are
+    millimetres.
 
     Args:
         scene: viser's scene.
 
     Attributes:
-        opacity: Of the darkest place, 0..1.
+        opacity: Opacity of the darkest place, 0..1.
     """
 
     opacity = 0.5
@@ -138,7 +140,10 @@ class GroundShadow:
         self._visible = True
 
     def begin(self, points: NDArray[np.float32], height: float) -> None:
-        """Take other bodies, by their points at rest (p, 3) in [mm]; the floor is at `height` in [mm]."""
+        """Start anew with other bodies, by their points at rest (p, 3) in [mm].
+
+        The floor is at `height` in [mm].
+        """
         if self._picture is not None:
             self._picture.remove()
             self._picture = None
@@ -147,7 +152,7 @@ class GroundShadow:
         lower, upper = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
         self._middle = 0.5 * (lower + upper)[:2]
         across, along = float((upper - lower)[:2].max()), float((upper - lower)[2])
-        self._width = max(across + 2.0 * max(MARGIN * across, along), 1.0)  # what stands up may bend over
+        self._width = max(across + 2.0 * max(MARGIN * across, along), 1.0)  # an upright body may bend over
         self._picture = self._scene.add_image(
             "/floor_shadow",
             np.zeros((CELLS, CELLS, 4), np.uint8),
@@ -162,20 +167,26 @@ class GroundShadow:
         self._drawn_at, self._drawn, self._spread = -np.inf, None, None
 
     def switch(self, shown: bool) -> None:
-        """Show or hide it."""
+        """Show or hide the shadow."""
         self._visible = shown
         if self._picture is not None:
             self._picture.visible = shown
 
     def follow(self, points: NDArray[np.float32], triangles: IndexArray, now: float) -> None:
-        """Draw the shadow of a surface (p, 3), (k, 3) as it is now, a few times per second; `now` in [s]."""
+        """Draw the shadow of a surface at its current position, a few times per second.
+
+        Args:
+            points: Vertices in [mm], shape (p, 3).
+            triangles: Their indices, shape (k, 3).
+            now: Steady clock in [s].
+        """
         if self._picture is None or not self._visible or now - self._drawn_at < PERIOD_S:
             return
         self._drawn_at = now
         if self._spread is None:
             self._spread = spread_over(points, triangles, self._width / CELLS)
         pixels = covered((self._spread @ points[triangles]).reshape(-1, 3), self._middle, self._width)
-        if self._drawn != (drawn := (pixels.tobytes(), self.opacity)):  # what stands costs no picture
+        if self._drawn != (drawn := (pixels.tobytes(), self.opacity)):  # a scene at rest sends no image
             self._drawn = drawn
             picture = np.zeros((CELLS, CELLS, 4), np.uint8)
             picture[..., 3] = np.rint(255.0 * self.opacity * shade(pixels))
@@ -183,12 +194,12 @@ class GroundShadow:
 
 
 class BaseHandle:
-    """Three arrows at a joint's base, while the joint is chosen.
+    """Three arrows at the base of the chosen joint.
 
     Args:
         scene: viser's scene.
-        inbox: Where the mouse's events go.
-        on_move: Called with the joint and where its base is to go, (3,) in [mm].
+        inbox: Queue for mouse events.
+        on_move: Called with the joint and the position (3,) in [mm] to which its base is dragged.
     """
 
     def __init__(self, scene: Any, inbox: Inbox, on_move: Callable[[str, Array], None]) -> None:
@@ -199,14 +210,14 @@ class BaseHandle:
         self.joint: str | None = None
 
     def choose(self, joint: str | None) -> None:
-        """Show the handle of another joint, or none; it comes with the joint's next position."""
+        """Choose another joint, or none; its handle appears with the joint's next position."""
         self.joint, self._dragged, self._moved_at = joint, False, -np.inf
         if self._arrows is not None:
             self._arrows.remove()
             self._arrows = None
 
     def follow(self, position: Array) -> None:
-        """Place it where the base is, (3,) in [mm]; a handle that is in the hand stays there."""
+        """Move the handle to the base's position (3,) in [mm], unless it is being dragged."""
         if self._arrows is None:
             self._arrows = self._make(position)
         if not self._dragged and time.monotonic() - self._moved_at > HOLD_S:
@@ -227,12 +238,12 @@ class BaseHandle:
     def _drag(self, position: Array, ends: bool) -> None:
         self._dragged, self._moved_at = not ends, time.monotonic()
         moved, self._shown = not np.allclose(position, self._shown, atol=1e-6), position
-        if self.joint is not None and moved:  # not only touched
+        if self.joint is not None and moved:  # ignore a touch without motion
             self._on_move(self.joint, position)
 
 
 REPEAT_PERIOD_S = 0.05
-"""The force is sent this often in [s]; the simulator lets go half a second after the last one."""
+"""Period in [s] of force messages; the simulator releases the pull half a second after the last one."""
 
 PULL_LIMIT_N = 2.0
 """Largest force of the mouse in [N]."""
@@ -244,8 +255,8 @@ class Pull:
 
     Attributes:
         vertex: Index of the pulled vertex of the visible surface.
-        offset: From that vertex to where the mouse took hold, in [mm], shape (3,).
-        target: Where the cursor is, in [mm], shape (3,).
+        offset: Vector from that vertex to the point that the mouse grabbed, in [mm], shape (3,).
+        target: Position of the cursor in [mm], shape (3,).
         sent_at: Time of the last message in [s].
     """
 
@@ -255,11 +266,11 @@ class Pull:
     sent_at: float = -1.0
 
     def force(self, points: NDArray[np.float32], stiffness: float, limit: float) -> NDArray[np.float64]:
-        """Force on the vertex in [N], shape (3,).
+        """Return the force on the vertex in [N], shape (3,).
 
         Args:
-            points: Vertices of the surface now, in [mm], shape (p, 3).
-            stiffness: Of the spring, in [N/m].
+            points: Current vertices of the surface in [mm], shape (p, 3).
+            stiffness: Stiffness of the spring in [N/m].
             limit: Largest force in [N].
         """
         stretch = (self.target - self.offset - points[self.vertex]) / MM
@@ -269,13 +280,13 @@ class Pull:
 
 
 class MousePull:
-    """Sends the force of a pull to the simulator while it is held.
+    """Sends the force of a pull to the simulator while the mouse button is down.
 
     Args:
-        simulator: What is pulled.
+        simulator: Client of the simulator.
 
     Attributes:
-        stiffness: Of the spring between the body and the mouse, in [N/m].
+        stiffness: Stiffness of the spring between the body and the mouse, in [N/m].
     """
 
     def __init__(self, simulator: Simulator) -> None:
@@ -283,14 +294,14 @@ class MousePull:
         self.stiffness = 30.0
 
     def set_stiffness(self, stiffness: float) -> None:
-        """Take another spring, in [N/m]."""
+        """Set the stiffness of the spring in [N/m]."""
         self.stiffness = stiffness
 
     def send(self, pull: Pull | None, points: NDArray[np.float32], now: float) -> None:
-        """Send the force of a pull, now and then.
+        """Send the force of a pull if its period is over.
 
         Args:
-            pull: The pull; None: nothing is held.
+            pull: The pull; None if there is none.
             points: Vertices of the visible surface in [mm], shape (p, 3).
             now: Steady clock in [s].
         """
@@ -302,16 +313,19 @@ class MousePull:
 
 CAMERA_DIRECTION: Final = (0.5, -0.72, 0.48)
 CAMERA_FOV: Final = 0.7
-"""Angle in [rad] that cameras see from bottom to top: little, so that near and far parts look alike."""
+"""Vertical field of view of cameras in [rad]; small, so that near and far parts appear at the same scale."""
 CAMERA_DISTANCE: Final = 1.65
-"""Where the camera starts: this way from the middle of the bodies, so many times their diagonal away."""
+"""Initial distance of the camera from the centre of the bodies, in units of their diagonal.
+
+The camera is in CAMERA_DIRECTION from there.
+"""
 
 NARROW_SHIFT: Final = 0.2
-"""Share of the height of a narrow window by which what is looked at goes up."""
+"""Upward shift of the target in a narrow window, as a fraction of the window's height."""
 
 
 class Looks(NamedTuple):
-    """Colours and light around the bodies, red, green, blue in 0..255."""
+    """Colours and light around the bodies; red, green, blue in 0..255."""
 
     background: tuple[int, int, int]
     cells: tuple[int, int, int]
@@ -322,29 +336,29 @@ class Looks(NamedTuple):
 
 BRIGHT: Final = Looks((226, 231, 237), (198, 205, 213), (168, 176, 186), 0.35, 0.42)
 LAMP_DIRECTION: Final = (0.35, -0.45, 0.82)
-"""From where the light comes."""
+"""Direction from which the light comes."""
 DARK: Final = Looks((24, 28, 33), (44, 50, 57), (66, 74, 84), 0.30, 0.75)
 FLOOR_MM: Final = -20.0
-"""Height of the grid; where bodies hang below z = 0, it lies as far below their lowest point at rest."""
+"""Height of the grid; if bodies reach below z = 0, its height above their lowest point at rest."""
 
 HOLLOW_OFFSET_MM: Final = 0.2
-"""Hollows are drawn so much larger, to hide the walls of the bodies around them."""
+"""Distance by which chamber cavities are enlarged in the picture, to hide the walls around them."""
 
 GOAL_HOLD_S: Final = 1.0
-"""After it was dragged the goal handle stays this long, in [s], before it follows the goals of others."""
+"""Time in [s] for which a dragged goal handle stays in place before it follows goals of others."""
 
 
 class Stage:
-    """What a scene shows.
+    """The 3-D objects of a scene.
 
     Args:
         server: viser's server.
-        inbox: Where the mouse's events go.
+        inbox: Queue for mouse events.
         robot: The scene.
         frames: Names of its frames in the order of their poses.
         on_goal: Called with a dragged goal, in [m].
         lite: Cheap light and no shadows, for machines without a graphics card.
-        dark: Light on dark ground.
+        dark: Whether the background is dark.
     """
 
     def __init__(
@@ -404,7 +418,7 @@ class Stage:
         self._goal_pose: tuple[float, ...] | None = None
 
     def paint(self, dark: bool) -> None:
-        """Take the colours of a bright or a dark page."""
+        """Set the colours of a bright or a dark page."""
         scene, looks = self._server.scene, DARK if dark else BRIGHT
         if not self._lite:
             scene.configure_environment_map("studio", environment_intensity=looks.studio)
@@ -413,7 +427,7 @@ class Stage:
         self.shadow.opacity = looks.shadow
 
     def show_surface(self, parts: list[Part], points: NDArray[np.float32]) -> None:
-        """Take bodies by their visible points at rest in [mm], shape (p, 3); the grid lies below."""
+        """Show other bodies, by their visible points at rest in [mm], shape (p, 3); the grid lies below."""
         self.surface.show(parts, points)
         height = floor_height(points)
         self._floor.position = (0.0, 0.0, height)
@@ -421,13 +435,13 @@ class Stage:
         self.shadow.begin(points, height)
 
     def show_rigid(self, message: MarkerArray) -> None:
-        """Take other rigid bodies; the grid gives way to a floor of the scene's own."""
+        """Show other rigid bodies; the grid is hidden if there are any, since they may include a floor."""
         self.rigid.show(message)
         self._floor.visible = not message.markers
         self.shadow.switch(self._floor.visible)
 
     def obey(self, view: ViewSettings) -> None:
-        """Show what a view says; the camera stays."""
+        """Apply view settings; the camera does not move."""
         self.surface.obey(view)
         self.normals.switch(view.normals and view.bodies)
         self.inner.obey(view)
@@ -441,7 +455,7 @@ class Stage:
     # --- goal -----------------------------------------------------------------------------------------
 
     def show_goal(self, pose: EffectorPose | None, now: float) -> None:
-        """Place the handle of the goal; None hides it. A handle that is being dragged stays in the hand."""
+        """Move the handle of the goal, unless it is being dragged; None hides it."""
         if pose is None:
             if self._goal is not None:
                 self._goal.remove()
@@ -478,7 +492,7 @@ class Stage:
         self._goal_moved_at = self.now
         pose = (*position, *wxyz)
         if self._goal_pose is not None and np.allclose(pose, self._goal_pose, atol=1e-6):
-            return  # the handle was touched, not moved
+            return  # ignore a touch without motion
         self._goal_pose = pose
         x, y, z = (position / MM).tolist()
         w, i, j, k = wxyz.tolist()
@@ -490,7 +504,7 @@ class Stage:
     # --- pull -----------------------------------------------------------------------------------------
 
     def set_pull_mode(self, on: bool) -> None:
-        """Let a plain drag pull, too, where there is no Shift key."""
+        """Choose whether a plain drag pulls too, for devices without a Shift key."""
         self.pull_mode = on
         self.surface.rebuild()
 
@@ -528,23 +542,26 @@ class Stage:
             self._rope.points = line
 
     def let_go(self) -> None:
-        """End a pull."""
+        """End the pull, if any."""
         self.pull = None
         self.draw_rope()
 
 
 def floor_height(points: NDArray[np.float32]) -> float:
-    """Height in [mm] of a grid below `points` (p, 3) in [mm]; what stands on z = 0 has it at FLOOR_MM."""
+    """Return the height in [mm] of the grid below `points` (p, 3) in [mm].
+
+    It is FLOOR_MM for bodies that stand on z = 0.
+    """
     return FLOOR_MM + float(points[:, 2].min(initial=0.0))
 
 
 def camera_for(points: NDArray[np.float32]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Position and target of a camera that sees `points` (p, 3) in [mm] beside the panel."""
+    """Return position and target of a camera that sees `points` (p, 3) in [mm] beside the panel."""
     if not len(points):
         points = np.array([[-60.0, -60.0, 0.0], [60.0, 60.0, 30.0]], dtype=np.float32)
     lower, upper = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
     diagonal = float(np.linalg.norm(upper - lower))
-    below = 0.12 * float(np.linalg.norm((upper - lower)[:2]))  # room for the shadow
+    below = 0.12 * float(np.linalg.norm((upper - lower)[:2]))  # space for the shadow
     target = 0.5 * (lower + upper) - (0.0, 0.0, below)
     position = target + CAMERA_DISTANCE * diagonal * np.array(CAMERA_DIRECTION)
     return tuple(position.tolist()), tuple(target.tolist())
@@ -553,9 +570,10 @@ def camera_for(points: NDArray[np.float32]) -> tuple[tuple[float, ...], tuple[fl
 def for_window(
     position: Sequence[float], target: Sequence[float], aspect: float
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The same view in a window of that width over height: a narrow one, as of a phone, is seen from farther.
+    """Return the same view for a window with an aspect ratio of width over height.
 
-    There the panel takes the lower half, so what is looked at goes up.
+    In a narrow window, such as a phone's, the camera is farther away. There the panel covers the lower half,
+    so the target moves up.
     """
     if aspect >= 1.0:
         return tuple(position), tuple(target)
@@ -566,7 +584,7 @@ def for_window(
 
 
 def move_cameras(server: Any, position: Sequence[float], target: Sequence[float]) -> None:
-    """Move the camera of every browser, and of those to come; in [mm]."""
+    """Move the camera of every present and future browser; in [mm]."""
     server.initial_camera.position, server.initial_camera.look_at = position, target
     for client in server.get_clients().values():
         move_camera(client, position, target)

@@ -1,4 +1,4 @@
-"""The visible surface of bodies, plain or coloured by stress, and wire frames."""
+"""Draw the visible surface of bodies, plain or coloured by stress, and wire frames."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import numpy as np
 from cmap import Colormap
 from numpy.typing import NDArray
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.mechanics.pose import rotation_euler
-from softsim_core.scene.view import Section, StressMap, ViewSettings
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.mechanics import rotation_euler
+from softsim_core.scene import Section, StressMap, ViewSettings
 
 CIRCLE_STEPS = 32
 
 
 def box_lines(center: tuple[float, ...], size: tuple[float, ...], rotation_deg: tuple[float, ...]) -> Array:
-    """The 12 edges of an oriented box, shape (12, 2, 3), in the unit of the arguments."""
+    """Return the 12 edges of an oriented box, shape (12, 2, 3), in the unit of the arguments."""
     corners = np.array(list(product((-0.5, 0.5), repeat=3)))
     pairs = [(a, b) for a in range(8) for b in range(a + 1, 8) if (corners[a] != corners[b]).sum() == 1]
     placed = np.array(center) + (corners * np.array(size)) @ rotation_euler(np.radians(rotation_deg)).T
@@ -29,7 +29,7 @@ def box_lines(center: tuple[float, ...], size: tuple[float, ...], rotation_deg: 
 
 
 def sphere_lines(center: tuple[float, ...], radius: float) -> Array:
-    """Three circles of a sphere, shape (3 CIRCLE_STEPS, 2, 3)."""
+    """Return three circles of a sphere as lines, shape (3 CIRCLE_STEPS, 2, 3)."""
     angle = np.linspace(0.0, 2.0 * np.pi, CIRCLE_STEPS + 1)
     lines = []
     for axis in range(3):
@@ -40,7 +40,7 @@ def sphere_lines(center: tuple[float, ...], radius: float) -> Array:
 
 
 def tetrahedra_edges(tetrahedra: IndexArray) -> IndexArray:
-    """Every edge of some tetrahedra once, as pairs of node indices, shape (e, 2)."""
+    """Return each edge of some tetrahedra once, as pairs of node indices, shape (e, 2)."""
     pairs = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
     edges = (
         np.concatenate([tetrahedra[:, pair] for pair in pairs]) if len(tetrahedra) else np.zeros((0, 2), int)
@@ -49,7 +49,7 @@ def tetrahedra_edges(tetrahedra: IndexArray) -> IndexArray:
 
 
 def shrunk_faces(points: Array, tetrahedra: IndexArray, share: float) -> tuple[Array, IndexArray]:
-    """Tetrahedra shrunk about their centres to `share`: vertices (4 m, 3), faces (4 m, 3)."""
+    """Return tetrahedra scaled by `share` about their centres: vertices (4 m, 3), faces (4 m, 3)."""
     corners = points[tetrahedra]
     centre = corners.mean(axis=1, keepdims=True)
     vertices = (centre + share * (corners - centre)).reshape(-1, 3)
@@ -59,7 +59,10 @@ def shrunk_faces(points: Array, tetrahedra: IndexArray, share: float) -> tuple[A
 
 
 def normal_lines(points: NDArray[np.float32], triangles: IndexArray, length: float) -> NDArray[np.float32]:
-    """From the middle of each triangle (k, 3) along its normal, shape (k, 2, 3); flat triangles have none."""
+    """Return lines from the centre of each triangle (k, 3) along its normal, shape (k, 2, 3).
+
+    Degenerate triangles are left out.
+    """
     corners = points[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normals, axis=1)
@@ -70,25 +73,25 @@ def normal_lines(points: NDArray[np.float32], triangles: IndexArray, length: flo
 
 
 MM: Final = 1000.0
-"""The page shows millimetres."""
+"""Millimetres per metre; the page uses millimetres."""
 
 BANDS: Final = 12
-"""Colours of the stress scale; a viser mesh has one colour, so each band is a mesh of its own."""
+"""Number of colours of the stress scale; a viser mesh has one colour, so each band is its own mesh."""
 
 REGROUP_PERIOD_S: Final = 0.2
-"""Triangles are sorted into bands this often, in [s]; in between only vertices move."""
+"""Period in [s] at which triangles are sorted into bands; in between only vertices move."""
 
 GHOST_COLOUR: Final = (134, 142, 150)
 GHOST_OPACITY: Final = 0.18
 NO_FACES: Final = np.zeros((1, 3), np.uint32)
-"""Triangles of a mesh that shall not be seen."""
+"""Triangles of an invisible mesh."""
 
 Points = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Part:
-    """A body's share of the surface.
+    """Part of the surface that belongs to one body.
 
     Attributes:
         name: Name of the body.
@@ -104,19 +107,19 @@ class Part:
 
 
 def band_edges(highest: float) -> list[float]:
-    """Lower edge of each band in the unit of `highest`, shape (BANDS,)."""
+    """Return the lower edge of each band in the unit of `highest`, BANDS values."""
     return [highest * band / BANDS for band in range(BANDS)]
 
 
 @cache
 def band_colours(stress_map: StressMap) -> tuple[tuple[int, int, int], ...]:
-    """Red, green, blue in 0..255 of each band: the middle of its part of the scale."""
+    """Return red, green, blue in 0..255 of each band, taken from the centre of its part of the scale."""
     table = Colormap(f"matplotlib:{stress_map}").lut(BANDS)[:, :3]
     return tuple((int(r), int(g), int(b)) for r, g, b in np.rint(255.0 * table))
 
 
 def bands_of(stress: NDArray[Any], triangles: IndexArray, highest: float) -> NDArray[np.int64]:
-    """Band of each triangle by the mean stress of its corners, shape (k,)."""
+    """Return the band of each triangle by the mean stress of its corners, shape (k,)."""
     if not highest > 0.0:
         return np.zeros(len(triangles), dtype=np.int64)
     mean = stress[triangles].mean(axis=1)
@@ -124,11 +127,11 @@ def bands_of(stress: NDArray[Any], triangles: IndexArray, highest: float) -> NDA
 
 
 def compact(triangles: IndexArray, count: int) -> tuple[IndexArray, NDArray[np.uint32]]:
-    """The vertices that some triangles use, ascending, and the triangles numbered by them.
+    """Return the used vertices in ascending order, and the triangles with indices into them.
 
     Args:
         triangles: Indices into `count` vertices, shape (k, 3).
-        count: Number of vertices there are.
+        count: Number of all vertices.
     """
     used = np.zeros(count, dtype=bool)
     used[triangles] = True
@@ -137,7 +140,10 @@ def compact(triangles: IndexArray, count: int) -> tuple[IndexArray, NDArray[np.u
 
 
 def round_up(value: float) -> float:
-    """The next of 1, 2, 5, 10, ... that is not smaller; 1 for a value that is not positive."""
+    """Return the smallest of 1, 2, 5, 10, ... (times powers of ten) that is not below `value`.
+
+    Return 1 for a value that is not positive.
+    """
     if not value > 0.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
@@ -145,7 +151,7 @@ def round_up(value: float) -> float:
 
 
 def kept(points: Points, triangles: IndexArray, section: Section | None) -> IndexArray:
-    """The triangles (k, 3) that a section leaves, by the middles of their corners; `points` in [mm]."""
+    """Return the triangles (k, 3) on the visible side of a section, by their centres; `points` in [mm]."""
     if section is None:
         return triangles
     axis = "xyz".index(section.axis)
@@ -163,11 +169,11 @@ class SurfaceView:
 
     Attributes:
         points: Vertices of all bodies in [mm], shape (p, 3).
-        triangles: Those of the bodies that are not hidden nor cut away, shape (k, 3).
+        triangles: Triangles that are neither hidden nor cut away, shape (k, 3).
 
     Args:
         scene: viser's scene.
-        on_mesh: Called with every mesh that is made, to make it answer to the mouse.
+        on_mesh: Called with every new mesh, to attach mouse events.
     """
 
     def __init__(self, scene: Any, on_mesh: Callable[[Any], None]) -> None:
@@ -192,13 +198,13 @@ class SurfaceView:
         self.rebuild()
 
     def obey(self, view: ViewSettings) -> None:
-        """Show what a view says; meshes are made anew only where that is something else."""
+        """Apply view settings; meshes are rebuilt only if they depend on a change."""
         before, self._view = self._view, view
         if _looks(before) != _looks(view):
             self.rebuild()
 
     def rebuild(self) -> None:
-        """Make the meshes anew, after a switch was changed."""
+        """Rebuild all meshes."""
         for mesh in (*(mesh for _, mesh in self._plain), *(band.mesh for band in self._bands), *self._ghosts):
             mesh.remove()
         self._plain, self._bands, self._ghosts = [], [], []
@@ -216,9 +222,15 @@ class SurfaceView:
             self._make_plain(shown)
 
     def update(self, points: Points, stress: Points, now: float) -> None:
-        """Move the vertices: positions in [mm], shape (p, 3), stress in [Pa], shape (p,); `now` in [s]."""
+        """Move the vertices and recolour them.
+
+        Args:
+            points: Positions in [mm], shape (p, 3).
+            stress: Stress in [Pa], shape (p,).
+            now: Steady clock in [s].
+        """
         if points.shape != self.points.shape:
-            return  # of another scene, whose triangles have not come yet
+            return  # of another scene, without its triangles yet
         self.points, self.stress = points, stress
         for part, mesh in self._plain:
             mesh.vertices = points[slice(*part.points)]
@@ -234,7 +246,7 @@ class SurfaceView:
                 band.mesh.vertices = points[band.vertices]
 
     def nearest(self, position: Points) -> int:
-        """Index of the vertex that is nearest to a position in [mm]."""
+        """Return the index of the vertex nearest to a position in [mm]."""
         return int(np.argmin(((self.points - position) ** 2).sum(axis=1)))
 
     def _make_plain(self, parts: list[Part]) -> None:
@@ -253,12 +265,12 @@ class SurfaceView:
             self._on_mesh(mesh)
 
     def _faces_of(self, part: Part) -> NDArray[np.uint32]:
-        """What is drawn of a part, numbered by its own vertices; a point where all of it is cut away."""
+        """Return the visible triangles of a part, with its own vertex indices; NO_FACES if there are none."""
         left = kept(self.points, part.triangles, self._view.section)
         return (left - part.points[0]).astype(np.uint32) if len(left) else NO_FACES
 
     def _ghost_of(self, part: Part) -> Any:
-        """A body as it is at rest."""
+        """Draw a body at rest; return its handle."""
         return self._scene.add_mesh_simple(
             f"/ghost/{part.name}",
             self._rest[slice(*part.points)],
@@ -291,20 +303,20 @@ class SurfaceView:
             self.shown_top = self._view.stress_top
         elif (
             highest > self.shown_top or round_up(highest) < 0.45 * self.shown_top
-        ):  # no flicker between two tops
+        ):  # hysteresis avoids flicker between two scales
             self.shown_top = round_up(highest)
         band_of = bands_of(self.stress, self.triangles, self.shown_top)
         for index, band in enumerate(self._bands):
             own = self.triangles[band_of == index]
             if len(own):
                 band.vertices, faces = compact(own, len(self.points))
-            else:  # hiding it would leave holes for a frame, so it shrinks to a point
+            else:  # hiding the mesh would leave holes for a frame, so it shrinks to a point
                 band.vertices, faces = np.arange(3), NO_FACES
             band.mesh.vertices = self.points[band.vertices]
             band.mesh.faces = faces
 
 
 def _looks(view: ViewSettings) -> tuple[object, ...]:
-    """What of a view its meshes depend on."""
+    """Return the view settings on which the meshes depend."""
     how = (view.bodies, view.stress, view.stress_map, view.wireframe, view.ghost, view.section)
     return (*how, frozenset(view.hidden))

@@ -12,18 +12,19 @@ from functools import partial
 from typing import Any, Final
 from urllib.parse import quote
 
-from softsim_core.base.values import Placement
-from softsim_core.scene.control import KeyBinding
-from softsim_core.scene.io.yaml_loader import laid_over, read_overrides, write_overrides
-from softsim_core.scene.joint import JointDescription
-from softsim_core.scene.robot import RobotDescription
-from softsim_core.scene.view import STRESS_MAPS, Section
-from softsim_ros.client.robot_client import RobotClient
-from softsim_ros.client.services import LogLine, RobotLog
-from softsim_ros.client.simulator import Parameters, Simulator
-from softsim_ros.client.state import RobotState, enforces_limits
-from softsim_ros.keys.keyboard import Keyboard
-from softsim_ros.keys.press import KeyPress, key_table
+from softsim_core.base import Placement
+from softsim_core.scene import STRESS_MAPS, JointDescription, KeyBinding, RobotDescription, Section
+from softsim_core.scene.io import laid_over, read_overrides, write_overrides
+from softsim_ros.client import (
+    LogLine,
+    Parameters,
+    RobotClient,
+    RobotLog,
+    RobotState,
+    Simulator,
+    enforces_limits,
+)
+from softsim_ros.keys import Keyboard, KeyPress, key_table
 from softsim_ros.nodes.viewer import readings
 from softsim_ros.nodes.viewer.edit_mode import EditMode, EditTab
 from softsim_ros.nodes.viewer.panel import Control, Inbox, Shown, Spoken
@@ -74,16 +75,16 @@ _SIGNS: Final = {
     "page_up": "PgUp",
     "page_down": "PgDn",
 }
-"""How a button shows its key; any other as KeyPress does."""
+"""Symbols of keys on buttons; other keys are written as KeyPress does."""
 
 
 def page_keys(robot: RobotDescription) -> dict[str, KeyBinding]:
-    """The bindings a page offers: all of the robot's but those that end a program."""
+    """Return the key bindings that a page offers: all of the robot's except those that quit a program."""
     return {name: binding for name, binding in key_table(robot).items() if binding.action != "quit"}
 
 
 def hotkeys(name: str) -> list[tuple[str, str]]:
-    """Key and modifier of every way to press Ctrl and the key `name` in a browser."""
+    """Return key and modifier of every way to press Ctrl and the key `name` in a browser."""
     if name == "plus":  # of the keypad; on a US keyboard with shift, and without
         return [("plus", CTRL), ("plus", f"{CTRL}+shift"), ("=", CTRL)]
     if name == "minus":
@@ -92,15 +93,15 @@ def hotkeys(name: str) -> list[tuple[str, str]]:
 
 
 def key_label(name: str, binding: KeyBinding) -> str:
-    """Words of a key's button: "Ctrl+Up: servo 0 up"."""
+    """Return the label of a key's button: "Ctrl+Up: servo 0 up"."""
     return f"{KeyPress(name, ctrl=True)}: {binding.help}"
 
 
 def key_rows(robot: RobotDescription) -> list[tuple[str, dict[str, str]]]:
-    """The table of keys: words of each row, and in it a key's name by the words of its button.
+    """Return the rows of the key table: a title, and key names by button label.
 
     Keys of the same joints share a row, and so do all poses and all actions. The e-stop has buttons of its
-    own, above all tabs.
+    own above all tabs.
     """
     groups: dict[object, list[str]] = {}
     stops = ("e_stop", "clear_e_stop")
@@ -118,7 +119,7 @@ def key_rows(robot: RobotDescription) -> list[tuple[str, dict[str, str]]]:
 
 
 def _button(name: str, words: str) -> str:
-    """Words of a key's button in the table: "↑ up"."""
+    """Return the label of a key's button in the table: "↑ up"."""
     label = str(KeyPress(name))
     return f"{_SIGNS.get(name, label.upper() if len(label) == 1 else label)} {words}"
 
@@ -130,27 +131,27 @@ HINT: Final = (
 
 
 class Hint:
-    """Words for the first minute, until somebody closes them."""
+    """Instructions for new users, shown until somebody closes them."""
 
     shown = True
 
     def close(self, handles: Sequence[Any]) -> None:
-        """Take them away for as long as the page is served."""
+        """Remove the instructions for as long as the page is served."""
         self.shown = False
         for handle in handles:
             handle.remove()
 
 
 class DriveTab:
-    """What drives the robot.
+    """Controls that drive the robot.
 
     Args:
         gui: viser's controls, inside the tab.
-        inbox: Where events of browsers go.
+        inbox: Queue for events of browsers.
         robot: The scene.
-        client: What is driven.
-        keyboard: What the keys do.
-        hint: Whether people are told how the mouse works.
+        client: Client of the robot.
+        keyboard: Actions of the keys.
+        hint: Whether users see how the mouse works.
     """
 
     def __init__(
@@ -204,7 +205,7 @@ def _move(client: RobotClient, joint: JointDescription, shown: float) -> None:
 INFO, WARNING, ERROR = 20, 30, 40
 REFRESH_S: Final = 0.5
 SHOWN: Final = 60
-"""Lines on the page."""
+"""Number of lines on the page."""
 
 
 class LogTab:
@@ -212,8 +213,8 @@ class LogTab:
 
     Args:
         gui: viser's controls, inside the tab.
-        log: What the robot's nodes say.
-        spoken: What the page says itself.
+        log: Messages of the robot's nodes.
+        spoken: Messages of the page itself.
     """
 
     def __init__(self, gui: Any, log: RobotLog, spoken: Spoken) -> None:
@@ -223,7 +224,7 @@ class LogTab:
         self._shown, self._due = -1, 0.0
 
     def refresh(self) -> None:
-        """Show the newest lines; the page's own sentences are among them."""
+        """Show the newest lines, including the page's own messages."""
         log, sentence = self._log, self._spoken.sentence
         if sentence and sentence != self._said:
             log.add(LogLine(time.time(), INFO, "page", sentence))
@@ -235,7 +236,7 @@ class LogTab:
 
 
 def log_table(lines: Iterable[LogLine]) -> str:
-    """Lines as HTML, newest first: time of day, who, what; warnings and errors coloured."""
+    """Return lines as HTML, newest first: time of day, source, text; warnings and errors are coloured."""
     rows = "".join(_row(line) for line in reversed(list(lines)))
     return box(f'<div style="overflow-wrap:anywhere">{rows or "nothing was said yet"}</div>')
 
@@ -254,9 +255,9 @@ class TuneTab:
 
     Args:
         gui: viser's controls, inside the tab.
-        inbox: Where events of browsers go.
+        inbox: Queue for events of browsers.
         robot: The scene.
-        parameters: Those of the simulator.
+        parameters: Parameters of the simulator.
     """
 
     def __init__(self, gui: Any, inbox: Inbox, robot: RobotDescription, parameters: Parameters) -> None:
@@ -292,7 +293,7 @@ def _tune(parameters: Parameters, tunable: Tunable, value: Any) -> None:
 
 
 NODE_SIZES: Final = (0.2, 5.0, 0.1)
-"""Range and step of the size at which nodes are drawn, in [mm]."""
+"""Range and step of the displayed size of nodes, in [mm]."""
 
 CLIP_S: Final = 4.0
 CLIP_SIZE: Final = (480, 640)
@@ -302,13 +303,13 @@ AXES: Final = ("x", "y", "z")
 
 
 class ViewTab:
-    """What changes the picture.
+    """Controls of the picture.
 
     Args:
         gui: viser's controls, inside the tab.
-        inbox: Where events of browsers go.
-        picture: What is switched.
-        mouse: The spring of a pull.
+        inbox: Queue for events of browsers.
+        picture: Picture to control.
+        mouse: Pull of the mouse, with its spring.
     """
 
     def __init__(self, gui: Any, inbox: Inbox, picture: Picture, mouse: MousePull) -> None:
@@ -343,7 +344,7 @@ class ViewTab:
         clip.on_click(save_clip)
 
     def _add_section(self, gui: Any, inbox: Inbox) -> None:
-        """Where bodies are cut open: an axis, and how far along it."""
+        """Add the controls of the section plane: an axis, and the position along it."""
         cut = self._picture.view.section
         axis = gui.add_dropdown("Cut open along", (UNCUT, *AXES), initial_value=cut.axis if cut else UNCUT)
         at = gui.add_slider("Cut at [%]", 0.0, 100.0, 1.0, 50.0, hint="of the bodies' extent at rest")
@@ -359,7 +360,7 @@ class ViewTab:
             inbox.on_change(handle, change)
 
     def refresh(self) -> None:
-        """Show the scale of the stress, and what is switched."""
+        """Show the stress scale and the state of the switches."""
         surface, view = self._picture.stage.surface, self._picture.view
         for name, each in self._boxes.items():
             each.show(getattr(view, name))
@@ -373,7 +374,7 @@ def _switch(picture: Picture, layer: str, shown: bool) -> None:
 
 
 async def _save_view(inbox: Inbox, picture: Picture, event: Any) -> None:
-    """Keep the camera of the browser that asked, and give it the view as a file."""
+    """Store the camera of the requesting browser in the view, and send it the view as a file."""
     client = event.client
     if client is None:
         return
@@ -388,7 +389,7 @@ async def _save_view(inbox: Inbox, picture: Picture, event: Any) -> None:
 
 
 def save_clip(event: Any) -> None:
-    """Give the browser that asked a clip of what it shows (in viser's pool: it waits for the browser)."""
+    """Send the requesting browser a clip of its view; runs in viser's pool, as it waits for the browser."""
     from PIL import Image
 
     client = event.client
@@ -409,7 +410,7 @@ def save_clip(event: Any) -> None:
 
 
 def save_picture(event: Any) -> None:
-    """Give the browser that asked a picture of what it shows (in viser's pool: it waits for the browser)."""
+    """Send the requesting browser a picture of its view; runs in viser's pool, as it waits."""
     from imageio.v3 import imwrite
 
     client = event.client
@@ -420,21 +421,21 @@ def save_picture(event: Any) -> None:
 
 
 def joint_at(path: str) -> str | None:
-    """The joint that a path of the tree leads to or into, if any."""
+    """Return the joint that a path of the tree leads to or into, or None."""
     steps = path.split("/")
     return steps[2] if len(steps) > 2 and steps[1] == "joints" else None
 
 
 class SceneTab:
-    """What the scene is made of, and other scenes.
+    """Parts of the scene, and a choice of other scenes.
 
     Args:
         gui: viser's controls, inside the tab.
-        inbox: Where events of browsers go.
-        picture: Shows the scene, and knows what the simulator tells of it.
-        simulator: Loads another scene and lays changes over this one.
-        say: Called with one sentence for the person.
-        is_local: Whether only browsers of this machine see the page.
+        inbox: Queue for events of browsers.
+        picture: Shows the scene, and has the structure that the simulator published.
+        simulator: Loads another scene and sets overrides of this one.
+        say: Called with a message for the user.
+        is_local: Whether only browsers of this machine can open the page.
     """
 
     def __init__(
@@ -455,7 +456,7 @@ class SceneTab:
         self.show(picture.robot)
 
     def show(self, robot: RobotDescription) -> None:
-        """Show another scene, or the same one with changes; the selected part stays, where there is one."""
+        """Show another scene, or the same one with changes; the selected part stays if it still exists."""
         for handle in self._content:
             handle.remove()
         gui, picture = self._gui, self._picture
@@ -474,7 +475,7 @@ class SceneTab:
         self._tree.show_hidden(self._picture.view.hidden)
 
     def _chooser(self) -> list[Any]:
-        """A list of all robots and scenes."""
+        """Add a list of all robots and scenes."""
         known, name = self._picture.scenes, self._picture.robot.name
         if not known:
             return []
@@ -488,7 +489,7 @@ class SceneTab:
         return [chooser]
 
     def _changes(self, changes: str) -> list[Any]:
-        """What is laid over the scene's file, how to keep it, and how to be rid of it."""
+        """Add the overrides of the scene's file, with how to save and how to discard them."""
         if not changes:
             return []
         gui, folder = self._gui, self._gui.add_folder("Changes")
@@ -499,12 +500,12 @@ class SceneTab:
         return [folder]
 
     def _apply_changes(self, changes: Mapping[str, Any]) -> None:
-        """Have the scene begin anew with more values laid over its file."""
+        """Restart the scene with additional overrides."""
         wanted = laid_over(read_overrides(self._picture.overrides), changes)
         self._simulator.parameters.set("overrides", write_overrides(wanted))
 
     def _forget_changes(self) -> None:
-        """Have the scene begin anew as its file says."""
+        """Restart the scene without overrides."""
         self._simulator.parameters.set("overrides", "")
 
     def _select(self, path: str) -> None:
@@ -513,7 +514,7 @@ class SceneTab:
         self._panel.show(self._parts[path], self._source_text(self._parts[path]))
 
     def _source_text(self, part: Part) -> str:
-        """Where a part is written; on this machine with a link that opens an editor there."""
+        """Return file and line of a part as HTML; on this machine with a link that opens an editor there."""
         found = self._picture.place(part.steps or ())
         if found is None:
             return ""
@@ -531,7 +532,7 @@ class PlotsTab:
     Args:
         gui: viser's controls, inside the tab.
         robot: The scene.
-        state: Gives what is known of the robot.
+        state: Returns the present state of the robot.
         statistics: Times of the steps.
     """
 
@@ -595,8 +596,8 @@ class TimingTab:
 
     Args:
         gui: viser's controls, inside the tab.
-        inbox: Where events of browsers go.
-        statistics: What is shown.
+        inbox: Queue for events of browsers.
+        statistics: Statistics to show.
     """
 
     def __init__(self, gui: Any, inbox: Inbox, statistics: StepStatistics) -> None:
@@ -611,25 +612,25 @@ class TimingTab:
 
 
 def _listed(units: Iterable[str]) -> str:
-    """Each unit once: "rad or m"."""
+    """Return each unit once: "rad or m"."""
     return " or ".join(dict.fromkeys(units))
 
 
 @dataclass(frozen=True)
 class PageParts:
-    """The parts.
+    """Objects behind the page.
 
     Attributes:
-        client: The robot.
-        keyboard: Its keys.
-        spoken: What was said to the person.
-        picture: What is drawn.
-        mouse: The spring of a pull.
-        statistics: What the simulator tells of its steps.
-        log: What the robot's nodes say.
-        edit: The scene as it is proposed.
-        hint: Words for the first minute.
-        is_local: Whether only browsers of this machine see the page.
+        client: Client of the robot.
+        keyboard: Actions of its keys.
+        spoken: Newest message for the user.
+        picture: The 3-D picture.
+        mouse: Pull of the mouse, with its spring.
+        statistics: Step statistics of the simulator.
+        log: Messages of the robot's nodes.
+        edit: The edit mode.
+        hint: Instructions for new users.
+        is_local: Whether only browsers of this machine can open the page.
     """
 
     client: RobotClient
@@ -653,17 +654,17 @@ NARROW: Final = """<style>
   .mantine-Tabs-tab { flex: 1 1 auto; padding: 0.75em 0.15em !important; font-size: 0.85em; }
 }
 </style>"""
-"""In a window as narrow as a phone's, viser's panel gets all of its width, and the tabs one row."""
+"""Style for a window as narrow as a phone's: viser's panel gets its full width, and the tabs one row."""
 
 
 class Controls:
-    """Every control of the panel; made anew for another scene.
+    """All controls of the panel; rebuilt for another scene.
 
     Args:
         gui: viser's controls.
-        inbox: Where events of browsers go.
-        parts: What carries them out; the scene is that of the picture.
-        namespace: Of the robot.
+        inbox: Queue for events of browsers.
+        parts: Objects that carry out the actions; the scene is that of the picture.
+        namespace: Namespace of the robot.
     """
 
     def __init__(self, gui: Any, inbox: Inbox, parts: PageParts, namespace: str) -> None:
@@ -699,7 +700,7 @@ class Controls:
             )
 
     def refresh(self) -> None:
-        """Show the state; a few times per second."""
+        """Show the state; to be called a few times per second."""
         state = self._parts.client.state
         bad = state.simulator not in ("running", "paused")
         words = readings.progress(state.simulator, state.real_time_factor, state.time_s, state.dt)
@@ -728,19 +729,19 @@ def _lamp_states(state: RobotState) -> list[tuple[str, str]]:
 
 
 def have_same_controls(a: RobotDescription, b: RobotDescription) -> bool:
-    """Whether the controls of one scene, but for the tab Scene, fit another one."""
+    """Return whether the controls of one scene, except the tab Scene, fit another one."""
     return _controlled(a) == _controlled(b)
 
 
 def _controlled(robot: RobotDescription) -> object:
-    """What of a scene the controls show."""
+    """Return the part of a scene that determines the controls."""
     joints = [replace(joint, base=Placement(), actuator=None, kind="revolute") for joint in robot.joints]
     kinds = [(joint.kind, joint.units) for joint in robot.joints]
     return robot.name, kinds, joints, page_keys(robot), tunables(robot)
 
 
 def _add_run(gui: Any, inbox: Inbox, simulator: Simulator) -> None:
-    """The row of buttons that run, pause, step, reset and reload the simulation."""
+    """Add the buttons that run, pause, step, reset and reload the simulation."""
     actions = {
         "Run / pause": simulator.toggle_pause,
         "Step": simulator.step,

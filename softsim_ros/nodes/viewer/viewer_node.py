@@ -1,4 +1,4 @@
-"""ROS node `viewer`: the robot's topics in a web page, and the page's controls as topics and services."""
+"""The node `viewer`: shows the robot's topics in a web page and sends the page's inputs over ROS."""
 
 from __future__ import annotations
 
@@ -11,19 +11,13 @@ from typing import Any, Final
 
 from rclpy.executors import SingleThreadedExecutor
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SoftSimError
-from softsim_core.scene import SceneCatalog
-from softsim_core.scene.io.catalog import shortened
-from softsim_core.scene.io.portable import without_contents
-from softsim_core.scene.robot import RobotDescription
-from softsim_node.ending import ending
-from softsim_node.parameters import Program, declare
-from softsim_node.process import ready_callbacks, run_node
-from softsim_ros.client.robot_client import RobotClient
-from softsim_ros.client.services import RobotLog, Warnings
-from softsim_ros.client.simulator import Editing
-from softsim_ros.keys.keyboard import Keyboard, KeySettings
+from softsim_core.base import Array, SoftSimError
+from softsim_core.scene import RobotDescription, SceneCatalog
+from softsim_core.scene.io import shortened, without_contents
+from softsim_node import Program, declare, ending, ready_callbacks, run_node
+from softsim_ros import ClosableNode
+from softsim_ros.client import Editing, RobotClient, RobotLog, Warnings
+from softsim_ros.keys import Keyboard, KeySettings
 from softsim_ros.nodes.viewer.edit_mode import EditMode
 from softsim_ros.nodes.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
 from softsim_ros.nodes.viewer.panel import Inbox, Spoken
@@ -33,28 +27,27 @@ from softsim_ros.nodes.viewer.profiler import StepStatistics
 from softsim_ros.nodes.viewer.stage import CAMERA_FOV, MousePull
 from softsim_ros.nodes.viewer.surface import MM
 from softsim_ros.nodes.viewer.tabs import Controls, Hint, PageParts, have_same_controls
-from softsim_ros.robot_node import ClosableNode
 
 FRAME_S: Final = 1.0 / 30.0
 REFRESH_PERIOD_S: Final = 0.1
 PLOT_PERIOD_S: Final = 0.2
 PANEL_WIDTH: Final = 440
-"""Of the panel in pixels: all tabs in one row."""
+"""Width of the panel in pixels; all tabs fit into one row."""
 SEEN_MM: Final = (1.0, 100_000.0)
-"""Nearest and farthest that cameras see, in [mm]; without it, they see 1 m far."""
+"""Near and far plane of cameras in [mm]; viser's default far plane would be at 1 m."""
 
 
 class Viewer(ClosableNode):
     """Serves the page of one robot; see `frame` for its loop.
 
     Args:
-        robot: What is shown until the simulator tells its own scene.
-        settings: Address and looks.
-        token: Secret that browsers bring; empty: a new one is made.
+        robot: Scene to show until the simulator publishes its own.
+        settings: Address and appearance.
+        token: Secret that browsers send; empty: a new one is generated.
         **node_options: Passed on to rclpy's Node; without a namespace there, the robot's name is used.
 
     Attributes:
-        parts: Client, keyboard, picture and the rest of what the page is made of.
+        parts: Client, keyboard, picture and the other objects behind the page.
 
     Raises:
         ViewerError: the page cannot be served.
@@ -69,7 +62,7 @@ class Viewer(ClosableNode):
         self._settings = settings = declare(self, settings)
         secret = None if settings.no_token else token or secrets.token_urlsafe(18)
         self._server = GuardedServer(AccessRule(settings.host, settings.port, secret), robot.name)
-        self._server.scene.set_up_direction("+z")  # once: it puts the cameras back to where they began
+        self._server.scene.set_up_direction("+z")  # called once, since it resets the cameras
         self._server.initial_camera.near, self._server.initial_camera.far = SEEN_MM
         self._server.initial_camera.fov = CAMERA_FOV
         self._inbox = Inbox()
@@ -119,18 +112,18 @@ class Viewer(ClosableNode):
 
     @property
     def address(self) -> str:
-        """What a person opens in a browser."""
+        """Address to open in a browser."""
         return self._server.rule.address
 
     def close(self) -> None:
-        """Close the page and end the node; a second call does nothing."""
+        """Close the page and destroy the node; a second call does nothing."""
         self._server.stop()
         super().close()
 
     # --- a scene --------------------------------------------------------------------------------------
 
     def _build_page(self) -> None:
-        """Picture and panel for the robot; the cameras stay where they are, and so do controls that fit."""
+        """Rebuild picture and panel for the robot; the cameras and controls that still fit stay."""
         robot, picture = self.parts.client.robot, self.parts.picture
         with self._server.atomic():
             self._server.scene.reset()
@@ -149,14 +142,17 @@ class Viewer(ClosableNode):
         picture.show_known()
 
     def _on_scene(self, robot: RobotDescription) -> None:
-        """Another scene, as the simulator tells it: the page is made anew."""
+        """Rebuild the page for another scene that the simulator has published."""
         self.parts.client.begin(robot)
         self._build_page()
 
     # --- the loop -------------------------------------------------------------------------------------
 
     def frame(self, now: float) -> None:
-        """Serve what browsers did, then show what arrived; about 30 times per second, `now` in [s]."""
+        """Run the actions of browsers, then show new messages; `now` in [s].
+
+        Called about 30 times per second.
+        """
         picture = self.parts.picture
         picture.stage.now = now
         for action in self._inbox.take():
@@ -186,7 +182,10 @@ class Viewer(ClosableNode):
 
 
 def serve(node: Viewer) -> None:
-    """Frames until the process shall end; callbacks are taken once a frame, so old messages cost nothing."""
+    """Run frames until the process is to end.
+
+    Callbacks run once per frame, so outdated messages cost nothing.
+    """
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     pause = threading.Event()
@@ -203,7 +202,9 @@ def serve(node: Viewer) -> None:
 
 
 def robot_by_name(name: str) -> RobotDescription:
-    """What is shown until the simulator tells: the robot of a known YAML file, else nothing but its name.
+    """Return what to show until the simulator publishes its scene.
+
+    This is the robot of a known YAML file, or else an empty scene of that name.
 
     Raises:
         ViewerError: the name cannot be a robot's.
@@ -222,7 +223,7 @@ def robot_by_name(name: str) -> RobotDescription:
 
 
 def announced_viewer() -> Viewer:
-    """The viewer that this process's parameters ask for; its address goes to standard output."""
+    """Return the viewer that the parameters of this process ask for; print its address."""
     robot, settings, token = requested_settings()
     node = Viewer(robot_by_name(robot), settings, token)
     sys.stdout.write(f"viewer: {node.address}\n")
@@ -238,7 +239,7 @@ PROGRAM = Program(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Serve the page until Ctrl-C or SIGTERM; returns the exit code."""
+    """Serve the page until Ctrl-C or SIGTERM; return the exit code."""
     return run_node(PROGRAM, lambda _: announced_viewer(), args, serve)
 
 

@@ -21,7 +21,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from softsim_ros.launch_plan import PlannedNode, Wishes, plan
+from softsim_ros import PlannedNode, Wishes, plan
 
 _folders = []  # of files that nodes read; removed when the launch ends
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError, listing
-from softsim_core.physics.actuation.building import ActuatorKind, Placed, Surroundings
+from softsim_core.base import Array, SceneError, listing
+from softsim_core.physics.actuation import ActuatorKind, Placed, Surroundings
 from softsim_core.physics.actuation.cable.cables import Cables, row_layout
 from softsim_core.physics.actuation.cable.description import CableDescription, read_cable_points
-from softsim_core.physics.mesh.embedding import place
-from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.physics.mesh import TetMesh, place
 
 
 def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables:
@@ -101,4 +100,4 @@ def _chained(points: Array, start: Array) -> Array:
     return np.array(chain)
 
 
-CABLE = ActuatorKind("cable", CableDescription, build_cables)
+CABLE: Final[ActuatorKind] = ActuatorKind("cable", CableDescription, build_cables)

@@ -15,18 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.physics.actuation.actuators import (
+from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.physics.actuation import (
     Actuator,
     ActuatorView,
     Constraints,
     GeometricStiffness,
     no_geometric_stiffness,
 )
-from softsim_core.physics.mechanics.control import Transmissions
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.rows import Rows
-from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.mechanics import Model, Rows, State, Transmissions
 
 IN_BODY, IN_WORLD = -2, -1
 """What carries a cable's point where no joint does."""

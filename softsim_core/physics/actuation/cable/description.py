@@ -12,11 +12,21 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import ConfigError, SceneError
-from softsim_core.base.units import FORCE, SHORTENING, JointUnits
-from softsim_core.base.values import POINT, FieldError, Placement, Vector, need_finite, need_positive
-from softsim_core.physics.actuation.building import ActuatorDescription
+from softsim_core.base import (
+    FORCE,
+    POINT,
+    SHORTENING,
+    Array,
+    ConfigError,
+    FieldError,
+    JointUnits,
+    Placement,
+    SceneError,
+    Vector,
+    need_finite,
+    need_positive,
+)
+from softsim_core.physics.actuation import ActuatorDescription
 
 
 def read_cable_points(file: str | PathLike[str]) -> Array:

@@ -1,7 +1,5 @@
 """Chambers: hollows of a body, filled with air or water, commanded by pressure or by volume."""
 
-from softsim_core.physics.actuation.chamber.chamber import Chamber, ChamberView
-from softsim_core.physics.actuation.chamber.chambers import CHAMBER
-from softsim_core.physics.actuation.chamber.description import ATMOSPHERE, ChamberDescription
+from lazy_loader import attach_stub
 
-__all__ = ["ATMOSPHERE", "CHAMBER", "Chamber", "ChamberDescription", "ChamberView"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

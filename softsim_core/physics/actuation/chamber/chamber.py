@@ -37,23 +37,20 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import SceneError, listing
-from softsim_core.physics.actuation.actuators import (
+from softsim_core.base import Array, IndexArray, SceneError, listing
+from softsim_core.physics.actuation import (
     Actuator,
     ActuatorView,
     GeometricStiffness,
+    Placed,
+    Surroundings,
     Transmission,
     no_geometric_stiffness,
     pressed_blocks,
 )
-from softsim_core.physics.actuation.building import Placed, Surroundings
 from softsim_core.physics.actuation.chamber.description import ChamberDescription
-from softsim_core.physics.mechanics.model import FIXED, Model
-from softsim_core.physics.mechanics.rows import Rows
-from softsim_core.physics.mechanics.state import State
-from softsim_core.physics.mesh import TetMesh
-from softsim_core.physics.mesh.faces import boundary_faces, cavities, encloses, turned
+from softsim_core.physics.mechanics import FIXED, Model, Rows, State
+from softsim_core.physics.mesh import TetMesh, boundary_faces, cavities, encloses, turned
 
 FLAT = 0.02
 """A rim may leave its plane by this part of its radius."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.actuation.actuators import PlainGroup
-from softsim_core.physics.actuation.building import ActuatorKind, Placed, Surroundings
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.actuation import ActuatorKind, Placed, PlainGroup, Surroundings
 from softsim_core.physics.actuation.chamber.chamber import Chamber
 from softsim_core.physics.actuation.chamber.description import ChamberDescription
 
@@ -95,4 +94,4 @@ def _built(placed: Sequence[Placed], surroundings: Surroundings) -> Chambers:
     return Chambers([Chamber(each, surroundings) for each in placed])
 
 
-CHAMBER = ActuatorKind(ChamberDescription.kind, ChamberDescription, _built)
+CHAMBER: Final[ActuatorKind] = ActuatorKind(ChamberDescription.kind, ChamberDescription, _built)

@@ -6,10 +6,18 @@ import math
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from softsim_core.base.errors import SceneError
-from softsim_core.base.units import PRESSURE, VOLUME, JointUnits
-from softsim_core.base.values import POINT, FieldError, Vector, need_finite, need_positive
-from softsim_core.physics.actuation.building import ActuatorDescription
+from softsim_core.base import (
+    POINT,
+    PRESSURE,
+    VOLUME,
+    FieldError,
+    JointUnits,
+    SceneError,
+    Vector,
+    need_finite,
+    need_positive,
+)
+from softsim_core.physics.actuation import ActuatorDescription
 
 ATMOSPHERE = 101_325.0
 """Pressure of the air around in [Pa], against vacuum: the standard atmosphere."""

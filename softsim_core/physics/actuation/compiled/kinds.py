@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.actuation.actuators import Actuators
-from softsim_core.physics.actuation.cable.cables import IN_BODY, IN_WORLD, CableArrays, Cables
-from softsim_core.physics.actuation.chamber.chambers import ChamberArrays, Chambers
+from softsim_core.base import Array
+from softsim_core.physics.actuation import Actuators
+from softsim_core.physics.actuation.cable import IN_BODY, IN_WORLD, CableArrays, Cables
+from softsim_core.physics.actuation.chamber import ChamberArrays, Chambers
 from softsim_core.physics.actuation.compiled.compile import kernel
 
 

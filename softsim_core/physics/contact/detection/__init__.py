@@ -1,7 +1,5 @@
 """Contact detection: where surfaces come close, and what passes what."""
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from softsim_core.physics.contact.detection.detector import Closeness, Detector, Proximities, measured_gaps
-
-__all__ = ["Closeness", "Detector", "Proximities", "measured_gaps"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.base.errors import DetectionOverflowError
+from softsim_core.base import Array, BoolArray, DetectionOverflowError, IndexArray
+from softsim_core.physics.contact import CollisionSurface, ContactLimits
 from softsim_core.physics.contact.detection.broad_phase import allocate
 from softsim_core.physics.contact.detection.candidates import Found, allocate_found, allocate_near, mixed
 from softsim_core.physics.contact.detection.compile import kernel
@@ -26,8 +26,6 @@ from softsim_core.physics.contact.detection.geometry import (
 from softsim_core.physics.contact.detection.narrow_phase import KnownEdges, meet_known_edges, sweep
 from softsim_core.physics.contact.detection.passage import Way, free_share
 from softsim_core.physics.contact.detection.topology import build_topology
-from softsim_core.physics.contact.settings import ContactLimits
-from softsim_core.physics.contact.surfaces import CollisionSurface
 from softsim_core.physics.kernels import OneSignature
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import acos, sqrt
 from typing import TypeAlias
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_core.physics.contact.detection.compile import kernel
 from softsim_core.physics.contact.detection.topology import Topology
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_core.physics.contact.detection.broad_phase import (
     Boxes,
     apart,

@@ -13,7 +13,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from softsim_core.base.arrays import Array, BoolArray
+from softsim_core.base import Array, BoolArray
 from softsim_core.physics.contact.detection.broad_phase import Boxes, apart, compare_trees, refit_nodes
 from softsim_core.physics.contact.detection.candidates import Near
 from softsim_core.physics.contact.detection.compile import kernel

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.contact.surfaces import CollisionSurface, may_meet
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.contact import CollisionSurface, may_meet
 
 _LEAF = 4
 """Most triangles in a leaf of a tree."""

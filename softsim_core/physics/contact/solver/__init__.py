@@ -1,7 +1,5 @@
 """Forces of contacts with Coulomb friction and of bounded rows: Gauss-Seidel, Newton, smoothed projection."""
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from softsim_core.physics.contact.solver.gauss_seidel import ContactSolution, solve_contacts
-
-__all__ = ["ContactSolution", "solve_contacts"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

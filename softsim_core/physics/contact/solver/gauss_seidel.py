@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.contact.solver.compile import kernel
 from softsim_core.physics.contact.solver.law import (
     ContactProblem,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.contact.solver.compile import kernel
 
 _PANEL = 4

@@ -1,1 +1,5 @@
 """The compiled time step. Only this package needs Numba."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.physics.actuation.compiled.kinds import CompiledKinds, fill, measure
+from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.physics.actuation.compiled import CompiledKinds, fill, measure
 from softsim_core.physics.dynamics.numba_backend.compile import kernel
 from softsim_core.physics.dynamics.numba_backend.layout import (
     ActuatorRows,
@@ -22,8 +22,7 @@ from softsim_core.physics.dynamics.numba_backend.layout import (
     Nodes,
     Work,
 )
-from softsim_core.physics.linalg.bounded import FACES_PER_FORCE, SMALLEST_PIVOT, SOLVED, WRONG_SIDE
-from softsim_core.physics.linalg.symbolic import Tree
+from softsim_core.physics.linalg import FACES_PER_FORCE, SMALLEST_PIVOT, SOLVED, WRONG_SIDE, Tree
 
 TINY = float(np.finfo(float).tiny)
 

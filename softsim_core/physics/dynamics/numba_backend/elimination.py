@@ -22,18 +22,22 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import FactorisationError
-from softsim_core.physics.actuation.actuators import Actuators
+from softsim_core.base import Array, FactorisationError, IndexArray
+from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.dynamics.numba_backend.actuator_rows import (
     add_rows,
     add_stiffness,
     hold_rows,
     report_rows,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.batches import count_inverted
-from softsim_core.physics.dynamics.numba_backend.cells.cells import assemble_cells, deforming
-from softsim_core.physics.dynamics.numba_backend.cells.elements import CLAMPED, FROZEN, assemble_nodes
+from softsim_core.physics.dynamics.numba_backend.cells import (
+    CLAMPED,
+    FROZEN,
+    assemble_cells,
+    assemble_nodes,
+    count_inverted,
+    deforming,
+)
 from softsim_core.physics.dynamics.numba_backend.compile import kernel
 from softsim_core.physics.dynamics.numba_backend.kinematics import (
     advance_reduced,
@@ -57,21 +61,33 @@ from softsim_core.physics.dynamics.numba_backend.layout import (
 from softsim_core.physics.dynamics.numba_backend.prepare import Prepared, of_another_copy, shares_plan
 from softsim_core.physics.dynamics.numba_backend.responses import Responses, spread_rows
 from softsim_core.physics.kernels import OneSignature
-from softsim_core.physics.linalg.cholesky import factor, forward_rows, solve_backward
-from softsim_core.physics.linalg.conjugate import (
+from softsim_core.physics.linalg import (
+    LANES,
+    ROWS,
+    Division,
+    Factor,
+    Plan,
+    Preconditioner,
+    Teamwork,
+    Tree,
     conjugate_gradients,
     copy_matrix,
+    empty_factor,
+    factor,
+    forward_rows,
+    lead_factor,
+    matrix_layout,
+    matrix_of,
     reach,
+    room_for,
     sharing_of,
+    solve_backward,
+    steady_seconds,
+    support_factor,
     support_gradients,
+    tree_of,
 )
-from softsim_core.physics.linalg.divided_factor import Division, lead_factor, room_for, support_factor
-from softsim_core.physics.linalg.products import Preconditioner, matrix_layout, matrix_of
-from softsim_core.physics.linalg.simd import LANES, ROWS, steady_seconds
-from softsim_core.physics.linalg.symbolic import Factor, Plan, Tree, empty_factor, tree_of
-from softsim_core.physics.linalg.threads import Teamwork
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.rows import Rows
+from softsim_core.physics.mechanics import Model, Rows
 
 
 @kernel

@@ -13,13 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray, unique_pairs
-from softsim_core.physics.dynamics.numba_backend.cells.batches import node_pairs
-from softsim_core.physics.dynamics.numba_backend.cells.corotational import nearest_rotation
+from softsim_core.base import Array, BoolArray, IndexArray, unique_pairs
+from softsim_core.physics.dynamics.numba_backend.cells import nearest_rotation, node_pairs
 from softsim_core.physics.dynamics.numba_backend.compile import kernel
 from softsim_core.physics.dynamics.numba_backend.layout import Kinematics, Motion, Nodes, Work
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.fem import ElementGroup
+from softsim_core.physics.mechanics import Model
 
 
 class Surroundings(NamedTuple):

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.physics.actuation.compiled.kinds import CompiledKinds
-from softsim_core.physics.linalg.symbolic import Factor
+from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.physics.actuation.compiled import CompiledKinds
+from softsim_core.physics.linalg import Factor
 
 
 class Elements(NamedTuple):

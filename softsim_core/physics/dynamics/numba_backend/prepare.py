@@ -7,11 +7,10 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray, unique_pairs
-from softsim_core.physics.actuation.actuators import Actuators
-from softsim_core.physics.actuation.compiled.kinds import CompiledKinds, compiled_kinds
-from softsim_core.physics.actuation.joint_drive import drive_stiffness
-from softsim_core.physics.dynamics.numba_backend.cells.cells import PlannedCells, couplings, deforming
+from softsim_core.base import Array, IndexArray, unique_pairs
+from softsim_core.physics.actuation import Actuators, drive_stiffness
+from softsim_core.physics.actuation.compiled import CompiledKinds, compiled_kinds
+from softsim_core.physics.dynamics.numba_backend.cells import PlannedCells, couplings, deforming
 from softsim_core.physics.dynamics.numba_backend.layout import (
     Acting,
     ActuatorRows,
@@ -20,11 +19,9 @@ from softsim_core.physics.dynamics.numba_backend.layout import (
     Nodes,
     Work,
 )
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.linalg.simd import LANES
-from softsim_core.physics.linalg.symbolic import Plan, Tree, empty_factor, tree_of
-from softsim_core.physics.mechanics.model import FREE, Model
-from softsim_core.physics.mechanics.state import MOVED
+from softsim_core.physics.fem import ElementGroup
+from softsim_core.physics.linalg import LANES, Plan, Tree, empty_factor, tree_of
+from softsim_core.physics.mechanics import FREE, MOVED, Model
 
 
 class Prepared(NamedTuple):

@@ -12,10 +12,10 @@ from itertools import accumulate
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.actuation.actuators import Actuators
-from softsim_core.physics.actuation.compiled.kinds import CompiledKinds
-from softsim_core.physics.dynamics.assembly import Unknowns
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.actuation import Actuators
+from softsim_core.physics.actuation.compiled import CompiledKinds
+from softsim_core.physics.dynamics import Condensed, Unknowns
 from softsim_core.physics.dynamics.numba_backend.actuator_rows import report_impulses
 from softsim_core.physics.dynamics.numba_backend.compile import kernel
 from softsim_core.physics.dynamics.numba_backend.kinematics import (
@@ -27,14 +27,9 @@ from softsim_core.physics.dynamics.numba_backend.kinematics import (
 )
 from softsim_core.physics.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Motion, Nodes, Work
 from softsim_core.physics.dynamics.numba_backend.prepare import Prepared
-from softsim_core.physics.dynamics.stepper import Condensed
 from softsim_core.physics.kernels import OneSignature
-from softsim_core.physics.linalg.cholesky import forward_rows, solve_backward
-from softsim_core.physics.linalg.simd import LANES, ROWS, dot_product
-from softsim_core.physics.linalg.symbolic import Tree
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.rows import Rows
-from softsim_core.physics.mechanics.state import State
+from softsim_core.physics.linalg import LANES, ROWS, Tree, dot_product, forward_rows, solve_backward
+from softsim_core.physics.mechanics import Model, Rows, State
 
 
 @kernel

@@ -11,13 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.base.errors import FactorisationError
-from softsim_core.physics.actuation.actuators import Actuators
-from softsim_core.physics.dynamics.iterations import FreeTurning
-from softsim_core.physics.dynamics.numba_backend.cells.batches import count_inverted, oriented
-from softsim_core.physics.dynamics.numba_backend.cells.cells import assemble_tangent
-from softsim_core.physics.dynamics.numba_backend.cells.elements import CLAMPED, EXACT
+from softsim_core.base import Array, FactorisationError, IndexArray
+from softsim_core.physics.actuation import Actuators
+from softsim_core.physics.dynamics import Condensed, FreeTurning, StepReport
+from softsim_core.physics.dynamics.numba_backend.cells import (
+    CLAMPED,
+    EXACT,
+    assemble_tangent,
+    count_inverted,
+    oriented,
+)
 from softsim_core.physics.dynamics.numba_backend.elimination import (
     DirectElimination,
     DividedElimination,
@@ -27,19 +30,23 @@ from softsim_core.physics.dynamics.numba_backend.elimination import (
 from softsim_core.physics.dynamics.numba_backend.layout import ActuatorStiffness, Motion
 from softsim_core.physics.dynamics.numba_backend.prepare import prepare
 from softsim_core.physics.dynamics.numba_backend.responses import Responses, motion_of
-from softsim_core.physics.dynamics.report import StepReport
-from softsim_core.physics.dynamics.stepper import Condensed
 from softsim_core.physics.kernels import OneSignature
-from softsim_core.physics.linalg.divided_factor import Division, divided, with_room_for
-from softsim_core.physics.linalg.ordering import elimination_order, factor_cost, graph_of
-from softsim_core.physics.linalg.products import matrix_layout
-from softsim_core.physics.linalg.simd import LANES, ROWS
-from softsim_core.physics.linalg.symbolic import Plan, clear, plan
-from softsim_core.physics.linalg.threads import usable_threads
-from softsim_core.physics.mechanics.control import Control, Parameters
-from softsim_core.physics.mechanics.model import Model
-from softsim_core.physics.mechanics.rows import Rows, no_rows
-from softsim_core.physics.mechanics.state import MOVED, State
+from softsim_core.physics.linalg import (
+    LANES,
+    ROWS,
+    Division,
+    Plan,
+    clear,
+    divided,
+    elimination_order,
+    factor_cost,
+    graph_of,
+    matrix_layout,
+    plan,
+    usable_threads,
+    with_room_for,
+)
+from softsim_core.physics.mechanics import MOVED, Control, Model, Parameters, Rows, State, no_rows
 
 MANY = 2000
 """Free nodes above which iterations are thought of: with fewer, a factor stays in the cache."""

@@ -1,6 +1,5 @@
 """Elements: what a cell is; register your own with `register_element`."""
 
-from softsim_core.physics.fem.elements.element import Element, ElementData
-from softsim_core.physics.fem.elements.registry import element, element_names, register_element
+from lazy_loader import attach_stub
 
-__all__ = ["Element", "ElementData", "element", "element_names", "register_element"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

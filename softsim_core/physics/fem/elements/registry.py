@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from softsim_core.base.names import Registry
-from softsim_core.physics.fem.elements.element import Element, check_element
+from softsim_core.base import Registry
+from softsim_core.physics.fem.elements.cell import Element, check_element
 from softsim_core.physics.fem.elements.tetrahedra import TET4, TET10
 
 _ELEMENTS: Registry[Element] = Registry("element", TET4, TET10)

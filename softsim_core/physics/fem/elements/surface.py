@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import MeshError
-from softsim_core.physics.fem.elements.element import Element, ElementData
+from softsim_core.base import Array, MeshError
+from softsim_core.physics.fem.elements.cell import Element, ElementData
 
 _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 _FIRST = np.array([-1.0, 1.0, 0.0])

@@ -14,8 +14,8 @@ from math import factorial, prod
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.fem.elements.element import ElementData
+from softsim_core.base import Array
+from softsim_core.physics.fem.elements.cell import ElementData
 
 _CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 

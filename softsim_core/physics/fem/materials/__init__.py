@@ -1,6 +1,5 @@
 """Material laws: one file each; register your own with `register_material`."""
 
-from softsim_core.physics.fem.materials.material import Material, MaterialParameter
-from softsim_core.physics.fem.materials.registry import material, material_names, register_material
+from lazy_loader import attach_stub
 
-__all__ = ["Material", "MaterialParameter", "material", "material_names", "register_material"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -12,9 +12,8 @@ from abc import abstractmethod
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import FactorisationError
-from softsim_core.physics.fem.materials.material import (
+from softsim_core.base import Array, FactorisationError
+from softsim_core.physics.fem.materials.law import (
     HOOKE,
     Material,
     TangentModes,

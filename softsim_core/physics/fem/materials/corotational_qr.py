@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
 from softsim_core.physics.fem.materials.corotational import RotatedHooke, hooke_stress
 
 

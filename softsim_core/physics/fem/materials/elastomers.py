@@ -13,10 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import SceneError
-from softsim_core.base.names import known_names
-from softsim_core.physics.fem.materials.material import Material
+from softsim_core.base import Array, SceneError, known_names
+from softsim_core.physics.fem.materials.law import Material
 
 _HALVINGS = 60
 

@@ -14,8 +14,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.fem.materials.material import (
+from softsim_core.base import Array
+from softsim_core.physics.fem.materials.law import (
     POISSON_RATIO,
     STIFFNESS_FACTOR,
     MaterialParameter,

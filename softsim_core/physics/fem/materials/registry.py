@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from softsim_core.base.names import Registry
+from softsim_core.base import Registry
 from softsim_core.physics.fem.materials.corotational import Corotational
 from softsim_core.physics.fem.materials.corotational_qr import CorotationalQr
-from softsim_core.physics.fem.materials.material import Material
+from softsim_core.physics.fem.materials.law import Material
 from softsim_core.physics.fem.materials.mooney_rivlin import MooneyRivlin
 from softsim_core.physics.fem.materials.ogden import Ogden
 from softsim_core.physics.fem.materials.saint_venant_kirchhoff import SaintVenantKirchhoff

@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.fem.materials.material import Refusal, VolumetricMaterial
+from softsim_core.base import Array
+from softsim_core.physics.fem.materials.law import Refusal, VolumetricMaterial
 from softsim_core.physics.fem.materials.stretches import cofactor, cofactor_slope
 
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.fem.materials.material import HOOKE, Material, lame
+from softsim_core.base import Array
+from softsim_core.physics.fem.materials.law import HOOKE, Material, lame
 
 _UNIT = np.eye(3)
 

@@ -14,8 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.fem.materials.material import (
+from softsim_core.base import Array
+from softsim_core.physics.fem.materials.law import (
     POISSON_RATIO,
     YOUNG_MODULUS,
     MaterialParameter,

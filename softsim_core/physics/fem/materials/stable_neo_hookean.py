@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.physics.fem.materials.material import HOOKE, lame
+from softsim_core.base import Array
+from softsim_core.physics.fem.materials.law import HOOKE, lame
 from softsim_core.physics.fem.materials.rubber import SeriesRubber
 
 

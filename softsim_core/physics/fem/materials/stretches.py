@@ -19,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array
-from softsim_core.base.errors import FactorisationError
+from softsim_core.base import Array, FactorisationError
 
 _LEVI_CIVITA = np.zeros((3, 3, 3))
 _LEVI_CIVITA[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0

@@ -30,30 +30,6 @@ these differ from A' to A; then t, d_i of A, and d_i of B over h, which make of 
 :math:`\tau` the sines of what B has turned beside A. So B turns about its own centre, and far.
 """
 
-from __future__ import annotations
+from lazy_loader import attach_stub
 
-from softsim_core.physics.fem.rods.cells import (
-    BENDING,
-    CIRCLE,
-    SHORTEST,
-    RodGroup,
-    RodSections,
-    StrainPoints,
-    joined,
-    rod_drag,
-    rod_group,
-    rod_viscosity,
-)
-
-__all__ = [
-    "BENDING",
-    "CIRCLE",
-    "SHORTEST",
-    "RodGroup",
-    "RodSections",
-    "StrainPoints",
-    "joined",
-    "rod_drag",
-    "rod_group",
-    "rod_viscosity",
-]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

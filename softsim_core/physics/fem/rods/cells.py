@@ -8,12 +8,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, BoolArray, IndexArray
-from softsim_core.physics.fem.cells import cauchy_stress, cell_energy, cell_forces, cell_stiffness
-from softsim_core.physics.fem.elements.element import ElementData
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.fem.materials.section import Section
-from softsim_core.physics.mesh.rods import RodMesh
+from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.physics.fem import ElementGroup, cauchy_stress, cell_energy, cell_forces, cell_stiffness
+from softsim_core.physics.fem.elements import ElementData
+from softsim_core.physics.fem.materials import Section
+from softsim_core.physics.mesh import RodMesh
 
 R, D1, D2, B1, B2 = range(5)
 """Vectors of a cell at a point: r', d_1, d_2, d_1', d_2'."""

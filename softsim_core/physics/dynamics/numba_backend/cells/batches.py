@@ -16,15 +16,12 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils as numba_cgutils
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.dynamics.numba_backend import Nodes, Pairs, Work, kernel
 from softsim_core.physics.dynamics.numba_backend.cells.lanes import Batch, Lanes
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
-from softsim_core.physics.dynamics.numba_backend.layout import Nodes, Pairs, Work
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.linalg.compile import intrinsic
-from softsim_core.physics.linalg.simd import LANES, add_block
-from softsim_core.physics.linalg.symbolic import Plan
-from softsim_core.physics.mechanics.model import Model
+from softsim_core.physics.fem import ElementGroup
+from softsim_core.physics.linalg import LANES, Plan, add_block, intrinsic
+from softsim_core.physics.mechanics import Model
 
 
 @kernel

@@ -7,8 +7,20 @@ from copy import copy
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray, unique_pairs
-from softsim_core.physics.dynamics.numba_backend.actuator_rows import PressedFaces, press_faces
+from softsim_core.base import Array, IndexArray, unique_pairs
+from softsim_core.physics.dynamics.numba_backend import (
+    Cells,
+    Elements,
+    Kinematics,
+    Motion,
+    Nodes,
+    PressedFaces,
+    Work,
+    jacobians,
+    kernel,
+    motion_subspace,
+    press_faces,
+)
 from softsim_core.physics.dynamics.numba_backend.cells.batches import (
     add_all_blocks,
     cell_batches,
@@ -26,7 +38,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.elements import (
     von_mises_stress,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.laws import compiled_law, own_values, point_cells, tune
-from softsim_core.physics.dynamics.numba_backend.cells.point_cells import (
+from softsim_core.physics.dynamics.numba_backend.cells.points import (
     Given,
     Into,
     Memory,
@@ -44,28 +56,21 @@ from softsim_core.physics.dynamics.numba_backend.cells.strain_cells import (
     strain_cells,
     tune_strain,
 )
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
-from softsim_core.physics.dynamics.numba_backend.kinematics import jacobians, motion_subspace
-from softsim_core.physics.dynamics.numba_backend.layout import (
-    Cells,
-    Elements,
-    Kinematics,
-    Motion,
-    Nodes,
-    Work,
+from softsim_core.physics.fem import (
+    ElementGroup,
+    cell_forces,
+    cell_stiffness,
+    cell_von_mises,
+    empty_group,
+    fading,
+    held_stiffness,
+    mean_volume_law,
 )
-from softsim_core.physics.fem.cells import cell_forces, cell_stiffness, cell_von_mises, mean_volume_law
 from softsim_core.physics.fem.elements import element
-from softsim_core.physics.fem.group import ElementGroup, empty_group
-from softsim_core.physics.fem.materials import material
-from softsim_core.physics.fem.materials.material import lame
-from softsim_core.physics.fem.prony import fading, held_stiffness
+from softsim_core.physics.fem.materials import lame, material
 from softsim_core.physics.kernels import OneSignature
-from softsim_core.physics.linalg.compile import inlined
-from softsim_core.physics.linalg.simd import LANES
-from softsim_core.physics.linalg.symbolic import Plan
-from softsim_core.physics.mechanics.model import FREE, Model
-from softsim_core.physics.mechanics.state import State, held_name
+from softsim_core.physics.linalg import LANES, Plan, inlined
+from softsim_core.physics.mechanics import FREE, Model, State, held_name
 
 _NOTHING = np.zeros((0, 1, 3, 3))
 

@@ -31,7 +31,8 @@ from llvmlite import ir
 from numba import types
 from numpy.polynomial import chebyshev
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
+from softsim_core.physics.dynamics.numba_backend import kernel
 from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
     POINT_ROWS,
     Batch,
@@ -44,7 +45,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
     put_stretches,
     signed_stretches,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.point_cells import (
+from softsim_core.physics.dynamics.numba_backend.cells.points import (
     Given,
     Into,
     Memory,
@@ -54,10 +55,8 @@ from softsim_core.physics.dynamics.numba_backend.cells.point_cells import (
     press,
     remember,
 )
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
-from softsim_core.physics.fem.materials.corotational import SMALLEST_VOLUME, Corotational
-from softsim_core.physics.fem.materials.material import lame
-from softsim_core.physics.linalg.compile import intrinsic
+from softsim_core.physics.fem.materials import SMALLEST_VOLUME, Corotational, lame
+from softsim_core.physics.linalg import intrinsic
 
 
 @kernel

@@ -17,7 +17,8 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.dynamics.numba_backend import Elements, Nodes, Work, kernel
 from softsim_core.physics.dynamics.numba_backend.cells.corotational import rotate_lanes, twist_stiffness
 from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
     Batch,
@@ -30,11 +31,8 @@ from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
     times,
     unit,
 )
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
-from softsim_core.physics.dynamics.numba_backend.layout import Elements, Nodes, Work
-from softsim_core.physics.fem.materials.corotational import FLAT
-from softsim_core.physics.linalg.compile import intrinsic
-from softsim_core.physics.linalg.simd import LANES, Vectors, add_block
+from softsim_core.physics.fem.materials import FLAT
+from softsim_core.physics.linalg import LANES, Vectors, add_block, intrinsic
 
 HALLEY_STEPS = 3
 """Steps to the root in the polar rotation of a batch; each triples the digits."""

@@ -30,8 +30,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils as numba_cgutils
 
-from softsim_core.physics.linalg.compile import intrinsic
-from softsim_core.physics.linalg.simd import LANES, Vectors
+from softsim_core.physics.linalg import LANES, Vectors, intrinsic
 
 
 class Lanes:

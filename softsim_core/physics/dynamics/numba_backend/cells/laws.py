@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
+from softsim_core.base import Array, IndexArray
 from softsim_core.physics.dynamics.numba_backend.cells.batches import CellBatches, aligned, in_lanes
 from softsim_core.physics.dynamics.numba_backend.cells.corotational import (
     corotational_moduli,
     fill_corotational,
     remember_corotational,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.point_cells import PointCells, room_for
+from softsim_core.physics.dynamics.numba_backend.cells.points import PointCells, room_for
 from softsim_core.physics.dynamics.numba_backend.cells.rubber import (
     fill_powers,
     fill_rubber,
@@ -24,15 +24,18 @@ from softsim_core.physics.dynamics.numba_backend.cells.rubber import (
     remember_rubber,
     rubber_moduli,
 )
-from softsim_core.physics.fem.cells import mean_volume_law, split_bulk
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.fem.materials.corotational import Corotational
-from softsim_core.physics.fem.materials.material import Material, VolumetricMaterial
-from softsim_core.physics.fem.materials.mooney_rivlin import MooneyRivlin
-from softsim_core.physics.fem.materials.ogden import Ogden
-from softsim_core.physics.fem.materials.relaxing import Relaxing, law_within
-from softsim_core.physics.fem.materials.rubber import SeriesRubber
-from softsim_core.physics.linalg.simd import LANES
+from softsim_core.physics.fem import ElementGroup, mean_volume_law, split_bulk
+from softsim_core.physics.fem.materials import (
+    Corotational,
+    Material,
+    MooneyRivlin,
+    Ogden,
+    Relaxing,
+    SeriesRubber,
+    VolumetricMaterial,
+    law_within,
+)
+from softsim_core.physics.linalg import LANES
 
 
 class CompiledLaw(NamedTuple):

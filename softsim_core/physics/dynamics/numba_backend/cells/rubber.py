@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from softsim_core.base.arrays import Array
+from softsim_core.base import Array
+from softsim_core.physics.dynamics.numba_backend import kernel
 from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
     HESSIAN,
     POINT_ROWS,
@@ -34,7 +35,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
     put_stretches,
     put_tangent,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.point_cells import (
+from softsim_core.physics.dynamics.numba_backend.cells.points import (
     Given,
     Into,
     Memory,
@@ -44,13 +45,8 @@ from softsim_core.physics.dynamics.numba_backend.cells.point_cells import (
     press,
     remember,
 )
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
-from softsim_core.physics.fem.materials.mooney_rivlin import MooneyRivlin
-from softsim_core.physics.fem.materials.ogden import Ogden
-from softsim_core.physics.fem.materials.rubber import SeriesRubber
-from softsim_core.physics.fem.materials.stretches import LEAST_STRETCH
-from softsim_core.physics.linalg.compile import intrinsic
-from softsim_core.physics.linalg.simd import LANES
+from softsim_core.physics.fem.materials import LEAST_STRETCH, MooneyRivlin, Ogden, SeriesRubber
+from softsim_core.physics.linalg import LANES, intrinsic
 
 
 def rubber_moduli(law: SeriesRubber, p: Array) -> Array:

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base.arrays import Array, IndexArray
-from softsim_core.physics.dynamics.numba_backend.compile import kernel
-from softsim_core.physics.fem.group import ElementGroup
-from softsim_core.physics.fem.materials.strain import SLACK, Fibres, Membrane
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.dynamics.numba_backend import kernel
+from softsim_core.physics.fem import ElementGroup
+from softsim_core.physics.fem.materials import SLACK, Fibres, Membrane
 
 
 class StrainCells(NamedTuple):

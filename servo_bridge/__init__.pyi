@@ -1,0 +1,6 @@
+from .errors import (
+    PacketError as PacketError,
+    PortError as PortError,
+    ProtocolError as ProtocolError,
+    WriterError as WriterError,
+)

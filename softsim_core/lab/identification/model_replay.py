@@ -1,0 +1,367 @@
+r"""What a model does under the commands of a session: in equilibrium, in time, or ringing down.
+
+Along the direction in which a point moves most, its place is described by
+
+.. math:: c + a e^{-d t} \cos(2 \pi f t + \varphi) + b e^{-t / \tau}
+
+with the slow creep of a third of the time that is looked at; the damping ratio is
+:math:`d / \sqrt{d^2 + (2 \pi f)^2}`.
+
+A body that a hand lets go swings with an amplitude and a phase that depend on the hand, while frequency and
+decay are the body's. Where the release is not known, a fit of the whole motion makes up for a wrong amplitude
+by wrong damping; `release_errors` is the part of the errors that it must not see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from softsim_core.base import Array, BoolArray, IndexArray, NotConvergedError, SolverDivergedError
+from softsim_core.lab.identification.alignment import Places
+from softsim_core.lab.identification.description import SensorDescription
+from softsim_core.lab.identification.session import Session
+from softsim_core.physics.mechanics import State
+from softsim_core.scene import RobotDescription
+from softsim_core.simulation import Simulation
+
+FEWEST = 40
+"""So many places tell a ringing."""
+
+UNTOLD = 0.3
+"""A motion of which the description leaves a larger part is no ringing."""
+
+
+class Ringing(NamedTuple):
+    """A damped swing.
+
+    Attributes:
+        frequency: In [Hz].
+        damping: Ratio to critical damping.
+    """
+
+    frequency: float
+    damping: float
+
+    @property
+    def decay(self) -> float:
+        """Rate d in [1/s] at which the swing gets smaller."""
+        return 2.0 * np.pi * self.frequency * self.damping / float(np.sqrt(1.0 - self.damping**2))
+
+
+def ringing(times: Array, places: Array) -> Ringing | None:
+    """How a point rings; None where it does not.
+
+    Args:
+        times: In [s], increasing, shape (k,).
+        places: In [m], shape (k, 3).
+    """
+    if len(times) < FEWEST:
+        return None
+    centred = places - places.mean(axis=0)
+    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    size = float(along.std())
+    if not size > 0.0:
+        return None
+    t, z = times - times[0], along / size
+    even = np.linspace(0.0, t[-1], len(t))
+    left = np.interp(even, t, z) - np.polyval(np.polyfit(even, np.interp(even, t, z), 2), even)
+    found: tuple[float, Array] | None = None
+    strength = np.abs(np.fft.rfft(left, 8 * len(left)))
+    rates = np.fft.rfftfreq(8 * len(left), even[1])
+    start = float(rates[int(np.argmax(strength[1:])) + 1])
+
+    def misfit(x: Array) -> Array:
+        shapes = _shapes(t, float(np.exp(x[0])), float(x[1]), t[-1])
+        return np.asarray(z - shapes @ np.linalg.lstsq(shapes, z, rcond=None)[0])
+
+    for decay in (0.5, 2.0, 8.0):
+        fit = least_squares(misfit, [np.log(decay), start], x_scale=[1.0, 0.05 * start])
+        if found is None or fit.cost < found[0]:
+            found = (float(fit.cost), fit.x)
+    assert found is not None
+    decay, frequency = float(np.exp(found[1][0])), abs(float(found[1][1]))
+    if (
+        np.sqrt(2.0 * found[0] / len(t)) > UNTOLD
+        or frequency * t[-1] < 2.0
+        or 2.0 * frequency > len(t) / t[-1]
+    ):
+        return None
+    return Ringing(frequency, decay / float(np.hypot(decay, 2.0 * np.pi * frequency)))
+
+
+def release_errors(times: Array, places: Array, errors: Array, rows: BoolArray) -> Array | None:
+    """Part of a model's errors that another amplitude and phase of its own swing would explain.
+
+    Both are common to all sensors. Frequency and decay are those of the model, so that errors of these stay.
+
+    Args:
+        times: In [s], increasing, shape (k,).
+        places: Where the model has the sensors in [m], shape (k, s, 3).
+        errors: Model minus measurement in [m], shape (k, s, 3).
+        rows: To which amplitude and phase are fitted, shape (k,).
+
+    Returns:
+        The part in [m], shape (k, s, 3); None where the model does not ring in these rows.
+    """
+    widest = int(np.argmax(places[rows].var(axis=0).sum(axis=-1)))
+    swing = ringing(times[rows], places[rows, widest])
+    if swing is None:
+        return None
+    t = times - times[rows][0]
+    shapes = _shapes(t, swing.decay, swing.frequency, float(t[rows][-1]))
+    flat = places.reshape(len(t), -1)
+    _, cosine, sine, _ = np.linalg.lstsq(shapes[rows], flat[rows], rcond=None)[0]
+    as_released = shapes[:, 1:2] * cosine + shapes[:, 2:3] * sine
+    quarter_later = shapes[:, 1:2] * sine - shapes[:, 2:3] * cosine
+    both = np.stack([as_released, quarter_later], axis=-1)
+    amounts = np.linalg.lstsq(both[rows].reshape(-1, 2), errors[rows].ravel(), rcond=None)[0]
+    return np.asarray((both @ amounts).reshape(errors.shape))
+
+
+def _shapes(t: Array, decay: float, frequency: float, last: float) -> Array:
+    """Rest, two swings a quarter apart and the creep, at times (k,) from the first, shape (k, 4)."""
+    swing, angle = np.exp(-decay * t), 2.0 * np.pi * frequency * t
+    return np.stack(
+        [np.ones_like(t), swing * np.cos(angle), swing * np.sin(angle), np.exp(-3.0 * t / last)], axis=1
+    )
+
+
+Order: TypeAlias = Literal["nearest", "rows"]
+"""Rows so that each command is the nearest of those left, or as they were measured."""
+
+PARTS: Final = (1, 8)
+"""A row that is not found from the one before is tried from the start pose: at once, then in many parts."""
+
+CLOSE: Final = 1e-7
+"""Rows are at rest where the last of Newton's steps moved nothing by more, in [m]."""
+
+SAME: Final = 1e-9
+"""Times that differ by less, in [s], are one: a command acts in the step that begins when it was given."""
+
+Progress: TypeAlias = Callable[[int, int], None]
+"""Told what is done, and what there is in all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """What sensors of a session sit on, as the model has it.
+
+    Attributes:
+        positions: In [m], shape (k, s, 3); of rows, or of steps of a replay in time.
+        rotations: Shape (k, s, 3, 3).
+        reached: Whether it was found, shape (k,); a row without an equilibrium has none.
+        times: Of the steps of a replay in time in [s], shape (k,); None: these are the session's rows.
+        stopped: Whether it was interrupted.
+    """
+
+    positions: Array
+    rotations: Array
+    reached: BoolArray
+    times: Array | None = None
+    stopped: bool = False
+
+    def at(self, session: Session, delay: float = 0.0) -> tuple[Array, Array, BoolArray]:
+        """Positions, rotations and whether they are known, at the rows of a session.
+
+        Args:
+            session: That which was replayed.
+            delay: By how much its sensors are late, in [s].
+        """
+        if self.times is None or session.times is None:
+            return self.positions, self.rotations, self.reached
+        when = session.times - delay
+        right = np.clip(np.searchsorted(self.times, when), 1, len(self.times) - 1)
+        span = self.times[right] - self.times[right - 1]
+        part = np.clip((when - self.times[right - 1]) / span, 0.0, 1.0)[:, None, None]
+        positions = (1.0 - part) * self.positions[right - 1] + part * self.positions[right]
+        reached = self.reached[right] & (when <= self.times[-1] + span[-1])
+        return positions, self.rotations[np.where(part[:, 0, 0] < 0.5, right - 1, right)], reached
+
+
+Near: TypeAlias = dict[tuple[float, ...], tuple[State, Array]]
+"""Equilibria of a model that differs little, and its joints' rest positions (j,), by the joints' command.
+
+The one at the start pose is at `START`: its command is another one where zero is another position.
+"""
+
+START: Final = ()
+
+
+def replay(
+    robot: RobotDescription,
+    session: Session,
+    order: Order = "nearest",
+    progress: Progress | None = None,
+    near: Near | None = None,
+) -> Prediction:
+    """Give a model the commands of a session; an interrupt (Ctrl-C) keeps what is done.
+
+    Args:
+        robot: The model, the session's overrides laid over it.
+        session: The session.
+        order: In which its rows are solved; rows in time are played as they are.
+        progress: Told rows or steps.
+        near: Where rows in equilibrium begin that it knows; it takes over those that are found.
+
+    Raises:
+        DataError: the commands do not fit the robot.
+        SceneError: the scene cannot be built, or has nothing where a sensor sits.
+    """
+    commands = session.commands(robot)
+    if session.times is not None:
+        return _in_time(robot, session, commands, progress)
+    return equilibria(robot, session.description.sensors, commands, order, progress, near)
+
+
+def in_short_steps(points: Array, start: Array) -> IndexArray:
+    """An order in which each of points (k, j) is the nearest of those left, from `start` (j,) on."""
+    left, here = np.ones(len(points), bool), start
+    order = np.zeros(len(points), dtype=np.int64)
+    for k in range(len(points)):
+        far = np.where(left, ((points - here) ** 2).sum(axis=1), np.inf)
+        order[k] = nearest = int(np.argmin(far))
+        left[nearest], here = False, points[nearest]
+    return order
+
+
+def equilibria(
+    robot: RobotDescription,
+    sensors: Sequence[SensorDescription],
+    commands: Array,
+    order: Order = "nearest",
+    progress: Progress | None = None,
+    near: Near | None = None,
+) -> Prediction:
+    """The equilibrium of each different command (k, j), each from the one before; the rest as in `replay`.
+
+    Args:
+        robot: The model.
+        sensors: What is looked at.
+        commands: Of the joints, in [rad], [m] or the joint's own unit, shape (k, j).
+        order: In which they are solved.
+        progress: Told commands.
+        near: See `replay`.
+
+    Raises:
+        SceneError: the scene cannot be built, or has nothing where a sensor sits.
+    """
+    near = {} if near is None else near
+    simulation = Simulation(robot.robot_alone())
+    places, start = Places(simulation, sensors), np.array(robot.start_joints)
+    walk = _Walk(simulation, start, robot.start_shift, near)
+    different, same = np.unique(commands, axis=0, return_inverse=True)
+    first = np.array([int(np.flatnonzero(same == k)[0]) for k in range(len(different))])
+    if order == "nearest":
+        sequence = in_short_steps(different, start)
+    else:
+        sequence = np.argsort(first)
+    positions = np.full((len(different), len(sensors), 3), np.nan)
+    rotations = np.full((len(different), len(sensors), 3, 3), np.nan)
+    stopped = False
+    try:
+        for done, k in enumerate(sequence.tolist(), start=1):
+            command = tuple(different[k].tolist())
+            if (found := walk.to(different[k], near.get(command))) is not None:
+                near[command] = found, walk.rest
+                positions[k], rotations[k] = places.seen(simulation)
+            if progress is not None:
+                progress(done, len(different))
+    except KeyboardInterrupt:
+        stopped = True
+    same = same.ravel()
+    return Prediction(
+        positions[same], rotations[same], np.isfinite(positions[same]).all(axis=(1, 2)), None, stopped
+    )
+
+
+class _Walk:
+    """Goes from equilibrium to equilibrium; where the next is not found from the last, from the start pose.
+
+    Bodies may be drawn far from any equilibrium, so even the first is reached by way of the start pose.
+    """
+
+    def __init__(self, simulation: Simulation, start: Array, shift: float, near: Near) -> None:
+        self._simulation, self._start, self._shift = simulation, start, shift
+        joints = simulation.model.joints
+        self.rest = np.array([joint.rest for joint in joints])
+        self._moving = np.array([joint.moves_frame for joint in joints], dtype=np.bool_)
+        found = self._settled(start, self._here(*near[START])) if START in near else None
+        if found is None:
+            found = self._settled(start)
+        if found is not None:
+            near[START] = found, self.rest
+        self._home = simulation.snapshot()
+
+    def to(self, joints: Array, near: tuple[State, Array] | None) -> State | None:
+        """The equilibrium of joints (j,), from one that is near or from the last; None: nothing has moved.
+
+        What is not found from one of a model that differs little is soon given up: it differs too much.
+        """
+        if near is not None and (found := self._settled(joints, self._here(*near))) is not None:
+            return found
+        if (found := self._settled(joints)) is not None or near is not None:
+            return found
+        before = self._simulation.snapshot()
+        for parts in PARTS:
+            self._simulation.restore(self._home)
+            ways = np.linspace(self._start, joints, parts + 1)[1:]
+            for each in ways:
+                if (found := self._settled(each)) is None:
+                    break
+            if found is not None:
+                return found
+        self._simulation.restore(before)
+        return None
+
+    def _here(self, state: State, rest: Array) -> State:
+        """A state of the other model with what its joints carry in the same place, wherever zero is here."""
+        here = self._simulation.model.empty_state()
+        here.copy_from(state)
+        here.joint_positions[self._moving] += (self.rest - rest)[self._moving]
+        return here
+
+    def _settled(self, joints: Array, start: State | None = None) -> State | None:
+        try:
+            return self._simulation.settle(joints, self._shift, start=start, tolerance=CLOSE).state
+        except NotConvergedError:
+            return None
+
+
+def _in_time(
+    robot: RobotDescription, session: Session, commands: Array, progress: Progress | None
+) -> Prediction:
+    """The motion from the first row's command, or from rest at time 0, to the last row."""
+    time = session.description.time
+    assert time is not None
+    assert session.times is not None
+    simulation = Simulation(robot)
+    places = Places(simulation, session.description.sensors)
+    begin = 0.0 if time.start == "rest" else float(session.times[0])
+    if time.start == "equilibrium":
+        simulation.settle(commands[0], robot.start_shift)
+    last = session.times[session.used].max() + time.most_delay
+    steps = max(1, int(np.ceil((last - begin) / simulation.dt)))
+    times = np.asarray(begin + simulation.dt * np.arange(steps + 1), dtype=np.float64)
+    seen = [places.seen(simulation)]
+    stopped = False
+    try:
+        for k in range(1, steps + 1):
+            if len(robot.joints):
+                row = max(0, int(np.searchsorted(session.times, times[k - 1] + SAME, side="right")) - 1)
+                simulation.command(commands[row])
+            simulation.step()
+            seen.append(places.seen(simulation))
+            if progress is not None:
+                progress(k, steps)
+    except KeyboardInterrupt:
+        stopped = True
+    except SolverDivergedError:
+        pass  # what comes later is not reached
+    positions = np.array([each for each, _ in seen])
+    rotations = np.array([turn for _, turn in seen])
+    return Prediction(positions, rotations, np.ones(len(seen), bool), times[: len(seen)], stopped)

@@ -1,0 +1,447 @@
+"""Runs of a study on the worker processes of a Dask cluster, into its store."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib
+import logging
+import os
+import queue
+import signal
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
+from pathlib import Path
+from time import monotonic
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from softsim_core.base import SoftSimError, StudyError, install_command, use_safe_path
+from softsim_core.lab.study.preparing import PreparedStudy, values_of_runs
+from softsim_core.lab.study.single import DONE, RAISED, STATUS_WORDS, Outcome, Watch, Work, run_once
+from softsim_core.lab.study.store import Store, versions
+from softsim_core.scene import load_scene
+from softsim_core.scene.io import ProgramRule, limited_to
+from softsim_core.simulation import Simulation
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Environment of a worker: one thread each; cores are filled by workers, and sums keep their order."""
+
+AHEAD = 3
+"""Tasks that a thread of a worker has waiting: the scheduler never holds more than these of a study."""
+
+WAIT_FOR_WORKERS_S = 60.0
+LOOK_S = 1.0
+KILLED = "its worker process was killed, again and again (out of memory, or a crash of compiled code)"
+
+
+class Recorder(Protocol):
+    """Keeps a recording of a run; it goes to the processes that run them."""
+
+    def __call__(self, work: Work, number: int) -> tuple[Watch, Callable[[], None]]:
+        """What is told after each step of a run by its number, and what ends its recording."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Where runs are done.
+
+    Attributes:
+        workers: Worker processes on this machine, one thread each.
+        scheduler: Address of a Dask scheduler in their place; None: there is none.
+        batch: Runs of one task.
+        told: Called once with a line about the cluster.
+    """
+
+    workers: int = 1
+    scheduler: str | None = None
+    batch: int = 1
+    told: Callable[[str], None] = lambda _: None
+
+
+Task: TypeAlias = tuple[int, tuple[float, ...]]
+"""A run: its number, and the values of the variables."""
+
+
+def run_batch(
+    work: Work, known: Mapping[str, str], tasks: Sequence[Task], recorded: Mapping[int, Recorder]
+) -> list[tuple[int, Outcome]]:
+    """Some runs one after another, in a worker process.
+
+    Args:
+        work: What they share.
+        known: Versions of packages where the study was started; others would give other bits.
+        tasks: The runs.
+        recorded: Recorders of some of them, by their number.
+
+    Raises:
+        StudyError: this process has other versions.
+    """
+    differing = [name for name, version in versions().items() if known.get(name) != version]
+    if differing:
+        name = differing[0]
+        raise StudyError(
+            f"a worker has {name} {versions()[name]}, the client {known.get(name)}; install the same"
+        )
+    _load_kernels(work.scene, work.programs)
+    return [(number, _recorded_run(work, number, values, recorded.get(number))) for number, values in tasks]
+
+
+@functools.lru_cache(maxsize=1)
+def _load_kernels(scene: Path, programs: ProgramRule) -> None:
+    """Load what is compiled, once for each process: seconds that no run's time limit shall hold."""
+    with contextlib.suppress(SoftSimError), limited_to(programs):
+        Simulation(load_scene(scene)).step()
+
+
+def _recorded_run(work: Work, number: int, values: Sequence[float], recorder: Recorder | None) -> Outcome:
+    if recorder is None:
+        return run_once(work, values)
+    try:
+        watch, end = recorder(work, number)
+    except Exception as error:
+        return Outcome(RAISED, f"its recording cannot be made: {error}", {})
+    try:
+        return run_once(work, values, watch)
+    finally:
+        end()
+
+
+class Engine:
+    """A cluster that is up; `run` gives outcomes as they come.
+
+    Args:
+        client: Of Dask.
+        where: How it was asked for.
+    """
+
+    def __init__(self, client: Any, where: Where) -> None:
+        self._client, self._where = client, where
+        self._most = AHEAD
+        self._counted: float | None = None
+
+    def run(
+        self, work: Work, tasks: Iterable[Task], recorded: Mapping[int, Recorder]
+    ) -> Iterator[tuple[int, tuple[float, ...], Outcome]]:
+        """Number, values and outcome of each run, in the order in which they end.
+
+        Raises:
+            StudyError: the scheduler or all workers went away, or workers cannot run the suite.
+        """
+        suspects: list[Task] = []
+        batches = _batches(tasks, self._where.batch)
+        yield from self._pass(work, batches, recorded, self._room, suspects)
+        alone, guilty = [[each] for each in suspects], list[Task]()
+        yield from self._pass(work, iter(alone), recorded, lambda: 1, guilty)
+        for number, values in guilty:
+            yield number, values, Outcome(RAISED, KILLED, {})
+
+    def _room(self) -> int:
+        """Tasks that the workers of now may have; they are counted anew every LOOK_S, as some may join."""
+        if self._counted is None or monotonic() - self._counted >= LOOK_S:
+            with contextlib.suppress(OSError, TimeoutError):  # it goes away, which `_next` finds
+                workers = self._client.scheduler_info(-1)["workers"].values()
+                self._most = AHEAD * max(1, sum(int(each["nthreads"]) for each in workers))
+            self._counted = monotonic()
+        return self._most
+
+    def _pass(
+        self,
+        work: Work,
+        waiting: Iterator[list[Task]],
+        recorded: Mapping[int, Recorder],
+        most: Callable[[], int],
+        suspects: list[Task],
+    ) -> Iterator[tuple[int, tuple[float, ...], Outcome]]:
+        """Run batches, at most so many at a time; runs whose workers were killed go to `suspects`.
+
+        Who was on a worker that another run killed is no worse for it: suspects get a worker alone.
+        """
+        ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        under_way: dict[Any, list[Task]] = {}
+        known = versions()
+
+        def fill() -> None:
+            while len(under_way) < most() and (batch := next(waiting, None)) is not None:
+                chosen = {number: recorded[number] for number, _ in batch if number in recorded}
+                future = self._client.submit(run_batch, work, known, batch, chosen, pure=False)
+                under_way[future] = batch
+                future.add_done_callback(ended.put)
+
+        try:
+            fill()
+            while under_way:
+                if (future := self._next(ended)) is None:
+                    fill()
+                    continue
+                batch = under_way.pop(future)
+                outcomes = self._outcomes(future)
+                fill()
+                if outcomes is None:
+                    suspects += batch
+                    continue
+                values = dict(batch)
+                for number, outcome in outcomes:
+                    yield number, values[number], outcome
+        finally:
+            if self._client.status == "running":
+                self._client.cancel(list(under_way), force=True)
+
+    def _next(self, ended: queue.SimpleQueue[Any]) -> Any:
+        """A task that has ended; None: none did in LOOK_S."""
+        if self._client.status != "running":
+            raise self._gone()
+        try:
+            return ended.get(timeout=LOOK_S)
+        except queue.Empty:
+            return None
+
+    def _outcomes(self, future: Any) -> list[tuple[int, Outcome]] | None:
+        """What a task gave; None: its workers were killed."""
+        if future.status == "finished":
+            try:
+                told: list[tuple[int, Outcome]] = future.result()
+            except Exception as error:
+                raise self._gone() from error
+            return told
+        if future.status in ("cancelled", "lost"):
+            raise self._gone()
+        raised = future.exception()
+        if type(raised).__name__ == "KilledWorker":
+            return None
+        said = str(raised) if isinstance(raised, StudyError) else f"{type(raised).__name__}: {raised}"
+        raise StudyError(f"the workers cannot run the study: {said}")
+
+    def _gone(self) -> StudyError:
+        where = self._where.scheduler or "on this machine"
+        return StudyError(
+            f"the Dask scheduler {where} went away; what was done is kept, and the same command goes on "
+            "when it is back"
+        )
+
+
+def _batches(tasks: Iterable[Task], size: int) -> Iterator[list[Task]]:
+    batch: list[Task] = []
+    for task in tasks:
+        batch.append(task)
+        if len(batch) == size:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+@contextmanager
+def engine(where: Where) -> Iterator[Engine]:
+    """A cluster for some time: its own worker processes, which end with this one, or a scheduler's.
+
+    Raises:
+        StudyError: Dask is not installed, or the scheduler cannot be reached or has no workers.
+    """
+    try:
+        distributed = importlib.import_module("distributed")
+        dask = importlib.import_module("dask")
+        if where.scheduler is None:
+            importlib.import_module("cryptography")
+    except ImportError as error:
+        raise StudyError(
+            f"studies need Dask and Zarr 3 (Python 3.11 or newer): {install_command('study')}"
+        ) from error
+    environment = dict.fromkeys(THREADS, "1")
+    settings = {
+        "distributed.nanny.pre-spawn-environ": {**environment, "MALLOC_TRIM_THRESHOLD_": "65536"},
+        "distributed.scheduler.allowed-failures": 1,
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.limit": "60s",
+        "distributed.comm.timeouts.connect": "10s",
+    }
+    with dask.config.set(settings):
+        if where.scheduler is not None:
+            with _reached(distributed, where) as client:
+                yield Engine(client, where)
+            return
+        os.environ.update(environment)  # a worker is a fresh process that takes them over
+        use_safe_path()
+        with contextlib.ExitStack() as stack:
+            with _interrupts_wait():
+                cluster = stack.enter_context(
+                    distributed.LocalCluster(
+                        n_workers=where.workers,
+                        threads_per_worker=1,
+                        processes=True,
+                        memory_limit=0,
+                        protocol="tls://",  # others on this machine cannot have the workers run their code
+                        security=distributed.Security.temporary(),
+                        host="127.0.0.1",
+                        dashboard_address="127.0.0.1:0",
+                        silence_logs=logging.CRITICAL,
+                    )
+                )
+                client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
+            where.told(f"{where.workers} worker processes; dashboard: {cluster.dashboard_link}")
+            yield Engine(client, where)
+
+
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Let Ctrl-C wait for the end of the block, and never reach the processes that are started in it.
+
+    A terminal interrupts its workers, too, which would tell of it at length wherever they were; they inherit
+    from the thread that starts them that it is blocked, and the client ends them. Dask cannot be interrupted
+    while it starts.
+    """
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    came: list[int] = []
+    resource_tracker.ensure_running()  # the first process would start it, and let interrupts pass again
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def _reached(distributed: Any, where: Where) -> Iterator[Any]:
+    """A client of a scheduler that has workers."""
+    for name in (
+        "distributed",
+        "distributed.client",
+        "distributed.core",
+        "asyncio",
+        "tornado",
+    ):  # they tell of a lost scheduler at length
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        client = distributed.Client(where.scheduler, timeout="10s", set_as_default=False)
+    except (OSError, TimeoutError) as error:
+        raise StudyError(
+            f"no Dask scheduler answers at {where.scheduler}; start one (dask scheduler), or leave out "
+            "--scheduler"
+        ) from error
+    except Exception as error:  # each transport has its own for an address that it cannot use
+        if str(where.scheduler).startswith(("tls://", "wss://")):
+            hint = "name its certificates in Dask's configuration (distributed.comm.tls)"
+        else:
+            hint = "give one such as tcp://192.168.0.2:8786"
+        said = " ".join(str(error).split())
+        raise StudyError(f"the scheduler {where.scheduler} cannot be used ({said}); {hint}") from error
+    try:
+        try:
+            client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)
+        except Exception as error:
+            raise StudyError(
+                f"the scheduler {where.scheduler} has no workers after {WAIT_FOR_WORKERS_S:g} s; start some "
+                "(dask worker ADDRESS --nthreads 1)"
+            ) from error
+        where.told(f"scheduler {where.scheduler}; dashboard: {client.dashboard_link}")
+        yield client
+    finally:
+        client.close(timeout=2)
+
+
+Progress = Callable[[int, int, int], None]
+"""Told how many runs are done, how many of these failed, and how many there are in all."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepOptions:
+    """How a study is run.
+
+    Attributes:
+        where: On which workers.
+        progress: Told of every run.
+        recorder: Makes recordings; None: none are made.
+        recordings: Of how many runs, spread evenly over the study.
+    """
+
+    where: Where = field(default_factory=Where)
+    progress: Progress = lambda done, failed, total: None
+    recorder: Recorder | None = None
+    recordings: int = 0
+
+    def recorded(self, runs: int) -> dict[int, Recorder]:
+        """Recorders by the number of their run."""
+        if self.recorder is None or self.recordings < 1:
+            return {}
+        chosen = np.linspace(0, runs - 1, min(self.recordings, runs)).round().astype(int)
+        return dict.fromkeys(chosen.tolist(), self.recorder)
+
+
+@dataclass(frozen=True, slots=True)
+class StudySummary:
+    """What became of a study.
+
+    Attributes:
+        folder: Its store.
+        runs: How many there are in all.
+        new: How many of them were run now.
+        counts: How many became what, by words such as "diverged".
+        first_errors: Some runs that failed, and why.
+    """
+
+    folder: Path
+    runs: int
+    new: int
+    counts: Mapping[str, int]
+    first_errors: tuple[tuple[int, str], ...]
+
+
+def sweep(prepared: PreparedStudy, folder: Path, options: SweepOptions | None = None) -> StudySummary:
+    """Run all of a study that is not done yet.
+
+    Args:
+        prepared: The study.
+        folder: Its store.
+        options: How; None: one worker on this machine.
+
+    Raises:
+        StudyError: the store is another study's or cannot be written, or the scheduler went away.
+        SoftSimError: the scene with the first values cannot be built.
+    """
+    options = SweepOptions() if options is None else options
+    values = values_of_runs(prepared.study)
+    plan = prepared.plan(len(values), prepared.study.block, values[0])
+    with Store(folder, plan) as store:
+        left = store.left
+        if left:
+            tasks: Iterable[Task] = ((number, tuple(values[number].tolist())) for number in left)
+            with engine(options.where) as cluster:
+                run_into(store, cluster, prepared.work, tasks, options)
+        return summary_of(store, len(left))
+
+
+def run_into(store: Store, cluster: Engine, work: Work, tasks: Iterable[Task], options: SweepOptions) -> None:
+    """Run some tasks, and keep what became of them."""
+    done = len(store.status) - len(store.left)
+    failed = int((store.status > DONE).sum())
+    options.progress(done, failed, len(store.status))
+    for number, values, outcome in cluster.run(work, tasks, options.recorded(len(store.status))):
+        store.add(number, dict(zip(work.names, values, strict=True)), outcome)
+        done, failed = done + 1, failed + (outcome.status != DONE)
+        options.progress(done, failed, len(store.status))
+
+
+def summary_of(store: Store, new: int) -> StudySummary:
+    """What became of the study in a store, of which `new` runs were run now."""
+    counts = Counter(STATUS_WORDS[status] for status in store.status.tolist())
+    failed = np.flatnonzero(store.status > DONE)[:5].tolist()
+    errors = store.errors() if failed else []
+    return StudySummary(
+        store.folder,
+        len(store.status),
+        new,
+        {word: counts[word] for word in STATUS_WORDS if counts[word]},
+        tuple((number, errors[number]) for number in failed),
+    )

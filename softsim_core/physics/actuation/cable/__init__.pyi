@@ -1,0 +1,16 @@
+from .builder import (
+    CABLE as CABLE,
+    cable_points as cable_points,
+)
+from .cables import (
+    IN_BODY as IN_BODY,
+    IN_WORLD as IN_WORLD,
+    CableArrays as CableArrays,
+    Cables as Cables,
+    CableView as CableView,
+    line_stiffness as line_stiffness,
+)
+from .description import (
+    CableDescription as CableDescription,
+    read_cable_points as read_cable_points,
+)

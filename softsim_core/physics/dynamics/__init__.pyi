@@ -1,0 +1,58 @@
+from .actuator_statics import (
+    command_gains as command_gains,
+    condensed as condensed,
+    on_nodes as on_nodes,
+    reduced_stiffness as reduced_stiffness,
+    rows_on_unknowns as rows_on_unknowns,
+    taut_commands as taut_commands,
+)
+from .assembly import (
+    Unknowns as Unknowns,
+    generalised_forces as generalised_forces,
+    jacobian as jacobian,
+    node_stiffness as node_stiffness,
+    static_tangent as static_tangent,
+)
+from .backends import (
+    has_compiled_step as has_compiled_step,
+    make_stepper as make_stepper,
+)
+from .bossak import BossakStepper as BossakStepper
+from .contact_step import (
+    ContactStepper as ContactStepper,
+    runaway_speed as runaway_speed,
+)
+from .iterations import (
+    FreeTurning as FreeTurning,
+    IteratedStepper as IteratedStepper,
+)
+from .memory import (
+    KeepingStepper as KeepingStepper,
+    ViscousStepper as ViscousStepper,
+    let_relax as let_relax,
+    relaxing_groups as relaxing_groups,
+)
+from .report import (
+    PART_OF as PART_OF,
+    ContactReport as ContactReport,
+    StageShare as StageShare,
+    StepReport as StepReport,
+    nothing as nothing,
+    stage_tree as stage_tree,
+)
+from .scipy_backend import ScipyStepper as ScipyStepper
+from .statics import (
+    StaticResponse as StaticResponse,
+    StaticSolution as StaticSolution,
+    response_of as response_of,
+    solve_static as solve_static,
+)
+from .stepper import (
+    Condensed as Condensed,
+    Stepper as Stepper,
+)
+from .substeps import (
+    SubstepStepper as SubstepStepper,
+    strain_measure as strain_measure,
+    torn_by_rough_steps as torn_by_rough_steps,
+)

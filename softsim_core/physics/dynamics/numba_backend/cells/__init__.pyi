@@ -1,0 +1,36 @@
+from .batches import (
+    CellPlaces as CellPlaces,
+    cell_batches as cell_batches,
+    count_folded as count_folded,
+    count_inverted as count_inverted,
+    largest_strain_change as largest_strain_change,
+    node_pairs as node_pairs,
+    oriented as oriented,
+)
+from .cells import (
+    PlannedCells as PlannedCells,
+    RelaxingCells as RelaxingCells,
+    assemble_cells as assemble_cells,
+    assemble_tangent as assemble_tangent,
+    couplings as couplings,
+    deforming as deforming,
+)
+from .corotational import (
+    nearest_rotation as nearest_rotation,
+    rotate_lanes as rotate_lanes,
+)
+from .elements import (
+    CLAMPED as CLAMPED,
+    EXACT as EXACT,
+    FROZEN as FROZEN,
+    assemble_nodes as assemble_nodes,
+)
+from .laws import (
+    compiled_law as compiled_law,
+    point_cells as point_cells,
+    tune as tune,
+)
+from .points import (
+    Given as Given,
+    Into as Into,
+)

@@ -1,0 +1,307 @@
+"""Compiled cells of any element and any law whose stress at a point has vector code, and their memory.
+
+The formulas are those of fem.cells. With stress P and tangent C at a point of weight w, and g the
+gradients of the shape functions, the block of nodes m and n is the sum over the points of
+
+    w g_m . C . g_n,    and of cells with a mean volume (a - a_p) / V g_m' g_n'^T,   g' = sum w theta' g
+
+A batch goes through `deform`, then the law puts theta, `press` the pressures, the law stress and tangent, and
+`finish` makes forces and blocks of them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softsim_core.base import Array, IndexArray
+from softsim_core.physics.dynamics.numba_backend import kernel
+from softsim_core.physics.dynamics.numba_backend.cells.batches import (
+    CellBatches,
+    CellPlaces,
+    add_blocks,
+    aligned,
+    gather,
+    put_gradient,
+)
+from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
+    LEFT_ROWS,
+    POINT_ROWS,
+    put_answer,
+    put_block,
+    put_left,
+    put_node,
+)
+from softsim_core.physics.fem import FLATTEST
+from softsim_core.physics.linalg import LANES
+
+
+class Room(NamedTuple):
+    """Room for one batch, each a multiple of LANES numbers; see `room_for`.
+
+    Attributes:
+        values: Values of the nodes, rows 3 a + i.
+        points: Rows of points, see lanes.
+        steps: Gradient of what moved at each point, rows 9 q + k.
+        held: H at each point, its upper triangle, rows 6 q + k.
+        means: Means over the cells of rows 27 to 30 of their points, and their volumes.
+        bulk: One row, see put_answer and put_block.
+        volumes, pulls: What put_node adds to, rows 3 a + i.
+        left: See put_left, LEFT_ROWS rows a point.
+        blocks: See put_block, shape (3 a (a + 1) / 2, LANES, 4).
+    """
+
+    values: Array
+    points: Array
+    steps: Array
+    held: Array
+    means: Array
+    bulk: Array
+    volumes: Array
+    pulls: Array
+    left: Array
+    blocks: Array
+
+
+def room_for(a: int, count: int) -> Room:
+    """Room for batches of cells with a nodes and `count` points."""
+    rows = (3 * a, POINT_ROWS * count, 9 * count, 6 * count, 4, 1, 3 * a, 3 * a, LEFT_ROWS * count)
+    values, points, steps, held, means, bulk, volumes, pulls, left = (aligned((each, LANES)) for each in rows)
+    blocks = aligned((3 * a * (a + 1) // 2, LANES, 4))
+    return Room(values, points, steps, held, means, bulk, volumes, pulls, left, blocks)
+
+
+class PointCells(NamedTuple):
+    """Cells of one element and one law, in B batches of LANES, with a nodes and q points.
+
+    Attributes:
+        cells: Their nodes and gradients.
+        weights: Rest volume at each point in [m^3], shape (B q, LANES).
+        moduli: Of a batch: the bulk coefficients at the points and on the mean in [Pa], then what the law
+            needs, k numbers in all, shape (B k, LANES).
+        memory: Place of each cell in what its group remembers, shape (m,); see fem.prony.
+        room: To work in.
+    """
+
+    cells: CellBatches
+    weights: Array
+    moduli: Array
+    memory: IndexArray
+    room: Room
+
+
+class Given(NamedTuple):
+    """What forces and stiffness are asked for.
+
+    Attributes:
+        x: Positions in [m], shape (n, 3).
+        moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the pressure of K is that at x.
+        velocities: In [m/s], shape (n, 3).
+        held: What the group holds, H of fem.prony in [Pa], shape (., q, 3, 3); no rows: nothing.
+        positive: Whether K is to have no negative eigenvalues; see fem.cells.cell_stiffness.
+        lag: In [s].
+        mean_share: See fem.cells.cell_stiffness.
+        scale: Of the stiffness in the matrix.
+    """
+
+    x: Array
+    moved: Array
+    velocities: Array
+    held: Array
+    positive: bool
+    lag: float
+    mean_share: float
+    scale: float
+
+
+class Into(NamedTuple):
+    """Where forces and stiffness go.
+
+    Attributes:
+        places: Where the blocks go.
+        forces: f - lag K v is added, in [N], shape (n, 3).
+        panels: Of the factor; the stiffness is added.
+        kept: See Pairs.blocks.
+    """
+
+    places: CellPlaces
+    forces: Array
+    panels: Array
+    kept: Array
+
+
+@kernel
+def deform(batch: int, given: Given, cells: PointCells) -> None:
+    """Rows 0 to 18 of all points, and the gradients of what moved: zero where nothing is given."""
+    nodes, gradients = cells.cells.nodes, cells.cells.gradients
+    room = cells.room
+    values, points, steps = room.values, room.points, room.steps
+    batches, a, _ = nodes.shape
+    count = len(cells.weights) // batches
+    place, pitch = batch * a * 3 * count, 3 * count
+    gather(given.x, nodes, batch, values)
+    for q in range(count):
+        put_gradient(values, gradients, place + 3 * q, pitch, a, points, POINT_ROWS * q)
+    gather(given.velocities, nodes, batch, values)
+    for q in range(count):
+        put_gradient(values, gradients, place + 3 * q, pitch, a, points, POINT_ROWS * q + 9)
+    if len(given.moved):
+        gather(given.moved, nodes, batch, values)
+        for q in range(count):
+            put_gradient(values, gradients, place + 3 * q, pitch, a, steps, 9 * q)
+    else:
+        steps[:] = 0.0
+
+
+@kernel
+def press(batch: int, cells: PointCells) -> None:
+    """Means over the cells, and the pressures at their points: a_p theta + (a - a_p) times its mean."""
+    points, means, weights, moduli = cells.room.points, cells.room.means, cells.weights, cells.moduli
+    batches = len(cells.cells.nodes)
+    count, row = len(weights) // batches, batch * (len(moduli) // batches)
+    means[:] = 0.0
+    for q in range(count):
+        for lane in range(LANES):
+            w = weights[count * batch + q, lane]
+            means[3, lane] += w
+            for k in range(3):
+                means[k, lane] += w * points[POINT_ROWS * q + 27 + k, lane]
+    for lane in range(LANES):
+        for k in range(3):
+            means[k, lane] /= means[3, lane]
+    for q in range(count):
+        for k in range(2):
+            for lane in range(LANES):
+                at_point, on_mean = moduli[row, lane], moduli[row + 1, lane]
+                dilatation = points[POINT_ROWS * q + 27 + k, lane]
+                points[POINT_ROWS * q + 84 + k, lane] = at_point * dilatation + on_mean * means[k, lane]
+
+
+@kernel
+def gather_held(batch: int, held: Array, cells: PointCells, out: Array) -> None:
+    """H at the points of a batch as rows 6 q + k of `out`."""
+    size = cells.cells.size[0]
+    for lane in range(LANES):
+        e = cells.memory[min(batch * LANES + lane, size - 1)]
+        for q in range(held.shape[1]):
+            k = 6 * q
+            for i in range(3):
+                for j in range(i, 3):
+                    out[k, lane] = held[e, q, i, j]
+                    k += 1
+
+
+@kernel
+def finish(batch: int, given: Given, cells: PointCells, into: Into) -> None:
+    """Forces and blocks of a batch from stress and tangent of its points."""
+    nodes, gradients, weights, moduli = cells.cells.nodes, cells.cells.gradients, cells.weights, cells.moduli
+    room = cells.room
+    points, means, held, scale = room.points, room.means, room.held, given.scale
+    batches, a, _ = nodes.shape
+    count, row = len(weights) // batches, batch * (len(moduli) // batches)
+    place, pitch, weight = batch * a * 3 * count, 3 * count, batch * count
+    volumes, pulls, left, bulk, blocks = room.volumes, room.pulls, room.left, room.bulk, room.blocks
+    volumes[:] = 0.0
+    pulls[:] = 0.0
+    if len(given.held):
+        gather_held(batch, given.held, cells, held)
+    for lane in range(LANES):
+        bulk[0, lane] = given.mean_share * moduli[row + 1, lane] * means[2, lane]
+    for q in range(count):
+        put_answer(points, POINT_ROWS * q, held, 6 * q, weights, weight + q, bulk, given.lag)
+        for n in range(a):
+            slope = place + n * pitch + 3 * q
+            put_node(points, POINT_ROWS * q, gradients, slope, weights, weight + q, n, volumes, pulls)
+    for lane in range(LANES):
+        bulk[0, lane] = scale * given.mean_share * moduli[row + 1, lane] / means[3, lane]
+    pair = 0
+    for m in range(a):
+        for q in range(count):
+            slope = place + m * pitch + 3 * q
+            put_left(points, POINT_ROWS * q, gradients, slope, scale, left, LEFT_ROWS * q)
+        for n in range(m, a):
+            put_block(left, gradients, place + n * pitch, count, volumes, m, n, bulk, blocks, pair)
+            pair += 1
+    forces, places, panels, kept = into.forces, into.places, into.panels, into.kept
+    first = batch * LANES
+    for lane in range(min(LANES, cells.cells.size[0] - first)):
+        for n in range(a):
+            for i in range(3):
+                forces[nodes[batch, n, lane], i] += pulls[3 * n + i, lane]
+        add_blocks(blocks, 4 * lane, 4 * LANES, first + lane, places, panels, kept)
+
+
+LEAST_VOLUME = FLATTEST
+
+
+class Memory(NamedTuple):
+    """What m cells with q points remember of t terms, see fem.prony.memory_shape, and how it fades in a step.
+
+    Attributes:
+        stresses: s of each term and then S in [Pa], shape (m, q, t + 1, 3, 3).
+        fades: exp(-h / tau), shape (m, t).
+        gains: g exp(-h / 2 tau), shape (m, t).
+    """
+
+    stresses: Array
+    fades: Array
+    gains: Array
+
+
+@kernel
+def hold(memory: Memory, held: Array) -> None:
+    """H of a step into `held` (m, q, 3, 3)."""
+    stresses, fades, gains = memory.stresses, memory.fades, memory.gains
+    terms = fades.shape[1]
+    for e in range(len(stresses)):
+        gain = 0.0
+        for t in range(terms):
+            gain += gains[e, t]
+        for q in range(stresses.shape[1]):
+            for i in range(3):
+                for j in range(3):
+                    total = -gain * stresses[e, q, terms, i, j]
+                    for t in range(terms):
+                        total += fades[e, t] * stresses[e, q, t, i, j]
+                    held[e, q, i, j] = total
+
+
+@kernel
+def remember(batch: int, cells: PointCells, memory: Memory) -> None:
+    """Take over S of a batch, from the stress of its points without any pressure."""
+    points, weights, size = cells.room.points, cells.weights, cells.cells.size[0]
+    stresses, fades, gains = memory.stresses, memory.fades, memory.gains
+    count, terms = len(weights) // len(cells.cells.nodes), fades.shape[1]
+    f, p, inverse, s = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for lane in range(min(LANES, size - batch * LANES)):
+        e = cells.memory[batch * LANES + lane]
+        for q in range(count):
+            row, over = POINT_ROWS * q, 1.0 / weights[count * batch + q, lane]
+            for i in range(3):
+                for j in range(3):
+                    f[i, j] = points[row + 3 * i + j, lane]
+                    p[i, j] = over * points[row + 30 + 3 * i + j, lane]
+            for i in range(3):
+                a, b = (i + 1) % 3, (i + 2) % 3
+                for j in range(3):
+                    c, d = (j + 1) % 3, (j + 2) % 3
+                    inverse[j, i] = f[a, c] * f[b, d] - f[a, d] * f[b, c]
+            volume = f[0, 0] * inverse[0, 0] + f[0, 1] * inverse[1, 0] + f[0, 2] * inverse[2, 0]
+            if volume > LEAST_VOLUME:
+                for i in range(3):
+                    for j in range(3):
+                        s[i, j] = 0.0
+                        for k in range(3):
+                            s[i, j] += inverse[i, k] * p[k, j]
+                        s[i, j] /= volume
+            else:
+                s[:] = stresses[e, q, terms]
+            for i in range(3):
+                for j in range(3):
+                    now = 0.5 * (s[i, j] + s[j, i])
+                    gained = now - stresses[e, q, terms, i, j]
+                    for t in range(terms):
+                        past = fades[e, t] * stresses[e, q, t, i, j]
+                        stresses[e, q, t, i, j] = past + gains[e, t] * gained
+                    stresses[e, q, terms, i, j] = now

@@ -1,0 +1,164 @@
+"""Kernels are compiled by a process of their own, and this one loads them; run as a program, it compiles.
+
+A process that compiles kernels sums in another order than one that loads them: a kernel that another one
+calls is there twice, by itself and within its caller, and the first of the two is called. Both are right, and
+differ in the last bits. So nobody steps by what it has compiled itself: a simulation gives the same bytes in
+the process that needed the kernels first, and in all later ones.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import pickle
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from subprocess import DEVNULL, PIPE, Popen
+from threading import Lock, Thread
+from typing import Any, BinaryIO, Final, NamedTuple
+
+from softsim_core.base import open_lock, python_command, start_process
+
+IDLE_S: Final = 10.0
+"""A process that has so long had nothing to compile ends: it holds half a gigabyte."""
+
+
+class Wanted(NamedTuple):
+    """A kernel for arguments of some types (those of Numba)."""
+
+    module: str
+    name: str
+    types: tuple[Any, ...]
+
+
+class CompileProcess:
+    """The process that compiles for this one; it begins when a kernel is missing in the cache."""
+
+    def __init__(self) -> None:
+        self._one_at_a_time = Lock()
+        self._process: Popen[bytes] | None = None
+        self._used = bool(sys.executable) and not getattr(sys, "frozen", False)
+
+    def compile(self, wanted: Wanted) -> bool:
+        """Have a kernel compiled into the cache, and wait for it; False: it was not, whatever the reason."""
+        if not self._used:
+            return False
+        try:
+            request = pickle.dumps((_import_paths(), pickle.dumps(wanted)))
+        except Exception:  # a type that no other process can know, such as one of a function's own
+            return False
+        with self._one_at_a_time:
+            for _ in range(2):  # one that was idle may end while it is asked
+                try:
+                    return self._answer(request)
+                except (OSError, EOFError):
+                    self.close()
+                except BaseException:  # Ctrl-C: the answer to this comes later, and is not that to the next
+                    self.close()
+                    raise
+        return False
+
+    def compile_here(self) -> None:
+        """Have all compiled in this process: it steps by nothing, or what is compiled is not kept."""
+        self._used = False
+
+    def close(self) -> None:
+        """End the process; what is in the cache stays."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.communicate()
+
+    def forget(self) -> None:
+        """Begin anew in a process that was forked: the one that compiles is that of another."""
+        self._one_at_a_time, self._process = Lock(), None
+
+    def _answer(self, request: bytes) -> bool:
+        if self._process is None:
+            self._process = _begun()
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(request)
+        self._process.stdin.flush()
+        return bool(pickle.load(self._process.stdout))
+
+
+compile_process: Final = CompileProcess()
+atexit.register(compile_process.close)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=compile_process.forget)
+
+
+@contextmanager
+def alone(file: Path) -> Iterator[None]:
+    """Hold a file's lock, waiting for it; where the system has none, nothing is held."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with open_lock(file) as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _begun() -> Popen[bytes]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(_import_paths())}
+    errors = DEVNULL if sys.stderr is None else None  # a service may have closed it
+    return start_process(python_command(__name__), environment, stdin=PIPE, stdout=PIPE, stderr=errors)
+
+
+def _import_paths() -> list[str]:
+    return [str(Path(each).absolute()) for each in sys.path if each]
+
+
+def _compiled(paths: list[str], request: bytes) -> bool:
+    """Compile a kernel, or find that another process has done so meanwhile."""
+    sys.path[:] = paths  # those of a package that is new, too
+    wanted: Wanted = pickle.loads(request)
+    kernel = getattr(import_module(wanted.module), wanted.name).for_python
+    with alone(Path(kernel.stats.cache_path) / "compiling"):
+        kernel.compile(wanted.types)
+    return True
+
+
+def _heard(requests: BinaryIO, heard: SimpleQueue[tuple[list[str], bytes]]) -> None:
+    """Hear what is wanted, and end this process with the one that asks, in the middle of a kernel, too."""
+    with suppress(EOFError, OSError):
+        while True:
+            heard.put(pickle.load(requests))
+    os._exit(0)
+
+
+def main() -> None:
+    """Compile what the standard input wants until it ends, or wants nothing for a while; ends the process."""
+    import signal
+
+    from softsim_core.physics.kernels.cache import be_silent
+
+    be_silent()
+    compile_process.compile_here()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks, which ends this one
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what modules print is no answer
+    heard: SimpleQueue[tuple[list[str], bytes]] = SimpleQueue()
+    Thread(target=_heard, args=(sys.stdin.buffer, heard), daemon=True).start()
+    while True:
+        try:
+            request = heard.get(timeout=IDLE_S)
+        except Empty:
+            os._exit(0)  # the thread that hears holds the input's lock, and Python would end with an error
+        try:
+            done = _compiled(*request)
+        except Exception:  # where it is compiled next, the reason is told
+            done = False
+        answers.write(pickle.dumps(done))
+        answers.flush()
+
+
+if __name__ == "__main__":  # kernels know this module by its name
+    import_module("softsim_core.physics.kernels.worker").main()

@@ -1,0 +1,99 @@
+from . import cholesky as cholesky, conjugate as conjugate
+from .bounded import (
+    FACES_PER_FORCE as FACES_PER_FORCE,
+    SMALLEST_PIVOT as SMALLEST_PIVOT,
+    SOLVED as SOLVED,
+    WRONG_SIDE as WRONG_SIDE,
+    solve_bounded as solve_bounded,
+)
+from .cholesky import (
+    FITS as FITS,
+    factor as factor,
+    forward_rows as forward_rows,
+    solve_backward as solve_backward,
+)
+from .compile import (
+    compiler as compiler,
+    inlined as inlined,
+    intrinsic as intrinsic,
+)
+from .conjugate import (
+    LARGE as LARGE,
+    Sharing as Sharing,
+    conjugate_gradients as conjugate_gradients,
+    copy_matrix as copy_matrix,
+    multiply as multiply,
+    precondition as precondition,
+    reach as reach,
+    sharing_of as sharing_of,
+    support_gradients as support_gradients,
+)
+from .divided_factor import (
+    Division as Division,
+    divided as divided,
+    lead_factor as lead_factor,
+    room_for as room_for,
+    support_factor as support_factor,
+    with_room_for as with_room_for,
+)
+from .ordering import (
+    LEAF as LEAF,
+    column_counts as column_counts,
+    elimination_order as elimination_order,
+    elimination_tree as elimination_tree,
+    factor_cost as factor_cost,
+    graph_of as graph_of,
+    minimum_degree as minimum_degree,
+    nested_dissection as nested_dissection,
+    postordered as postordered,
+)
+from .products import (
+    Matrix as Matrix,
+    Preconditioner as Preconditioner,
+    matrix_layout as matrix_layout,
+    matrix_of as matrix_of,
+)
+from .simd import (
+    LANES as LANES,
+    ROWS as ROWS,
+    Vectors as Vectors,
+    add_block as add_block,
+    dot_product as dot_product,
+    steady_seconds as steady_seconds,
+)
+from .solver_interface import (
+    Factoriser as Factoriser,
+    Factors as Factors,
+    LinearSolver as LinearSolver,
+    Pattern as Pattern,
+    Rows as Rows,
+    SuperLU as SuperLU,
+    factorised as factorised,
+    spread_of as spread_of,
+)
+from .solvers import (
+    AUTO as AUTO,
+    COMPILED as COMPILED,
+    ITERATIVE as ITERATIVE,
+    linear_solver as linear_solver,
+    linear_solver_names as linear_solver_names,
+    register_linear_solver as register_linear_solver,
+)
+from .symbolic import (
+    Factor as Factor,
+    Plan as Plan,
+    Tree as Tree,
+    clear as clear,
+    empty_factor as empty_factor,
+    padded as padded,
+    plan as plan,
+    plan_stack as plan_stack,
+    tree_of as tree_of,
+)
+from .threads import (
+    Teamwork as Teamwork,
+    alone as alone,
+    open_agenda as open_agenda,
+    usable_cores as usable_cores,
+    usable_threads as usable_threads,
+)

@@ -1,0 +1,40 @@
+from .actuators import (
+    CableSensorDescription as CableSensorDescription,
+    ChamberSensorDescription as ChamberSensorDescription,
+)
+from .description import (
+    ANY_BODY as ANY_BODY,
+    PLACE as PLACE,
+    SOFT_BODY as SOFT_BODY,
+    Reference as Reference,
+    Scenery as Scenery,
+    SimulatedSensorDescription as SimulatedSensorDescription,
+    need_sensors as need_sensors,
+)
+from .force_torque import ForceTorqueDescription as ForceTorqueDescription
+from .imu import (
+    ImuDescription as ImuDescription,
+    inertial as inertial,
+)
+from .markers import MarkersDescription as MarkersDescription
+from .registry import (
+    register_sensor as register_sensor,
+    sensor_kind as sensor_kind,
+    sensor_kinds as sensor_kinds,
+)
+from .sensor import (
+    Place as Place,
+    Seen as Seen,
+    Sensor as Sensor,
+)
+from .sensors import (
+    SensorReading as SensorReading,
+    Sensors as Sensors,
+)
+from .strain import StrainSensorDescription as StrainSensorDescription
+from .tactile import (
+    TactileArrayDescription as TactileArrayDescription,
+    grid_over as grid_over,
+    spread_over as spread_over,
+)
+from .wrench import WrenchSensorDescription as WrenchSensorDescription

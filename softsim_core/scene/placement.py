@@ -1,0 +1,128 @@
+"""A scene moved rigidly to another place in the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from softsim_core.base import DIRECTION, LOCAL, POINT, Array, Box, Placement, Sphere, Vector
+from softsim_core.physics.mechanics import euler_of, rotation_euler
+from softsim_core.physics.mesh import TetMesh
+from softsim_core.scene.description import SceneDescription
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """A rigid motion x -> R x + t: rotation R (3, 3), translation t (3,) in [m]."""
+
+    rotation: Array
+    translation: Array
+
+    @classmethod
+    def to(cls, placement: Placement) -> Motion:
+        """The motion to a placement (its scale is not used)."""
+        turn = rotation_euler(np.radians(placement.rotation_deg))
+        return cls(turn, np.array(placement.translation, dtype=float))
+
+    def after(self, first: Motion) -> Motion:
+        """Another motion first, then this one."""
+        return Motion(self.rotation @ first.rotation, self.point(first.translation))
+
+    @property
+    def inverse(self) -> Motion:
+        """The way back."""
+        return Motion(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def point(self, point: Vector | Array) -> Array:
+        """Where a point (3,) goes, in [m]."""
+        return np.asarray(self.rotation @ np.asarray(point) + self.translation)
+
+    def direction(self, direction: Vector | Array) -> Array:
+        """How a direction (3,) is turned."""
+        return np.asarray(self.rotation @ np.asarray(direction))
+
+    def placement(self, scale: float = 1.0) -> Placement:
+        """The placement that it moves the frame of the world to."""
+        angles = np.degrees(euler_of(self.rotation))
+        return Placement(scale=scale, rotation_deg=_vector(angles), translation=_vector(self.translation))
+
+
+def placed(scene: SceneDescription, motion: Motion) -> SceneDescription:
+    """The same scene, all that it says of places and directions in the world moved along; gravity stays.
+
+    Placements, boxes, spheres and arrays of nodes are moved wherever they stand, but in fields marked LOCAL;
+    vectors in fields marked POINT or DIRECTION; see softsim_core.base.values. What is told in the frame of
+    something else stays: regions relative to a joint, rigid bodies on something, and their surfaces. Free
+    frames that the scene leaves out are given in the result, so that they turn with it.
+
+    Raises:
+        SceneError, MeshError: such a frame cannot be found; see softsim_core.scene.building.builder.
+    """
+    from softsim_core.scene.building import with_rest_frames  # late: most processes only read scenes
+
+    scene = with_rest_frames(scene)
+    moved: SceneDescription = _placed(scene, motion)
+    soft = {each.name for each in scene.bodies}
+    return replace(
+        moved,
+        attachments=tuple(
+            new if old.relative_to is None else replace(new, box=old.box, sphere=old.sphere)
+            for old, new in zip(scene.attachments, moved.attachments, strict=True)
+        ),
+        rigid_bodies=tuple(
+            new if old.on == "world" else old
+            for old, new in zip(scene.rigid_bodies, moved.rigid_bodies, strict=True)
+        ),
+        collisions=tuple(
+            new if old.body in soft else old
+            for old, new in zip(scene.collisions, moved.collisions, strict=True)
+        ),
+    )
+
+
+def _placed(value: Any, motion: Motion) -> Any:
+    if isinstance(value, Placement):
+        return motion.after(Motion.to(value)).placement(value.scale)
+    if isinstance(value, Box):
+        where = motion.after(Motion.to(Placement(rotation_deg=value.rotation_deg, translation=value.center)))
+        there = where.placement()
+        return replace(value, center=there.translation, rotation_deg=there.rotation_deg)
+    if isinstance(value, Sphere):
+        return replace(value, center=_vector(motion.point(value.center)))
+    if isinstance(value, TetMesh):
+        return replace(value, points=value.points @ motion.rotation.T + motion.translation)
+    if isinstance(value, tuple):
+        return tuple(_placed(each, motion) for each in value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return replace(value, **_moved_fields(value, motion))
+    return value
+
+
+def _moved_fields(description: Any, motion: Motion) -> dict[str, Any]:
+    """The fields of a description that differ once it is moved."""
+    result = {}
+    for each in fields(description):
+        value = getattr(description, each.name)
+        if each.metadata in (POINT, DIRECTION):
+            moved = _vectors(value, motion.point if each.metadata == POINT else motion.direction)
+        else:
+            moved = value if each.metadata == LOCAL else _placed(value, motion)
+        if moved is not value:
+            result[each.name] = moved
+    return result
+
+
+def _vectors(value: Any, move: Any) -> Any:
+    """A vector, or a list of them, moved; None stays."""
+    if value is None:
+        return None
+    if value and isinstance(value[0], tuple):
+        return tuple(_vector(move(each)) for each in value)
+    return _vector(move(value))
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z

@@ -1,0 +1,33 @@
+from .figures import (
+    figure_data as figure_data,
+    save_figure as save_figure,
+)
+from .launch_plan import (
+    Plan as Plan,
+    PlannedNode as PlannedNode,
+    Wishes as Wishes,
+    board_link as board_link,
+    plan as plan,
+)
+from .listeners import (
+    JointReader as JointReader,
+    JointStates as JointStates,
+    StateListener as StateListener,
+)
+from .optional_messages import (
+    OPTIONAL as OPTIONAL,
+    optional_module as optional_module,
+    optional_type as optional_type,
+)
+from .robot_node import (
+    ClosableNode as ClosableNode,
+    FrameSettings as FrameSettings,
+    RobotNode as RobotNode,
+    RobotSettings as RobotSettings,
+    SpinThread as SpinThread,
+)
+from .topic_names import (
+    chamber_topics as chamber_topics,
+    chambers_of as chambers_of,
+    topic_words as topic_words,
+)

@@ -1,0 +1,7 @@
+from .grasp import GraspResult as GraspResult
+from .pick_and_place import (
+    AWAY as AWAY,
+    Taken as Taken,
+    objects_of as objects_of,
+    way_of as way_of,
+)

@@ -1,0 +1,8 @@
+from .mesh import fitness as fitness
+from .mesh_speed import held_part as held_part
+from .new import (
+    arm_text as arm_text,
+    inlet_notes as inlet_notes,
+    number as number,
+    scene_text as scene_text,
+)

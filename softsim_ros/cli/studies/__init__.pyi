@@ -1,0 +1,4 @@
+from .sweep_page import (
+    page as page,
+    write as write,
+)

@@ -1,0 +1,12 @@
+from .bench import SCENES as SCENES
+from .findings import (
+    Finding as Finding,
+    Level as Level,
+)
+from .suite import (
+    TESTS as TESTS,
+    UncoveredPathError as UncoveredPathError,
+    covering_tests as covering_tests,
+    covering_words as covering_words,
+    files_of as files_of,
+)

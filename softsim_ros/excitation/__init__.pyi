@@ -1,0 +1,24 @@
+from .measure import (
+    Looks as Looks,
+    Measurement as Measurement,
+    SetFolder as SetFolder,
+)
+from .player import (
+    MeasurementInterruptedError as MeasurementInterruptedError,
+    Player as Player,
+)
+from .readings import (
+    drifts as drifts,
+    not_before as not_before,
+    rings_from as rings_from,
+    times_of as times_of,
+)
+from .sensors import (
+    IMU as IMU,
+    SIMULATED as SIMULATED,
+    ExcitationError as ExcitationError,
+    Sensor as Sensor,
+    SensorChoice as SensorChoice,
+    hear_sensors as hear_sensors,
+    sensor_choice as sensor_choice,
+)

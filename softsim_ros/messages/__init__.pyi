@@ -1,0 +1,45 @@
+from .meshes import (
+    colour_table as colour_table,
+    linear_rgb as linear_rgb,
+    mesh_checksum as mesh_checksum,
+    read_point_cloud as read_point_cloud,
+)
+from .scene import (
+    MOST_POINTS as MOST_POINTS,
+    ChosenPoints as ChosenPoints,
+    Proposal as Proposal,
+    SceneMessage as SceneMessage,
+    read_edits as read_edits,
+    read_proposal as read_proposal,
+    read_scene_message as read_scene_message,
+    write_edits as write_edits,
+    write_proposal as write_proposal,
+)
+from .sensors import (
+    Told as Told,
+    contact_cloud as contact_cloud,
+    read_contact_cloud as read_contact_cloud,
+    read_step_profile as read_step_profile,
+    read_tactile_image as read_tactile_image,
+    step_profile as step_profile,
+    told_of as told_of,
+)
+from .states import (
+    base_target as base_target,
+    header as header,
+    joint_state as joint_state,
+    message_array as message_array,
+    pose_stamped as pose_stamped,
+    read_base_target as read_base_target,
+    time_message as time_message,
+    transform_stamped as transform_stamped,
+)
+from .types import (
+    ERROR as ERROR,
+    OK as OK,
+    WARN as WARN,
+    diagnostic_array as diagnostic_array,
+    diagnostic_values as diagnostic_values,
+    load_message as load_message,
+    shown as shown,
+)

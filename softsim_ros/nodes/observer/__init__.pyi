@@ -1,0 +1,2 @@
+from . import observer_node as observer_node
+from .observer_node import ObserverNode as ObserverNode
