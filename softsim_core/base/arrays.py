@@ -1,4 +1,4 @@
-"""Array type names used in signatures, and the check of arrays that users pass."""
+"""Array type names for signatures, and validation of arrays from users."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 from softsim_core.base.errors import ArrayError
 
 Array: TypeAlias = NDArray[np.float64]
-"""float64 array; its shape and unit stand in the docstring beside it."""
+"""float64 array; its shape and unit are given in the docstring."""
 
 IndexArray: TypeAlias = NDArray[np.int64]
 """int64 array of indices, 0-based."""
 
 BoolArray: TypeAlias = NDArray[np.bool_]
-"""Array of flags."""
+"""Array of booleans."""
 
 _FLOAT64 = np.dtype(np.float64)
 
 
 def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
-    """`value` as float64, row by row: itself where it is that already, else a copy.
+    """Return `value` as a C-contiguous float64 array; it is copied only if necessary.
 
     Args:
-        value: What was passed.
-        shape: What it must have; -1 is any length.
-        name: What a message calls it.
+        value: The value to convert.
+        shape: Required shape; -1 is any length.
+        name: Name in messages.
 
     Raises:
         ArrayError: another shape, or not real numbers.
@@ -48,13 +48,13 @@ def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
 
 
 def _fits(given: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
-    """Whether a shape is as wanted, where -1 is any length."""
+    """Return whether a shape matches the wanted one, where -1 is any length."""
     return len(given) == len(wanted) and all(
         want in (-1, have) for have, want in zip(given, wanted, strict=True)
     )
 
 
 def unique_pairs(pairs: IndexArray) -> IndexArray:
-    """The distinct rows of `pairs` (k, 2), numbers >= 0, in ascending order, shape (u, 2)."""
+    """Return the distinct rows of `pairs` (k, 2), numbers >= 0, in ascending order, shape (u, 2)."""
     span = int(pairs[:, 1].max(initial=0)) + 1
     return np.stack(np.divmod(np.unique(pairs[:, 0] * span + pairs[:, 1]), span), axis=1)

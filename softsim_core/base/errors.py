@@ -1,4 +1,4 @@
-"""Every error of the suite: typed, with its data, one sentence: what is wrong, where, what is allowed."""
+"""Typed errors of the suite with their data. A message says what is wrong, where, and what is allowed."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from os import PathLike
 
 
 def listing(names: Iterable[object]) -> str:
-    """Known names for a message: "servo_0, servo_1", or "none" for an empty collection."""
+    """Return known names for a message: "servo_0, servo_1", or "none" for an empty collection."""
     return ", ".join(str(name) for name in names) or "none"
 
 
 class SoftSimError(Exception):
-    """Base of all errors raised on purpose by the suite; its text is meant for a person.
+    """Base class of all errors that the suite raises on purpose; its text is meant for a person.
 
-    Names in it may come from files of others: escape sequences, and marks that turn the direction of writing,
-    are shown as text, so that no terminal obeys them.
+    Names in the text may come from untrusted files. Escape sequences, and marks that change the direction of
+    writing, are shown as text, so that no terminal interprets them.
     """
 
     def __str__(self) -> str:
@@ -26,7 +26,7 @@ class SoftSimError(Exception):
 
 
 class ArrayError(SoftSimError, ValueError):
-    """An array that was passed has another shape or type; carries its name and the shape it must have."""
+    """An array has the wrong shape or type; carries its name and the required shape."""
 
     def __init__(self, name: str, shape: tuple[int, ...], given: str) -> None:
         self.name, self.shape = name, shape
@@ -36,7 +36,7 @@ class ArrayError(SoftSimError, ValueError):
 
 
 class FactorisationError(SoftSimError, ArithmeticError):
-    """A matrix could not be factorised: it is singular, or it holds numbers that are not finite."""
+    """A matrix could not be factorised: it is singular, or contains numbers that are not finite."""
 
 
 class MeshError(SoftSimError, ValueError):
@@ -48,7 +48,7 @@ class MeshError(SoftSimError, ValueError):
 
 
 class MaterialError(SoftSimError, ValueError):
-    """A material parameter lies outside its interval; carries its name, value and what is allowed."""
+    """A material parameter lies outside its interval; carries its name, value and allowed range."""
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
         self.name, self.value, self.allowed = name, value, allowed
@@ -86,7 +86,7 @@ class DataError(SoftSimError, ValueError):
 
 
 class StudyError(SoftSimError, RuntimeError):
-    """A study cannot be run, go on, or be read; one sentence says why and what to do."""
+    """A study cannot be run, continued or read; the message says why and what to do."""
 
 
 class PolicyError(SoftSimError, ValueError):
@@ -106,11 +106,11 @@ class MjcfError(SoftSimError, ValueError):
 
 
 class SceneError(SoftSimError, ValueError):
-    """A scene description does not fit together (unknown name, empty region, overlapping regions)."""
+    """A scene description is inconsistent (unknown name, empty region, overlapping regions)."""
 
 
 class CommandError(SoftSimError, ValueError):
-    """A joint command is refused as a whole; nothing of it is applied."""
+    """A joint command is refused as a whole; no part of it is applied."""
 
 
 class SnapshotError(SoftSimError, ValueError):
@@ -118,7 +118,7 @@ class SnapshotError(SoftSimError, ValueError):
 
 
 class SolverDivergedError(SoftSimError, RuntimeError):
-    """A step produced a non-finite or runaway state; the simulation keeps its last good one."""
+    """A step produced a non-finite or runaway state; the simulation returns to its last good one."""
 
     def __init__(self, step: int, time_s: float, worst_node: int) -> None:
         self.step, self.time_s, self.worst_node = step, time_s, worst_node
@@ -128,7 +128,7 @@ class SolverDivergedError(SoftSimError, RuntimeError):
 
 
 class DetectionOverflowError(SoftSimError, RuntimeError):
-    """More pairs of features come close than contact detection lists; carries how many, and the most."""
+    """Contact detection found more feature pairs than it can list; carries their number and the limit."""
 
     def __init__(self, needed: int, most: int) -> None:
         self.needed, self.most = needed, most
@@ -139,7 +139,7 @@ class DetectionOverflowError(SoftSimError, RuntimeError):
 
 
 class NotReachedError(SoftSimError, ValueError):
-    """No joint positions bring a joint's frame to a place; carries the joint, the place in [m], how near."""
+    """No joint positions bring a joint's frame to a place; carries joint, place in [m], least distance."""
 
     def __init__(self, joint: str, position: tuple[float, ...], miss: float) -> None:
         self.joint, self.position, self.miss = joint, position, miss
@@ -162,4 +162,4 @@ class NotConvergedError(SoftSimError, RuntimeError):
 
 
 class BatchError(SoftSimError, RuntimeError):
-    """A batch of copies cannot be made, or one of its worker processes has ended."""
+    """A batch of copies cannot be created, or one of its worker processes has ended."""

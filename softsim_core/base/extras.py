@@ -1,4 +1,4 @@
-"""How somebody adds an optional part of the suite to the Python that is running."""
+"""Installation command of optional parts of the suite for the running Python."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 def install_command(extra: str) -> str:
     """Return the command that installs an extra of the distribution where it is missing.
 
-    In the environment of a checkout, such as that of `./softsim`, plain pip would install
-    into another Python.
+    In the environment of a checkout, such as that of `./softsim`, plain pip would install into another
+    Python.
 
     Args:
         extra: Its name in pyproject.toml, such as "study".

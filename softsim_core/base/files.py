@@ -1,6 +1,6 @@
-"""Files written whole or not at all, lock files, and the folder that processes of one user share.
+"""Atomic file writes, lock files, and the runtime folder that processes of one user share.
 
-A downloaded folder may hold a link where a file is expected. Whatever the product writes goes through this
+A downloaded folder may contain a link where a file is expected. The product writes all files through this
 module, so that such a link is replaced or refused, and its target is never changed.
 """
 
@@ -19,25 +19,25 @@ from typing import IO, Any, BinaryIO, Final, Literal, TextIO, overload
 from softsim_core.base.errors import SoftSimError
 
 _NO_LINKS: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-"""Flags of every descriptor that writes; a pipe in a file's place fails instead of blocking."""
+"""Open flags of every written file; a pipe in its place fails instead of blocking."""
 
 
 def write_file(file: Path, data: bytes | str, *, mode: int | None = None, replaces: bool = True) -> Path:
-    """Write a file beside its place, bring it to the disk, then put it in its place.
+    """Write a file atomically: write a new file beside it, flush it to the disk, then rename it.
 
     Args:
         file: The file; a link there is replaced, not followed.
         data: The content; text is written as UTF-8 with its line ends unchanged.
-        mode: Permissions; None: those of the file that is replaced, else the usual ones of a new file.
-        replaces: Whether another file there is replaced.
+        mode: Permissions; None: those of the replaced file, else the default of new files.
+        replaces: Whether an existing file is replaced.
 
     Returns:
         The file.
 
     Raises:
-        FileExistsError: there is one and it must not be replaced.
-        OSError: it cannot be written, or the place holds something that is no ordinary file; what is there
-            stays as it was.
+        FileExistsError: the file exists and must not be replaced.
+        OSError: it cannot be written, or its place is taken by something that is no ordinary file; the
+            existing content is not changed.
     """
     if replaces:
         found = _permissions(file)
@@ -65,10 +65,10 @@ def write_file(file: Path, data: bytes | str, *, mode: int | None = None, replac
 
 
 def put_in_place(new: Path, file: Path) -> None:
-    """Bring a file that is complete to the disk, then move it into the place of another.
+    """Flush a complete file to the disk, then rename it to replace another one.
 
     Raises:
-        OSError: it cannot be moved there; what is there stays as it was.
+        OSError: it cannot be renamed; the existing file is not changed.
     """
     _permissions(file)
     sync(new)
@@ -87,7 +87,7 @@ def open_in_place(file: Path, mode: Literal["r+b"]) -> BinaryIO: ...
 
 
 def open_in_place(file: Path, mode: str, *, encoding: str | None = None, newline: str | None = None) -> Any:
-    """Open a file that grows or changes where it is: a journal, a log, a recording. Never opens a link.
+    """Open a file that is modified in place: a journal, a log, a recording. Links are never opened.
 
     Raises:
         OSError: it cannot be opened, or is a link or no ordinary file.
@@ -109,10 +109,10 @@ def open_in_place(file: Path, mode: str, *, encoding: str | None = None, newline
 
 
 def make_folder(folder: Path) -> Path:
-    """Make a folder of the product's own inside another, unless it is there; returns it.
+    """Create a folder of the product unless it exists; return it.
 
     Raises:
-        OSError: it cannot be made, or a link stands in its place.
+        OSError: it cannot be created, or its place is taken by a link.
     """
     if folder.is_symlink():
         raise _link(folder)
@@ -121,12 +121,13 @@ def make_folder(folder: Path) -> Path:
 
 
 def refuse_links(folder: Path) -> None:
-    """Refuse a folder that holds links at any depth; the folder itself may be reached by one.
+    """Reject a folder that contains links at any depth; the folder itself may be reached through a link.
 
-    For folders whose content another library writes, and which never hold links when they are made here.
+    For folders whose content another library writes, and which never contain links when they are created
+    here.
 
     Raises:
-        OSError: it holds a link, which the error names.
+        OSError: it contains a link, which the error names.
     """
     for place, folders, files in os.walk(folder):
         for name in (*folders, *files):
@@ -135,7 +136,7 @@ def refuse_links(folder: Path) -> None:
 
 
 def sync(path: Path) -> None:
-    """Bring a file or the entries of a folder to the disk; folders only where the system can.
+    """Flush a file or the entries of a folder to the disk; folders only where the system supports it.
 
     Raises:
         OSError: the disk fails.
@@ -150,7 +151,7 @@ def sync(path: Path) -> None:
 
 
 def sync_tree(path: Path) -> None:
-    """Bring a file, or a folder with all it holds, to the disk; nothing where there is none."""
+    """Flush a file, or a folder with all its contents, to the disk; do nothing if it does not exist."""
     for place, _, files in os.walk(path):
         for name in files:
             sync(Path(place, name))
@@ -160,10 +161,10 @@ def sync_tree(path: Path) -> None:
 
 
 def _permissions(file: Path) -> int | None:
-    """Permissions of the ordinary file at a place; None: there is none, or a link to one.
+    """Return the permissions of the ordinary file at a path; None: there is none, or a link to one.
 
     Raises:
-        OSError: what is there, or what a link there leads to, is a device, a pipe or a folder.
+        OSError: the path or the target of its link is a device, a pipe or a folder.
     """
     try:
         found = file.lstat()
@@ -189,7 +190,7 @@ def _unusual(path: Path) -> OSError:
 
 
 class RuntimeFolderError(SoftSimError, RuntimeError):
-    """There is no folder that only this user can write; carries the one that was refused."""
+    """There is no folder that only this user can write; carries the refused one."""
 
     def __init__(self, folder: Path, problem: str) -> None:
         self.folder = folder
@@ -210,10 +211,10 @@ class LockError(SoftSimError, OSError):
 def runtime_folder(environment: Mapping[str, str] = os.environ) -> Path:
     """Return a folder of this user alone for locks, links and logs of running programs.
 
-    It is XDG_RUNTIME_DIR where that is private, else `softsim-UID` in the folder for temporary files.
+    It is XDG_RUNTIME_DIR if that is private, else `softsim-UID` in the folder for temporary files.
 
     Raises:
-        RuntimeFolderError: somebody else has made that folder, or others may use it.
+        RuntimeFolderError: another user has created that folder, or others may use it.
     """
     given = environment.get("XDG_RUNTIME_DIR")
     if given and Path(given).is_absolute() and not _problem(Path(given)):
@@ -227,7 +228,7 @@ def runtime_folder(environment: Mapping[str, str] = os.environ) -> Path:
 
 
 def open_lock(file: Path) -> IO[str]:
-    """Open a lock file for reading and writing; it is made where it is missing, and nothing in it changes.
+    """Open a lock file for reading and writing; create it if it is missing, and do not change its content.
 
     Raises:
         LockError: it is a link, or cannot be opened.
@@ -240,7 +241,7 @@ def open_lock(file: Path) -> IO[str]:
 
 
 def _problem(folder: Path) -> str:
-    """Why a folder is not private, or nothing."""
+    """Return why a folder is not private, or an empty text."""
     try:
         seen = folder.lstat()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Former names of modules: importing one gives the module at its new place, with a DeprecationWarning.
+"""Former names of modules: importing one returns the module at its new place, with a DeprecationWarning.
 
 Every program imports this first, so it imports little itself.
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class FormerNames:
-    """Finds modules by their former names; one of the finders in `sys.meta_path`.
+    """Import finder of modules by their former names, for `sys.meta_path`.
 
     Args:
         modules: New name by former name. A module of a package that has moved is found below its new name.
@@ -44,7 +44,7 @@ class FormerNames:
         return ModuleSpec(fullname, loader, origin=found.origin, is_package=package)
 
     def _new_name(self, old: str) -> str | None:
-        """The new name of a module, or None where neither it nor a package around it has moved."""
+        """Return the new name of a module, or None if neither it nor a package around it has moved."""
         package, rest = old, ""
         while package:
             if package in self._modules:
@@ -55,7 +55,7 @@ class FormerNames:
 
 
 class _Moved:
-    """The loader of a module that has moved."""
+    """Loader of a module that has moved."""
 
     def __init__(self, old: str, new: str) -> None:
         self._old, self._new = old, new
@@ -73,7 +73,7 @@ class _Moved:
         module.__spec__ = self._spec
 
     def get_code(self, fullname: str) -> CodeType | None:
-        """Return what `python -m` runs."""
+        """Return the code that `python -m` runs."""
         from importlib.util import find_spec
 
         self._warn()
@@ -83,7 +83,7 @@ class _Moved:
 
     def _warn(self) -> None:
         message = f"{self._old} has moved: use {self._new}; the former name goes with the next release"
-        warnings.warn(message, DeprecationWarning, stacklevel=3)  # 3: whoever imports it
+        warnings.warn(message, DeprecationWarning, stacklevel=3)  # 3: the importing module
 
 
 def keep_former_names(modules: Mapping[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""Names of implementations: registered, listed, looked up, and proposals for a wrong one."""
+"""Names of implementations: registration, lookup, and suggestions for a wrong name."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from softsim_core.base.errors import SceneError, listing
 
 MOST_PROPOSED = 5
 MOST_LISTED = 12
-"""So many known names a sentence lists; of more it gives the nearest, or the first few."""
+"""Largest number of known names in a message; of more names it gives the nearest, or the first few."""
 
 _ALIKE = 0.55
 _NEARLY_AS_ALIKE = 0.1
-"""A proposal may be so much less alike than the best one, of 1."""
+"""A suggestion may be less similar than the best one by this, of 1."""
 
 _LONGEST = 60
 
 
 def nearest(given: object, names: Iterable[object]) -> list[str]:
-    """The names that somebody may have meant, best first: those that begin so, then those spelt alike.
+    """Return the most similar names, best first: those with the same beginning, then those spelt alike.
 
     Case, blanks, hyphens, underscores and dots do not count.
     """
@@ -28,7 +28,7 @@ def nearest(given: object, names: Iterable[object]) -> list[str]:
 
 
 def _ranked(given: object, names: Iterable[object]) -> list[tuple[float, str]]:
-    """The nearest names with how alike they are, up to 1; more for those that begin so."""
+    """Return the nearest names with their similarity, up to 1; more for names with the same beginning."""
     wanted = _plain(str(given)[:_LONGEST])
     table: dict[str, str] = {}
     for name in map(str, names):
@@ -50,7 +50,7 @@ def _ranked(given: object, names: Iterable[object]) -> list[tuple[float, str]]:
 
 
 def did_you_mean(given: object, names: Iterable[object]) -> str:
-    """The question "did you mean tripod or tripod_mid?"; empty where nothing is near."""
+    """Return the question "did you mean tripod or tripod_mid?"; empty if no name is near."""
     near = nearest(given, names)
     if len(near) > 1:
         near = [", ".join(near[:-1]), near[-1]]
@@ -58,7 +58,7 @@ def did_you_mean(given: object, names: Iterable[object]) -> str:
 
 
 def _best_of_few(given: object, names: Iterable[object]) -> str:
-    """The question after the one that is nearer than all others, where those stand beside it."""
+    """Return the question for a single nearest name, for a message that also lists all names."""
     ranked = _ranked(given, names)
     alone = len(ranked) == 1 or (len(ranked) > 1 and ranked[0][0] > ranked[1][0])
     return f"did you mean {ranked[0][1]}?" if alone else ""
@@ -72,14 +72,14 @@ def known_names(
     lists_all: str = "",
     whole: bool = False,
 ) -> str:
-    """The second half of a refusal: what may have been meant, and what is known.
+    """Return the second half of an error message: suggestions and known names.
 
     Args:
-        given: The name that is not known.
-        names: Those that are.
-        known: What stands before the list: "known joints:".
+        given: The unknown name.
+        names: The known names.
+        known: Text before the list: "known joints:".
         lists_all: Command that lists all of them, for more than MOST_LISTED.
-        whole: List all, however many: nothing else does.
+        whole: List all names, because no other command does.
     """
     every = list(map(str, names))
     if whole or len(every) <= MOST_LISTED:
@@ -89,7 +89,7 @@ def known_names(
 
 
 def one_of(given: object, names: Iterable[object]) -> str:
-    """What is allowed in the place of a wrong word: "one of tet4, tet10 (did you mean tet4?)"."""
+    """Return the allowed words for a wrong one: "one of tet4, tet10 (did you mean tet4?)"."""
     every = list(map(str, names))
     question = _best_of_few(given, every)
     return f"one of {listing(every)}" + (f" ({question})" if question else "")
@@ -100,7 +100,7 @@ def _plain(name: str) -> str:
 
 
 class Named(Protocol):
-    """Anything with a name."""
+    """Any object with a name."""
 
     @property
     def name(self) -> str: ...  # noqa: D102
@@ -110,11 +110,11 @@ N = TypeVar("N", bound=Named)
 
 
 class Registry(Generic[N]):
-    """Implementations of one seam by name.
+    """Registry of the implementations of one interface by name.
 
     Args:
-        what: What they are, for messages: "linear solver".
-        shipped: Those of the package; their names are taken.
+        what: Description for messages: "linear solver".
+        shipped: Implementations of the package; their names are reserved.
     """
 
     def __init__(self, what: str, *shipped: N) -> None:
@@ -123,7 +123,7 @@ class Registry(Generic[N]):
         self._known = {each.name: each for each in shipped}
 
     def register(self, new: N) -> None:
-        """Make `new` known by its name; one that a scene file registered before is replaced.
+        """Register `new` by its name, replacing one that a scene file registered before.
 
         Raises:
             SceneError: the name is one of the package's own.
@@ -133,15 +133,15 @@ class Registry(Generic[N]):
         self._known[new.name] = new
 
     def get(self, name: str) -> N:
-        """The one of that name.
+        """Return the implementation of that name.
 
         Raises:
-            SceneError: there is none; the sentence lists those that are known.
+            SceneError: there is none; the message lists the known ones.
         """
         if name not in self._known:
             raise SceneError(f"unknown {self._what} {name!r}; {known_names(name, self._known)}")
         return self._known[name]
 
     def names(self) -> tuple[str, ...]:
-        """All known names, the package's own first."""
+        """Return all known names, the package's own first."""
         return tuple(self._known)

@@ -1,7 +1,7 @@
-"""Child processes: the one place where the suite starts them.
+"""Child processes: the only place where the suite starts them.
 
-`python -m` and `python -c` look for modules in the current folder first, so that a `pickle.py` in a
-downloaded folder would run. Children that start here do not, nor do the processes that they start.
+`python -m` and `python -c` search modules in the current folder first, so a `pickle.py` in a downloaded
+folder would run. Children that are started here do not do this, nor do the processes that they start.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from pathlib import Path
 from typing import Any, Final
 
 SAFE_PATH: Final = "PYTHONSAFEPATH"
-"""Set, Python 3.11 and later leave the folder of the program, or the current one, out of the import path."""
+"""If set, Python 3.11 and later exclude the program's or the current folder from the import path."""
 
 _OPTION_SINCE: Final = (3, 11)
 _STARTER: Final = str(Path(__file__).with_name("program_starter.py"))
 
 
 def use_safe_path() -> None:
-    """Keep the current folder out of the import path of this process and of all Python processes below it.
+    """Exclude the current folder from the import path of this process and of all its Python children.
 
-    Each program of the suite calls it first. It also covers what others start, such as the workers of
-    multiprocessing.
+    Each program of the suite calls this function first. It also covers processes that other libraries start,
+    such as the workers of multiprocessing.
     """
     os.environ.update(_safe(os.environ))
     sys.path[:] = [each for each in sys.path if each]
@@ -77,9 +77,9 @@ def run_process(
 
 
 def _safe(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment in which Python leaves the current folder out of the import path.
+    """Return an environment in which Python excludes the current folder from the import path.
 
-    An empty entry of PYTHONPATH stands for that folder, too: `PYTHONPATH=$PYTHONPATH:folder` makes one.
+    An empty entry of PYTHONPATH stands for that folder, too: `PYTHONPATH=$PYTHONPATH:folder` contains one.
     """
     safe = {**environment, SAFE_PATH: "1"}
     if "PYTHONPATH" in safe:

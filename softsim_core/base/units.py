@@ -1,4 +1,4 @@
-"""The named edge between SI (inside, on topics) and what people and files use (degrees, millimetres)."""
+"""Conversion between SI (internally, on topics) and the units of people and files (degrees, millimetres)."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ MILLIMETRE = 1.0e-3
 
 
 def radians(angle_deg: float) -> float:
-    """Angle in [rad] of an angle in [deg]."""
+    """Convert an angle from [deg] to [rad]."""
     return math.radians(angle_deg)
 
 
 def degrees(angle_rad: float) -> float:
-    """Angle in [deg] of an angle in [rad]."""
+    """Convert an angle from [rad] to [deg]."""
     return math.degrees(angle_rad)
 
 
 class Unit(NamedTuple):
-    """A unit of SI, and the one in which people read its values.
+    """A unit of SI, and the unit in which its values are displayed.
 
     Attributes:
-        si: Name of that of SI.
-        shown: Name of the other.
-        per_si: How many of the other one are one of SI.
-        step: By how much a slider changes a value, in SI.
-        reach: How far a slider goes to both sides where a value has no limits, in SI.
+        si: Name of the SI unit.
+        shown: Name of the displayed unit.
+        per_si: Number of displayed units per SI unit.
+        step: Step of a slider, in SI.
+        reach: Range of a slider to both sides if a value has no limits, in SI.
     """
 
     si: str
@@ -39,7 +39,7 @@ class Unit(NamedTuple):
 
 
 class JointUnits(NamedTuple):
-    """What a joint's command, position and effort are told in; efforts are shown as they are in SI."""
+    """Units of a joint's command, position and effort; efforts are displayed in SI."""
 
     command: Unit
     position: Unit
@@ -60,8 +60,8 @@ class Scale(NamedTuple):
     """A unit in which files give a quantity.
 
     Attributes:
-        quantity: What it measures.
-        si: One of it in the unit of SI.
+        quantity: The measured quantity.
+        si: One unit in SI.
     """
 
     quantity: Quantity

@@ -1,4 +1,4 @@
-"""The small values that scene descriptions are made of: vectors, placements, regions, and their checks."""
+"""Basic values of scene descriptions: vectors, placements, regions, and their checks."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Backend: TypeAlias = Literal["auto", "numba", "scipy"]
 """Implementation of the step: compiled, in plain NumPy and SciPy, or the first of them that is installed."""
 
 SceneName = NewType("SceneName", str)
-"""Name of a robot or scene, or a file of one: text that leads to a file, as a Path does."""
+"""Name of a robot or scene, or its file as text or Path."""
 
 POINT: Final = MappingProxyType({"in_world": "point"})
-"""Metadata of a field of vectors: points in the world, as the scene is built; see scene.placed."""
+"""Metadata of a field of vectors: points in the world at the time the scene is built; see scene.placed."""
 
 DIRECTION: Final = MappingProxyType({"in_world": "direction"})
 """Metadata of a field of vectors: directions or velocities in the axes of the world."""
 
 LOCAL: Final = MappingProxyType({"in_world": "no"})
-"""Metadata of a field that holds a placement or a region in the frame of something else."""
+"""Metadata of a field with a placement or a region in the frame of another part."""
 
 
 class FieldError(SceneError):
@@ -36,26 +36,26 @@ class FieldError(SceneError):
 
 
 def need_positive(owner: str, field: str, value: float, unit: str) -> None:
-    """Refuse a value that is not > 0 and finite."""
+    """Raise FieldError unless a value is > 0 and finite."""
     if not 0.0 < value < math.inf:  # also rejects NaN
         raise FieldError(owner, field, value, f"> 0 {unit}".rstrip())
 
 
 def need_finite(owner: str, field: str, values: tuple[float, ...]) -> None:
-    """Refuse values that are not finite."""
+    """Raise FieldError unless all values are finite."""
     if not all(math.isfinite(value) for value in values):
         raise FieldError(owner, field, list(values), "finite")
 
 
 def need_unit(owner: str, field: str, axis: Vector) -> None:
-    """Refuse an axis that is not of length 1."""
+    """Raise FieldError unless an axis has length 1."""
     if not math.isclose(math.hypot(*axis), 1.0, rel_tol=1e-6):  # also rejects NaN and infinity
         raise FieldError(owner, field, list(axis), "a direction of length 1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """Where something sits: scale, then rotate about fixed x, then y, then z, then translate.
+    """Placement: scale, then rotate about fixed x, then y, then z, then translate.
 
     Attributes:
         scale: Factor from file units to [m] (0.001 for a file in millimetres), > 0.
@@ -83,7 +83,7 @@ class MeshFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """Nodes inside an oriented box, faces included: centre and full size in [m], turned as in Placement."""
+    """Region inside an oriented box, faces included: centre and full size in [m], rotated as in Placement."""
 
     center: Vector
     size: Vector
@@ -98,7 +98,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sphere:
-    """Nodes inside a sphere, surface included: centre and radius in [m]."""
+    """Region inside a sphere, surface included: centre and radius in [m]."""
 
     center: Vector
     radius: float

@@ -1,4 +1,4 @@
-"""What carries each body of a MuJoCo model in a scene of ours: the world, a joint, a free frame, itself."""
+"""Carriers of a MuJoCo model's bodies in a scene: the world, a joint, a free frame, or the body itself."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Kind: TypeAlias = Literal["world", "joint", "frame", "free"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Carrier:
-    """What moves a body.
+    """The part that moves a body.
 
     Attributes:
         kind: The world, a joint, a free frame that soft bodies share, or the body itself.
-        name: Of the joint, the frame or the rigid body.
-        body: MuJoCo's number of the body that moves.
-        origin, rotation: Where its frame starts, in [m], shapes (3,) and (3, 3).
+        name: Name of the joint, the frame or the rigid body.
+        body: MuJoCo's number of the moving body.
+        origin, rotation: Initial pose of its frame, in [m], shapes (3,) and (3, 3).
     """
 
     kind: Kind
@@ -35,24 +35,24 @@ class Carrier:
 
 
 def vector(values: Array) -> Vector:
-    """Three numbers as a description has them; rounding of 1e-15 goes."""
+    """Convert three numbers to the form of a description; rounding errors of 1e-15 are removed."""
     x, y, z = (float(f"{each:.12g}") if abs(each) > 1e-15 else 0.0 for each in np.asarray(values).tolist())
     return x, y, z
 
 
 def colour(rgba: Array) -> Colour:
-    """A colour as a description has it."""
+    """Convert a colour to the form of a description."""
     red, green, blue, alpha = (min(1.0, max(0.0, round(float(each), 4))) for each in rgba)
     return red, green, blue, alpha
 
 
 def placement(position: Array, rotation: Array) -> Placement:
-    """A pose as a description has it."""
+    """Convert a pose to the form of a description."""
     return Placement(translation=vector(position), rotation_deg=vector(np.degrees(euler_of(rotation))))
 
 
 def carriers(loaded: Loaded) -> tuple[dict[int, Carrier], tuple[JointDescription, ...]]:
-    """What carries each body but the vertices of flexes, and the joints that move some of them."""
+    """Return the carrier of each body except flex vertices, and the joints that move some of them."""
     m, told = loaded.model, loaded.told
     world = Carrier("world", "world", 0, np.zeros(3), np.eye(3))
     found, joints = {0: world}, list[JointDescription]()
@@ -69,7 +69,7 @@ def carriers(loaded: Loaded) -> tuple[dict[int, Carrier], tuple[JointDescription
 
 
 def _moved(loaded: Loaded, b: int, j: int, below: Carrier, joints: list[JointDescription]) -> Carrier:
-    """What carries a body beyond one more of its joints."""
+    """Return the carrier of a body after one more of its joints."""
     m, d, told, kinds = loaded.model, loaded.data, loaded.told, loaded.mujoco.mjtJoint
     called, kind = f"joint {m.jnt(j).name or j} of body {m.body(b).name or b}", m.jnt_type[j]
     place, turn = np.array(d.xpos[b]), np.array(d.xmat[b]).reshape(3, 3)
@@ -116,7 +116,7 @@ def _limits(loaded: Loaded, j: int) -> JointLimits:
 
 
 def _drive(loaded: Loaded, j: int, called: str) -> dict[str, Any]:
-    """Stiffness and inertia of a joint of ours: of a position servo, of a spring, or none."""
+    """Return stiffness and inertia of a joint: of a position servo, of a spring, or none."""
     m, told = loaded.model, loaded.told
     own = float(m.jnt_stiffness[j]) if np.ndim(m.jnt_stiffness[j]) == 0 else float(m.jnt_stiffness[j][0])
     servo = next((k for k in range(m.nu) if _turns(loaded, k, j) and m.actuator_biasprm[k, 1] < 0.0), None)
@@ -146,7 +146,7 @@ def _turns(loaded: Loaded, actuator: int, joint: int) -> bool:
 
 
 def _inertia(loaded: Loaded, j: int) -> float:
-    """Generalised inertia in [kg m^2] or [kg] at the start of what a joint moves, but soft bodies."""
+    """Return the initial inertia in [kg m^2] or [kg] of what a joint moves, without soft bodies."""
     m, d = loaded.model, loaded.data
     axis, anchor = np.array(d.xaxis[j]), np.array(d.xanchor[j])
     moved, total = {int(m.jnt_bodyid[j])}, float(m.dof_armature[m.jnt_dofadr[j]])

@@ -1,4 +1,4 @@
-"""MuJoCo's own library: found, kept quiet, and running a model."""
+"""Access to MuJoCo's own library: find it, silence it, and run a model."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from softsim_core.mjcf.probe import REFUSED
 
 INSTALL = f"{install_command('mujoco')} (MuJoCo 3.13 or newer)"
 TIME_LIMIT_S = 120.0
-"""The first look at a model may take so long, in [s]."""
+"""Time limit in [s] of the first look at a model."""
 
 
 def library(file: str | Path) -> Any:
-    """The module `mujoco`, which prints no warnings from here on (else: to stderr and into a file).
+    """Return the module `mujoco` and disable its printed warnings (which go to stderr and into a file).
 
     Args:
-        file: What it is wanted for, for messages.
+        file: The file for which it is needed, for messages.
 
     Raises:
         MjcfError: it is not installed, or is too old for implicit steps of flexes.
@@ -39,7 +39,7 @@ def library(file: str | Path) -> Any:
 
 
 def mujoco_version() -> str:
-    """Version of the library that is installed, or nothing."""
+    """Return the version of the installed library, or an empty text."""
     for name in ("mujoco-core", "mujoco"):
         try:
             return version(name)
@@ -49,10 +49,10 @@ def mujoco_version() -> str:
 
 
 def look_at(file: Path, time_limit: float = TIME_LIMIT_S) -> None:
-    """Have MuJoCo read a model in a process of its own, within limits of time and memory.
+    """Let MuJoCo read a model in a separate process, within limits of time and memory.
 
     Raises:
-        MjcfError: MuJoCo refuses it, crashes, or takes too long.
+        MjcfError: MuJoCo rejects it, crashes, or takes too long.
     """
     command = python_command(Path(__file__).with_name("probe.py"), file)
     try:
@@ -79,13 +79,13 @@ def look_at(file: Path, time_limit: float = TIME_LIMIT_S) -> None:
 
 
 class MujocoRun:
-    """A model that runs in MuJoCo, as its own file says.
+    """A model that runs in MuJoCo, as specified by its own file.
 
     Args:
         model: A file, or an MJCF document.
 
     Raises:
-        MjcfError: MuJoCo is not installed, or refuses the model.
+        MjcfError: MuJoCo is not installed, or rejects the model.
     """
 
     def __init__(self, model: Path | str) -> None:
@@ -104,7 +104,7 @@ class MujocoRun:
 
     @property
     def integrator(self) -> str:
-        """How MuJoCo computes a step."""
+        """MuJoCo's integrator."""
         kind = self._mujoco.mjtIntegrator(self.model.opt.integrator)
         return str(kind.name).removeprefix("mjINT_").lower()
 
@@ -115,34 +115,34 @@ class MujocoRun:
 
     @property
     def warnings(self) -> int:
-        """How many warnings MuJoCo gave since the start, such as one a step whose solve did not converge."""
+        """Number of MuJoCo's warnings since the start, such as one per step whose solve did not converge."""
         return int(self.data.warning.number.sum())
 
     def restart(self) -> None:
-        """Back to the start, without velocity."""
+        """Return to the start, without velocity."""
         self._mujoco.mj_resetData(self.model, self.data)
         self._mujoco.mj_forward(self.model, self.data)
 
     def advance(self) -> None:
-        """Go on by one dt."""
+        """Advance by one dt."""
         self._step(self.model, self.data)
 
     def points(self) -> Array:
-        """Where the vertices of all flexes are now in [m], shape (n, 3)."""
+        """Return the present vertices of all flexes in [m], shape (n, 3)."""
         self._place()
         return np.array(self.data.flexvert_xpos)
 
     def bodies(self, names: tuple[str, ...]) -> Array:
-        """Where the centres of mass of bodies are now in [m], shape (k, 3)."""
+        """Return the present centres of mass of bodies in [m], shape (k, 3)."""
         self._place()
         return np.array([self.data.body(name).xipos for name in names]).reshape(-1, 3)
 
     def _place(self) -> None:
-        """A step leaves everything where it was before it; only the coordinates go on."""
+        """Update all positions: a step advances only the coordinates."""
         self._mujoco.mj_kinematics(self.model, self.data)
         self._mujoco.mj_comPos(self.model, self.data)
         self._mujoco.mj_flex(self.model, self.data)
 
 
 def _keep_quiet(_: str) -> None:
-    """Warnings are counted, see MujocoRun.warnings."""
+    """Ignore a warning; MujocoRun.warnings counts them."""

@@ -1,4 +1,4 @@
-"""From a scene to a MuJoCo model: soft bodies as flexes, rigid ones as geoms, joints and cables."""
+"""Export of a scene to a MuJoCo model: soft bodies as flexes, rigid ones as geoms, joints and cables."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Mask:
 
 
 def masks(scene: SceneDescription, told: Told) -> dict[str, Mask]:
-    """A bit for each body with collision surfaces, and the bits of those it meets."""
+    """Return a bit for each body with collision surfaces, and the bits of the bodies that it touches."""
     groups: dict[str, list[frozenset[str]]] = {name: [] for name in scene.body_names}
     for collision in scene.collisions:
         groups[collision.body].append(frozenset(collision.groups))
@@ -59,15 +59,15 @@ def _meet(ours: list[frozenset[str]], theirs: list[frozenset[str]]) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Draft:
-    """A model that is being written.
+    """A model under construction.
 
     Attributes:
-        scene, built: What is written.
+        scene, built: The exported scene.
         root, world: The document, and its element `worldbody`.
-        told: What MuJoCo has nothing for.
-        masks: What may touch, by the names of bodies.
-        carriers: Element and origin in [m], shape (3,), of what moves with each joint and frame; no body of
-            the document is turned at the start.
+        told: Messages on parts that MuJoCo does not support.
+        masks: Collision masks by the names of bodies.
+        carriers: Element and origin in [m], shape (3,), of the bodies that move with each joint and frame; no
+            body of the document is rotated at the start.
     """
 
     scene: SceneDescription
@@ -79,30 +79,30 @@ class Draft:
     carriers: dict[str, tuple[ElementTree.Element, Array]]
 
     def section(self, tag: str) -> ElementTree.Element:
-        """The one element of that tag below the root."""
+        """Return the one element of a tag below the root."""
         found = self.root.find(tag)
         return add(self.root, tag) if found is None else found
 
 
 def add(parent: ElementTree.Element, tag: str, /, **attributes: str) -> ElementTree.Element:
-    """A new element below another one."""
+    """Create an element below another one."""
     return ElementTree.SubElement(parent, tag, attributes)
 
 
 def words(numbers: Any) -> str:
-    """Numbers as MJCF has them, exact."""
+    """Format numbers for MJCF without loss."""
     return " ".join(repr(number) for number in np.asarray(numbers).ravel().tolist())
 
 
 _FIRM = {"revolute": 1e3, "prismatic": 1e5}
-"""Stiffness in [N m/rad] or [N/m] of servos that give way to nothing in a scene of ours."""
+"""Stiffness in [N m/rad] or [N/m] of servos that are rigid in our scenes."""
 _TIGHT = 1e5
-"""The same of cables in [N/m]."""
+"""Stiffness in [N/m] of cables that are rigid in our scenes."""
 _HELD_KG_M2 = 1e-4
 
 
 def joint_attributes(model: Model, j: int, joint: JointDescription) -> dict[str, str]:
-    """A joint that moves a frame, where it starts."""
+    """Return the attributes of a joint that moves a frame, at its initial position."""
     axis = model.joints[j].base_rotation @ model.joints[j].axis
     found = {
         "name": joint.name,
@@ -117,7 +117,7 @@ def joint_attributes(model: Model, j: int, joint: JointDescription) -> dict[str,
 
 
 def add_servos(draft: Draft) -> None:
-    """A position actuator for each joint that moves a frame; what other joints are is told."""
+    """Add a position actuator for each joint that moves a frame; report other joints."""
     for joint in draft.scene.joints:
         if joint.moves_frame:
             stiffness = joint.stiffness or _FIRM[joint.kind]
@@ -143,7 +143,7 @@ def add_servos(draft: Draft) -> None:
 
 
 def add_cables(draft: Draft) -> None:
-    """A tendon through the points of each cable, with what pulls it."""
+    """Add a tendon through the points of each cable, with its actuator."""
     for joint in draft.scene.joints:
         if isinstance(joint.actuator, CableDescription):
             _add_cable(draft, joint, joint.actuator)
@@ -196,7 +196,7 @@ def _bounded(joint: JointDescription, otherwise: float) -> float:
 
 
 def _owner(draft: Draft, body: int, point: Array) -> str:
-    """The body of the node of a soft body that is nearest to a point."""
+    """Return the body of a soft body's node nearest to a point."""
     model, own = draft.built.model, draft.built.bodies[body]
     nearest = int(np.argmin(np.linalg.norm(model.rest[own.nodes] - point, axis=1)))
     region = int(model.region_of_node[own.nodes.start + nearest])
@@ -221,7 +221,7 @@ def _add_site(draft: Draft, name: str, point: Array, owner: str) -> None:
 
 
 def add_rigid_bodies(draft: Draft) -> None:
-    """Free ones as bodies of their own, the others as geoms of what carries them."""
+    """Add free rigid bodies as bodies of their own, and the others as geoms of their carriers."""
     model, weights = draft.built.model, draft.built.model.rigid
     for description, body in zip(draft.scene.rigid_bodies, draft.built.rigid, strict=True):
         if body.free >= 0:
@@ -248,7 +248,7 @@ def add_rigid_bodies(draft: Draft) -> None:
             origin, rotation = _frame(draft, body.on, joints)
             if body.on in draft.carriers:
                 carrier, below = draft.carriers[body.on]
-            else:  # the base of a joint: what carries the joint carries it
+            else:  # the base of a joint is carried by the joint's carrier
                 parent = draft.scene.joints[joints[name]].parent
                 carrier, below = draft.carriers.get(parent or "", (draft.world, np.zeros(3)))
             pose = (origin + rotation @ body.position - below, rotation @ body.rotation)
@@ -256,7 +256,7 @@ def add_rigid_bodies(draft: Draft) -> None:
 
 
 def _frame(draft: Draft, on: str, joints: dict[str, int]) -> tuple[Array, Array]:
-    """Where a frame, a joint's frame or a joint's base starts in the world."""
+    """Return the initial world pose of a frame, a joint's frame or a joint's base."""
     model = draft.built.model
     if on in model.frame_names:
         f = model.frame_names.index(on)
@@ -320,11 +320,11 @@ def _add_geom(
 
 
 ITERATIONS = 3000
-"""Most iterations of MuJoCo's solve of a step; its own 100 leave soft bodies unsolved."""
+"""Largest number of iterations of MuJoCo's solver per step; its default 100 leaves soft bodies unsolved."""
 _EXACT_LAW = "saint_venant_kirchhoff"
 _SAME_AT_REST = ("corotational", "corotational_qr", "stable_neo_hookean")
 _POINT_INERTIA = 1.67e-5
-"""Inertia of a vertex per mass in [m^2]: it never turns, but MuJoCo wants one."""
+"""Inertia of a vertex per mass in [m^2]: a vertex never rotates, but MuJoCo requires an inertia."""
 _LIGHT_KG = 1e-6
 _THIN_M = 1e-4
 
@@ -335,7 +335,7 @@ class ExportedModel:
 
     Attributes:
         text: The MJCF document.
-        told: What MuJoCo has nothing for, or does otherwise, a sentence each.
+        told: Messages on parts that MuJoCo does not support or treats differently.
     """
 
     text: str
@@ -343,14 +343,14 @@ class ExportedModel:
 
 
 def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> ExportedModel:
-    """A scene as a MuJoCo model; vertices of its flexes are our nodes, in our order.
+    """Export a scene as a MuJoCo model; the vertices of its flexes are our nodes, in our order.
 
     Args:
-        scene: The scene; its soft bodies are of linear tetrahedra.
-        iterations: Most iterations of a step's solve.
+        scene: The scene; its soft bodies must consist of linear tetrahedra.
+        iterations: Largest number of solver iterations per step.
 
     Raises:
-        MjcfError: it holds a body that MuJoCo has nothing for.
+        MjcfError: it contains a body that MuJoCo does not support.
         SceneError, MeshError: it cannot be built.
     """
     built = build(scene)
@@ -368,7 +368,7 @@ def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> Export
         iterations=str(iterations),
     )
     if scene.joints or built.model.frame_names:
-        option.set("solver", "CG")  # MuJoCo 3 has no other one where vertices or tendons hang on what moves
+        option.set("solver", "CG")  # the only solver of MuJoCo 3 for vertices or tendons on moving bodies
     if not scene.collisions:
         add(option, "flag", contact="disable")
     draft = Draft(scene, built, root, add(root, "worldbody"), told, masks(scene, told), {})
@@ -415,7 +415,7 @@ def _tell(scene: SceneDescription, told: Told) -> None:
 
 
 def _add_carriers(draft: Draft) -> None:
-    """A body for each joint and each free frame, with the mass of the nodes that it carries."""
+    """Add a body for each joint and each free frame, with the mass of the nodes that it carries."""
     model, scene = draft.built.model, draft.scene
     start = model.rest_state()
     for f, name in enumerate(model.frame_names):
@@ -437,7 +437,7 @@ def _add_carriers(draft: Draft) -> None:
 
 
 def _add_inertial(draft: Draft, body: ElementTree.Element, nodes: Array, origin: Array) -> None:
-    """Mass and inertia of nodes that move as one, and a little more, which MuJoCo asks for."""
+    """Add mass and inertia of rigidly connected nodes, and the small inertia that MuJoCo requires."""
     model = draft.built.model
     mass, arms = model.mass[nodes], model.rest[nodes] - origin
     total = float(mass.sum())
@@ -455,7 +455,7 @@ def _add_inertial(draft: Draft, body: ElementTree.Element, nodes: Array, origin:
 
 
 def _add_flex(draft: Draft, flexes: ElementTree.Element, b: int) -> None:
-    """A soft body: a body with three slides for each node that moves by itself, and the cells."""
+    """Add a soft body: a body with three slides for each free node, and the cells."""
     model, body, description = draft.built.model, draft.built.bodies[b], draft.scene.bodies[b]
     owners, local = [], []
     for n in range(body.nodes.start, body.nodes.stop):
@@ -480,7 +480,7 @@ def _add_flex(draft: Draft, flexes: ElementTree.Element, b: int) -> None:
         rgba=words(description.colour),
         body=" ".join(owners),
         vertex=words(local),
-        element=words(body.cells[:, [0, 1, 3, 2]]),  # MuJoCo winds them the other way
+        element=words(body.cells[:, [0, 1, 3, 2]]),  # MuJoCo orders the corners the other way round
     )
     add(
         flex,
@@ -496,7 +496,7 @@ def _add_flex(draft: Draft, flexes: ElementTree.Element, b: int) -> None:
 
 
 def _add_point(draft: Draft, name: str, n: int) -> str:
-    """A node that moves by itself; its name."""
+    """Add a free node; return its name."""
     model = draft.built.model
     mass = float(model.mass[n])
     body = add(draft.world, "body", name=name, pos=words(model.rest[n]))
@@ -514,7 +514,7 @@ def _carrier_name(draft: Draft, region: int) -> str:
 
 
 def _moduli(draft: Draft, description: BodyDescription) -> tuple[float, float]:
-    """Young modulus in [Pa] and Poisson ratio of the law at rest."""
+    """Return Young modulus in [Pa] and Poisson ratio of the law at rest."""
     law = description.material.law_for(draft.scene.solver.rotation)
     values = np.array(list(description.material.values.values()))
     if law.name in (_EXACT_LAW, *_SAME_AT_REST):

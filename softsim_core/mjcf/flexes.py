@@ -1,4 +1,4 @@
-"""Soft bodies of a MuJoCo model: flexes of tetrahedra, what holds them, tendons through them."""
+"""Soft bodies of a MuJoCo model: flexes of tetrahedra, their fixings, and tendons through them."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from softsim_core.scene import (
 
 _EVEN = 1e-6
 _EXACT = 4
-"""The first version of MuJoCo whose solid flexes have the stiffness that their file says."""
+"""First version of MuJoCo whose solid flexes have the stiffness given in their file."""
 _NUDGE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SoftBody:
-    """A flex as a body of ours.
+    """A flex as a soft body.
 
     Attributes:
         flex: MuJoCo's number of the flex.
-        body: Its description; the mesh has a group for each thing that holds vertices.
-        attachments: What holds its vertices.
+        body: Its description; the mesh has one group per carrier of vertices.
+        attachments: Attachments of its vertices.
         damping: Rayleigh damping in [s].
     """
 
@@ -47,10 +47,10 @@ class SoftBody:
 
 
 def soft_bodies(loaded: Loaded, found: dict[int, Carrier], law: str | None) -> tuple[SoftBody, ...]:
-    """The flexes that become soft bodies, of that law; of the others it is told why not.
+    """Convert the supported flexes to soft bodies of a law; report why the others are left out.
 
     Raises:
-        SceneError: there is no such law of a Young modulus and a Poisson ratio.
+        SceneError: there is no such law with a Young modulus and a Poisson ratio.
     """
     bodies: list[SoftBody] = []
     frames: set[str] = set()
@@ -69,7 +69,7 @@ def _soft_body(
     name = loaded.names.new(loaded.spec.flexes[f].name, "soft")
     start, count = int(m.flex_elemdataadr[f]), int(m.flex_elemnum[f])
     tets = np.array(m.flex_elem[start : start + 4 * count], dtype=np.int64).reshape(-1, 4)
-    mesh = TetMesh(loaded.flex_points(f), tets[:, [0, 1, 3, 2]], name)  # MuJoCo winds them the other way
+    mesh = TetMesh(loaded.flex_points(f), tets[:, [0, 1, 3, 2]], name)  # MuJoCo's corner order
     if law != "saint_venant_kirchhoff":
         loaded.told.say(
             loaded.flex_name(f), "MuJoCo's law, saint_venant_kirchhoff, is the same at small strain"
@@ -103,7 +103,7 @@ def _material(loaded: Loaded, f: int, law: str | None) -> MaterialDescription:
 
 
 def _held(loaded: Loaded, f: int, found: dict[int, Carrier]) -> Iterator[tuple[int, IndexArray]]:
-    """Vertices that move with a body, by that body's number; 0 is the world."""
+    """Yield the vertices that move with a body, with that body's number; 0 is the world."""
     m = loaded.model
     if m.flex_interp[f]:
         still = np.flatnonzero(_still(loaded, f))
@@ -120,7 +120,7 @@ def _held(loaded: Loaded, f: int, found: dict[int, Carrier]) -> Iterator[tuple[i
 
 
 def _still(loaded: Loaded, f: int) -> Array:
-    """Whether vertices of an interpolated flex stay when its nodes move, shape (n,)."""
+    """Return whether the vertices of an interpolated flex stay when its nodes move, shape (n,)."""
     data = loaded.mujoco.MjData(loaded.model)
     bodies = [int(b) for b in loaded.flex_bodies(f) if loaded.is_vertex(int(b))]
     random = np.random.default_rng(0)
@@ -166,7 +166,7 @@ def _attachments(
 def _carried(
     loaded: Loaded, body: BodyDescription, held: dict[int, IndexArray], found: dict[int, Carrier]
 ) -> Iterator[AddedMassDescription]:
-    """The mass of free bodies that vertices are pinned to, on those vertices, but for what these have."""
+    """Yield the mass of free bodies with pinned vertices, on those vertices, minus their own mass."""
     m = loaded.model
     for b, nodes in held.items():
         carrier = found[b]
@@ -188,34 +188,34 @@ def _carried(
 
 
 def _weight(body: BodyDescription, nodes: IndexArray) -> float:
-    """Mass in [kg] that nodes of a body have by themselves."""
-    assert isinstance(body.mesh, TetMesh)  # as it was made here
+    """Return the own mass in [kg] of nodes of a body."""
+    assert isinstance(body.mesh, TetMesh)  # created here
     shares = _volumes(body.mesh)
     if body.density is not None:
         return body.density * float(shares[nodes].sum())
-    assert body.total_mass is not None  # or a density
+    assert body.total_mass is not None  # else a density is given
     if body.mass_distribution == "equal":
         return body.total_mass * len(nodes) / len(shares)
     return body.total_mass * float(shares[nodes].sum() / shares.sum())
 
 
 def _volumes(mesh: TetMesh) -> Array:
-    """Volume in [m^3] that belongs to each node, shape (n,)."""
+    """Return the volume in [m^3] that belongs to each node, shape (n,)."""
     quarters = np.repeat(np.abs(tet_volumes(mesh.points, mesh.tets)) / 4.0, 4)
     return np.bincount(mesh.tets.ravel(), quarters, minlength=len(mesh.points))
 
 
 def _mass(loaded: Loaded, f: int, mesh: TetMesh) -> dict[str, Any]:
-    """Total mass and how it is spread, from the masses of the vertices that move."""
+    """Return total mass and distribution from the masses of the moving vertices."""
     m = loaded.model
     bodies = [int(b) for b in loaded.flex_bodies(f) if loaded.is_vertex(int(b))]
     masses = np.array([m.body_mass[b] for b in bodies])
     if not len(masses) or not masses.sum() > 0.0:
         loaded.told.say(loaded.flex_name(f), "has no mass of its own: 1000 kg/m^3 is assumed")
         return {"density": 1000.0}
-    if m.flex_interp[f]:  # its nodes that move share all of it
+    if m.flex_interp[f]:  # its moving nodes share all of it
         return {"total_mass": float(f"{masses.sum():.9g}")}
-    if np.ptp(masses) <= _EVEN * masses.max():  # each vertex has a share, and that of pinned ones is gone
+    if np.ptp(masses) <= _EVEN * masses.max():  # each vertex has a share; that of pinned ones is lost
         total = float(masses.mean() * len(mesh.points))
         return {"total_mass": float(f"{total:.9g}"), "mass_distribution": "equal"}
     moving = np.array([loaded.is_vertex(int(b)) for b in loaded.flex_bodies(f)])
@@ -227,7 +227,7 @@ def _mass(loaded: Loaded, f: int, mesh: TetMesh) -> dict[str, Any]:
 
 
 _NEAR = 0.02
-"""A point may lie so far outside a soft body, in diagonals of the box around it."""
+"""Allowed distance of a point outside a soft body, in diagonals of the box around it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +242,7 @@ class _Site:
 def cables(
     loaded: Loaded, soft: tuple[SoftBody, ...], found: dict[int, Carrier]
 ) -> tuple[JointDescription, ...]:
-    """A joint of kind cable for each tendon that can be one; of the others it is told why not."""
+    """Convert supported tendons to joints of kind cable; report why the others are left out."""
     m = loaded.model
     joints: list[JointDescription] = []
     for t in range(m.ntendon):
@@ -305,7 +305,7 @@ def _site(loaded: Loaded, s: int, soft: tuple[SoftBody, ...], found: dict[int, C
     carrier = found[b]
     if carrier.kind == "joint":
         return _Site(place, None, carrier.name)
-    if carrier.kind == "frame":  # a point of the soft body that the frame is in
+    if carrier.kind == "frame":  # a point of the soft body that contains the frame
         weld = carrier.body
         for each in soft:
             points = loaded.flex_points(each.flex)
@@ -317,7 +317,7 @@ def _site(loaded: Loaded, s: int, soft: tuple[SoftBody, ...], found: dict[int, C
 
 
 def _command(loaded: Loaded, t: int, called: str) -> tuple[JointLimits, dict[str, Any]]:
-    """Limits and control of the cable: by force for a motor, by displacement otherwise."""
+    """Return limits and control of the cable: by force for a motor, by displacement otherwise."""
     m, d = loaded.model, loaded.data
     of_tendon = loaded.mujoco.mjtTrn.mjTRN_TENDON
     acting = [k for k in range(m.nu) if m.actuator_trntype[k] == of_tendon and m.actuator_trnid[k, 0] == t]

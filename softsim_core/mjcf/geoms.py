@@ -1,4 +1,4 @@
-"""Rigid bodies and surfaces of a MuJoCo model: its geoms, on what carries them."""
+"""Rigid bodies and surfaces of a MuJoCo model: its geoms, on their carriers."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from softsim_core.physics.mesh import Shape, SurfaceMesh, sphere_surface, surfac
 from softsim_core.scene import RigidBodyDescription
 
 _OFF_CENTRE = 1e-3
-"""Of the size of a body: a centre of mass that is off by less is where its shape has it."""
+"""Tolerance of the centre of mass relative to that of the shape, as a part of the body's size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidGeom:
-    """A rigid body of ours, made of one geom or of all geoms of a free body.
+    """A rigid body of one geom, or of all geoms of a free body.
 
     Attributes:
         description: The body.
         geoms: MuJoCo's numbers of the geoms.
-        surface: What its mesh file holds, or None where it has no such file.
-        moves: Whether it moves by itself.
-        carrier: What carries it, or itself.
+        surface: Content of its mesh file, or None if it has no such file.
+        moves: Whether it is free.
+        carrier: Its carrier, or itself.
     """
 
     description: RigidBodyDescription
@@ -39,7 +39,7 @@ class RigidGeom:
 
 
 def rigid_bodies(loaded: Loaded, found: dict[int, Carrier]) -> tuple[RigidGeom, ...]:
-    """All geoms that have a surface here; of the others it is told."""
+    """Convert all geoms with a supported surface; report the others."""
     m = loaded.model
     rigid: list[RigidGeom] = []
     for b, carrier in found.items():
@@ -68,7 +68,7 @@ def _usable(loaded: Loaded, g: int) -> bool:
 
 
 def called(loaded: Loaded, g: int) -> str:
-    """What messages call a geom."""
+    """Return the name of a geom in messages."""
     m = loaded.model
     body = int(m.geom_bodyid[g])
     return f"geom {m.geom(g).name or g} of {m.body(body).name or f'body {body}'}"
@@ -95,7 +95,7 @@ def _carried(loaded: Loaded, carrier: Carrier, g: int) -> RigidGeom:
 
 
 def _free(loaded: Loaded, carrier: Carrier, geoms: tuple[int, ...], bodies: list[int]) -> Iterator[RigidGeom]:
-    """A body that moves by itself, with what is welded to it."""
+    """Yield a free body, with everything welded to it."""
     m = loaded.model
     if not geoms:
         loaded.told.say(f"body {carrier.name}", "has no geom with a surface: it is not taken over")
@@ -129,7 +129,7 @@ def _free(loaded: Loaded, carrier: Carrier, geoms: tuple[int, ...], bodies: list
 
 
 def _weight(loaded: Loaded, bodies: list[int]) -> tuple[float, Array, Array]:
-    """Mass in [kg], centre (3,) in [m] and inertia (3, 3) about it in [kg m^2] of bodies that move as one."""
+    """Return mass in [kg], centre (3,) in [m] and inertia (3, 3) about it in [kg m^2] of welded bodies."""
     m, d = loaded.model, loaded.data
     masses = np.array([m.body_mass[b] for b in bodies])
     centres = np.array([d.xipos[b] for b in bodies])
@@ -144,7 +144,7 @@ def _weight(loaded: Loaded, bodies: list[int]) -> tuple[float, Array, Array]:
 
 
 def _shape(loaded: Loaded, g: int, name: str) -> tuple[Shape, SurfaceMesh | None]:
-    """A geom's shape in its own frame, and the surface of its mesh file where it needs one."""
+    """Return a geom's shape in its own frame, and the surface of its mesh file if it needs one."""
     m, kinds = loaded.model, loaded.mujoco.mjtGeom
     size, kind = [float(each) for each in m.geom_size[g]], m.geom_type[g]
     if kind == kinds.mjGEOM_SPHERE:
@@ -166,7 +166,7 @@ def _shape(loaded: Loaded, g: int, name: str) -> tuple[Shape, SurfaceMesh | None
 
 
 def _surface(loaded: Loaded, g: int) -> SurfaceMesh:
-    """Triangles of a capsule, an ellipsoid or a mesh in the geom's own frame."""
+    """Return triangles of a capsule, an ellipsoid or a mesh in the geom's own frame."""
     m, kinds = loaded.model, loaded.mujoco.mjtGeom
     if m.geom_type[g] == kinds.mjGEOM_MESH:
         k = int(m.geom_dataid[g])
@@ -184,7 +184,7 @@ def _surface(loaded: Loaded, g: int) -> SurfaceMesh:
 
 
 def _placed(loaded: Loaded, g: int, origin: Array, rotation: Array) -> Array:
-    """Points of the surface of a geom of any shape in another frame, shape (k, 3)."""
+    """Return surface points of a geom of any shape in another frame, shape (k, 3)."""
     shape, surface = _shape(loaded, g, "part")
     surface = surface_of(shape) if surface is None else surface
     place, turn = _pose(loaded, g)
@@ -192,7 +192,7 @@ def _placed(loaded: Loaded, g: int, origin: Array, rotation: Array) -> Array:
 
 
 def _hull(points: Array) -> SurfaceMesh:
-    """The convex hull of points (k, 3), outward."""
+    """Return the convex hull of points (k, 3), outward."""
     try:
         hull = ConvexHull(points)
     except QhullError as error:

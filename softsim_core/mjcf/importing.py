@@ -1,4 +1,4 @@
-"""From a MuJoCo model to a scene in a folder: description, meshes, a list of what was left out."""
+"""Import of a MuJoCo model to a scene in a folder: description, meshes, a list of the parts left out."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _READ: Final = {
     "general": "name class joint tendon gear ctrllimited ctrlrange gainprm biasprm gaintype biastype dyntype",
     "mesh": None,
 }
-"""Attributes that are taken over, or of which the conversion tells by itself; None: all of them."""
+"""Attributes by tag that are imported or reported by the conversion itself; None: all of them."""
 
 _UNDER: Final = {
     ("flexcomp", "contact"): "contype conaffinity friction",
@@ -52,11 +52,11 @@ _UNDER: Final = {
     ("spatial", "site"): "site",
     ("spatial", "geom"): "geom sidesite",
 }
-"""The same of tags that mean something else under others."""
+"""Attributes of tags whose meaning depends on the tags above them."""
 
 _WHOLE: Final = ("mujoco", "compiler", "default", "worldbody", "include", "replicate", "asset", "deformable")
 _HOLDERS: Final = ("contact", "tendon", "actuator", "extension", "custom")
-"""Tags that only hold others, and what MuJoCo's own reader makes something of."""
+"""Tags that only contain others, and tags that MuJoCo's own reader resolves."""
 
 _PICTURES: Final = ("light", "camera", "texture", "material", "skin", "visual", "statistic", "layer")
 _SECTIONS: Final = ("sensor", "equality", "keyframe", "custom", "extension", "visual")
@@ -64,7 +64,7 @@ _MOST_NAMES: Final = 4
 
 
 def remaining(source: Source) -> tuple[str, ...]:
-    """A line for each element and attribute that is not taken over, with the names of what has it."""
+    """Return a line for each element and attribute that is not imported, with the names of its owners."""
     found: dict[str, dict[str, list[str]]] = {}
     for element, above in source.elements():
         tag, parent = element.tag, above[-1] if above else ""
@@ -82,7 +82,7 @@ def _is_holder(tag: str, parent: str) -> bool:
 
 
 def _is_inside_one(above: tuple[str, ...]) -> bool:
-    """Whether something above it is told of as a whole."""
+    """Return whether an element above is reported as a whole."""
     known = (*_READ, *_WHOLE, *_HOLDERS)
     return any(each not in known for each in above)
 
@@ -123,14 +123,14 @@ def _of(names: tuple[str, ...]) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedScene:
-    """A MuJoCo model as a scene of ours.
+    """A MuJoCo model as a scene.
 
     Attributes:
-        scene: What is simulated; its soft bodies have their meshes as arrays.
-        surfaces: What the mesh files of its rigid bodies hold, by the names of the files.
-        told: What was not taken over, or otherwise, a sentence each.
-        flexes: Name of each soft body with the vertices of MuJoCo that it is, as a slice of all of them.
-        free: Names of the rigid bodies that move by themselves, with MuJoCo's names of them.
+        scene: The scene; its soft bodies have their meshes as arrays.
+        surfaces: Contents of the mesh files of its rigid bodies, by file name.
+        told: Messages on parts that were not imported or changed.
+        flexes: Vertices of each soft body in MuJoCo by name, as a slice of all of them.
+        free: Names of the free rigid bodies, with their names in MuJoCo.
     """
 
     scene: SceneDescription
@@ -141,15 +141,15 @@ class ImportedScene:
 
 
 def import_mjcf(path: str | Path, law: str | None = None) -> ImportedScene:
-    """Read a MuJoCo model as a scene.
+    """Import a MuJoCo model as a scene.
 
     Args:
         path: An MJCF file; everything that it names must lie in its folder, or below.
-        law: Law of its soft bodies, one of Young modulus and Poisson ratio; None: that of scenes that name
-            none. MuJoCo's own is saint_venant_kirchhoff.
+        law: Law of its soft bodies, one of Young modulus and Poisson ratio; None: the default law of scenes.
+            MuJoCo's own is saint_venant_kirchhoff.
 
     Raises:
-        MjcfError: MuJoCo is missing, or the file is refused, with the reason; or nothing of it is left.
+        MjcfError: MuJoCo is missing, the file is rejected, with the reason, or no supported part is left.
     """
     loaded = load_model(path)
     try:
@@ -201,7 +201,7 @@ def _is_off(loaded: Loaded, word: str) -> bool:
 
 
 def _damping(loaded: Loaded, soft: tuple[SoftBody, ...]) -> float:
-    """Rayleigh damping in [s]; a scene of ours has one for all bodies."""
+    """Return the Rayleigh damping in [s]; a scene has one value for all bodies."""
     values = sorted({each.damping for each in soft})
     if len(values) > 1:
         loaded.told.say(
@@ -215,8 +215,8 @@ def write_imported(imported: ImportedScene, folder: str | Path, origin: str) -> 
 
     Args:
         imported: The scene.
-        folder: Where to; it is made, and files of these names in it are replaced.
-        origin: Name of the model that it was made of, for the scene's first line.
+        folder: Target folder; it is created, and files of these names in it are replaced.
+        origin: Name of the original model, for the scene's first line.
 
     Returns:
         The scene's file.
@@ -230,7 +230,7 @@ def write_imported(imported: ImportedScene, folder: str | Path, origin: str) -> 
         folder.mkdir(parents=True, exist_ok=True)
         bodies = []
         for body in scene.bodies:
-            assert isinstance(body.mesh, TetMesh)  # as all that are imported
+            assert isinstance(body.mesh, TetMesh)  # as in all imported bodies
             file = Path(f"{body.name}.msh")
             write_tets(folder / file, body.mesh)
             bodies.append(replace(body, mesh=MeshFile(file=file)))

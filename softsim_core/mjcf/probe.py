@@ -1,6 +1,6 @@
-"""A first look at a model, alone in a process: `python .../probe.py FILE`; of this suite it imports nothing.
+"""A first look at a model, alone in a process: `python .../probe.py FILE`; it imports nothing of this suite.
 
-MuJoCo's parsers read meshes and XML in C; whatever a damaged file does to them, it does it here.
+MuJoCo's parsers read meshes and XML in C. A crash on a damaged file ends only this process.
 """
 
 from __future__ import annotations
@@ -8,20 +8,20 @@ from __future__ import annotations
 import sys
 
 MEMORY = 4 << 30
-"""Most memory of the process in bytes."""
+"""Memory limit of the process in bytes."""
 PROCESSOR_S = 60
-"""Most processor time in [s]."""
+"""Limit of processor time in [s]."""
 REFUSED = 3
-"""Exit code where MuJoCo said what is wrong; the sentence is on standard output."""
+"""Exit code after an error of MuJoCo; its message is on standard output."""
 
 
 def main(words: list[str]) -> int:
-    """Load and compile a model, and compute where everything is."""
+    """Load and compile a model, and compute all positions."""
     import mujoco
 
     try:
         import resource
-    except ImportError:  # no POSIX system: the time limit of who waits has to do
+    except ImportError:  # no POSIX system: the caller's time limit must suffice
         pass
     else:
         resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))

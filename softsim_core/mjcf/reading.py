@@ -1,4 +1,4 @@
-"""A MuJoCo model, read and compiled by MuJoCo's own library, with everything where it starts."""
+"""A MuJoCo model, read and compiled by MuJoCo's own library, with everything at its initial position."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ _CHECKED = (
 
 @dataclass(slots=True)
 class Told:
-    """What a conversion does not take over, or takes over otherwise; one sentence each, none twice."""
+    """Messages on parts that a conversion leaves out or changes, without duplicates."""
 
     lines: list[str] = field(default_factory=list)
 
     def say(self, what: str, sentence: str) -> None:
-        """Note a sentence about something that has a name."""
+        """Add a message about a named part."""
         line = f"{what}: {sentence}"
         if line not in self.lines:
             self.lines.append(line)
 
 
 class Names:
-    """Names that scenes take: letters, digits and underscores, none twice."""
+    """Allocator of names for scenes: letters, digits and underscores, without duplicates."""
 
     def __init__(self) -> None:
         self._given: set[str] = set()
 
     def new(self, wished: str, otherwise: str) -> str:
-        """A name like the wished one, or like the other where that is empty."""
+        """Return a new name similar to the wished one, or to the other if that is empty."""
         clean = re.sub(r"\W+", "_", wished, flags=re.ASCII).strip("_") or otherwise
         clean = clean if clean[0].isalpha() else f"{otherwise}_{clean}"
         name, number = clean, 2
@@ -64,12 +64,12 @@ class Loaded:
     Attributes:
         source: Its text.
         mujoco: The library.
-        spec: What the library read.
-        model: What it made of that.
-        data: The state at the start (qpos0), with the places of everything.
-        told: What was found so far.
-        vertices: Whether each body is no more than a point of a flex, shape (b,).
-        names: Names for bodies and what stands beside them in a scene.
+        spec: The library's specification of the model.
+        model: The compiled model.
+        data: The initial state (qpos0), with all positions.
+        told: Messages so far.
+        vertices: Whether each body is only a point of a flex, shape (b,).
+        names: Allocator of names for bodies and other parts of a scene.
     """
 
     source: Source
@@ -87,11 +87,11 @@ class Loaded:
         return self.source.file
 
     def flex_name(self, f: int) -> str:
-        """What messages call a flex."""
+        """Return the name of a flex in messages."""
         return f"flex {self.spec.flexes[f].name or f}"
 
     def refusal(self, f: int) -> str:
-        """Why a flex becomes no soft body; empty: it becomes one."""
+        """Return why a flex is not converted to a soft body; empty: it is converted."""
         m = self.model
         if m.flex_dim[f] != _AXES:
             what = "a rope" if m.flex_dim[f] == 1 else "a sheet"
@@ -103,7 +103,7 @@ class Loaded:
         return ""
 
     def flex_bodies(self, f: int) -> IndexArray:
-        """Body of each vertex of a flex, shape (n,); of an interpolated one those of its nodes."""
+        """Return the body of each vertex of a flex, or of each node of an interpolated one, shape (n,)."""
         m = self.model
         if m.flex_interp[f]:
             start = m.flex_nodeadr[f]
@@ -112,17 +112,17 @@ class Loaded:
         return np.array(m.flex_vertbodyid[start : start + m.flex_vertnum[f]], dtype=np.int64)
 
     def flex_points(self, f: int) -> Array:
-        """Where the vertices of a flex start, in [m], shape (n, 3)."""
+        """Return the initial vertices of a flex in [m], shape (n, 3)."""
         start = self.model.flex_vertadr[f]
         return np.array(self.data.flexvert_xpos[start : start + self.model.flex_vertnum[f]])
 
     def is_vertex(self, body: int) -> bool:
-        """Whether a body is no more than a point of a flex, which moves along three axes."""
+        """Return whether a body is only a point of a flex, which moves along three axes."""
         return bool(self.vertices[body])
 
 
 def _vertices(mujoco: Any, model: Any) -> Array:
-    """Whether each body is no more than a point of a flex, shape (b,)."""
+    """Return whether each body is only a point of a flex, shape (b,)."""
     carries = np.zeros(model.nbody, dtype=bool)
     for numbers in (np.array(model.flex_vertbodyid), np.array(model.flex_nodebodyid)):
         carries[numbers[numbers >= 0]] = True
@@ -141,13 +141,13 @@ def load_model(path: str | Path) -> Loaded:
         path: An MJCF file.
 
     Raises:
-        MjcfError: MuJoCo is missing, the file is refused by us or by MuJoCo, or is too large.
+        MjcfError: MuJoCo is missing, the file is rejected by this module or by MuJoCo, or is too large.
     """
     source = read_source(path)
     mujoco = library(source.file)
     look_at(source.file)
     try:
-        with warnings.catch_warnings():  # it says of every soft flex that it has no passive forces
+        with warnings.catch_warnings():  # warns for every soft flex that it has no passive forces
             warnings.simplefilter("ignore")
             spec = mujoco.MjSpec.from_file(str(source.file))
             model = spec.compile()

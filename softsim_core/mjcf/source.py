@@ -1,7 +1,7 @@
-"""The text of a MuJoCo model (MJCF), looked through before MuJoCo's own library may read it.
+"""The text of a MuJoCo model (MJCF), checked before MuJoCo's own library may read it.
 
-A model is code of a kind: it includes other files, names meshes anywhere on the disk and can ask for more
-memory than there is. What lies outside its folder or beyond the budget is refused here.
+A model can include other files, name meshes anywhere on the disk and request more memory than available.
+Files outside its folder and sizes beyond the limits are rejected here.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from xml.etree import ElementTree
 from softsim_core.base import MjcfError
 
 MOST_BYTES: Final = 32_000_000
-"""So long the model's text may be, all files that it includes together."""
+"""Size limit of the model's text, including all files that it includes."""
 MOST_FILES: Final = 100
 MOST_MESH_BYTES: Final = 200_000_000
-"""So long the meshes and pictures that it names may be together."""
+"""Size limit of the meshes and pictures that it names, all together."""
 MOST_VERTICES: Final = 50_000
-"""So many vertices its flexes may have together."""
+"""Largest number of vertices of its flexes, all together."""
 
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _WORDS = ("name", "class", "childclass", "model", "file", "prefix", "text", "data")
@@ -34,15 +34,15 @@ class Source:
     """The elements of a model.
 
     Attributes:
-        file: The file that was asked for.
-        roots: Its root element, then those of the files that it includes.
+        file: The model's file.
+        roots: Its root element, then those of the included files.
     """
 
     file: Path
     roots: tuple[ElementTree.Element, ...]
 
     def elements(self) -> Iterator[tuple[ElementTree.Element, tuple[str, ...]]]:
-        """Every element with the tags above it, in the order of the files."""
+        """Yield every element with the tags above it, in the order of the files."""
         for root in self.roots:
             waiting: list[tuple[ElementTree.Element, tuple[str, ...]]] = [(root, ())]
             while waiting:
@@ -53,13 +53,13 @@ class Source:
 
 
 def read_source(path: str | Path) -> Source:
-    """The elements of a model and of the files that it includes.
+    """Read the elements of a model and of the files that it includes.
 
     Args:
         path: An MJCF file; everything that it names must lie in its folder, or below.
 
     Raises:
-        MjcfError: it is no MuJoCo model, cannot be read, is too long, or names what lies outside its folder.
+        MjcfError: it is no MuJoCo model, cannot be read, is too long, or names files outside its folder.
     """
     file = Path(path).expanduser().absolute()
     roots: list[ElementTree.Element] = []
@@ -83,7 +83,7 @@ def read_source(path: str | Path) -> Source:
         roots.append(root)
         for element in root.iter("include"):
             waiting.append(_inside(element.get("file", ""), file.parent, file, "include"))
-        for element in root.iter("model"):  # one that is attached, and may be several times
+        for element in root.iter("model"):  # an attached model, possibly several times
             attached = _inside(element.get("file", ""), file.parent, file, "model")
             if attached.resolve() not in (*seen, *(each.resolve() for each in waiting)):
                 waiting.append(attached)
@@ -114,7 +114,7 @@ def _parsed(text: bytes, one: Path) -> ElementTree.Element:
 
 
 def _check(source: Source, folders: set[Path]) -> None:
-    """Refuse numbers that are none, files outside the folder, too large files and grids.
+    """Raise an error for invalid numbers, files outside the folder, and too large files and grids.
 
     `folders` are those of the model's files, from which it may name others.
     """
@@ -158,20 +158,20 @@ def _grid(element: ElementTree.Element) -> int:
     try:
         return math.prod(max(1, int(float(word))) for word in element.get("count", "1").split())
     except (ValueError, OverflowError):
-        return 0  # MuJoCo's own reader says what is wrong with it
+        return 0  # MuJoCo's own reader reports the problem
 
 
 def _size(text: str, directories: list[Path], file: Path, what: str) -> int:
-    """Bytes of a file that a model names; 0 where it is not found (MuJoCo tells that).
+    """Return the size in bytes of a file that a model names; 0 if it is not found, which MuJoCo reports.
 
-    Which of the directories MuJoCo looks into is not known here: the file must lie inside by each of them.
+    MuJoCo's search order in the directories is not known here, so the file must lie inside for each of them.
     """
     found = [_inside(text, directory, file, what) for directory in directories]
     return max((each.stat().st_size for each in found if each.is_file()), default=0)
 
 
 def _inside(text: str, directory: Path, file: Path, what: str) -> Path:
-    """A path that a model names, which must lie in the folder of the model or below it."""
+    """Return a path that a model names, which must lie in the folder of the model or below it."""
     if ":" in text or "\0" in text:
         raise MjcfError(file, f"{what} names {text[:80]!r}, which is no path of a file")
     found = directory / text

@@ -1,4 +1,4 @@
-"""What touches what in a MuJoCo model, as collision surfaces and groups of a scene of ours."""
+"""Contact pairs of a MuJoCo model, as collision surfaces and groups of a scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from softsim_core.physics.contact import ContactSettings, PairFriction
 from softsim_core.scene import CollisionDescription, JointDescription
 
 _GAP_M = 1e-4
-"""Gap in [m] at which bodies rest where no flex has a radius."""
+"""Gap in [m] at which bodies rest if no flex has a radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,12 +21,12 @@ class _Surface:
     """A surface with MuJoCo's masks.
 
     Attributes:
-        name: Of its body.
+        name: Name of its body.
         contype, conaffinity, friction, radius: As in MuJoCo.
-        carrier: What moves it.
+        carrier: Its carrier.
         bodies: MuJoCo's numbers.
         hangs_on: Joints and frames that carry vertices of it.
-        driven: MuJoCo's geoms of a body that the world or a joint carries; none of others.
+        driven: MuJoCo's geoms of a body that the world or a joint carries; empty for others.
     """
 
     name: str
@@ -40,7 +40,7 @@ class _Surface:
     driven: frozenset[int] = frozenset()
 
     def meets(self, other: _Surface) -> bool:
-        """Whether MuJoCo's masks let the two touch, and neither is held by what carries the other."""
+        """Return whether MuJoCo's masks let the two touch, and neither is attached to the other's carrier."""
         if self.carrier in other.hangs_on or other.carrier in self.hangs_on:
             return False
         return bool(self.contype & other.conaffinity or other.contype & self.conaffinity)
@@ -52,7 +52,7 @@ def collisions(
     rigid: tuple[RigidGeom, ...],
     joints: tuple[JointDescription, ...],
 ) -> tuple[tuple[CollisionDescription, ...], ContactSettings]:
-    """Surfaces that touch others, those that never meet with a group in common, and how they meet."""
+    """Return the surfaces that touch others, with groups for pairs that never touch, and contact settings."""
     m = loaded.model
     if m.opt.disableflags & loaded.mujoco.mjtDisableBit.mjDSBL_CONTACT:
         return (), ContactSettings()
@@ -127,21 +127,21 @@ def _rigid(loaded: Loaded, rigid: tuple[RigidGeom, ...]) -> Iterator[_Surface]:
 
 
 def _crossing(loaded: Loaded) -> list[set[int]]:
-    """Pairs of geoms that MuJoCo finds in each other at the start."""
+    """Return the pairs of geoms that intersect at the start according to MuJoCo."""
     d = loaded.data
     pairs = (set(map(int, d.contact[k].geom)) for k in range(d.ncon) if d.contact[k].dist < 0.0)
     return [pair for pair in pairs if min(pair) >= 0]
 
 
 def _is_unfiltered(loaded: Loaded) -> bool:
-    """Whether bodies may touch those that their joint hangs on."""
+    """Return whether bodies may touch the parent body of their joint."""
     return bool(loaded.model.opt.disableflags & loaded.mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
 
 
 def _settings(
     loaded: Loaded, surfaces: list[_Surface], meeting: list[tuple[_Surface, _Surface]]
 ) -> ContactSettings:
-    """Gap and friction: of a pair MuJoCo takes the larger friction of the two."""
+    """Return gap and friction: for a pair, MuJoCo uses the larger friction of the two."""
     radii = [each.radius for each in surfaces if each.radius > 0.0]
     gap = float(f"{max(radii, default=_GAP_M):.6g}")
     if len({f"{each:.6g}" for each in radii}) > 1:

@@ -1,8 +1,8 @@
-"""The cable gripper's finger, made from its profile: a spine with three blocks and two V notches.
+"""Mesh of the cable gripper's finger from its profile: a spine with three blocks and two V notches.
 
-The profile is cut into columns across the spine, which are stitched to triangles and swept across the
-finger's width. In the finger's own frame the width runs along x, the finger along -y from its base at y = 0,
-and its inner, notched side looks to +z.
+The profile is divided into columns of points across the spine, connected to triangles and swept across the
+finger's width. In the finger's own frame the width is along x, the finger along -y from its base at y = 0,
+and its inner, notched side faces +z.
 
 `python -m softsim_core.robots.finger_mesh --out configs/meshes` writes the files that the gripper's config
 names.
@@ -38,25 +38,25 @@ TIP_RADIUS = HEIGHT - SPINE
 LENGTH = TONGUE + BLOCKS * PLATEAU + (2 * BLOCKS - 1) * SLANT + TIP_RADIUS
 """Length in [m]: 103.366 mm."""
 WALL_KNEE = 0.4
-"""Share of a notch wall's height with a row of nodes on every level; collision surfaces begin there."""
+"""Part of a notch wall's height with a row of nodes on every level; collision surfaces begin there."""
 NOTCH_DEPTH = HEIGHT - SPINE
 """Depth in [m] of the notches between the blocks."""
 THINNEST = 2.0 * MILLIMETRE
-"""What a notch leaves of the spine at least, and of itself, in [m]."""
+"""Least remaining thickness in [m] of the spine below a notch, and of the notch itself."""
 
 LEVELS: dict[str, int] = {"coarse": 0, "low": 1, "mid": 2}
-"""Name of a level: elements through the spine; 0: as few as the profile allows, for quadratic elements."""
+"""Elements through the spine by level name; 0: as few as the profile allows, for quadratic elements."""
 
 
 def finger(divisions: int = 1, name: str = "finger", notch_depth: float = NOTCH_DEPTH) -> TetMesh:
-    """The finger in its own frame, symmetric by reflection in the middle of its width.
+    """Mesh the finger in its own frame, symmetric by reflection in the middle of its width.
 
     Args:
         divisions: Elements through the spine, twice as many across the width; 0: one element through both,
             two through the blocks.
         name: Name of the mesh.
-        notch_depth: Depth of the notches between the blocks in [m]; they stay as wide, so that their V opens
-            less the deeper they are.
+        notch_depth: Depth of the notches between the blocks in [m]. Their width is constant, so deeper
+            notches have a smaller angle.
 
     Returns:
         Positively oriented tetrahedra in [m].
@@ -77,7 +77,7 @@ def finger(divisions: int = 1, name: str = "finger", notch_depth: float = NOTCH_
 
 
 def profile(divisions: int, notch_depth: float = NOTCH_DEPTH) -> tuple[Array, IndexArray]:
-    """Triangulated side view of the finger: along the finger (negative) and up.
+    """Triangulate the side view of the finger: along the finger (negative) and up.
 
     Args:
         divisions: See `finger`.
@@ -108,7 +108,7 @@ def profile(divisions: int, notch_depth: float = NOTCH_DEPTH) -> tuple[Array, In
 
 
 def _stations(divisions: int, floor: float) -> Iterator[tuple[float, float]]:
-    """Distances from the base at which there is a column of points, with the height of the profile there.
+    """Yield the distances from the base of the columns of points, with the height of the profile there.
 
     `floor` is the height of the notches' bottom.
     """
@@ -133,13 +133,13 @@ def _stations(divisions: int, floor: float) -> Iterator[tuple[float, float]]:
             for share in [*reversed(rise[:-1]), 0.0]:
                 yield start + SLANT * (1.0 - share), floor + (HEIGHT - floor) * share
             start += SLANT
-    for share in (*steps, 2.0):  # one chord at the steep end keeps the elements there in shape
+    for share in (*steps, 2.0):  # one chord at the steep end prevents distorted elements there
         angle = 0.25 * math.pi * share
         yield start + TIP_RADIUS * math.sin(angle), SPINE + TIP_RADIUS * math.cos(angle)
 
 
 def _corners(floor: float) -> Iterator[tuple[float, float]]:
-    """The stations where the profile bends, and one on the round tip."""
+    """Yield the stations where the profile bends, and one on the round tip."""
     yield 0.0, SPINE
     start = TONGUE
     for number in range(BLOCKS):

@@ -1,4 +1,4 @@
-"""Ready-made parts of the cable gripper: a finger with its cable, three of them on slides, things to grasp.
+"""Ready-made parts of the cable gripper: a finger with its cable, three fingers on slides, objects to grasp.
 
 scene.add(cable_finger("finger"))
 scene.add([cable_gripper(), rigid_thing("cube", Shape(box=(0.04, 0.04, 0.04)), mass=0.03)])
@@ -49,20 +49,20 @@ def cable_finger(
     max_tension: float | None = 30.0,
     collides: bool = True,
 ) -> Part:
-    """A silicone finger of 1.8 MPa with a cable inside: along -y from its base, its notches towards +z.
+    """Return a silicone finger of 1.8 MPa with a cable: along -y from its base, its notches towards +z.
 
-    `cable_finger(...).with_bodies(total_mass=0.03)` sets what has no argument here.
+    `cable_finger(...).with_bodies(total_mass=0.03)` sets fields without an argument here.
 
     Args:
         name: Name of the body; its joint is `name`_cable, its fixing `name`_base.
-        placement: Where it sits (its scale is not used).
-        pull_point: Where its cable leaves the robot, in world coordinates in [m]; None: the cable begins at
-            its first point inside.
+        placement: Its placement (the scale is not used).
+        pull_point: Point where its cable leaves the robot, in world coordinates in [m]; None: the cable
+            begins at its first point inside.
         pull_on: Name of the joint that carries the pull point; None: fixed in space.
-        base_to: What its base moves with: "world" or the name of a joint.
+        base_to: Carrier of its base: "world" or the name of a joint.
         limits: Travel in [m] and top speed in [m/s] of the cable.
         max_tension: Largest tension in [N]; None: not limited.
-        collides: With its collision surfaces: the whole finger, and the two sides of its notches.
+        collides: Whether to add its collision surfaces: the whole finger, and the two sides of its notches.
 
     Raises:
         ConfigError: the mesh files are not among the configs.
@@ -95,7 +95,7 @@ def cable_finger(
 
 
 def cable_gripper(collides: bool = True) -> Part:
-    """Three fingers that hang from a slide at z = 0, closing towards y = 0.
+    """Return three fingers below a slide at z = 0, closing towards y = 0.
 
     Joints: finger_1_cable, finger_2_cable, finger_3_cable, vertical, sideways, all in [m].
 
@@ -146,15 +146,15 @@ def rigid_thing(
     groups: tuple[str, ...] = (),
     colour: Colour = (0.9, 0.7, 0.2, 1.0),
 ) -> Part:
-    """A rigid body that touches others with its whole surface: a floor, a cube, a ball.
+    """Return a rigid body that touches others with its whole surface: a floor, a cube, a ball.
 
     Args:
         name: Name of the body and of its collision surface.
         shape: Its surface.
-        pose: Where it starts (its scale is not used).
-        mass: Mass in [kg] of a body that moves by itself; None: it is carried by `on`.
+        pose: Its initial pose (the scale is not used).
+        mass: Mass in [kg] of a free body; None: it is carried by `on`.
         on: "world", or the name of a free frame or joint.
-        groups: Surfaces that share a group never meet.
+        groups: Surfaces that share a group never touch.
         colour: Red, green, blue, alpha in 0..1.
     """
     body = RigidBodyDescription(name=name, shape=shape, pose=pose, mass=mass, on=on, colour=colour)
@@ -162,7 +162,7 @@ def rigid_thing(
 
 
 def _surfaces(name: str, placement: Placement) -> tuple[CollisionDescription, ...]:
-    """The whole finger, and the two sides of its notches, which meet each other."""
+    """Return collision surfaces of the whole finger and of the sides of its notches, which can touch."""
     whole = CollisionDescription(name=name, body=name, groups=(_TIP_WALLS, _BASE_WALLS))
     walls = [
         CollisionDescription(
@@ -189,6 +189,6 @@ def _placed(point: Vector, placement: Placement) -> Vector:
 
 
 def _leaning(placement: Placement, lean_deg: float) -> Vector:
-    """Angles of a box that leans about the finger's x axis before the finger itself is placed."""
+    """Return the angles of a box that leans about the finger's x axis before the finger itself is placed."""
     about_x, about_y, about_z = placement.rotation_deg
     return math.remainder(about_x + lean_deg, 360.0), about_y, about_z

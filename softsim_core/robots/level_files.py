@@ -1,4 +1,4 @@
-"""The files of a generated mesh at all its levels, and the command line that writes them."""
+"""Files of a generated mesh at all its levels, and the command line that writes them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ def write_mesh_files(
     Args:
         module: Name of the module that is run.
         description: One line for the help.
-        meshes: What is written, each under its name.
-        arguments: Command line without the program's name; None takes the process's own.
+        meshes: The meshes, each written under its name.
+        arguments: Command line without the program's name; None: that of the process.
 
     Returns:
-        Exit code; a mesh that cannot be made or written ends the process with 1 and a sentence.
+        Exit code; a mesh that cannot be made or written ends the process with 1 and a message.
     """
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
     parser.add_argument("-o", "--out", type=Path, default=Path("configs/meshes"), help="folder to write into")

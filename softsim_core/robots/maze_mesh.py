@@ -1,4 +1,4 @@
-"""The maze plate, made from a picture in text: walls on a square plate with a floor at z = 0.
+"""Mesh of the maze plate from a text picture: walls on a square plate with a floor at z = 0.
 
 Lines and columns of the picture alternate between thin walls and wide corridors; `#` is wall, `.` is floor.
 The picture's right is +x, its top +y.
@@ -27,7 +27,7 @@ UNDERSIDE, FLOOR, TOP = -2.0 * MILLIMETRE, 0.0, 3.9 * MILLIMETRE
 
 
 def maze_plate(picture: str, name: str = "maze") -> SurfaceMesh:
-    """The closed surface of a maze plate.
+    """Return the closed surface of a maze plate.
 
     Args:
         picture: Lines of `#` and `.`, as many as each is long, an odd number; walls all around.
@@ -37,7 +37,7 @@ def maze_plate(picture: str, name: str = "maze") -> SurfaceMesh:
         Outward surface in [m].
 
     Raises:
-        MeshError: the picture is none of a maze, or walls touch at a corner only; names the line.
+        MeshError: the picture shows no maze, or walls touch only at a corner; names the line.
     """
     walls = read_picture(picture, name)
     lines: list[float] = grid_lines(len(walls)).tolist()
@@ -68,7 +68,7 @@ def maze_plate(picture: str, name: str = "maze") -> SurfaceMesh:
 
 
 def read_picture(picture: str, name: str = "maze") -> BoolArray:
-    """Where the walls are, indexed by column from the left and line from the bottom, shape (n, n).
+    """Return whether each cell is wall, by column from the left and line from the bottom, shape (n, n).
 
     Raises:
         MeshError: as `maze_plate`.
@@ -92,7 +92,7 @@ def read_picture(picture: str, name: str = "maze") -> BoolArray:
 
 
 def grid_lines(size: int) -> Array:
-    """Coordinates in [m] of the lines between the cells of a picture, from -EDGE / 2 to EDGE / 2."""
+    """Return coordinates in [m] of the lines between the cells of a picture, from -EDGE / 2 to EDGE / 2."""
     corridors = size // 2
     widths = np.full(size, (EDGE - (corridors + 1) * WALL) / corridors)
     widths[::2] = WALL

@@ -1,4 +1,4 @@
-"""Ready-made parts: functions with parameters that return what `Scene.add` takes, as often as wanted.
+"""Ready-made parts: functions with parameters that return items for `Scene.add`.
 
 scene.add(servo("pan", limits=JointLimits(-1.0, 1.0, 3.5)))
 scene.add(tripod(ServoCircle(servos=4), silicone=my_cross))
@@ -39,7 +39,7 @@ _FREE = JointLimits()
 
 @dataclass(frozen=True, slots=True)
 class WheelSpring:
-    """A spring that pulls a servo's wheel to where it is commanded.
+    """A spring that pulls a servo's wheel to its command.
 
     Attributes:
         stiffness: In [N m/rad], > 0.
@@ -56,7 +56,7 @@ class ServoCircle:
 
     Attributes:
         radius: Radius of the circle in [m].
-        servos: How many servos share it, >= 1.
+        servos: Number of servos, >= 1.
         angle_shift_deg: Angle of servo 0 in the xy plane in [deg]; the others follow counter-clockwise.
         height: Height of the wheels' axes in [m].
     """
@@ -67,7 +67,7 @@ class ServoCircle:
     height: float = -0.00135
 
     def place(self, index: int) -> Placement:
-        """Base of the servo with a 0-based number."""
+        """Return the base of the servo with a 0-based number."""
         turn = 360.0 * index / self.servos
         angle = math.radians(turn + self.angle_shift_deg)
         return Placement(
@@ -77,7 +77,7 @@ class ServoCircle:
 
 
 TRIPOD_CIRCLE = ServoCircle()
-"""Where the Tripod's servos are mounted."""
+"""Circle on which the Tripod's servos are mounted."""
 
 
 def servo(
@@ -87,15 +87,15 @@ def servo(
     horn_length: float = 0.0,
     spring: WheelSpring | None = None,
 ) -> Part:
-    """A hobby servo: one wheel that turns about the local y axis of its base.
+    """Return a hobby servo: one wheel that rotates about the local y axis of its base.
 
     Args:
         name: Name of the joint.
-        base: Where the servo's body stands, its origin on the wheel's axis. At angle 0 a horn points
-            along local z, a positive angle turns it towards local x.
+        base: Placement of the servo's body, its origin on the wheel's axis. At angle 0 a horn points along
+            local z; a positive angle rotates it towards local x.
         limits: Range in [rad] and top speed in [rad/s].
         horn_length: Length in [m] of the arm on the wheel, for pictures only.
-        spring: What pulls the wheel; None: it is exactly where it is commanded.
+        spring: Spring that pulls the wheel; None: it is exactly at its command.
     """
     joint = JointDescription(
         name=name,
@@ -120,16 +120,16 @@ def actuated_arm(
     tip_size: Vector = _TIP_SIZE,
     spring: WheelSpring | None = None,
 ) -> Part:
-    """A servo with an arm, whose end may hold a piece of a deformable body rigidly.
+    """Return a servo with an arm, whose end may be attached rigidly to a part of a deformable body.
 
     Args:
         name: Name of the joint.
-        base: Where the servo's body stands, as in `servo`; the arm points along local z at angle 0.
+        base: Placement of the servo's body, as in `servo`; the arm points along local z at angle 0.
         limits: Range in [rad] and top speed in [rad/s].
         arm_length: From the wheel's axis to the end of the arm, in [m].
-        holds: Name of the body that the arm holds; None holds nothing.
+        holds: Name of the attached body; None: there is none.
         tip: Name of the attachment; None: the joint's name + "_tip".
-        tip_size: Box around the end of the arm whose nodes are held, along the local axes, in [m].
+        tip_size: Box around the end of the arm with the attached nodes, along the local axes, in [m].
         spring: As in `servo`.
     """
     arm = servo(name, base, limits, arm_length, spring)
@@ -152,9 +152,9 @@ def elastic_body(
     placement: Placement = _NOWHERE,
     density: float | None = None,
 ) -> Part:
-    """A deformable body with linear elastic corotational tetrahedra.
+    """Return a deformable body of linear elastic corotational tetrahedra.
 
-    `elastic_body(...).with_bodies(mass_distribution="equal")` sets what has no argument here.
+    `elastic_body(...).with_bodies(mass_distribution="equal")` sets fields without an argument here.
 
     Args:
         name: Name of the body.
@@ -163,7 +163,7 @@ def elastic_body(
         poisson_ratio: Poisson ratio in [-], in (-1, 0.5).
         total_mass: Mass in [kg], > 0; not used with a density.
         surface: File of a finer visual surface that follows the body; None shows the tetrahedra's boundary.
-        placement: Where the mesh and surface files sit; a MeshFile or TetMesh has its own place.
+        placement: Placement of the mesh and surface files; a MeshFile or TetMesh has its own.
         density: Mass per volume in [kg/m^3], > 0; None takes `total_mass`.
     """
 
@@ -190,7 +190,7 @@ def fixing_box(
     rotation_deg: Vector = (0.0, 0.0, 0.0),
     stiffness: float | None = None,
 ) -> Part:
-    """A box that holds the nodes of a body inside it to the world.
+    """Return an attachment that fixes the nodes of a body inside a box to the world.
 
     Args:
         name: Name of the attachment.
@@ -198,7 +198,7 @@ def fixing_box(
         center: Centre in [m], in world coordinates.
         size: Full edge lengths in [m].
         rotation_deg: Orientation: angles about the fixed x, y, z axes in [deg].
-        stiffness: None holds the nodes exactly; a number is a spring in [N/m] for each of them.
+        stiffness: None fixes the nodes exactly; a number is a spring in [N/m] for each of them.
     """
     box = Box(center=center, size=size, rotation_deg=rotation_deg)
     return Part(
@@ -213,7 +213,7 @@ def tripod_silicone(
     poisson_ratio: float = 0.45,
     total_mass: float = 0.032,
 ) -> Part:
-    """The Tripod's silicone Y: three arms, 5 mm thick, with a hole in the middle.
+    """Return the Tripod's silicone Y: three arms, 5 mm thick, with a hole in the middle.
 
     Args:
         level: Fineness of the tetrahedra: "low", "mid" or "high". The visual surface is at least "mid".
@@ -245,14 +245,14 @@ def tripod(
     centre_radius: float | None = 0.0075,
     spring: WheelSpring | None = None,
 ) -> Part:
-    """The Tripod: servos on a circle, each holding one end of a silicone piece; its centre is the effector.
+    """Return the Tripod: servos on a circle, each attached to one end of a silicone piece with the effector.
 
     Args:
-        circle: Where the servos stand, and how many; joints servo_0, servo_1, ...
-        silicone: The piece they hold, one body; None: `tripod_silicone()`.
+        circle: Circle and number of the servos; joints servo_0, servo_1, ...
+        silicone: The silicone piece, one body; None: `tripod_silicone()`.
         limits: Range in [rad] and top speed in [rad/s] of every servo.
         arm_length: Length in [m] of the arms.
-        tips: What the ends of the silicone move with: "servo" arms, "free" rigid frames, "none" (soft).
+        tips: Carriers of the ends of the silicone: "servo" arms, "free" rigid frames, "none" (soft).
         centre_radius: Nodes within this distance in [m] of the middle of the upper face, taken 5 mm above
             the end of the arms, form a rigid frame "centre", the effector; None leaves them soft.
         spring: As in `servo`.
@@ -290,12 +290,12 @@ def tripod(
 
 
 def move_all(target: float, duration: float, delay: float = 0.0) -> Controller:
-    """A scripted move: every joint from 0 to `target` in [rad] or [m], evenly over `duration` seconds.
+    """Return a controller that moves every joint from 0 to `target` in [rad] or [m] at constant speed.
 
     Args:
-        target: Where all joints go.
-        duration: How long they take in [s], > 0.
-        delay: Simulated time at which they start in [s], >= 0.
+        target: Final position of all joints.
+        duration: Duration of the move in [s], > 0.
+        delay: Simulated time at which it starts in [s], >= 0.
     """
 
     def move(simulation: RunningSimulation, factor: float) -> None:

@@ -1,9 +1,9 @@
-"""The pneumatic arm: a round bar of silicone with chambers around its axis, which bend it to any side.
+"""Mesh of the pneumatic arm: a round silicone bar with chambers around its axis that bend it to any side.
 
-Its section consists of rings of nodes: around a solid core, or a bore, lie an inner tube, the chambers
-between ribs of even thickness, and an outer wall. It is swept along the arm, with a cap at both ends of the
-chambers. The cells are quadratic, and the nodes in the middle of edges lie on the circles. In its own frame,
-the arm runs along z from its base at z = 0, and the first chamber lies at +x.
+Its section consists of rings of nodes: a solid core or a bore, an inner tube, the chambers between ribs of
+constant thickness, and an outer wall. It is swept along the arm, with a cap at both ends of the chambers. The
+cells are quadratic, and the nodes in the middle of edges lie on the circles. In its own frame, the arm runs
+along z from its base at z = 0, and the first chamber lies at +x.
 
 `python -m softsim_core.robots.pneu_arm_mesh --out configs/meshes` writes the files that the robot's config
 names.
@@ -23,12 +23,12 @@ from softsim_core.robots.level_files import write_mesh_files
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmShape:
-    """Measures of an arm, lengths in [m].
+    """Dimensions of an arm, lengths in [m].
 
     Attributes:
-        chambers: How many lie around the axis, 2 to 6.
-        length: Of the whole arm.
-        radius: Of its outside.
+        chambers: Number of chambers around the axis, 2 to 6.
+        length: Length of the whole arm.
+        radius: Outer radius.
         wall: Thickness of the outer wall.
         tube: Outer radius of the inner tube, where the chambers begin.
         bore: Radius of a hole along the axis; 0: the core is solid.
@@ -65,14 +65,14 @@ class ArmShape:
 
 
 def pneu_arm(shape: ArmShape | None = None, name: str = "pneu_arm") -> TetMesh:
-    """The arm in its own frame, unchanged by turns of one chamber.
+    """Mesh the arm in its own frame, symmetric under rotation by one chamber.
 
     Args:
-        shape: Its measures; None: those of the robot.
+        shape: Its dimensions; None: those of the robot.
         name: Name of the mesh.
 
     Returns:
-        Positively oriented quadratic tetrahedra in [m], which enclose one hollow per chamber.
+        Positively oriented quadratic tetrahedra in [m], which enclose one cavity per chamber.
     """
     shape = shape or ArmShape()
     points, triangles, labels, is_chamber, rings = _section(shape)
@@ -87,7 +87,7 @@ def pneu_arm(shape: ArmShape | None = None, name: str = "pneu_arm") -> TetMesh:
 
 
 def _section(shape: ArmShape) -> tuple[Array, IndexArray, IndexArray, BoolArray, IndexArray]:
-    """Points (n, 2), triangles (k, 3), labels (n,), which are chambers (k,), rings (n,)."""
+    """Return the section: points (n, 2), triangles (k, 3), labels (n,), chamber flags (k,), rings (n,)."""
     radii = [shape.bore, shape.tube, shape.radius - shape.wall, shape.radius]
     radii = radii if shape.bore > 0.0 else radii[1:]
     per_sector = shape.across + 1
@@ -118,7 +118,7 @@ def _section(shape: ArmShape) -> tuple[Array, IndexArray, IndexArray, BoolArray,
 
 
 def _rounded(mesh: TetMesh, rings: IndexArray) -> Array:
-    """Points of a quadratic mesh whose middles of edges around the axis lie between their ends' circles."""
+    """Return the points of a quadratic mesh, with mid-edge nodes around the axis on interpolated circles."""
     points = mesh.points.copy()
     ends, middles = mesh.tets[:, MIDDLES].reshape(-1, 2), mesh.tets[:, 4:].ravel()
     is_around = (rings[ends] >= 0).all(axis=1)

@@ -1,9 +1,9 @@
-"""The pneumatic finger: a bar of silicone with a row of chambers in it, closed by thin walls (a PneuNet).
+"""Mesh of the pneumatic finger: a bar of silicone with a row of chambers, closed by thin walls (a PneuNet).
 
-Its section is a frame of four trapezoids around a rectangle, swept along the finger; the rectangle is
-filled in the walls between the chambers and at both ends, and left out in the chambers. In the finger's own
-frame it runs along x from its base at x = 0, and the side with the paper lies at z = 0. The measures are our
-own, of the size of PneuNets that laboratories cast (Ilievski et al. 2011, Soft robotics for chemists).
+Its section is a frame of four trapezoids around a rectangle, swept along the finger; the rectangle is filled
+in the walls between the chambers and at both ends, and left out in the chambers. In its own frame the finger
+extends along x from its base at x = 0, and the side with the paper lies at z = 0. The dimensions are our own,
+similar to PneuNets that laboratories cast (Ilievski et al. 2011, Soft robotics for chemists).
 
 `python -m softsim_core.robots.pneu_finger_mesh --out configs/meshes` writes the files that the robot's config
 names.
@@ -32,26 +32,26 @@ WALL = 2.0 * MILLIMETRE
 END = 4.0 * MILLIMETRE
 """Thickness in [m] of both ends."""
 CHAMBERS = 6
-"""How many chambers the robot's finger has."""
+"""Number of chambers of the robot's finger."""
 
 
 def length_of(chambers: int) -> float:
-    """Length in [m] of a finger with so many chambers."""
+    """Return the length in [m] of a finger with a number of chambers."""
     return 2.0 * END + chambers * CHAMBER + (chambers - 1) * WALL
 
 
 def pneu_finger(chambers: int = CHAMBERS, name: str = "pneu_finger") -> TetMesh:
-    """The finger in its own frame.
+    """Mesh the finger in its own frame.
 
     Args:
-        chambers: How many chambers, >= 1.
+        chambers: Number of chambers, >= 1.
         name: Name of the mesh.
 
     Returns:
-        Positively oriented tetrahedra in [m], which enclose one hollow per chamber.
+        Positively oriented tetrahedra in [m], which enclose one cavity per chamber.
 
     Raises:
-        MeshError: no chamber is asked for.
+        MeshError: the number of chambers is less than 1.
     """
     if chambers < 1:
         raise MeshError(name, f"a finger has at least one chamber, not {chambers}")

@@ -17,19 +17,19 @@ from softsim_core.base import Array, BoolArray
 from softsim_core.physics.mesh import SurfaceMesh, merge_corners, write_surface
 
 _ROUND = 1.0e-6
-"""Corners nearer than this in [mm] are one."""
+"""Corners closer than this in [mm] are merged."""
 
 
 def blocks(
     full: BoolArray, corner: Callable[[Array, Array, Array], Array], name: str, around: bool = False
 ) -> SurfaceMesh:
-    """The surface of the full blocks of a grid.
+    """Return the surface of the full blocks of a grid.
 
     Args:
-        full: Which blocks are full, shape (a, b, c).
-        corner: Where grid points are: three arrays of grid coordinates to places (..., 3).
-        name: Of the surface.
-        around: Along the first axis the last block meets the first one, which is as full as all of its row.
+        full: Whether each block is full, shape (a, b, c).
+        corner: Map of grid points: three arrays of grid coordinates to positions (..., 3).
+        name: Name of the surface.
+        around: Whether the grid is periodic along the first axis.
     """
     padded = np.pad(full, 1)
     if around:
@@ -39,9 +39,9 @@ def blocks(
         count = padded.shape[axis] - 1
         after, before = (np.take(padded, range(start, start + count), axis) for start in (1, 0))
         for ends, out in ((before & ~after, True), (after & ~before, False)):
-            at = np.argwhere(ends) - 1.0  # in grid coordinates; along the axis the face's own
+            at = np.argwhere(ends) - 1.0  # in grid coordinates; along the axis those of the face
             at[:, axis] += 1.0
-            if around and axis > 0:  # the blocks beside the first and the last are these once more
+            if around and axis > 0:  # padding repeats the first and the last blocks
                 at = at[(at[:, 0] >= 0.0) & (at[:, 0] < len(full))]
             u, v = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
             square = np.stack([at, at + u, at + u + v, at + v], axis=1)
@@ -54,7 +54,7 @@ def blocks(
 
 
 def fin_ray_finger() -> SurfaceMesh:
-    """Two walls that meet at the tip, with ribs between: where one is pushed, the finger bends around it."""
+    """Return two walls that meet at the tip, with ribs in between: the finger bends around a contact."""
     width, depth, height, wall, rib, ribs = 20.0, 30.0, 100.0, 3.0, 2.5, 5
     gap = (height - 15.0 - (ribs + 1) * rib) / ribs
     levels = np.concatenate([[0.0], np.cumsum([rib, gap] * ribs + [rib + 15.0])])
@@ -71,7 +71,7 @@ def fin_ray_finger() -> SurfaceMesh:
 
 
 def bellows() -> SurfaceMesh:
-    """A tube with four folds and closed ends: the hollow inside is an air chamber."""
+    """Return a tube with four folds and closed ends: the cavity inside is an air chamber."""
     around, folds, steps, wall, cap, pitch = 24, 4, 6, 2.0, 4.0, 12.0
     levels = np.concatenate([[0.0], cap + pitch * folds * np.linspace(0.0, 1.0, folds * steps + 1)])
     levels = np.append(levels, levels[-1] + cap)
@@ -90,7 +90,7 @@ def bellows() -> SurfaceMesh:
 
 
 def lattice_gripper() -> SurfaceMesh:
-    """A finger of struts that leans forward, on a plate: 3 x 2 posts with rungs, closed at the tip."""
+    """Return a finger of struts that leans forward, on a plate: 3 x 2 posts with rungs, closed at the tip."""
     strut, gap, storeys = 3.0, 7.0, 6
     sizes = [
         [strut, gap, strut, gap, strut],

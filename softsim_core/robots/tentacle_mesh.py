@@ -1,11 +1,11 @@
-"""The mesh of a measured tentacle: a tapered round bar of silicone.
+"""Mesh of a measured tentacle: a tapered round bar of silicone.
 
-It hangs from its base at the origin along -z. A bar of quadratic cells, two by two across, has its sections
-made round; some of them are where markers were measured.
+It hangs from its base at the origin along -z. The sections of a bar of quadratic cells, two by two across,
+are made round. Some sections lie at the positions of measured markers.
 
 `python -m softsim_core.robots.tentacle_mesh --out configs/meshes` writes the files that the scene names.
 
-Source of the measures: SoRoMoX, the tentacle of its system identification.
+Source of the dimensions: SoRoMoX, the tentacle of its system identification.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from softsim_core.physics.mesh import TetMesh, box_mesh, quadratic
 from softsim_core.robots.level_files import write_mesh_files
 
 LENGTH, TAPER = 0.36, 0.305
-"""Of the bar, and where tendons and the steep taper end, in [m] from the base."""
+"""Length of the bar, and distances from the base at which tendons and the steep taper end, in [m]."""
 
 RADII = (0.01541, 0.00642, 0.0048)
-"""At the base, at the end of the taper and at the tip, in [m]."""
+"""Radii at the base, at the end of the taper and at the tip, in [m]."""
 
 SECTIONS = np.concatenate([
     np.linspace(0.0, 0.1291, 6), np.linspace(0.1291, 0.2195, 5)[1:], np.linspace(0.2195, 0.28, 4)[1:],
     [0.2925, TAPER, 0.32, 0.34, LENGTH],
 ])  # fmt: skip
-"""Where sections between cells are, in [m] from the base; markers were at three of them, and the tip."""
+"""Distances in [m] from the base of sections between cells; markers were at three of them, and the tip."""
 
 
 def tentacle(name: str = "tentacle") -> TetMesh:
-    """875 nodes of quadratic cells in [m]; the nodes in the middle of edges lie on the circles of sections.
+    """Return a mesh of 875 nodes in [m] with quadratic cells; mid-edge nodes lie on the sections' circles.
 
     Args:
         name: Name of the mesh.

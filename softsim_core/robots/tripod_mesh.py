@@ -1,8 +1,8 @@
-"""The Tripod's silicone piece, made from its dimensions: a flat Y with a round hole, exactly symmetric.
+"""Mesh of the Tripod's silicone piece from its dimensions: a flat Y with a round hole, exactly symmetric.
 
-Half an arm (a sector of 60 degrees) is triangulated; its mirror image and two turns of 120 degrees make the
-whole, which is swept along z. Cutting the prisms by labels of the sector's points keeps the symmetry in the
-connectivity.
+Half an arm (a sector of 60 degrees) is triangulated. Its mirror image and two rotations by 120 degrees make
+the whole, which is swept along z. The prisms are divided by labels of the sector's points, so that the
+connectivity is symmetric, too.
 
 `python -m softsim_core.robots.tripod_mesh --out configs/meshes` writes the files that the Tripod's config
 names.
@@ -29,13 +29,16 @@ THICKNESS = 5.0 * MILLIMETRE
 HOLE_RADIUS = 5.0 * MILLIMETRE
 """Radius of the hole in the centre in [m]."""
 NARROWEST, WIDEST = 0.009, 0.020
-"""Half the width of an arm in [m] at which arms still meet outside the hole, and still are arms."""
+"""Range of half an arm's width in [m] in which arms meet outside the hole, and still are arms."""
 TIP_LINE = 45.01 * MILLIMETRE
-"""Distance in [m] of a straight row of nodes across each arm: the tip regions of the robot begin at 45 mm,
-and a row 0.01 mm inside makes the clamped length the same on every level without leaving it to round-off."""
+"""Distance in [m] of a straight row of nodes across each arm.
+
+The tip regions of the robot begin at 45 mm. A row 0.01 mm inside makes the clamped length the same on every
+level, independent of round-off.
+"""
 
 LEVELS: dict[str, tuple[int, int]] = {"coarse": (1, 1), "low": (2, 1), "mid": (3, 2), "high": (4, 3)}
-"""Name of a level: divisions of half an arm's width, layers through the thickness.
+"""Divisions of half an arm's width and layers through the thickness, by level name.
 
 "coarse" is for quadratic elements (`order: 2`); linear ones of that size hardly bend.
 """
@@ -54,10 +57,10 @@ def tripod_silicone(
     half_width: float = ARM_HALF_WIDTH,
     thickness: float = THICKNESS,
 ) -> TetMesh:
-    """The silicone Y in its own frame: centre of the hole at the origin, z up, arm i at 180 + 120 i degrees.
+    """Mesh the silicone Y in its own frame: hole centre at the origin, z up, arm i at 180 + 120 i degrees.
 
-    Symmetric by turns of 120 degrees about z and by reflection in the plane of each arm, in nodes (to
-    round-off) and in connectivity (exactly).
+    It is symmetric under rotations by 120 degrees about z and reflection in the plane of each arm, in nodes
+    (to round-off) and in connectivity (exactly).
 
     Args:
         divisions: Elements across half an arm, >= 1; 6 times as many around the hole.
@@ -88,11 +91,11 @@ def tripod_silicone(
 
 
 def half_arm(divisions: int, half_width: float = ARM_HALF_WIDTH) -> tuple[Array, IndexArray]:
-    """Triangulated half of an arm along +x: polar angle up to 60 degrees, outside the hole.
+    """Triangulate half of an arm along +x: polar angle up to 60 degrees, outside the hole.
 
     Args:
         divisions: Elements across it.
-        half_width: Where it ends along y in [m].
+        half_width: Its half width along y in [m].
 
     Returns:
         Points in [m], shape (n, 2), and counter-clockwise triangles, shape (k, 3).
@@ -115,12 +118,12 @@ def half_arm(divisions: int, half_width: float = ARM_HALF_WIDTH) -> tuple[Array,
 
 
 def _root(half_width: float) -> float:
-    """Where the sides of neighbouring arms meet, as a distance along an arm's axis in [m]."""
+    """Return the distance along an arm's axis in [m] at which the sides of neighbouring arms meet."""
     return half_width / math.sqrt(3.0)
 
 
 def _line_points(line: int, divisions: int, half_width: float) -> list[tuple[float, float]]:
-    """Points of one line from the hole to the end of the arm; odd lines are staggered by half an element."""
+    """Return the points of one line from the hole to the arm's end; odd lines are half an element off."""
     angle, y = math.pi / 3.0 * line / divisions, half_width * line / divisions
     root = _root(half_width)
     start = (HOLE_RADIUS * math.cos(angle), HOLE_RADIUS * math.sin(angle))
@@ -133,7 +136,7 @@ def _line_points(line: int, divisions: int, half_width: float) -> list[tuple[flo
     )  # distance over which the size grows from hole to arm
 
     def elements(distance: float) -> float:
-        """Number of elements between the hole and a point at this distance: the integral of 1 / size."""
+        """Return the number of elements from the hole to this distance: the integral of 1 / size."""
         within = math.log1p(_GRADING * min(distance, growing) / size_at_hole) / _GRADING
         return within + max(0.0, distance - growing) / size
 
@@ -165,7 +168,7 @@ def _line_points(line: int, divisions: int, half_width: float) -> list[tuple[flo
 
 
 def _motions(points: Array, lines: Sequence[Sequence[int]], half_width: float) -> Array:
-    """How smoothing may move each point: within the plane, along the border it lies on, or not at all."""
+    """Return the allowed motion of each point in smoothing: in the plane, along its border, or none."""
     root = _root(half_width)
     movable = np.tile(np.eye(2), (len(points), 1, 1))
     x_only, y_only = np.diag([1.0, 0.0]), np.diag([0.0, 1.0])
@@ -184,7 +187,7 @@ def _motions(points: Array, lines: Sequence[Sequence[int]], half_width: float) -
 
 
 def _replicate(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray, IndexArray]:
-    """The whole Y from half an arm along +x: mirrored in y, turned to 180, 300 and 60 degrees, merged.
+    """Return the whole Y from half an arm along +x, mirrored in y and rotated to 180, 300, 60 degrees.
 
     Returns:
         Points, shape (n, 2); counter-clockwise triangles; the index of each point's original, shape (n,).
@@ -198,7 +201,7 @@ def _replicate(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray,
             faces.append(triangles if mirror > 0.0 else triangles[:, ::-1])
     copies = np.concatenate(images)
     _, first, inverse = np.unique(np.round(copies / 1.0e-9), axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # keep the order of first appearance
+    order = np.argsort(first)  # order of first appearance
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     merged = rank[inverse.reshape(-1)]

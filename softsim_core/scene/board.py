@@ -10,14 +10,14 @@ from softsim_core.base import FieldError, SceneError, need_positive
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoCalibration:
-    """From joint angle to a hobby servo's degree byte: floor(sign * degrees + trim_deg) + zero_byte, clipped.
+    """Calibration of a hobby servo: floor(sign * degrees + trim_deg) + zero_byte, clipped to the byte range.
 
     Attributes:
         joint: Name of the joint.
         zero_byte: Byte at joint angle 0.
         sign: +1 or -1.
         trim_deg: Mounting correction in [deg].
-        byte_min, byte_max: Range the servo may be sent to, within 0..180.
+        byte_min, byte_max: Range of commanded bytes, within 0..180.
         rest_byte: Safe byte before start and after the end.
     """
 
@@ -36,9 +36,9 @@ class ServoCalibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusServo:
-    """From joint angle to the position of a servo on a bus: round(sign * angle * 4096 / 2 pi) + zero_pulse.
+    """Calibration of a bus servo: round(sign * angle * 4096 / 2 pi) + zero_pulse, with the angle in [rad].
 
-    Such a servo has a number on the bus, measures where it stands, and takes goals of 4096 pulses a turn.
+    Such a servo has a number on the bus, measures its position, and takes goals of 4096 pulses per turn.
     Goals beyond its range, or beyond the joint's limits, are clipped.
 
     Attributes:
@@ -46,9 +46,9 @@ class BusServo:
         id: Number on the bus, 0..252.
         zero_pulse: Pulse at joint angle 0.
         sign: +1 or -1.
-        pulse_min, pulse_max: Range the servo may be sent to, within 0..4095.
+        pulse_min, pulse_max: Range of commanded pulses, within 0..4095.
         rest_pulse: Safe pulse before start and after the end.
-        speed: The servo itself goes no faster, in [rad/s]; a second guard behind the joint's own limit.
+        speed: Speed limit of the servo itself in [rad/s], a second guard besides the joint's own limit.
     """
 
     joint: str
@@ -73,14 +73,14 @@ Servo: TypeAlias = ServoCalibration | BusServo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardDescription:
-    """The serial board that drives the servos, or the bus that they are on.
+    """The serial board that drives the servos, or the bus that connects them.
 
     Attributes:
-        servos: Calibrations in packet order; those with an `id` are servos on a bus, and then all are.
-        baud_rate: Bits a second.
+        servos: Calibrations in packet order; either all have an `id` (bus servos) or none has.
+        baud_rate: Bits per second.
         header: First byte of a packet of degree bytes; servo bytes never reach it.
-        rate: Packets a second in [Hz].
-        protocol: Name of the protocol that it speaks; auto: the bridge finds out.
+        rate: Packets per second in [Hz].
+        protocol: Name of the protocol; auto: the bridge detects it.
     """
 
     servos: tuple[Servo, ...]
@@ -108,10 +108,10 @@ class BoardDescription:
 
     @property
     def hobby_servos(self) -> tuple[ServoCalibration, ...]:
-        """The servos where they are hobby servos, in packet order; else none."""
+        """The hobby servos in packet order; empty for a bus."""
         return tuple(each for each in self.servos if isinstance(each, ServoCalibration))
 
     @property
     def bus_servos(self) -> tuple[BusServo, ...]:
-        """The servos where they are on a bus, in packet order; else none."""
+        """The bus servos in packet order; empty for hobby servos."""
         return tuple(each for each in self.servos if isinstance(each, BusServo))

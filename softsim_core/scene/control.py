@@ -1,4 +1,4 @@
-"""How a robot is driven: commands, start move, keys, inverse control. Typed, immutable, SI."""
+"""Control of a robot: commands, start move, keys, inverse control. Typed, immutable, SI."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ Action: TypeAlias = Literal["start", "send", "e_stop", "clear_e_stop", "inverse"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandSettings:
-    """What the simulator does with commands.
+    """Handling of commands by the simulator.
 
     Attributes:
-        enforce_limits: Keep joint limits (position and speed); False allows full turns, in simulation only.
+        enforce_limits: Enforce joint limits (position and speed); False allows full turns, in simulation
+            only.
         out_of_range: "clamp" to the nearest allowed position, or "refuse" the whole command.
     """
 
@@ -29,10 +30,10 @@ class CommandSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartAnimation:
-    """The robot's start move: all joints from rest to a named pose, bases sliding in, in simulation only.
+    """The robot's start move, in simulation only: joints move from rest to a named pose, bases slide in.
 
     Attributes:
-        pose: Name of the pose reached.
+        pose: Name of the final pose.
         duration: Time in [s], > 0.
         base_shift: Shift in [m] of every joint's base along its slide_axis.
         at_start: Play it as soon as the simulation runs.
@@ -53,12 +54,12 @@ KEY_NAMES: Final = frozenset(
     | {"space", "plus", "minus", "enter", "escape", "backspace"}
     | (set(string.digits + string.ascii_lowercase + string.punctuation) - set("+=-_"))
 )
-"""Every name of a key, as terminals and browsers send it, that a binding can use."""
+"""Key names that a binding can use, as terminals and browsers send them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyBinding:
-    """What a teleop key does: move joints `by` [rad] or [m], go to a `pose`, or an `action`."""
+    """Action of a teleop key: move joints `by` [rad] or [m], go to a `pose`, or an `action`."""
 
     help: str
     joints: tuple[str, ...] = ()
@@ -74,24 +75,24 @@ class KeyBinding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InverseSettings:
-    """Inverse control: which effector coordinates follow the goal, and how.
+    """Inverse control: the effector coordinates that follow the goal, with weights and limits.
 
     Attributes:
-        task: What of a goal is followed: "position" (x, y, z), "orientation" (a rotation), "height_tilt"
-            (z and where the effector's z axis points) or "pose" (all six).
+        task: Coordinates that follow a goal: "position" (x, y, z), "orientation" (a rotation), "height_tilt"
+            (z and the direction of the effector's z axis) or "pose" (all six).
         position_weights: Weight of the error along world x, y, z in [-], >= 0.
         orientation_weights: Weight of the rotation error about world x, y, z in [-], >= 0.
-        lever: Length in [m] with which an angle counts as a displacement beside positions, > 0.
-        rate: Largest rate in [1/s] at which the error is taken away, > 0; a robot with a long slowest period
-            is controlled at what that allows.
-        gain: Deprecated, see `rate`: share of the error that one control tick takes away, in (0, 1].
-        max_shift: Largest position error in [m] along an axis that a tick looks at, > 0; of a robot that is
-            controlled at a lower rate as much more, so that a tick asks for the same displacement.
-        max_turn: Largest rotation error in [rad] about an axis that a tick looks at, > 0; likewise.
+        lever: Length in [m] that converts an angle to a displacement, > 0.
+        rate: Largest rate in [1/s] at which the error is removed, > 0; a robot with a long slowest period is
+            controlled at the lower rate that this period allows.
+        gain: Deprecated, see `rate`: share of the error that one control tick removes, in (0, 1].
+        max_shift: Largest position error in [m] along an axis that a tick considers, > 0; for a robot that is
+            controlled at a lower rate it is scaled up, so that a tick requests the same displacement.
+        max_turn: Largest rotation error in [rad] about an axis that a tick considers, > 0; scaled likewise.
         effort_weight: Weight of small joint efforts against tracking in [-], >= 0; decides between joints
-            that can do the same.
+            with the same effect.
         posture_weight: Weight of staying near `posture` against tracking in [-], >= 0.
-        posture: Name of the pose that `posture_weight` pulls to; None: where control starts.
+        posture: Name of the pose that `posture_weight` pulls to; None: the pose at the start of control.
         lower, upper: Narrower joint interval in [rad] or [m] for all joints; None: the joints' own limits.
         speed: Lower joint speed in [rad/s] or [m/s], > 0; None: the joints' own.
         torque_limit: Largest holding torque in [N m] or force in [N] of a joint, > 0; None: not limited.
@@ -99,8 +100,8 @@ class InverseSettings:
         feedback_gain: Rate in [1/s] at which the model's error against the measured pose is learned, >= 0.
         max_correction: Largest learned position error in [m], >= 0; anti-windup.
         max_correction_turn: Largest learned rotation error in [rad], >= 0; anti-windup.
-        tolerance: A goal is reached within this distance in [m], > 0.
-        tolerance_turn: And within this angle in [rad], > 0.
+        tolerance: Distance in [m] within which a goal is reached, > 0.
+        tolerance_turn: Angle in [rad] within which a goal is reached, > 0.
     """
 
     task: EffectorTask = "position"
@@ -158,7 +159,7 @@ class InverseSettings:
             raise FieldError("inverse", "lower", self.lower, f"<= upper = {self.upper}")
 
     def rate_at(self, dt: float) -> float:
-        """The rate in [1/s] for ticks of dt [s]: `rate`, or what `gain` amounts to."""
+        """Return the rate in [1/s] for ticks of dt [s]: `rate`, or the rate equivalent to `gain`."""
         if self.gain is None:
             return self.rate
         return math.inf if self.gain == 1.0 else -math.log1p(-self.gain) / dt

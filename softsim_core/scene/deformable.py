@@ -1,4 +1,4 @@
-"""A deformable body as a file describes it: shape, material regions, mass, attachments; typed, SI."""
+"""Description of a deformable body: shape, material regions, mass, attachments; typed, SI."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from softsim_core.scene.material import MaterialDescription
 from softsim_core.scene.rod import FibresDescription, LayerDescription, RodDescription, RodEnd
 
 SLACK_M = 1e-9
-"""Faces are included; this much rounding is forgiven, in [m]."""
+"""Tolerance in [m] for rounding at faces, which belong to a region."""
 
 
 def nodes_in(region: Box | Sphere, points: Array) -> IndexArray:
-    """Indices of the `points` (n, 3), in the region's coordinates, that lie inside it, ascending."""
+    """Return ascending indices of the `points` (n, 3) inside a region, in the region's coordinates."""
     offset = points - np.array(region.center)
     if isinstance(region, Sphere):
         return np.flatnonzero(np.linalg.norm(offset, axis=1) <= region.radius + SLACK_M)
@@ -45,7 +45,7 @@ def nodes_in(region: Box | Sphere, points: Array) -> IndexArray:
 
 
 def need_one_region(owner: str, *given: Box | Sphere | RodEnd | str | None) -> None:
-    """Refuse none, or more than one, of a region's box, sphere, end of a rod and group.
+    """Raise an error unless exactly one of a region's box, sphere, end of a rod and group is given.
 
     Raises:
         SceneError: names the owner.
@@ -59,18 +59,18 @@ class AttachmentDescription:
     """A region of a body that moves rigidly: with the world, with a joint, or as a free rigid frame.
 
     Attributes:
-        name: Unique name; a free frame carries this name.
+        name: Unique name; also the name of a free frame.
         body: Name of the body.
-        to: "world" (held still), "free" (a rigid frame with six unknowns), the name of a joint, or that of an
+        to: "world" (fixed), "free" (a rigid frame with six unknowns), the name of a joint, or the name of an
             attachment with to = free, whose frame then carries both.
-        box, sphere: The region; nodes are chosen once, on the rest shape, of a rod whole sections.
-        end: Or that end of a rod, beyond its clamp where it has one.
-        group: Or the name of a group of the mesh's file: a physical group of Gmsh, of points, lines, faces or
-            cells. Exactly one of the four.
+        box, sphere: The region; nodes are chosen once, on the rest shape, for a rod as whole sections.
+        end: Alternatively an end of a rod, beyond its clamp if it has one.
+        group: Alternatively the name of a group of the mesh's file: a physical group of Gmsh, of points,
+            lines, faces or cells. Give exactly one of the four.
         relative_to: None: the region is given in world coordinates. A joint name: in that joint's base frame.
         frame: Origin in [m] and orientation of a free frame, in world coordinates. None: the origin is the
             mean of its nodes at rest, the axes are those of the world.
-        stiffness: Only with to = "world": spring in [N/m] a node instead of an exact hold.
+        stiffness: Only with to = "world": spring in [N/m] per node instead of an exact fixing.
     """
 
     name: str
@@ -92,13 +92,14 @@ class AttachmentDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MaterialRegionDescription:
-    """Cells of a body with another material than the rest of it, such as a bone or a softer skin.
+    """Cells of a body with a different material, such as a bone or a softer skin.
 
     Attributes:
         name: Unique in its body.
         material: Law and parameters; the mass per volume is the body's.
         group: Name of a group of cells of the mesh's file: a physical group of volumes of Gmsh.
-        box, sphere: Or cells whose middle lies there, on the rest shape. Exactly one of the three.
+        box, sphere: Alternatively the cells with their middle inside, on the rest shape. Give exactly one of
+            the three.
     """
 
     name: str
@@ -113,11 +114,11 @@ class MaterialRegionDescription:
 
     @property
     def values(self) -> Mapping[str, float]:
-        """The parameters of its law by name."""
+        """Parameters of its law by name."""
         return self.material.values
 
     def changed(self, values: Mapping[str, float]) -> MaterialRegionDescription:
-        """The same region with other values of its law."""
+        """Return the same region with other values of its law."""
         return replace(self, material=self.material.changed(**values))
 
 
@@ -126,13 +127,14 @@ MassDistribution: TypeAlias = Literal["volume", "consistent", "equal"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddedMassDescription:
-    """Mass that the nodes of a region carry beside their body's, spread evenly: a load, a sensor, a nut.
+    """Additional mass, spread evenly over the nodes of a region: a load, a sensor, a nut.
 
     Attributes:
         mass: In [kg], > 0.
         box, sphere: The region; nodes are chosen once, on the rest shape.
-        end: Or that end of a rod.
-        group: Or the name of a group of the mesh's file (a physical group of Gmsh). Exactly one of the four.
+        end: Alternatively an end of a rod.
+        group: Alternatively the name of a group of the mesh's file (a physical group of Gmsh). Give exactly
+            one of the four.
     """
 
     mass: float
@@ -153,28 +155,28 @@ class BodyDescription:
     Attributes:
         name: Unique name.
         mesh: Tetrahedra: a file, or arrays in [m]; or give `rod`.
-        rod: A slender body; or give `mesh`. It has no layers, fibres, surface of its own or order, and the
-            law `rod`, or with an `element` of tetrahedra another one.
+        rod: A slender body; or give `mesh`. It has no layers, fibres, surface of its own or order. Its law is
+            `rod`, or with an `element` of tetrahedra another one.
         material: Law and parameters.
-        density: Mass per volume in [kg/m^3], > 0; or give `total_mass`. Where neither is given, that of the
-            material's preset, if it is known.
+        density: Mass per volume in [kg/m^3], > 0; or give `total_mass`. If neither is given, the density of
+            the material's preset, if it is known.
         total_mass: Mass in [kg], > 0; or give `density`.
-        mass_distribution: How the mass is spread over the nodes. "volume": each element's mass goes to its
-            nodes. "consistent": it moves as the shape functions say, so the inertia of a body with straight
-            edges is exact. "equal": every node has the same, as in the reference simulator, which makes the
-            inertia of coarse meshes much too large.
-        added_masses: What parts of it carry.
+        mass_distribution: Distribution of the mass over the nodes. "volume": each element's mass goes to its
+            nodes. "consistent": the mass matrix follows from the shape functions, so the inertia of a body
+            with straight edges is exact. "equal": every node has the same mass, as in the reference
+            simulator, which makes the inertia of coarse meshes much too large.
+        added_masses: Additional masses of its parts.
         layers: Thin sheets on its faces.
-        fibres: What runs through it and carries tension only.
-        regions: Parts of it that are made of something else.
-        velocity: Of all its nodes at the start in [m/s], but of those that are fixed or follow a joint.
+        fibres: Embedded fibres, which carry tension only.
+        regions: Parts of another material.
+        velocity: Start velocity in [m/s] of all its nodes, except those that are fixed or follow a joint.
         surface: Finer visual surface that follows the body; None shows the boundary of the tetrahedra.
         colour: Red, green, blue, alpha in 0..1, for pictures only.
-        order: 2 puts a node on each edge of a linear mesh, 1 leaves those of a quadratic one out; None: as
-            the mesh is.
-        element: Name of the element that its cells are, see fem.elements, with as many nodes as they have;
-            None: tet4 or tet10, or of a rod sections along it. With tet4 or tet10 the rod is a strip of
-            tetrahedra of the same shape.
+        order: 2 puts a node on each edge of a linear mesh, 1 removes those of a quadratic one; None: as in
+            the mesh.
+        element: Name of the element of its cells, see fem.elements, with the same number of nodes; None: tet4
+            or tet10, or for a rod sections along it. With tet4 or tet10 the rod is a strip of tetrahedra of
+            the same shape.
     """
 
     name: str
@@ -263,7 +265,7 @@ class BodyDescription:
 
     @property
     def is_rod(self) -> bool:
-        """Whether it is made of cross-sections, not of tetrahedra."""
+        """Whether it consists of cross-sections, not of tetrahedra."""
         return self.rod is not None and self.element is None
 
     @property
@@ -273,5 +275,5 @@ class BodyDescription:
 
     @property
     def parts(self) -> tuple[LayerDescription | FibresDescription | MaterialRegionDescription, ...]:
-        """What of it has parameters of its own: layers, fibres, regions."""
+        """Its parts with parameters of their own: layers, fibres, regions."""
         return (*self.reinforcements, *self.regions)

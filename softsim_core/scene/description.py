@@ -1,6 +1,7 @@
-"""The description of a scene: typed, immutable, SI. YAML files and Python scenes both end here.
+"""The description of a scene: typed, immutable, SI. YAML files and Python scenes are both converted to it.
 
-Angles of placements are in degrees in fields named `*_deg` (people write them); the rest is SI and radians.
+Angles of placements are in degrees, in fields named `*_deg`, for readability. Everything else is in SI and
+radians.
 """
 
 from __future__ import annotations
@@ -49,14 +50,14 @@ class RigidBodyDescription:
     Attributes:
         name: Unique among all bodies.
         shape: Its surface.
-        mass: Mass in [kg], > 0, of a body that moves by itself; None: it is carried by `on`.
-        inertia: Principal moments in [kg m^2] about the axes of its frame; None: those of a solid of even
+        mass: Mass in [kg], > 0, of a free body; None: it is carried by `on`.
+        inertia: Principal moments in [kg m^2] about the axes of its frame; None: those of a solid of uniform
             density.
-        pose: Where it starts in the world, or in the frame of `on` (its scale is not used).
-        velocity, angular_velocity: How a body with mass moves at the start, of its centre of mass in [m/s]
-            and in [rad/s], world axes.
-        on: What carries a body without mass: "world", the name of a free frame (an attachment with to =
-            free), or of a joint (the frame that the joint moves), or JOINT_base (the joint's base).
+        pose: Start pose in the world, or in the frame of `on` (its scale is not used).
+        velocity, angular_velocity: Start velocity of a free body's centre of mass in [m/s] and its angular
+            velocity in [rad/s], world axes.
+        on: Carrier of a body without mass: "world", the name of a free frame (an attachment with to = free),
+            or of a joint (the frame that the joint moves), or JOINT_base (the joint's base).
         colour: Red, green, blue, alpha in 0..1, for pictures only.
     """
 
@@ -94,8 +95,8 @@ class RigidBodyDescription:
 class CollisionDescription:
     """A surface that touches others.
 
-    Two surfaces that share a group never meet; a surface without group meets all others. Surfaces of one
-    body meet only where each has groups and none in common (self-contact).
+    Two surfaces that share a group never touch; a surface without group touches all others. Surfaces of one
+    body touch only if each has groups and none in common (self-contact).
 
     Attributes:
         name: Unique name.
@@ -128,32 +129,34 @@ SUBSTEPS: Final = (1, 2, 4, 8, 16, 32, 64)
 MOST_THREADS: Final = 64
 MOST_ITERATIONS: Final = 1000
 _TOLERANCE, _LARGE = 1.0e-7, 0.1
-"""Default of `iteration_tolerance` in [m], and size in [m] of what deforms below which it shrinks with it."""
+"""Default of `iteration_tolerance` in [m], and extent in [m] of the bodies below which it is scaled down."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverSettings:
-    """Numerics: law of bodies that name none, implementation of the step, Rayleigh damping.
+    """Numerics: default law of bodies, implementation of the step, Rayleigh damping.
 
     Attributes:
         rotation: Law of bodies whose material names none: "polar" is corotational (survives inversion), "qr"
             is corotational_qr (parity with the reference simulator).
         backend: "numba" (fast), "scipy" (readable reference) or "auto" (numba where it imports).
-        linear_solver: Name of what solves the linear systems of step and statics, see linalg.solvers; "auto"
-            leaves it to the suite. One that the compiled step is not one with runs with plain assembly.
-        threads: Of the compiled step of a large mesh, some 3000 nodes and more: 1 to 64, or "auto": as many
-            as OMP_NUM_THREADS says, else as the process has cores. States are the same bit by bit.
+        linear_solver: Name of the solver for the linear systems of step and statics, see linalg.solvers;
+            "auto" leaves the choice to the suite. A solver that the compiled step does not include runs with
+            plain assembly.
+        threads: Threads of the compiled step of a large mesh, some 3000 nodes and more: 1 to 64, or "auto":
+            the value of OMP_NUM_THREADS, else the number of cores of the process. The states are bit by bit
+            the same.
         rayleigh_stiffness: Damping per stiffness in [s], >= 0.
         rayleigh_mass: Damping per mass in [1/s], >= 0.
-        time_integration: "implicit_euler", or "bossak", of second order, for what shall ring as
-            the real thing does; see dynamics.bossak.
-        spectral_radius: Of "bossak": what each step leaves of the highest frequencies, 0 to 1.
-        substeps: Parts in which a step is done at most where rubber or a quadratic cell strains too much for
-            one: 1 (always whole), 2, 4 and so on up to 64.
-        iterations: Newton iterations of a step at most, 1 to 1000; with 1 it is linearised once. "bossak"
-            takes 2 at least where a body hangs on nothing: linearised once, it would gain energy as it turns.
-        iteration_tolerance: A step has enough of them once one has moved no node farther than this, in [m],
-            >= 0. None: 1e-7, or less in proportion to what deforms where that is smaller than 0.1 m.
+        time_integration: "implicit_euler", or "bossak", of second order, for realistic oscillations; see
+            dynamics.bossak.
+        spectral_radius: For "bossak": factor by which each step multiplies the highest frequencies, 0 to 1.
+        substeps: Largest number of parts of a step where rubber or a quadratic cell strains too much for one:
+            1 (always whole), 2, 4 and so on up to 64.
+        iterations: Largest number of Newton iterations of a step, 1 to 1000; with 1 it is linearised once.
+            "bossak" uses at least 2 for an unsupported body: linearised once, its rotation would gain energy.
+        iteration_tolerance: The iterations end once one has moved no node farther than this, in [m], >= 0.
+            None: 1e-7, scaled down in proportion if the deformable bodies are smaller than 0.1 m.
     """
 
     rotation: RotationLaw = "polar"
@@ -196,7 +199,7 @@ class SolverSettings:
         """Return how far in [m] an iteration may move a node and still be the last one.
 
         Args:
-            size: Of what deforms in [m].
+            size: Extent of the deformable bodies in [m].
         """
         if self.iteration_tolerance is not None:
             return self.iteration_tolerance
@@ -204,26 +207,26 @@ class SolverSettings:
 
 
 SHORTEST_STEP, LONGEST_STEP = 1e-9, 1e9
-"""Allowed time steps in [s]: a shorter one would never get anywhere, a longer one is no step."""
+"""Allowed time steps in [s]: a shorter one would never finish, a longer one is not meaningful."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneDescription:
-    """What is simulated: bodies, what holds and moves them, what they touch; see the fields' types.
+    """The simulated scene: bodies, their supports and drives, and contact; see the fields' types.
 
     Attributes:
-        name: What messages call it.
+        name: Name in messages.
         dt: Time step in [s], from 1e-9 to 1e9.
         gravity: In [m/s^2].
         solver: Numerics.
         bodies: Deformable bodies.
-        joints: Degrees of freedom that are driven, in command order.
+        joints: Driven degrees of freedom, in command order.
         attachments: Regions of bodies that move rigidly.
         rigid_bodies: Rigid bodies, free and carried.
         collisions: Surfaces that touch others.
-        contact: How contact is found and solved.
+        contact: Detection and solution of contact.
         effector: Name of the free attachment whose pose is the end effector's; None: there is none.
-        sensors: What measures; each of one of the kinds in `softsim_core.physics.sensing`, named by `kind`.
+        sensors: Sensors, each of one of the kinds in `softsim_core.physics.sensing`, selected by `kind`.
     """
 
     name: str
@@ -268,7 +271,7 @@ class SceneDescription:
 
     @property
     def materials(self) -> tuple[tuple[str, Mapping[str, float]], ...]:
-        """What has parameters of a law, and their values: bodies, then `BODY.PART` of each; see `parts`."""
+        """Owners of law parameters with their values: bodies, then `BODY.PART` of each; see `parts`."""
         return (
             *((body.name, body.material.values) for body in self.bodies),
             *((f"{body.name}.{each.name}", each.values) for body in self.bodies for each in body.parts),
@@ -289,7 +292,7 @@ class SceneDescription:
         )
 
     def parameter_prefix(self, owner: str) -> str:
-        """What stands before the names of parameters of an owner in `materials`, where all have names."""
+        """Return the prefix of an owner's parameter names, where all parameters have names."""
         if len(self.bodies) > 1:
             return f"{owner}."
         only = self.bodies[0].name if self.bodies else ""

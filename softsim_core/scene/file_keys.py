@@ -1,4 +1,4 @@
-"""How a description's fields stand in a scene's file, where that is not under a key of the field's name."""
+"""Mapping between a description's fields and the keys of a scene's file, where the names differ."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from typing import Any, Final
 _IN_FILE = "in_file"
 
 BESIDE: Final = MappingProxyType({_IN_FILE: "beside"})
-"""Metadata of a field that holds a description: its keys stand beside those of the owner's other fields."""
+"""Metadata of a field with a description whose keys are on the same level as those of its owner."""
 
 ABSENT: Final = MappingProxyType({_IN_FILE: "absent"})
-"""Metadata of a field that no file gives."""
+"""Metadata of a field that files do not contain."""
 
 
 def is_beside(field: Field[Any]) -> bool:
-    """Whether the keys of what the field holds stand beside the keys of its owner."""
+    """Return whether the keys of a field's value are on the same level as the keys of its owner."""
     return field.metadata.get(_IN_FILE) == "beside"
 
 
 def is_absent(field: Field[Any]) -> bool:
-    """Whether no file gives the field."""
+    """Return whether files do not contain the field."""
     return field.metadata.get(_IN_FILE) == "absent"
 
 
 @functools.cache
 def beside(cls: type) -> dict[str, type]:
-    """The fields of a description whose keys stand beside its own, with what they hold."""
+    """Return the fields of a description with keys on the same level as its own, with their types."""
     named = [each.name for each in fields(cls) if is_beside(each)]
     hints = typing.get_type_hints(cls) if named else {}
     return {name: hints[name] for name in named}
@@ -37,7 +37,7 @@ def beside(cls: type) -> dict[str, type]:
 
 @functools.cache
 def keys_of(cls: type) -> tuple[str, ...]:
-    """The keys with which a file gives a description, in the order of the fields."""
+    """Return the keys of a description in a file, in the order of the fields."""
     inner = beside(cls)
     keys: list[str] = []
     for each in fields(cls):

@@ -1,4 +1,4 @@
-"""A joint as a file describes it: what it moves or which actuator it commands; typed, SI."""
+"""Description of a joint: the frame it moves or the actuator it commands; typed, SI."""
 
 from __future__ import annotations
 
@@ -32,12 +32,13 @@ class JointDescription:
             such as cable ([m] by which it is shortened).
         actuator: The description of that actuator, in files under the key named after its kind; its joint has
             no frame and no axis.
-        parent: Name of a joint before it in the list that carries this joint's base; chains of any length.
-        base: Base frame in the world, the parent at rest (its scale is not used).
+        parent: Name of an earlier joint in the list that carries this joint's base; chains may have any
+            length.
+        base: Base frame in the world, with the parent at rest (its scale is not used).
         axis: Unit axis in the base frame, through its origin.
         limits: Position interval and top speed.
         rest: Position at which the scene is built, in [rad] or [m].
-        stiffness: None: the joint is exactly where it is commanded (a prescribed unknown; its reaction is the
+        stiffness: None: the joint is exactly at its command (a prescribed unknown; its reaction is the
             holding torque). A number: a spring of that stiffness in [N m/rad] or [N/m] pulls it there.
         inertia: Generalised inertia in [kg m^2] or [kg] of a joint with stiffness.
         slide_axis: Direction in the base frame in which the start move shifts the base, in simulation only.
@@ -88,12 +89,12 @@ class JointDescription:
 
     @property
     def by_effort(self) -> bool:
-        """Whether commands are its effort, such as the pressure of a chamber, not where it shall be."""
+        """Whether its command is an effort, such as the pressure of a chamber, not a position."""
         return self.actuator is not None and self.actuator.by_effort
 
     @property
     def units(self) -> JointUnits:
-        """What its command, position and effort are told in."""
+        """Units of its command, position and effort."""
         if self.actuator is not None:
             return self.actuator.units
         return JointUnits(ANGLE, ANGLE, "N·m") if self.kind == "revolute" else JointUnits(LENGTH, LENGTH, "N")

@@ -1,4 +1,4 @@
-"""What a body is made of: a material law by name, and its parameters."""
+"""Description of a material: a law by name, and its parameters."""
 
 from __future__ import annotations
 
@@ -21,24 +21,23 @@ from softsim_core.physics.fem.materials import (
 
 DEFAULT_LAW = "corotational"
 REFERENCE_LAW = "corotational_qr"
-"""The law of bodies that name none, where the solver's rotation is "polar" and where it is "qr"."""
+"""Default law of bodies, for the solver's rotation "polar" and "qr"."""
 
 
 class MaterialDescription:
-    """A material law and the values of its parameters, each an attribute by its name.
+    """A material law and the values of its parameters, which are also attributes by name.
 
     `MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)` is isotropic linear elasticity: Young modulus
-    in [Pa], > 0; Poisson ratio in [-], in (-1, 0.5).
-    `MaterialDescription(preset="Dragon Skin 20", stiffness_factor=1.75)` has the constants of an elastomer of
-    the table, all but those that are given.
-    `prony=((0.1, 0.9),)` lets shares of the answer to shear fade, each with its time in [s]; see
+    in [Pa], > 0; Poisson ratio in [-], in (-1, 0.5). `MaterialDescription(preset="Dragon Skin 20",
+    stiffness_factor=1.75)` has the constants of an elastomer of the table, except for those that are given.
+    `prony=((0.1, 0.9),)` lets shares of the shear stress relax, each with its time in [s]; see
     fem.materials.relaxing. They are parameters, too: prony_share_1, prony_time_1 and so on.
 
     Attributes:
         law: Name of the law, see fem.materials; None: "corotational", or "corotational_qr" where the solver's
-            rotation is "qr"; of a preset the law of its default fit.
+            rotation is "qr"; for a preset the law of its default fit.
         preset: Name of an elastomer, see fem.materials.elastomers, or None.
-        terms: How many Prony terms there are.
+        terms: Number of Prony terms.
         values: All parameters by name, in the order of the law; those not given have their defaults.
 
     Raises:
@@ -79,21 +78,21 @@ class MaterialDescription:
 
     @property
     def warning(self) -> str | None:
-        """What to know about the preset's constants as they are used here, or None."""
+        """Warning about the preset's constants in this use, or None."""
         if self.preset is None or self.values["stiffness_factor"] != 1.0:
             return None
         return stiffness_warning(self.preset)
 
     def law_for(self, rotation: str) -> Material:
-        """The law, where bodies that name none have the solver's `rotation`, "polar" or "qr"."""
+        """Return the law; `rotation`, "polar" or "qr", determines the default law."""
         return _law_of(self.law or (REFERENCE_LAW if rotation == "qr" else DEFAULT_LAW), self.terms)
 
     def changed(self, **values: float) -> MaterialDescription:
-        """The same law with other values."""
+        """Return the same law with other values."""
         return MaterialDescription(law=self.law, preset=self.preset, prony=(), **{**self.values, **values})
 
     def of_law(self, law: str) -> MaterialDescription:
-        """The same values for another law that has these parameters."""
+        """Return the same values for another law with these parameters."""
         return MaterialDescription(law=law, preset=None, prony=(), **self.values)
 
     def __getattr__(self, name: str) -> float:
@@ -122,7 +121,7 @@ class MaterialDescription:
         return (self.law, self.preset, *self.values.items())
 
     def plain(self) -> dict[str, Any]:
-        """The form that scene files have."""
+        """Return the material in the form of scene files."""
         law = {} if self.law is None else {"law": self.law}
         values, prony = dict(self.values), []
         for i in range(1, self.terms + 1):
@@ -136,12 +135,12 @@ class MaterialDescription:
 
 
 def law_parameters(law: object) -> tuple[MaterialParameter, ...]:
-    """A law's parameters; SceneError if `law` is no known law (None is the default one)."""
+    """Return a law's parameters; raise SceneError if `law` is unknown (None is the default one)."""
     return _law_of(law).parameters
 
 
 def preset_values(preset: str, law: str) -> dict[str, float]:
-    """All parameters of an elastomer's law; SceneError if one of them is not known."""
+    """Return all parameters of an elastomer's law; raise SceneError if one of them is not known."""
     constants = elastomer(preset).fit(law).constants
     return material(law).values({"poisson_ratio": SILICONE_POISSON_RATIO, **constants})
 

@@ -1,4 +1,4 @@
-"""A scene moved rigidly to another place in the world."""
+"""Rigid motion of a scene to another place in the world."""
 
 from __future__ import annotations
 
@@ -22,43 +22,43 @@ class Motion:
 
     @classmethod
     def to(cls, placement: Placement) -> Motion:
-        """The motion to a placement (its scale is not used)."""
+        """Return the motion to a placement (its scale is not used)."""
         turn = rotation_euler(np.radians(placement.rotation_deg))
         return cls(turn, np.array(placement.translation, dtype=float))
 
     def after(self, first: Motion) -> Motion:
-        """Another motion first, then this one."""
+        """Return the motion that applies `first`, then this one."""
         return Motion(self.rotation @ first.rotation, self.point(first.translation))
 
     @property
     def inverse(self) -> Motion:
-        """The way back."""
+        """The inverse motion."""
         return Motion(self.rotation.T, -self.rotation.T @ self.translation)
 
     def point(self, point: Vector | Array) -> Array:
-        """Where a point (3,) goes, in [m]."""
+        """Return the moved position of a point (3,), in [m]."""
         return np.asarray(self.rotation @ np.asarray(point) + self.translation)
 
     def direction(self, direction: Vector | Array) -> Array:
-        """How a direction (3,) is turned."""
+        """Return the rotated direction (3,)."""
         return np.asarray(self.rotation @ np.asarray(direction))
 
     def placement(self, scale: float = 1.0) -> Placement:
-        """The placement that it moves the frame of the world to."""
+        """Return the placement to which it moves the frame of the world."""
         angles = np.degrees(euler_of(self.rotation))
         return Placement(scale=scale, rotation_deg=_vector(angles), translation=_vector(self.translation))
 
 
 def placed(scene: SceneDescription, motion: Motion) -> SceneDescription:
-    """The same scene, all that it says of places and directions in the world moved along; gravity stays.
+    """Move all positions and directions of a scene rigidly in the world; gravity is not changed.
 
-    Placements, boxes, spheres and arrays of nodes are moved wherever they stand, but in fields marked LOCAL;
-    vectors in fields marked POINT or DIRECTION; see softsim_core.base.values. What is told in the frame of
-    something else stays: regions relative to a joint, rigid bodies on something, and their surfaces. Free
-    frames that the scene leaves out are given in the result, so that they turn with it.
+    Placements, boxes, spheres and arrays of nodes are moved, except in fields marked LOCAL; vectors are moved
+    in fields marked POINT or DIRECTION; see softsim_core.base.values. Values in the frame of another part
+    stay: regions relative to a joint, rigid bodies on a carrier, and their surfaces. Implicit free frames
+    become explicit in the result, so that they rotate with it.
 
     Raises:
-        SceneError, MeshError: such a frame cannot be found; see softsim_core.scene.building.builder.
+        SceneError, MeshError: such a frame cannot be determined; see softsim_core.scene.building.builder.
     """
     from softsim_core.scene.building import with_rest_frames  # late: most processes only read scenes
 
@@ -101,7 +101,7 @@ def _placed(value: Any, motion: Motion) -> Any:
 
 
 def _moved_fields(description: Any, motion: Motion) -> dict[str, Any]:
-    """The fields of a description that differ once it is moved."""
+    """Return the fields of a description that the motion changes."""
     result = {}
     for each in fields(description):
         value = getattr(description, each.name)
@@ -115,7 +115,7 @@ def _moved_fields(description: Any, motion: Motion) -> dict[str, Any]:
 
 
 def _vectors(value: Any, move: Any) -> Any:
-    """A vector, or a list of them, moved; None stays."""
+    """Move a vector, or a list of them; None stays None."""
     if value is None:
         return None
     if value and isinstance(value[0], tuple):

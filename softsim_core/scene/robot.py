@@ -1,4 +1,4 @@
-"""What a robot is beside its physics: poses, commands, keys, board, inverse control, view; typed, SI."""
+"""Description of a robot besides physics: poses, commands, keys, board, inverse control, view; SI."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from softsim_core.scene.view import ViewSettings
 
 
 class RunningSimulation(Protocol):
-    """The part of a simulation that controllers and animations of a scene rely on.
+    """The part of a simulation that controllers and animations of a scene use.
 
     Attributes:
-        forces: External forces on the nodes in [N], shape (n, 3); written by the scene's code at will.
+        forces: External forces on the nodes in [N], shape (n, 3); writable by the scene's code.
         base_shift: Shift in [m] of all joint bases along their slide axes.
     """
 
@@ -71,7 +71,7 @@ class RunningSimulation(Protocol):
         ...
 
     def command(self, values: Sequence[float] | Array) -> Array:
-        """Set where the joints go; returns the accepted command in [rad] or [m], shape (j,)."""
+        """Set the joint targets; return the accepted command in [rad] or [m], shape (j,)."""
         ...
 
 
@@ -82,7 +82,7 @@ class Controller:
     Attributes:
         on_begin: Called before every step.
         on_end: Called after every step.
-        on_key: Called with the name of a pressed key ("up", "a") that the scene's own bindings have seen too.
+        on_key: Called with the name of a pressed key ("up", "a"), after the scene's own bindings.
     """
 
     on_begin: Callable[[RunningSimulation], None] | None = None
@@ -92,17 +92,17 @@ class Controller:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotDescription:
-    """A scene, and how its robot is driven, wired and looked at; in a file, all keys stand side by side.
+    """A scene with control, wiring and view of its robot; in a file, all keys are on the same level.
 
     Attributes:
         scene: The physics.
         poses: Named joint positions in [rad] or [m], one number per joint.
-        commands: What is done with commands.
+        commands: Handling of commands.
         start: The start move; None: there is none.
-        keys: What the keys of a keyboard do, by the names of the keys.
+        keys: Actions of keyboard keys, by key name.
         board: The serial board of the servos; None: there is none.
         inverse: Inverse control.
-        view: What a page shows when the scene begins.
+        view: Initial view of a page.
         controllers: Users' own code in the loop; from Python files only.
         source: The file it came from; None: none.
     """
@@ -158,7 +158,7 @@ class RobotDescription:
         """The robot's ROS namespace: its name.
 
         Raises:
-            FieldError: the name is none that ROS allows; a file or a `Scene` with such a name is refused.
+            FieldError: ROS does not allow the name; a file or a `Scene` with such a name is refused.
         """
         need_namespace(self.name)
         return self.name
@@ -175,46 +175,46 @@ class RobotDescription:
 
     @property
     def start_joints(self) -> tuple[float, ...]:
-        """Joint positions in [rad] or [m] at which the start move ends; without one, those at rest."""
+        """Joint positions in [rad] or [m] at the end of the start move; without one, those at rest."""
         if self.start is None:
             return tuple(joint.rest for joint in self.joints)
         return self.poses[self.start.pose]
 
     @property
     def start_shift(self) -> float:
-        """Shift in [m] of the joint bases at which the start move ends; without one, 0."""
+        """Shift in [m] of the joint bases at the end of the start move; without one, 0."""
         return 0.0 if self.start is None else self.start.base_shift
 
     @property
     def shown_parts(self) -> tuple[str, ...]:
-        """Everything that can be hidden by itself, as KIND/NAME, such as "bodies/silicone"."""
+        """All parts that can be hidden individually, as KIND/NAME, such as "bodies/silicone"."""
         kinds = ("bodies", "joints", "attachments", "rigid_bodies", "collisions")
         return tuple(f"{kind}/{part.name}" for kind in kinds for part in getattr(self.scene, kind))
 
     def with_scene(self, **changes: Any) -> RobotDescription:
-        """The same robot with some fields of its scene changed, such as `dt=0.005`.
+        """Return the same robot with some fields of its scene changed, such as `dt=0.005`.
 
         Raises:
-            SceneError: what is changed does not fit together.
+            SceneError: the changed fields are inconsistent.
         """
         return replace(self, scene=replace(self.scene, **changes))
 
     def robot_alone(self) -> RobotDescription:
-        """The robot without what it touches and feels, user code and start move: a model to plan with."""
+        """Return the robot without contacts, sensors, user code and start move: a model for planning."""
         contact = replace(self.scene.contact, friction_pairs=())
         scene = replace(self.scene, rigid_bodies=(), collisions=(), sensors=(), contact=contact)
         return replace(self, scene=scene, controllers=(), start=None, view=ViewSettings())
 
 
 def need_namespace(name: object) -> None:
-    """Refuse a robot's name that cannot be its ROS namespace."""
+    """Reject a robot's name that cannot be its ROS namespace."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", str(name)):
         allowed = "letters, digits and underscores, beginning with a letter (it is the ROS namespace)"
         raise FieldError("scene", "name", repr(name), allowed)
 
 
 def as_robot(description: SceneDescription | RobotDescription) -> RobotDescription:
-    """A robot as it is; a scene alone as a robot that has nothing but its physics."""
+    """Return a robot as it is, or a scene as a robot with only its physics."""
     if isinstance(description, RobotDescription):
         return description
     return RobotDescription(scene=description)

@@ -30,7 +30,7 @@ from softsim_core.physics.mesh import place
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerDescription:
-    """A thin sheet bonded to faces of a body, such as paper or fabric: it hardly stretches and bends freely.
+    """A thin sheet on faces of a body, such as paper or fabric: stiff in its plane, flexible in bending.
 
     Attributes:
         name: Unique in its body.
@@ -38,8 +38,8 @@ class LayerDescription:
         young_modulus: In its plane in [Pa], > 0.
         poisson_ratio: In its plane in [-], in (-1, 0.5).
         density: Mass per volume in [kg/m^3], >= 0.
-        box, sphere: The region, exactly one: faces of the body whose nodes all lie in it are covered, also
-            those of hollows.
+        box, sphere: The region, exactly one: it covers faces of the body with all nodes inside, including
+            those of cavities.
     """
 
     name: str
@@ -70,7 +70,7 @@ class LayerDescription:
         return {"young_modulus": self.young_modulus, "poisson_ratio": self.poisson_ratio}
 
     def changed(self, values: Mapping[str, float]) -> LayerDescription:
-        """The same layer with other values of its law."""
+        """Return the same layer with other values of its law."""
         values = {**self.values, **values}
         return replace(self, young_modulus=values["young_modulus"], poisson_ratio=values["poisson_ratio"])
 
@@ -89,17 +89,17 @@ class AxisDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FibresDescription:
-    """Fibres smeared over a part of a body, which carry tension only.
+    """Fibres distributed over a part of a body, which carry tension only.
 
     Attributes:
         name: Unique in its body.
         stiffness: k of k/2 (I4 - 1)^2 in [Pa], > 0, with the square of the stretch I4: a quarter of the
-            fibres' Young modulus, times the share of the volume that they fill.
-        direction: Where they all run; or give `around`.
-        around: They are wound around this axis.
-        angle_deg: Of wound ones, how much they rise from the circle towards the axis, in [deg], -90 to 90.
-        radii: Of wound ones, they lie between these two distances from the axis in [m]; None: anywhere.
-        box, sphere: They run through cells whose middle lies there; neither: through the whole body.
+            fibres' Young modulus, times their volume fraction.
+        direction: Direction of straight fibres; or give `around`.
+        around: Axis of wound fibres.
+        angle_deg: Angle of wound fibres from the circle towards the axis, in [deg], -90 to 90.
+        radii: Least and largest distance of wound fibres from the axis in [m]; None: any distance.
+        box, sphere: They run through cells with their middle inside; neither: through the whole body.
     """
 
     name: str
@@ -141,7 +141,7 @@ class FibresDescription:
         return {"stiffness": self.stiffness}
 
     def changed(self, values: Mapping[str, float]) -> FibresDescription:
-        """The same fibres with other values of their law."""
+        """Return the same fibres with other values of their law."""
         return replace(self, stiffness=values.get("stiffness", self.stiffness))
 
 
@@ -166,7 +166,7 @@ MOST_ELEMENTS, MOST_ACROSS = 100_000, 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerOfRodDescription:
-    """One of the layers that a section is made of, from its low to its high side along the first axis.
+    """One of the layers of a section, ordered from its low to its high side along the first axis.
 
     Attributes:
         share: Part of the thickness, > 0; the sum of all is 1.
@@ -188,12 +188,12 @@ class RodSectionDescription:
     Attributes:
         shape: "rectangle" or "ellipse" (a circle where both sizes are equal).
         size: Full extent along the first and the second axis in [m], > 0.
-        end_size: That at the end of the rod, between which it tapers; None: it does not.
+        end_size: Full extent at the end of a tapered rod; None: it is not tapered.
         wall: Thickness of the wall of a tube in [m], less than half of each size; None: it is solid.
-        layers: Of a solid rectangle of several materials; none: it has one.
-        stiffness: Instead of those of shape and material: against stretch in [N], shear along both axes in
-            [N], bending along both axes in [N m^2] and twist in [N m^2]; they scale with the material's
-            moduli and factors when these are tuned.
+        layers: Layers of a solid rectangle of several materials; none: it has one material.
+        stiffness: Replaces the stiffness of shape and material: against stretch in [N], shear along both axes
+            in [N], bending along both axes in [N m^2] and twist in [N m^2]; the values scale with the
+            material's moduli and factors when these are tuned.
     """
 
     shape: SectionShape
@@ -229,10 +229,10 @@ class RodSectionDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RodClampDescription:
-    """What holds an end of a rod, where that gives way: a short rigid piece, on which the end moves.
+    """A compliant clamp at an end of a rod: a short rigid piece, relative to which the end moves.
 
-    The piece goes on along the tangent by `length`; what holds the rod holds its far end. The end of the rod
-    turns about its own centre; by an angle a takes half the stiffness times sin(2 a).
+    The piece continues along the tangent by `length`; its far end is fixed by the rod's attachment. The end
+    of the rod rotates about its own centre; an angle a requires half the stiffness times sin(2 a).
 
     Attributes:
         translation: Stiffness in [N/m] along the tangent and the first and second axis, each > 0; .inf: as
@@ -255,7 +255,7 @@ class RodClampDescription:
 
     @property
     def stiffness(self) -> Array:
-        """Of stretch, shear, bending and twist, in [N/m] and [N m/rad], infinite where rigid, shape (6,)."""
+        """Stiffness of stretch, shear, bending and twist in [N/m] and [N m/rad], inf where rigid, (6,)."""
         return np.array([*self.translation, *self.rotation])
 
 
@@ -264,20 +264,20 @@ class RodDescription:
     """A slender body that bends, twists and stretches.
 
     Attributes:
-        centreline: Points, two or more, that its centre begins on; a smooth curve goes through them.
-        placement: Where they and the directions sit in the world; without a scale the points are in [m].
+        centreline: Two or more points of its initial centre; a smooth curve interpolates them.
+        placement: Placement of points and directions in the world; without a scale the points are in [m].
         section: Its cross-section.
-        first_axis: Direction that the first axis of the first section is nearest to; from there the axes go
-            along the curve without turning about it.
-        start_direction, end_direction: Along the rod at its ends, of length 1; None: as the points say.
+        first_axis: Direction to which the first axis of the first section is nearest; from there the axes
+            follow the curve without rotating about it.
+        start_direction, end_direction: Unit tangents at its ends; None: from the points.
         elements: Number of cells, of three sections each; up to 100 000.
-        across: Of a rod whose body names an element of tetrahedra: boxes of six of them along the first and
+        across: For a rod with an element of tetrahedra: number of boxes of six tetrahedra along the first and
             the second axis, up to 1000; `elements` is their number along the rod.
         natural: Shape without load: "as_drawn" or "straight".
         curvature: In [1/m] beyond that of the natural shape: along the first and the second axis, and twist
             in [rad/m].
         length: Length without load in [m]; None: that of the centreline.
-        start_clamp, end_clamp: What gives way between an end and what holds it; None: nothing.
+        start_clamp, end_clamp: Compliant clamp at an end; None: rigid.
     """
 
     centreline: tuple[Vector, ...]
@@ -322,7 +322,7 @@ class RodDescription:
 
     @property
     def beyond_tetrahedra(self) -> list[str]:
-        """What is given here that tetrahedra cannot have, by the names of fields; none: they can be it."""
+        """Names of the given fields that tetrahedra do not support; none: the rod can be tetrahedra."""
         section = self.section
         given = {
             "section.shape": section.shape != "rectangle",
@@ -336,7 +336,7 @@ class RodDescription:
         return [name for name, beyond in given.items() if beyond]
 
     def end_place(self, start: bool) -> tuple[float, float, float]:
-        """Where its start or its end begins in the world in [m], without a clamp."""
+        """Return the initial position of its start or end in the world in [m], without a clamp."""
         point = np.array([self.centreline[0 if start else -1]], dtype=float)
         x, y, z = place(point, self.placement)[0].tolist()
         return x, y, z

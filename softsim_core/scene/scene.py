@@ -33,7 +33,7 @@ Item: TypeAlias = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """What a part adds to a scene: bodies, joints, surfaces that touch, possibly the end effector."""
+    """Contribution of a part to a scene: bodies, joints, surfaces that touch, possibly the end effector."""
 
     bodies: tuple[BodyDescription, ...] = ()
     joints: tuple[JointDescription, ...] = ()
@@ -45,15 +45,15 @@ class Part:
     effector: str | None = None
 
     def with_bodies(self, **fields: Any) -> Part:
-        """The same part with fields of its bodies set anew, such as colour=(1.0, 0.0, 0.0, 1.0)."""
+        """Return the same part with other fields of its bodies, such as colour=(1.0, 0.0, 0.0, 1.0)."""
         return replace(self, bodies=tuple(replace(body, **fields) for body in self.bodies))
 
 
 @dataclass(slots=True, kw_only=True)
 class Scene:
-    """A mutable scene: set its fields, `add` parts, hook controllers in, `describe` it.
+    """A mutable scene: set its fields, `add` parts, register controllers, `describe` it.
 
-    Attributes: as in SceneDescription and RobotDescription, side by side; lists instead of tuples.
+    Attributes: as in SceneDescription and RobotDescription, on one level; lists instead of tuples.
     """
 
     name: str = "scene"
@@ -81,7 +81,7 @@ class Scene:
         """Add a part, a body, a joint, an attachment, a surface, a sensor, a controller, or several of them.
 
         Raises:
-            SceneError: something else is given, or a second part brings an end effector.
+            SceneError: another type is given, or a second part defines an end effector.
         """
         if isinstance(item, BodyDescription):
             self.bodies.append(item)
@@ -147,10 +147,10 @@ class Scene:
         self.controllers.append(animated(callback, duration, mode, delay))
 
     def describe(self) -> RobotDescription:
-        """The scene and its robot as an immutable, validated description.
+        """Return the scene and its robot as an immutable, validated description.
 
         Raises:
-            SceneError: what was added does not fit together.
+            SceneError: the added parts are inconsistent.
         """
         need_namespace(self.name)
         scene = SceneDescription(
@@ -186,7 +186,7 @@ def animated(
     mode: Mode = "once",
     delay: float = 0.0,
 ) -> Controller:
-    """A controller that plays an animation in simulated time.
+    """Return a controller that plays an animation in simulated time.
 
     The factor depends on the simulated time alone: a reset or restored simulation plays it exactly again.
 

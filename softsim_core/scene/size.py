@@ -1,7 +1,7 @@
-"""How much memory a scene will take, told from its description, and how much a scene from a message may take.
+"""Estimate of a scene's memory from its description, and the limit for scenes from messages.
 
-A message of two hundred bytes can describe a body of any size. What is built because of a message is measured
-here first: nothing is drawn, meshed or factorised before.
+A message of two hundred bytes can describe a body of any size. Anything built because of a message is
+measured here first, before it is drawn, meshed or factorised.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from softsim_core.scene.rod import RodDescription
 
 VARIABLE: Final = "SOFTSIM_MOST_MEMORY"
 MOST_GIGABYTES: Final = 2.0
-"""What a scene may take where the environment variable does not say otherwise."""
+"""Default memory limit of a scene, if the environment variable is not set."""
 
 _NODE_BYTES, _CELL_BYTES, _FACTOR_BYTES = 1000.0, 4000.0, 156.0
-"""Per node, per cell, and per unknown to the power of 4/3: the factor of 8232 holds 2.1 million numbers."""
+"""Bytes per node, cell, and unknown to the power of 4/3 (8232 unknowns: 2.1 million numbers)."""
 
 _SMALL_FILE = 40_000
-"""A file of fewer bytes is not read to be measured: it holds some thousand nodes at most."""
+"""A file of fewer bytes is not measured: it contains some thousand nodes at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class SceneSize:
     """Size of the deformable bodies of a scene.
 
     Attributes:
-        nodes, cells: Of all together.
+        nodes, cells: Total numbers.
         largest: Name of the body with the most nodes; empty without bodies.
     """
 
@@ -44,7 +44,7 @@ class SceneSize:
 
     @property
     def gigabytes(self) -> float:
-        """Memory that state, matrices and their factor take, about, in [GB]."""
+        """Approximate memory of state, matrices and their factor, in [GB]."""
         factor = _FACTOR_BYTES * math.pow(3.0 * self.nodes, 4.0 / 3.0)
         return (_NODE_BYTES * self.nodes + _CELL_BYTES * self.cells + factor) / 1e9
 
@@ -54,7 +54,7 @@ def scene_size(scene: SceneDescription, *, read_files: bool = True) -> SceneSize
 
     Args:
         scene: The scene.
-        read_files: Read the files of meshes where they may be large; else they do not count.
+        read_files: Read the files of meshes that may be large; otherwise they do not count.
 
     Raises:
         MeshError: such a file cannot be read.
@@ -67,14 +67,14 @@ def scene_size(scene: SceneDescription, *, read_files: bool = True) -> SceneSize
 
 
 def check_size(scene: SceneDescription, *, read_files: bool = True) -> None:
-    """Refuse a scene that takes more memory than one from a message may; call it before anything is built.
+    """Reject a scene that needs more memory than allowed for messages; call it before anything is built.
 
     Args:
         scene: The scene.
         read_files: See `scene_size`; False where a message may have named the files.
 
     Raises:
-        SceneError: it does, or the environment variable is no number.
+        SceneError: it needs more, or the environment variable is no number.
         MeshError: a file of a mesh cannot be read.
     """
     size, most = scene_size(scene, read_files=read_files), _most_gigabytes()
@@ -98,7 +98,7 @@ def _most_gigabytes() -> float:
 
 
 def _body_size(body: BodyDescription, read_files: bool) -> tuple[int, int]:
-    """Nodes and cells of a body; none where it is a file too small to matter, or not to be read."""
+    """Return nodes and cells of a body; zero for a file that is too small to matter, or not to be read."""
     if body.rod is not None:
         return _rod_size(body.rod) if body.is_rod else _swept_size(body.rod, body.element or "")
     mesh = body.mesh
@@ -114,13 +114,13 @@ def _body_size(body: BodyDescription, read_files: bool) -> tuple[int, int]:
 
 
 def _rod_size(rod: RodDescription) -> tuple[int, int]:
-    """Three nodes to a section, two sections more for each cell; a clamp is a cell."""
+    """Return nodes and cells of a rod: three nodes per section, two sections per cell and clamp, plus one."""
     cells = rod.elements + (rod.start_clamp is not None) + (rod.end_clamp is not None)
     return 3 * (2 * cells + 1), cells
 
 
 def _swept_size(rod: RodDescription, name: str) -> tuple[int, int]:
-    """Boxes of six tetrahedra, with nodes on their edges where the element has ten."""
+    """Return nodes and cells of boxes of six tetrahedra; ten-node elements also have nodes on their edges."""
     first, second = rod.across
     parts = 1 if len(element(name).reference) == 4 else 2
     nodes = (parts * rod.elements + 1) * (parts * first + 1) * (parts * second + 1)

@@ -1,4 +1,4 @@
-"""What a scene shows of itself when it begins: layers, parts, stress colours, camera; typed, SI."""
+"""Initial view of a scene: layers, parts, stress colours, camera; typed, SI."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Literal, TypeAlias, get_args
 from softsim_core.base import FieldError, SceneError, Vector, need_finite, need_positive
 
 StressMap: TypeAlias = Literal["viridis", "inferno", "coolwarm"]
-"""A colour map: even steps of it look even."""
+"""A colour map with perceptually even steps."""
 STRESS_MAPS: tuple[StressMap, ...] = get_args(StressMap)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A plane that cuts bodies open: what lies beyond `at` in [m] along the world's `axis` is not drawn."""
+    """A plane that cuts bodies open: points beyond `at` in [m] along the world's `axis` are not drawn."""
 
     axis: Literal["x", "y", "z"]
     at: float = 0.0
@@ -26,7 +26,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """Where the camera is: `position`, and the `target` it looks at and turns about, in [m]; z is up."""
+    """The camera's `position`, and the `target` it looks at and rotates about, in [m]; z is up."""
 
     position: Vector
     target: Vector
@@ -40,36 +40,36 @@ class Camera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewSettings:
-    """What a page shows when the scene begins; each layer can be switched there afterwards.
+    """Initial view of a page; each layer can be switched there afterwards.
 
     Attributes:
         bodies: Visible surfaces of the deformable bodies.
         wireframe: These surfaces as wire frames.
-        normals: Directions in which these surfaces face.
+        normals: Normals of these surfaces.
         stress: These surfaces coloured by von Mises stress.
         elements: Finite elements.
         nodes: Nodes, the unknowns of the bodies, as squares.
-        regions: Nodes of rigid regions and fixings, a colour each.
+        regions: Nodes of rigid regions and fixings, with one colour each.
         boxes: Boxes and spheres that select nodes.
         frames: Frames of joints and free rigid regions, and of rigid bodies.
         arms: Servos and their arms.
         labels: Names of the servos.
         cables: Cables, their points and pull points.
-        chambers: Pressure chambers; they are seen through bodies whose colour has an alpha below 1.
+        chambers: Pressure chambers; they are visible through bodies whose colour has an alpha below 1.
         contacts: Contacts and their forces.
         rigid: Rigid bodies.
-        collisions: Surfaces that contact looks at.
-        search_boxes: A box around each of these surfaces; contact is looked for only where two boxes come
-            nearer than the alarm distance.
-        ghost: The bodies as they are at rest, faintly.
-        trail: The way that the effector has come.
-        hidden: Parts that are not shown, each as KIND/NAME: bodies/silicone, joints/servo_0, attachments/...,
+        collisions: Collision surfaces.
+        search_boxes: A box around each of these surfaces; contact is searched only where two boxes are nearer
+            than the alarm distance.
+        ghost: The bodies at rest, faintly.
+        trail: Past path of the effector.
+        hidden: Hidden parts, each as KIND/NAME: bodies/silicone, joints/servo_0, attachments/...,
             rigid_bodies/..., collisions/....
         stress_map: Colours of the stress.
-        stress_top: Stress in [Pa] of the last colour, > 0; None: the largest there is.
-        section: Where bodies are cut open; None: nowhere.
+        stress_top: Stress in [Pa] of the last colour, > 0; None: the largest stress.
+        section: Plane that cuts bodies open; None: none.
         node_size: Size in [m] at which nodes are drawn, > 0.
-        camera: Where the camera starts; None: where it sees all bodies.
+        camera: Initial camera; None: all bodies are in view.
     """
 
     bodies: bool = True
@@ -107,4 +107,4 @@ class ViewSettings:
 
 
 LAYERS: tuple[str, ...] = tuple(each.name for each in fields(ViewSettings) if each.type == "bool")
-"""Names of what can be switched."""
+"""Names of the layers that can be switched."""

@@ -1,4 +1,4 @@
-"""The joints' drive, moved bases, and velocities and places that may be set."""
+"""Drive of the joints, movable bases, and setters of velocities and positions."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from softsim_core.scene import RobotDescription
 from softsim_core.scene.building import Body
 
 ROUNDED: Final = 1e-3
-"""By so much the length of a unit quaternion may differ from 1: those of messages are often of few digits."""
+"""Allowed deviation of a quaternion's length from 1: quaternions in messages often have few digits."""
 
 
 def checked(what: str, values: ArrayLike, shape: tuple[int, ...], unit: str) -> Array:
-    """The values as a new float64 array of a shape.
+    """Return the values as a new float64 array of a shape.
 
     Raises:
         CommandError: not numbers, another shape, or not finite.
@@ -43,7 +43,7 @@ def checked(what: str, values: ArrayLike, shape: tuple[int, ...], unit: str) -> 
 
 
 def rotation_from(quaternion_xyzw: ArrayLike) -> Array:
-    """Rotation matrix (3, 3) of a quaternion whose length is 1 but for rounding.
+    """Return the rotation matrix (3, 3) of a quaternion whose length is 1 within ROUNDED.
 
     Raises:
         CommandError: it is none.
@@ -56,13 +56,13 @@ def rotation_from(quaternion_xyzw: ArrayLike) -> Array:
 
 
 def set_node_velocities(model: Model, state: State, velocities: Array) -> None:
-    """Velocities (n, 3) in [m/s] of the free nodes; those that are fixed or follow something keep theirs."""
+    """Set velocities (n, 3) in [m/s] of the free nodes; those of fixed or driven nodes are not changed."""
     free = model.free_nodes
     state.velocities[free] = velocities[free]
 
 
 def set_body_motion(model: Model, state: State, body: Body, velocity: Array, angular_velocity: Array) -> None:
-    """Move a body as if it were rigid, its free frames too; see Simulation.set_body_velocity."""
+    """Set the velocities of a rigid motion on a body and its frames; see Simulation.set_body_velocity."""
     nodes = np.arange(body.nodes.start, body.nodes.stop)
     mass, points = model.mass[nodes], state.positions[nodes]
     centre = mass @ points / mass.sum()
@@ -80,7 +80,7 @@ def set_body_motion(model: Model, state: State, body: Body, velocity: Array, ang
 
 
 def number_of(kind: str, name: str, names: Sequence[str]) -> int:
-    """Index of a name.
+    """Return the index of a name.
 
     Raises:
         CommandError: it is not among the names.
@@ -91,14 +91,15 @@ def number_of(kind: str, name: str, names: Sequence[str]) -> int:
 
 
 SPEED: Final = 0.05
-"""Bases move this fast, in [m/s]: the body follows without a blow."""
+"""Speed of moving bases in [m/s], low enough for the body to follow without impact."""
 
 
 class MovableBases:
-    """Where the joint bases go; where they are is in State.base_positions.
+    """Targets of the joint bases; their present positions are in State.base_positions.
 
     Attributes:
-        targets: Where each base goes in [m], shape (j, 3): parents at rest, without the start move's shift.
+        targets: Target of each base in [m], shape (j, 3): with parents at rest, without the start move's
+            shift.
     """
 
     def __init__(self, model: Model) -> None:
@@ -108,7 +109,7 @@ class MovableBases:
         self._arrived = True
 
     def move(self, name: str, position: Sequence[float] | Array, base_shift: float) -> None:
-        """Have the base of a joint, which the start move has shifted by `base_shift` [m], go to (3,) in [m].
+        """Set the target (3,) in [m] of a joint's base, which the start move has shifted by `base_shift` [m].
 
         Raises:
             CommandError: no such joint, one without a frame, or a position that is not three finite numbers;
@@ -127,7 +128,7 @@ class MovableBases:
         self._arrived = False
 
     def advance(self, state: State, dt: float) -> bool:
-        """Move the bases of a state, and what they carry, for a time in [s]; whether one has moved."""
+        """Move the bases of a state and the parts they carry for `dt` [s]; return whether any moved."""
         if self._arrived:
             return False
         way = self.targets - state.base_positions
@@ -144,11 +145,11 @@ class MovableBases:
         return bool(moving)
 
     def reset(self) -> None:
-        """Nothing is to be moved any more: the bases are back where the scene has them."""
+        """Set the targets to the bases' positions in the scene."""
         self.restore(self._start)
 
     def restore(self, targets: Array) -> None:
-        """Go on to other targets (j, 3)."""
+        """Set other targets (j, 3)."""
         self.targets, self._arrived = targets.copy(), False
 
 
@@ -160,9 +161,9 @@ class JointDrive:
 
     Attributes:
         targets: The last accepted command in [rad] or [m], shape (j,).
-        positions: Where the joints are told to be now, on their way to the targets, shape (j,).
+        positions: Present setpoints on the way to the targets, shape (j,).
         base_shift: Shift in [m] of the joint bases along their slide axes.
-        enforce_limits: Whether position and speed limits hold.
+        enforce_limits: Whether position and speed limits are enforced.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -173,7 +174,7 @@ class JointDrive:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the rest positions; the start animation begins anew where the scene says so."""
+        """Return to the rest positions; the start animation restarts if the scene says so."""
         self.targets: Array = self._rest.copy()
         self.positions: Array = self._rest.copy()
         self.base_shift = 0.0
@@ -182,7 +183,7 @@ class JointDrive:
             self._started = 0.0
 
     def command(self, values: Sequence[float]) -> None:
-        """Set where the joints go; a running start animation lets go of them and only brings the bases home.
+        """Set the joint targets; a running start animation then moves only the bases, to their end.
 
         Raises:
             CommandError: wrong length, not finite, or out of range in a scene that refuses; nothing changes.
@@ -201,7 +202,7 @@ class JointDrive:
         self._animates_joints = False
 
     def start(self, time: float) -> None:
-        """Begin the robot's start animation at `time` [s], from the rest pose, whatever the pose is now.
+        """Start the robot's start animation at `time` [s], from the rest pose, whatever the present pose is.
 
         Raises:
             SceneError: the scene has none.
@@ -211,7 +212,7 @@ class JointDrive:
         self._started, self._animates_joints = time, True
 
     def advance(self, time: float, dt: float) -> None:
-        """Move `positions` on for the step of `dt` that begins at `time`, both in [s].
+        """Advance `positions` by the step of `dt` that begins at `time`, both in [s].
 
         The start animation is absolute and is not slowed by the speed limits.
         """
@@ -245,13 +246,13 @@ class JointDrive:
         self.base_shift = float(shift)
 
     def place(self, positions: Array, base_shift: float) -> None:
-        """Stand at `positions` (j,) with the bases at `base_shift` [m]; a running start animation ends."""
+        """Set joint positions (j,) and base shift in [m] at once; a running start animation ends."""
         self.targets, self.positions = positions.copy(), positions.copy()
         self.base_shift = base_shift
         self._started = _IDLE
 
     def arrays(self) -> dict[str, Array]:
-        """Everything a snapshot needs, by name."""
+        """Return everything that a snapshot needs, by name."""
         return {
             "targets": self.targets,
             "positions": self.positions,
@@ -262,7 +263,7 @@ class JointDrive:
         }
 
     def take(self, arrays: Mapping[str, Array]) -> None:
-        """Take back what `arrays` gave."""
+        """Restore the result of `arrays`."""
         self.targets, self.positions = arrays["targets"].copy(), arrays["positions"].copy()
         self._started, self.base_shift = float(arrays["started"][0]), float(arrays["base_shift"][0])
         self.enforce_limits = bool(arrays["enforce_limits"][0])

@@ -1,4 +1,4 @@
-"""A built scene in some state: everything one can look at, and nothing that changes it."""
+"""State of a built scene: read access to everything, without any change."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ from softsim_core.simulation.drive import checked, set_body_motion
 
 
 class SceneState:
-    """A scene, what was built of it, and where all of it is.
+    """A scene, the objects built from it, and their state.
 
     Args:
-        scene: What to build; it begins at rest.
+        scene: The scene to build; it starts at rest.
         backend: "numba", "scipy" or "auto"; None takes the scene's.
-        like: Another one of the same scene, or of one that differs in numbers only: what was built and
-            planned for it is used again, and its room to work in. Only one of the two may be in a call at a
-            time; neither sees anything of the other.
+        like: Another instance of the same scene, or of one that differs in numbers only. Its built objects,
+            plans and workspace are shared, so only one of the two may be in a call at a time; their states
+            are independent.
 
     Raises:
         SceneError, MeshError, MaterialError: the scene cannot be built.
@@ -104,9 +104,10 @@ class SceneState:
         return stepper
 
     def step_by(self, other: SceneState) -> None:
-        """Step as a simulation of the same scene does, from the next step on: between two steps only.
+        """Use the stepper of another simulation of the same scene from the next step on.
 
-        The state, the parameters and everything that is under way stay. `other` must not be used any more.
+        Call it between two steps. State, parameters and ongoing motions are not changed. `other` must not be
+        used any more.
 
         Raises:
             SceneError: the scenes differ.
@@ -144,19 +145,19 @@ class SceneState:
         self._steppers.append(once)
         most = settings.iterations
         if settings.time_integration == "bossak" and FreeTurning(model).bodies:
-            most = max(most, 2)  # linearised once, a free body gains energy as it turns
+            most = max(most, 2)  # linearised once, a free body gains energy as it rotates
         size = float(np.linalg.norm(np.ptp(model.rest, axis=0))) if len(model.rest) else math.inf
         return IteratedStepper(once, most, settings.last_move(size))
 
     def _part_stepper(self, dt: float) -> Stepper:
-        """The scene's step with another dt in [s]."""
+        """Return the scene's stepper with another dt in [s]."""
         model = replace(self.model, dt=dt)
         return self._stepper_of(
             model, contacts(self.scene, self._built.contact, model, self.bodies, self.rigid_bodies)
         )
 
     def _rest_state(self) -> State:
-        """The state at which the scene is built: at rest but for the velocities of its bodies."""
+        """Return the state at which the scene is built: at rest except for the velocities of its bodies."""
         state = self.model.rest_state()
         for body, description in zip(self.bodies, self.scene.bodies, strict=True):
             if any(description.velocity):
@@ -168,14 +169,14 @@ class SceneState:
         return state
 
     def keep_state_in(self, buffer: Array) -> None:
-        """Keep the state in a part (s,) of a larger array from now on; see State.buffer."""
+        """Store the state in a part (s,) of a larger array from now on; see State.buffer."""
         state = self.model.empty_state(buffer)
         state.copy_from(self._state)
         self._state = state
 
     @property
     def state_parts(self) -> dict[str, tuple[slice, tuple[int, ...]]]:
-        """Where each array of State lies in its buffer, and its shape."""
+        """Slice of each array of State in its buffer, and its shape."""
         return self._state.parts()
 
     @property
@@ -185,17 +186,17 @@ class SceneState:
 
     @property
     def compiled(self) -> bool:
-        """Whether steps are compiled: walking to a pose with them is quicker than statics."""
+        """Whether steps are compiled: moving to a pose with compiled steps is faster than statics."""
         return self._stepper.compiled
 
     @property
     def report(self) -> StepReport:
-        """What the last step told."""
+        """Report of the last step."""
         return self._report
 
     @property
     def forces(self) -> Array:
-        """External forces on the nodes in [N], shape (n, 3): write into it, or assign a whole array.
+        """External forces on the nodes in [N], shape (n, 3): writable in place or by assignment.
 
         Raises:
             ArrayError: another shape or type is assigned; nothing is changed.
@@ -208,11 +209,11 @@ class SceneState:
 
     @property
     def sensors(self) -> Sensors:
-        """What every sensor told last, by name."""
+        """Last measurement of every sensor, by name."""
         return self._sensors
 
     def _sense(self, steps: int, before: State | None = None) -> None:
-        """Have sensors measure after so many steps: `before` a step what is due, without one everything."""
+        """Measure after `steps` steps: all sensors, or with the state `before` a step only those due."""
         start, drag = self._state if before is None else before, self.parameters.rayleigh_mass
         seen = Seen(self.model, start, self._state, self._report, self._forces, drag)
         self._sensors.sample(steps, seen, anew=before is None)
@@ -226,7 +227,7 @@ class SceneState:
 
     @property
     def joint_positions(self) -> Array:
-        """Measured joint positions in [rad] or [m], shape (j,); of an actuator its coordinate."""
+        """Measured joint positions in [rad] or [m], shape (j,); for an actuator its coordinate."""
         return self._state.joint_positions.copy()
 
     @property
@@ -236,7 +237,7 @@ class SceneState:
 
     @property
     def joint_efforts(self) -> Array:
-        """Torque in [N m] or force in [N] that each drive applied in the last step, shape (j,)."""
+        """Torque in [N m] or force in [N] of each drive in the last step, shape (j,)."""
         return self._state.joint_efforts.copy()
 
     # --- soft bodies ---
@@ -253,7 +254,7 @@ class SceneState:
 
     @property
     def tets(self) -> IndexArray:
-        """Tetrahedra of all bodies, of quadratic ones the corners, shape (m, 4)."""
+        """Tetrahedra of all bodies, for quadratic ones their corners, shape (m, 4)."""
         tets = [body.solid.tets[:, :4] + body.nodes.start for body in self.bodies]
         return np.concatenate([np.zeros((0, 4), np.int64), *tets])
 
@@ -263,11 +264,11 @@ class SceneState:
         return np.concatenate([np.zeros((0, 3), np.int64)] + [body.boundary for body in self.bodies])
 
     def visual_points(self) -> Array:
-        """Vertices of the visual surfaces of all bodies now, in [m], shape (p, 3)."""
+        """Return the present vertices of the visual surfaces of all bodies in [m], shape (p, 3)."""
         return self._surface.follow(self._state.positions)
 
     def visual_values(self, node_values: Array) -> Array:
-        """Nodal values (n,) carried over to the vertices of the visual surfaces, shape (p,)."""
+        """Interpolate nodal values (n,) to the vertices of the visual surfaces, shape (p,)."""
         return self._surface.follow(node_values)
 
     @property
@@ -281,7 +282,7 @@ class SceneState:
         return self._surface.rest_points
 
     def reduced_stiffness(self) -> Array:
-        """Static stiffness of frames and joints at the present state, shape (b, b).
+        """Return the static stiffness of frames and joints at the present state, shape (b, b).
 
         Free frames come first (velocity, then spin: six each), then joints; see reduced_stiffness in
         dynamics.actuator_statics.
@@ -289,26 +290,26 @@ class SceneState:
         return reduced_stiffness(self._stepper, self._state, self.parameters, self.forces)
 
     def condensed_tangent(self, rows: Rows) -> Condensed:
-        """`reduced_stiffness`, and what forces on rows do beside it; see Condensed.
+        """Return `reduced_stiffness` and the response to forces on rows; see Condensed.
 
         Raises:
-            FactorisationError: the free nodes have no equilibrium that stays.
+            FactorisationError: the free nodes have no stable equilibrium.
         """
         return condensed(self._stepper, self._state, self.parameters, self.forces, rows)
 
     def static_response(self, rows: Rows) -> StaticResponse:
-        """How the equilibrium near the present state moves with joint commands and with forces on rows.
+        """Return the response of the present equilibrium to joint commands and to forces on rows.
 
         Raises:
-            FactorisationError: the free nodes have no equilibrium that stays.
-            LinAlgError: frames or joints have none.
+            FactorisationError: the free nodes have no stable equilibrium.
+            LinAlgError: frames or joints have no equilibrium.
         """
         return response_of(self.model, self.condensed_tangent(rows))
 
     def region_motion(self) -> list[tuple[IndexArray, Array]]:
-        """Nodes (a,) of each rigid region that moves, and their shift per unit of each frame's and joint's.
+        """Return nodes (a,) of each moving rigid region, and their shift per unit of each degree of freedom.
 
-        Shift by the degrees of freedom in the order of `reduced_stiffness`, shapes (a, 3, b).
+        The degrees of freedom are in the order of `reduced_stiffness`; the shifts have shapes (a, 3, b).
         """
         model, subspace = self.model, self.model.motion_subspace(self._state)
         result = []
@@ -320,23 +321,24 @@ class SceneState:
         return result
 
     def stress(self) -> Array:
-        """Cauchy stress at the nodes in [Pa], world axes, shape (n, 3, 3).
+        """Return the Cauchy stress at the nodes in [Pa], world axes, shape (n, 3, 3).
 
-        The mean over the cells around each; of quadratic cells, what their points tell of it at the node.
+        It is the mean over the cells around each node; for quadratic cells, the value extrapolated from their
+        points.
         """
         return stress_at_nodes(self.model.filling, self._state.positions, self.parameters.materials)
 
     def command_gains(self) -> Array:
-        """How much of what it holds a unit of each joint's command is, shape (j,); 0 where it is its effort.
+        """Return each joint's coordinate per unit of its command, shape (j,); 0 for effort commands.
 
-        A unit of air that is pumped into a line under pressure is less than that in the hollow.
+        For example, a unit of air pumped into a line under pressure changes the cavity by less than a unit.
         """
         return command_gains(self._stepper, self._state)
 
     def von_mises(self) -> Array:
-        """Von Mises stress at the nodes in [Pa], shape (n,).
+        """Return the von Mises stress at the nodes in [Pa], shape (n,).
 
-        The mean over the elements around each; of quadratic cells, that of `stress`.
+        It is the mean over the elements around each node; for quadratic cells, that of `stress`.
         """
         nodes, result = self._shown_by_points, np.zeros(len(self.model.rest))
         if len(self._with_points) < len(self.model.filling):
@@ -347,7 +349,7 @@ class SceneState:
         return result
 
     def frames(self) -> dict[str, Pose]:
-        """Poses of the free frames, of each joint's base (its name) and of its horn (`NAME_horn`)."""
+        """Return poses of the free frames, of each joint's base (its name) and of its horn (`NAME_horn`)."""
         state, poses = self._state, {}
         for f, name in enumerate(self.model.frame_names):
             poses[name] = Pose(state.frame_positions[f].copy(), quaternion_of(state.frame_rotations[f]))
@@ -383,7 +385,7 @@ class SceneState:
 
     @property
     def rigid_velocities(self) -> Array:
-        """Velocity of the centre of mass in [m/s] and angular velocity in [rad/s] of rigid bodies with mass.
+        """Velocity in [m/s] of the centre of mass and angular velocity in [rad/s] of rigid bodies with mass.
 
         World axes, in the order of `rigid_names`, shape (r, 6).
         """
@@ -398,10 +400,11 @@ class SceneState:
     def rigid_forces(self) -> Array:
         """Force in [N] at the centre of mass and moment in [N m] about it on each rigid body with mass.
 
-        World axes, shape (r, 6); it acts in every step until it is changed, in place or by setting it.
+        World axes, shape (r, 6). The loads act in every step until they are changed, in place or by
+        assignment.
 
         Raises:
-            CommandError: on setting, another shape, or not finite; nothing is changed.
+            CommandError: on assignment, another shape, or not finite; nothing is changed.
         """
         return self._rigid_forces
 
@@ -411,12 +414,12 @@ class SceneState:
 
     @property
     def actuators(self) -> tuple[ActuatorView, ...]:
-        """What one can see of each actuator of a joint without frame, in joint order."""
+        """Views of the actuators of joints without frame, in joint order."""
         return self._actuators.views(self.model, self._state)
 
     @property
     def contacts(self) -> ContactReport:
-        """What touched in the last step."""
+        """Contacts of the last step."""
         return self._report.contacts
 
     @property
@@ -431,7 +434,7 @@ class SceneState:
 
     @property
     def collision_points(self) -> Array:
-        """Where the vertices of the collision surfaces are, in [m], shape (v, 3)."""
+        """Present vertices of the collision surfaces in [m], shape (v, 3)."""
         return np.zeros((0, 3)) if self._contacts is None else self._contacts.points(self._state)
 
     @property
@@ -454,7 +457,7 @@ def _mean_of(bodies: Sequence[Body], model: Model) -> csr_array:
 
 
 def mean_at_nodes(elements: Sequence[IndexArray], count: int) -> csr_array:
-    """Matrix (n, m) from values of m elements to the mean of those around each of `count` nodes; 0 at others.
+    """Return a matrix (n, m) that averages values of m elements at `count` nodes; 0 at nodes without element.
 
     Args:
         elements: Node indices of the elements, body by body, shapes (., a).

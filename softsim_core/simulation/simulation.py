@@ -63,13 +63,13 @@ class Simulation(SceneState):
     """A scene that runs in fixed steps. The same commands at the same steps give the same bytes.
 
     Args:
-        scene: What to simulate: a robot with its scene, or a scene alone.
+        scene: The scene to simulate: a robot with its scene, or a scene alone.
         backend: "numba", "scipy" or "auto"; None takes the scene's.
         like: Another simulation to share with, see SceneState; `copies` of a batch do.
 
     Attributes:
         scene: The physics.
-        robot: How it is driven: poses, commands, start move, the users' own code.
+        robot: Poses, commands, start move and the users' own code.
 
     Raises:
         SceneError, MeshError, MaterialError: the scene cannot be built.
@@ -143,7 +143,7 @@ class Simulation(SceneState):
             report = self._stepper.step(self._state, control, self.parameters)
         except (FactorisationError, DetectionOverflowError) as error:
             raise self._refused(told) from error
-        except Exception:  # somebody's mistake, not the physics': it goes on as it is
+        except Exception:  # an error of the scene's code, not of the physics: the state stays as it is
             self._go_back(told)
             raise
         if not report.top_speed < self._runaway_speed:  # also catches NaN
@@ -164,19 +164,19 @@ class Simulation(SceneState):
         self._step_time = 1e3 * (ended - started)
 
     def _size(self) -> float:
-        """Diagonal in [m] of the box around all nodes and collision surfaces as they are now."""
+        """Return the present diagonal in [m] of the box around all nodes and collision surfaces."""
         points = np.concatenate([self.model.rest, self.collision_points])
         return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else math.inf
 
     def _refused(self, told: Array) -> SolverDivergedError:
-        """Go back to the last good state and what joints were `told` (j,); says where the step went wrong."""
+        """Restore the last good state and setpoints `told` (j,); return an error that locates the failure."""
         speed = np.nan_to_num(np.abs(self._state.velocities), nan=np.inf).max(axis=1, initial=0.0)
         worst = int(np.argmax(speed)) if len(speed) else 0
         self._go_back(told)
         return SolverDivergedError(self.step_count + 1, self.time + self.dt, worst)
 
     def _go_back(self, told: Array) -> None:
-        """To the last good state; the drive goes on from what joints were told (j,) before."""
+        """Return to the last good state; the drive continues from its previous setpoints (j,)."""
         self._state.copy_from(self._last_good)
         self._drive.positions = told
 
@@ -188,12 +188,12 @@ class Simulation(SceneState):
         return self._drive.targets.copy()
 
     def taut_commands(self) -> tuple[Array, BoolArray]:
-        """Commands (j,) that leave everything where it is with no actuator slack, and which could be (j,)."""
+        """Return commands (j,) for the present state without slack, and which joints can slacken (j,)."""
         return taut_commands(self._stepper, self._state, self.joint_targets)
 
     @property
     def enforce_limits(self) -> bool:
-        """Whether joint limits (position and speed) hold; False allows full turns."""
+        """Whether joint limits (position and speed) are enforced; False allows full turns."""
         return self._drive.enforce_limits
 
     @enforce_limits.setter
@@ -201,7 +201,7 @@ class Simulation(SceneState):
         self._drive.enforce_limits = enforce
 
     def command(self, values: Sequence[float] | Array) -> Array:
-        """Set where the joints go; a running start animation ends.
+        """Set the joint targets; a running start animation ends.
 
         Args:
             values: One position per joint in [rad] or [m], in joint order.
@@ -226,10 +226,10 @@ class Simulation(SceneState):
         self._drive.shift_bases(shift)
 
     def move_base(self, joint: str, position: Sequence[float] | Array) -> None:
-        """Have the base of a joint go to a position (3,) in [m], as `frames` tells it while its parent rests.
+        """Move the base of a joint to a position (3,) in [m], as in `frames` with the parent at rest.
 
-        It goes there at a hand's pace, see drive.SPEED, and what is attached to the joint goes along; `reset`
-        takes it back. What `base_shift` changes later comes on top.
+        The base moves at `drive.SPEED`, with everything attached to the joint; `reset` moves it back. Later
+        changes of `base_shift` are added.
 
         Raises:
             CommandError: no such joint, one without a frame, or not finite; nothing is changed.
@@ -237,7 +237,7 @@ class Simulation(SceneState):
         self._bases.move(joint, position, self.base_shift)
 
     def start_animation(self) -> None:
-        """Begin the robot's start animation with the next step, from the rest pose, whatever the pose is now.
+        """Start the robot's start animation with the next step, always from the rest pose.
 
         Raises:
             SceneError: the scene has none.
@@ -245,7 +245,7 @@ class Simulation(SceneState):
         self._drive.start(self.time)
 
     def press_key(self, key: str) -> None:
-        """Hand a key to the scene's own controllers."""
+        """Pass a key to the scene's own controllers."""
         for controller in self.robot.controllers:
             if controller.on_key is not None:
                 controller.on_key(self, key)
@@ -254,8 +254,8 @@ class Simulation(SceneState):
         """Set the velocities of the nodes from now on, such as for a throw.
 
         Args:
-            velocities: In [m/s], shape (n, 3). Nodes that are fixed, or follow a free frame or a joint, keep
-                theirs; `set_body_velocity` moves free frames along.
+            velocities: In [m/s], shape (n, 3). Those of nodes that are fixed, or follow a free frame or a
+                joint, are ignored; `set_body_velocity` also moves free frames.
 
         Raises:
             CommandError: another shape, or not finite; nothing is changed.
@@ -266,12 +266,12 @@ class Simulation(SceneState):
     def set_body_velocity(
         self, body: str, velocity: ArrayLike = (0.0, 0.0, 0.0), angular_velocity: ArrayLike = (0.0, 0.0, 0.0)
     ) -> None:
-        """Have a body move as a rigid one does, from now on.
+        """Set the velocities of a rigid motion on a body.
 
         Args:
             body: Name of a deformable body, or of a rigid one with mass.
-            velocity: Of its centre of mass in [m/s], world axes, shape (3,).
-            angular_velocity: In [rad/s], world axes, shape (3,). Of a deformable body, nodes that are fixed
+            velocity: Velocity of its centre of mass in [m/s], world axes, shape (3,).
+            angular_velocity: In [rad/s], world axes, shape (3,). In a deformable body, nodes that are fixed
                 or follow a joint keep their velocities.
 
         Raises:
@@ -287,12 +287,12 @@ class Simulation(SceneState):
             self._state.rigid_velocities[number - len(soft)] = np.concatenate([linear, angular])
 
     def place_rigid_body(self, body: str, position: ArrayLike, quaternion_xyzw: ArrayLike) -> None:
-        """Put a rigid body with mass somewhere else, from now on; it keeps its velocity.
+        """Move a rigid body with mass to another pose; its velocity is not changed.
 
         Args:
             body: Its name, one of `rigid_names`.
-            position: Of its centre of mass in [m], in the world, shape (3,).
-            quaternion_xyzw: How it is turned, of length 1, shape (4,).
+            position: Position of its centre of mass in [m], in the world, shape (3,).
+            quaternion_xyzw: Its orientation, a unit quaternion, shape (4,).
 
         Raises:
             CommandError: no such body, another shape, not finite, or no unit quaternion; nothing is changed.
@@ -303,9 +303,9 @@ class Simulation(SceneState):
         self._forget_contacts()
 
     def displace(self, nodes: ArrayLike, reduced: ArrayLike) -> None:
-        """Have everything be a little elsewhere from now on, such as where a measurement says it is.
+        """Displace nodes, frames and joints slightly, such as to a measured position.
 
-        Velocities, commands and forces stay what they are.
+        Velocities, commands and forces are not changed.
 
         Args:
             nodes: Shift of the free nodes in [m], in the order of Model.free_nodes, shape (k, 3).
@@ -325,7 +325,7 @@ class Simulation(SceneState):
     def set_material(self, body: str, **values: float) -> None:
         """Change parameters of a body's material law by name from the next step on; see fem.materials.
 
-        Most laws have `young_modulus` in [Pa] and `poisson_ratio` in [-]. Of a layer or fibres, `body` is
+        Most laws have `young_modulus` in [Pa] and `poisson_ratio` in [-]. For a layer or fibres, `body` is
         "BODY.LAYER" or "BODY.FIBRES".
 
         Raises:
@@ -339,12 +339,12 @@ class Simulation(SceneState):
         self.parameters.materials[b] = changed
 
     def material(self, body: str) -> MaterialDescription:
-        """The law of a body and the values its parameters have now."""
+        """Return the law of a body and the present values of its parameters."""
         b = self._number(body, [each.name for each in self.bodies])
         return self.scene.bodies[b].material.changed(**self.parameters.materials[b])
 
     def _number(self, body: str, names: list[str]) -> int:
-        """The index of a body among names."""
+        """Return the index of a body among names."""
         if body not in names:
             raise SceneError(f"unknown body {body!r}; {known_names(body, names, 'known bodies:')}")
         return names.index(body)
@@ -368,11 +368,11 @@ class Simulation(SceneState):
     # --- state ---
 
     def snapshot(self) -> bytes:
-        """Everything needed to go on from here, as named arrays: state, commands, tuned parameters."""
+        """Return everything needed to continue as named arrays: state, commands, tuned parameters."""
         return pack(self._fingerprint, self._saved())
 
     def restore(self, data: bytes) -> None:
-        """Go back to a snapshot; what follows is the same bytes as it was then.
+        """Restore a snapshot; the following steps give the same bytes as they did then.
 
         Raises:
             SnapshotError: not a snapshot of this scene, of another version, or damaged; nothing is changed.
@@ -392,13 +392,13 @@ class Simulation(SceneState):
         self._forget_contacts()
 
     def go_on_from(self, other: Simulation) -> None:
-        """Go on where another simulation is, of a scene that differs in rigid bodies with mass only.
+        """Continue from the state of another simulation whose scene differs only in rigid bodies with mass.
 
-        Those that only this one has stay at their start.
+        Rigid bodies that only this scene has stay at their start.
 
         Raises:
             SnapshotError: the scenes differ in more.
-            SceneError: one that only this one has overlaps another body there. Nothing is changed.
+            SceneError: a body that only this scene has overlaps another one there. Nothing is changed.
         """
         own, saved = self._saved(), other._saved()
         shared = [name for name in self.rigid_names if name in other.rigid_names]
@@ -407,7 +407,7 @@ class Simulation(SceneState):
             rows = own[name].copy()
             rows[here] = saved[name][there]
             saved[name] = rows
-        saved["state.warm_start"] = no_warm_start()  # its rows are numbered as the other's surfaces are
+        saved["state.warm_start"] = no_warm_start()  # its rows use the other's surface numbers
         data = pack(other._fingerprint, saved)
         before = self.snapshot()
         self.restore(data)
@@ -420,10 +420,10 @@ class Simulation(SceneState):
             raise
 
     def _checked(self, saved: Mapping[str, Array]) -> tuple[list[dict[str, float]], tuple[float, float], int]:
-        """Materials, damping per stiffness and per mass, and steps of a snapshot.
+        """Return materials, damping per stiffness and per mass, and steps of a snapshot.
 
         Raises:
-            SnapshotError: one of them, or a rotation, cannot be.
+            SnapshotError: one of them, or a rotation, is invalid.
         """
         for name in ("state.frame_rotations", "state.rigid_rotations"):
             need_rotations(name, saved[name])
@@ -442,7 +442,7 @@ class Simulation(SceneState):
         return materials, (stiffness, mass), int(steps)
 
     def reset(self) -> None:
-        """Back to the start of the scene, with the parameters as they are tuned now."""
+        """Return to the start of the scene, with the present tuned parameters."""
         self._bases.reset()
         self._state.copy_from(self._rest_state())
         self._drive.reset()
@@ -452,7 +452,7 @@ class Simulation(SceneState):
         self._forget_contacts()
 
     def _forget_contacts(self) -> None:
-        """What touched before a jump of the state is no news any more; sensors measure where all is now."""
+        """Clear the contact report after a jump of the state, and let the sensors measure the new state."""
         self._report = replace(self._report, measure=nothing)
         self._sense(self._steps)
 
@@ -464,13 +464,13 @@ class Simulation(SceneState):
         tolerance: float = 1e-11,
         start: State | None = None,
     ) -> StaticSolution:
-        """The static equilibrium that is reached from the present state; nothing is changed.
+        """Return the static equilibrium reached from the present state; nothing is changed.
 
         Args:
-            joints: Where the joints are commanded to be, in [rad] or [m], limits or not.
+            joints: Joint commands in [rad] or [m]; limits are ignored.
             base_shift: Shift in [m] of all joint bases; None: the present one.
             tolerance: See solve_static, in [m].
-            start: Where to start in the place of the present state, such as another solution's state.
+            start: Start in place of the present state, such as another solution's state.
 
         Raises:
             CommandError: wrong length or not finite.
@@ -496,7 +496,7 @@ class Simulation(SceneState):
         tolerance: float = 1e-11,
         start: State | None = None,
     ) -> StaticSolution:
-        """Go to the static equilibrium that `equilibrium` finds, at rest; time stands still.
+        """Move to the static equilibrium that `equilibrium` finds, at rest; time does not advance.
 
         Raises:
             CommandError, NotConvergedError: as `equilibrium`; nothing is changed.
@@ -509,7 +509,7 @@ class Simulation(SceneState):
         return solution
 
     def _saved(self) -> dict[str, Array]:
-        """Everything a snapshot holds, by name."""
+        """Return everything that a snapshot contains, by name."""
         parameters = self.parameters
         return {
             "steps": np.array([float(self._steps)]),
@@ -539,9 +539,9 @@ _OF_RIGID_BODIES = (
     "state.rigid_velocities",
     "rigid_forces",
 )
-"""What a snapshot holds with a row for each rigid body with mass."""
+"""Arrays of a snapshot with a row for each rigid body with mass."""
 
 
 def _part(saved: Mapping[str, Array], prefix: str) -> dict[str, Array]:
-    """The arrays whose names begin with a prefix, without it."""
+    """Return the arrays whose names start with a prefix, without it."""
     return {name.removeprefix(prefix): array for name, array in saved.items() if name.startswith(prefix)}

@@ -37,17 +37,17 @@ from softsim_core.scene import (
 )
 
 _NICE = 10
-"""How much a process that compiles beside a simulation gives way."""
+"""Niceness of a process that compiles beside a simulation."""
 
 _LOOK_S = 0.2
 
 _CELLS = (8, 2, 2)
 _MANY_CELLS = (26, 13, 13)
-"""Of a beam whose factorisation takes longer than `divided_factor.WORTHWHILE` says: threads share it."""
+"""Cells of a beam whose factorisation exceeds `divided_factor.WORTHWHILE`, so that threads share it."""
 
 
 def small_scene(cells: tuple[int, int, int] = _CELLS) -> SceneDescription:
-    """A small beam with a held end, a joint and a free frame."""
+    """Return a scene of a small beam with a fixed end, a joint and a free frame."""
     beam = BodyDescription(
         name="beam",
         mesh=box_mesh((0.04, 0.01, 0.01), cells),
@@ -69,7 +69,7 @@ def small_scene(cells: tuple[int, int, int] = _CELLS) -> SceneDescription:
 
 
 def touching_scene(cells: tuple[int, int, int] = _CELLS) -> SceneDescription:
-    """The same beam, with a cable in it and a ball on it: with these it runs every kernel of small meshes."""
+    """Return the same beam with a cable in it and a ball on it: it runs every kernel of small meshes."""
     scene = small_scene(cells)
     cable = CableDescription(body="beam", points=((0.01, 0.005, 0.005), (0.03, 0.005, 0.005)))
     ball = RigidBodyDescription(
@@ -84,20 +84,20 @@ def touching_scene(cells: tuple[int, int, int] = _CELLS) -> SceneDescription:
 
 
 def cached_kernels() -> tuple[int, Path]:
-    """How many kernels stand compiled in Numba's cache, and in which folder it lies."""
+    """Return the number of compiled kernels in Numba's cache, and its folder."""
     named = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(named) if named else Path(__file__).parents[1]
     return sum(1 for _ in folder.rglob("*.nbc")), folder
 
 
 def kernels_ready() -> bool:
-    """Whether `warm_up` has run to its end with the sources here, for this processor, or none is compiled."""
+    """Return whether `warm_up` completed with these sources on this processor, or nothing is compiled."""
     mark = _mark()
     return mark is None or mark.is_file()
 
 
 def get_ready_to_load() -> None:
-    """Load what every compiled step needs but for its kernels: 0.3 s that steps beside would wait for."""
+    """Load everything that a compiled step needs except kernels, for which steps would wait 0.3 s."""
     if _mark() is None:
         return
     from softsim_core.physics.dynamics.numba_backend import stepper  # noqa: F401
@@ -107,9 +107,9 @@ def get_ready_to_load() -> None:
 
 
 def warm_up() -> float:
-    """Compile, or load from the cache, every kernel of the fast step; returns the seconds it took.
+    """Compile, or load from the cache, every kernel of the fast step; return the seconds it took.
 
-    Of several processes at once one compiles, and the others wait for it.
+    If several processes run it at once, one compiles and the others wait.
     """
     from softsim_core.simulation import Simulation
 
@@ -134,9 +134,9 @@ def warm_up() -> float:
 
 
 def warm_up_scene(robot: RobotDescription) -> None:
-    """Compile, or load from the cache, what this robot alone steps by: a fraction of all kernels.
+    """Compile, or load from the cache, the kernels of this robot's steps: a fraction of all kernels.
 
-    A process that runs it may go over to the compiled step when this is done.
+    A process that runs it may switch to the compiled step when this is done.
     """
     from softsim_core.simulation import Simulation
 
@@ -157,7 +157,7 @@ def warm_up_scene(robot: RobotDescription) -> None:
 
 
 def warm_up_large() -> float:
-    """The kernels of large meshes, after all others: factors and conjugate gradients of several threads.
+    """Compile the kernels of large meshes, after all others: threaded factors and conjugate gradients.
 
     Returns:
         The seconds it took.
@@ -180,8 +180,8 @@ def warm_up_large() -> float:
 
 
 def _compiling_contact() -> Popen[bytes]:
-    """A process that compiles the kernels of contact, on a core of its own; its context waits for it."""
-    words = ["--contact", "--parent", str(os.getpid())]  # who may be gone before it can ask who that is
+    """Start a process that compiles the contact kernels on a core of its own; its context waits for it."""
+    words = ["--contact", "--parent", str(os.getpid())]  # the parent may end before the child can ask for it
     return start_process(python_command("softsim_core.simulation.warmup", *words))
 
 
@@ -203,10 +203,10 @@ def _compilers() -> tuple[Compiler, ...]:
 
 
 def _mark(kind: str = "ready") -> Path | None:
-    """The file that says that kernels are in the cache, in the folder of the step's; None: none is compiled.
+    """Return the file that marks cached kernels, in the folder of the step's; None: none is compiled.
 
     Args:
-        kind: "ready", for those that every robot steps by; "large", for those of large meshes.
+        kind: "ready": kernels of every robot's step; "large": those of large meshes.
     """
     compilers = _compilers()
     folder = compilers[0].cache
@@ -222,7 +222,7 @@ def _mark(kind: str = "ready") -> Path | None:
 
 
 def _end_with_parent(parent: int) -> None:
-    """End this process when the one that started it is gone: compiling hears nothing for seconds."""
+    """End this process when the given parent has ended; compiling does not react to signals for seconds."""
 
     def watch() -> None:
         while os.getppid() == parent:

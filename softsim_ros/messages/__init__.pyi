@@ -1,8 +1,15 @@
+from .markers import (
+    MarkerTemplate as MarkerTemplate,
+    MovingMarkers as MovingMarkers,
+)
 from .meshes import (
     colour_table as colour_table,
     linear_rgb as linear_rgb,
     mesh_checksum as mesh_checksum,
+    point_cloud as point_cloud,
     read_point_cloud as read_point_cloud,
+    stress_colours as stress_colours,
+    topology as topology,
 )
 from .scene import (
     MOST_POINTS as MOST_POINTS,
@@ -26,9 +33,12 @@ from .sensors import (
 )
 from .states import (
     base_target as base_target,
+    clock as clock,
+    fluid_pressure as fluid_pressure,
     header as header,
     joint_state as joint_state,
     message_array as message_array,
+    pose as pose,
     pose_stamped as pose_stamped,
     read_base_target as read_base_target,
     time_message as time_message,

@@ -103,10 +103,18 @@ def test_no_name_of_a_face_is_a_module_beside_it() -> None:
         assert names & (modules(package) | below) == set(), package
 
 
+def uses(file: Path) -> Iterator[tuple[str, str]]:
+    """Names of other packages that a file imports, or reads of a package that it imports whole."""
+    found = [(module, name) for module, name, _ in imports(file) if module != owner(file)]
+    yield from found
+    for module, name in found:
+        if f"{module}.{name}" in packages():
+            text = file.read_text(encoding="utf-8")
+            yield from ((f"{module}.{name}", each) for each in re.findall(rf"\b{name}\.(\w+)", text))
+
+
 def test_every_name_of_a_face_is_used_elsewhere() -> None:
-    used = {
-        (module, name) for file in sources() for module, name, _ in imports(file) if module != owner(file)
-    }
+    used = {each for file in sources() for each in uses(file)}
     library = {(home("softsim_core", name), name) for name in face("softsim_core")}
     idle = [
         f"{package}: {name}"

@@ -125,7 +125,7 @@ ROBOT_FIELDS = {field.name for field in dataclasses.fields(RobotDescription)} - 
 def imports(tree: ast.AST, package: str) -> Iterator[tuple[str, int]]:
     """Absolute names of imported modules, with lines.
 
-    `from a import b` gives a.b where b is a module, and the module that defines b where the face of a names it.
+    `from a import b` gives a.b where b is a module, or the module of b where the face of a has it.
     """
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Import):
@@ -172,8 +172,8 @@ def test_no_forbidden_import(package: str) -> None:
 
 def layer(name: str) -> tuple[int, str]:
     """Rank and name of the package of softsim_core that a module belongs to; -1 for softsim_core itself."""
-    for rank, packages in enumerate(LAYERS):
-        for package in packages:
+    for rank, group in enumerate(LAYERS):
+        for package in group:
             if within(name, (f"softsim_core.{package}",)):
                 return rank, package
     return -1, ""

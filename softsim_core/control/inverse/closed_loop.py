@@ -2,20 +2,20 @@ r"""Closed loop on two tilt angles: proportional-integral control with anti-wind
 
 A rotation is written
 
-    R = Rx(tilt_x) Rz(turn) Ry(tilt_y),
+    R = Rx(tilt_x) Rz(turn) Ry(tilt_y).
 
-which in a frame with y up, its axes (x, y, z) being our (y, z, x), reads Rz Ry Rx: Euler angles about fixed
-axes, of which the first is tilt_y and the third tilt_x.
+In a frame with y up, whose axes (x, y, z) are our (y, z, x), this is Rz Ry Rx: Euler angles about fixed axes,
+the first of which is tilt_y and the third tilt_x.
 
-Per axis, at each step with the elapsed time :math:`\Delta`, reference r, measure y, output u:
+Per axis, each step uses the elapsed time :math:`\Delta`, reference r, measure y, output u:
 
     e  = r - y
     I += (ki e + ka (u_sat_previous - u_previous)) \Delta
     u  = kp e + I
     u_sat = clip(u, -saturation, saturation)
 
-The anti-windup gain ka draws the integral back while the output is saturated. Operations run in this order,
-so recorded commands are reproduced to the last bit.
+The anti-windup gain ka reduces the integral while the output is saturated. The order of operations is fixed,
+so that recorded commands are reproduced to the last bit.
 
 Source: Astrom and Murray, Feedback Systems, 2nd ed. 2021, section 11.4 (back-calculation).
 """
@@ -49,12 +49,12 @@ class Tilts(NamedTuple):
 
 
 def tilt_rotation(tilt_x: float, tilt_y: float, turn: float = 0.0) -> Array:
-    """Rotation matrix Rx(tilt_x) Rz(turn) Ry(tilt_y), shape (3, 3); angles in [rad]."""
+    """Return the rotation matrix Rx(tilt_x) Rz(turn) Ry(tilt_y), shape (3, 3); angles in [rad]."""
     return np.asarray(rotation_exp(tilt_x * X) @ rotation_exp(turn * Z) @ rotation_exp(tilt_y * Y))
 
 
 def tilts_of(rotation: Array) -> Tilts:
-    """Tilts of a rotation matrix (3, 3): tilt_x and tilt_y in (-pi, pi], turn in [-pi/2, pi/2]."""
+    """Return the tilts of a rotation matrix (3, 3): tilt_x and tilt_y in (-pi, pi], turn in [-pi/2, pi/2]."""
     return Tilts(
         x=math.atan2(rotation[2, 1], rotation[1, 1]),
         y=math.atan2(rotation[0, 2], rotation[0, 0]),
@@ -63,7 +63,7 @@ def tilts_of(rotation: Array) -> Tilts:
 
 
 COLUMNS = ("time", "x_reference", "x_command", "x_measure", "z_reference", "z_command", "z_measure")
-"""Columns of the log. Its axes are those of a frame with y up: x is our y (tilt_y), z is our x (tilt_x)."""
+"""Columns of the log in a frame with y up: x is our y (tilt_y), z is our x (tilt_x)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +94,10 @@ class TiltGains:
 
 
 class TiltController:
-    """A closed loop on tilts and its memory: an integral and the last output of each of two axes.
+    """Closed loop on two tilts; stores an integral and the last output per axis.
 
     Args:
-        gains: May be replaced at any time; the integral stays.
+        gains: May be replaced at any time; the integral is preserved.
     """
 
     def __init__(self, gains: TiltGains | None = None) -> None:
@@ -105,7 +105,7 @@ class TiltController:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: no integral, no last command."""
+        """Clear the integral and the last command."""
         self._integral = np.zeros(2)
         self._output = np.zeros(2)
         self._saturated = np.zeros(2)
@@ -117,14 +117,14 @@ class TiltController:
 
     @property
     def is_saturated(self) -> bool:
-        """Whether an axis asked for more than the saturation in the last update."""
+        """Whether the last update requested more than the saturation on an axis."""
         return bool((self._output != self._saturated).any())
 
     def update(self, reference: ArrayLike, measure: ArrayLike, elapsed: float) -> Array:
-        """One step of the loop.
+        """Advance the loop by one step and return its command.
 
         Args:
-            reference: Wanted tilts in [rad], shape (2,).
+            reference: Reference tilts in [rad], shape (2,).
             measure: Measured tilts in [rad], shape (2,).
             elapsed: Time since the last step in [s], >= 0.
 
@@ -132,7 +132,7 @@ class TiltController:
             Command in [rad], shape (2,), within the saturation.
 
         Raises:
-            CommandError: a value is not finite or of the wrong shape; the loop's memory is not changed.
+            CommandError: a value is not finite or of the wrong shape; the loop's state is not changed.
         """
         gains, (r, y) = self.gains, (_pair("reference", reference), _pair("measure", measure))
         if not 0.0 <= elapsed < math.inf:
@@ -148,7 +148,7 @@ class TiltController:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClosedLoopRecord:
-    """A log as arrays; the first column of a pair is the log's x axis, the second its z axis.
+    """A log as arrays. The first column of a pair is the log's x axis, the second its z axis.
 
     Attributes:
         time: Sum of the elapsed times in [s], shape (n,).
@@ -162,15 +162,15 @@ class ClosedLoopRecord:
 
     @property
     def elapsed(self) -> Array:
-        """Elapsed time of each step in [s], shape (n,); the first began at time 0."""
+        """Elapsed time of each step in [s], shape (n,); the first step started at time 0."""
         return np.diff(self.time, prepend=0.0)
 
 
 class ClosedLoopLog:
-    """Writes the log of a closed loop as comma separated values, a row a step, full precision, CR LF.
+    """Writer of a closed loop's log: comma separated values, one row per step, full precision, CR LF.
 
     Args:
-        file: Path of the file; what is there is replaced.
+        file: Path of the file; an existing file is replaced.
 
     Raises:
         ConfigError: the file cannot be written.
@@ -199,15 +199,15 @@ class ClosedLoopLog:
         self._writer.writerow([float(time), *(float(value) for triple in pairs for value in triple)])
 
     def flush(self) -> None:
-        """Hand what was written to the operating system."""
+        """Flush written rows to the operating system."""
         self._stream.flush()
 
     def close(self) -> None:
-        """Write what is left and close the file; a second call does nothing."""
+        """Write the remaining rows and close the file; a second call does nothing."""
         self._stream.close()
 
     def __enter__(self) -> ClosedLoopLog:
-        """The log itself."""
+        """Return the log itself."""
         return self
 
     def __exit__(
@@ -218,10 +218,10 @@ class ClosedLoopLog:
 
 
 def read_closed_loop_log(file: str | PathLike[str]) -> ClosedLoopRecord:
-    """Read a log.
+    """Read a log written by `ClosedLoopLog`.
 
     Raises:
-        ConfigError: no such file, other columns, or a row that does not hold seven finite numbers.
+        ConfigError: no such file, other columns, or a row that does not contain seven finite numbers.
     """
     name = fspath(file)
     try:

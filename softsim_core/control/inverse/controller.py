@@ -1,13 +1,13 @@
-"""Inverse control in real time: one joint increment a tick, on a model that moves along.
+"""Inverse control in real time: one joint increment per tick, on a model that moves with the robot.
 
-A tick takes the effector's sensitivity at the model's present state, and where it would come to rest from
-there; solves one quadratic program for the increment dq towards the goal, at a rate that the slowest mode
-allows (see pace); and steps the model by dt under q + dq. With a measured pose y the error of the
-model is learned as a correction d and taken off the goal:
+A tick computes the effector's sensitivity at the model's present state, and the pose at which the effector
+would come to rest. It solves one quadratic program for the increment dq towards the goal, at a rate that the
+slowest mode allows (see pace), and steps the model by dt under q + dq. With a measured pose y, the error of
+the model is learned as a correction d and subtracted from the goal:
 
     d <- clip(d + (1 - exp(-k dt)) (y - (x + d))),    the model's goal is goal - d
 
-At rest y = x + d = goal, whatever the plant is: an integral law, which cannot wind up beyond what it clips.
+At rest y = x + d = goal for any plant. This is an integral law; the clipping limits its windup.
 """
 
 from __future__ import annotations
@@ -64,44 +64,44 @@ InverseStatus: TypeAlias = Literal[
 ]
 
 PATIENCE = 10
-"""Ticks in a row, at the full rate, that a robot must rest before a goal counts as unreachable."""
+"""Consecutive ticks at rest, at the full rate, after which a goal counts as unreachable."""
 
 PATIENCE_STALLED = 100
-"""Or may make no progress before it counts as stalled."""
+"""Consecutive ticks without progress, at the full rate, after which the robot counts as stalled."""
 
 OVERLOAD = 0.02
 """Part of a torque limit by which an effort may exceed it at the goal."""
 
 AT_REST = 0.1
-"""What is still to move at rest, as a part of the tolerance."""
+"""Remaining motion that counts as rest, as a part of the tolerance."""
 
 RESAMPLE = 0.02
-"""Joint travel in units of Limits.scale after which a sampled sensitivity is taken anew."""
+"""Joint travel in units of Limits.scale after which a sampled sensitivity is computed again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseReport:
-    """What one tick did.
+    """Result of one tick.
 
     Attributes:
         command: Joint command in [rad] or [m], shape (j,): inside limits, at most speed * dt from the last.
-        model_pose: The model's effector after the tick.
+        model_pose: Pose of the model's effector after the tick.
         residual_m, residual_rad: Distance from the goal in [m] and [rad] over the task's coordinates: of the
-            measured pose where one was given, else of the model. 0 without goal.
+            measured pose if one was given, else of the model. 0 without goal.
         mismatch_m, mismatch_rad: Distance of the measured pose from the model's in [m] and [rad]; 0 without
             measurement.
-        active: Names of the limits that hold the increment back ("servo_0 upper", "servo_1 speed").
+        active: Names of the limits that constrain the increment ("servo_0 upper", "servo_1 speed").
         reachable: False once the goal counts as unreachable.
-        status: "idle" (no goal); "moving"; "limited" (moving, and held back by the limits of `active`);
+        status: "idle" (no goal); "moving"; "limited" (moving, constrained by the limits of `active`);
             "reached" (within the tolerance, at rest there, and within torque limits); "unreachable" (at rest,
-            and no step within the limits leads nearer); "stalled" (no nearer for long, though a step promises
-            to lead there);
-            or why nothing moves: "infeasible", "not_converged" (the program), "diverged" (the model).
+            and no step within the limits leads nearer); "stalled" (no nearer for long, though a step is
+            predicted to lead there); or the reason why nothing moves: "infeasible", "not_converged" (the
+            program), "diverged" (the model).
         kkt_residual: Largest violation of the program's optimality conditions, in [rad] or [m].
-        sensitivity_age: Ticks in a row, this one included, in which the sensitivity could not be computed and
-            the last one served instead (near a branch of equilibria there is none); 0: it is good.
+        sensitivity_age: Consecutive ticks, including this one, in which the sensitivity could not be computed
+            and the previous one was used (there is none near a branch of equilibria); 0: it is up to date.
         qp_ms, tick_ms: Time of the program (build, solve, check) and of the whole tick in [ms].
-        sentence: The same for a person.
+        sentence: Status message for a person.
     """
 
     command: Array
@@ -121,17 +121,17 @@ class InverseReport:
 
 
 class InverseController:
-    """Effector goals to joint commands, with a model of the robot of its own.
+    """Controller from effector goals to joint commands, with its own model of the robot.
 
     Args:
-        scene: The robot; its own controllers and start move are left out of the model.
+        scene: The robot; its own controllers and start move are not part of the model.
         settings: None: the robot file's key `inverse`.
-        backend: Of the model's step, as in Simulation.
+        backend: Backend of the model's step, as in Simulation.
 
     Attributes:
         robot: The robot.
-        model: The model; look, do not touch.
-        settings: What was given.
+        model: The model; read-only.
+        settings: The settings in use.
         limits: Joint limits of one tick.
 
     Raises:
@@ -150,7 +150,7 @@ class InverseController:
         alone = self.robot.robot_alone()
         bodies = tuple(replace(body, surface=None) for body in alone.scene.bodies)
         self.model = Simulation(alone.with_scene(bodies=bodies), backend)
-        self.model.enforce_limits = False  # this class keeps them
+        self.model.enforce_limits = False  # the program enforces the limits
         self.limits = Limits.of(self.robot.scene, self.settings, self.model.dt)
         self._posture = self._posture_from(self.model.joint_targets)
         self._sampled_at: Array | None = None
@@ -169,12 +169,12 @@ class InverseController:
 
     @property
     def period(self) -> float:
-        """Time of a tick in [s]: the scene's dt."""
+        """Duration of a tick in [s]: the scene's dt."""
         return self.model.dt
 
     @property
     def goal(self) -> Pose | None:
-        """The goal, or None."""
+        """The present goal, or None."""
         return self._goal
 
     @property
@@ -184,16 +184,16 @@ class InverseController:
 
     @property
     def slowest_period(self) -> float:
-        """Slowest period of the model in [s] where control was started, which limits the rate."""
+        """Slowest period of the model in [s] where control was started; it limits the rate."""
         return self._period
 
     @property
     def correction(self) -> Array:
-        """What was learned about the model: shift in [m] and rotation vector in [rad], shape (6,)."""
+        """Learned correction of the model: shift in [m] and rotation vector in [rad], shape (6,)."""
         return self._correction.copy()
 
     def start(self, joints: Sequence[float] | Array | None = None, base_shift: float | None = None) -> None:
-        """Stand at the robot's present joints, at rest, without goal: the first commands start from there.
+        """Place the model at the robot's present joints, at rest and without goal; commands start from there.
 
         Args:
             joints: In [rad] or [m], shape (j,), inside the limits or not; None: the last command.
@@ -201,7 +201,7 @@ class InverseController:
 
         Raises:
             CommandError: wrong length or not finite; nothing is changed.
-            SolverDivergedError: the model cannot get there.
+            SolverDivergedError: the model cannot reach the joints.
         """
         try:
             wanted = self.command if joints is None else np.asarray(joints, dtype=float)
@@ -220,10 +220,10 @@ class InverseController:
         self._forget()
 
     def set_goal(self, goal: Pose | None) -> None:
-        """Where the effector should go, in the world; None: stay.
+        """Set the goal of the effector in the world; None: stay.
 
         Raises:
-            CommandError: not finite, or no rotation; the goal stays what it was.
+            CommandError: not finite, or no rotation; the goal is not changed.
         """
         if goal is not None:
             try:
@@ -250,11 +250,13 @@ class InverseController:
         self._goal = goal
 
     def tick(self, measured: Pose | None = None) -> InverseReport:
-        """One dt: an increment towards the goal, within all limits; without goal the command stays.
+        """Advance by one dt: compute an increment towards the goal within all limits, and step the model.
+
+        Without goal, the command does not change.
 
         Args:
-            measured: The real effector now, where it is known; a part (position or quaternion) that is not
-                finite counts as not measured.
+            measured: Measured pose of the real effector; a part (position or quaternion) that is not finite
+                counts as not measured.
         """
         started = perf_counter()
         before = effector(self.model) if self._pose is None else self._pose
@@ -293,19 +295,23 @@ class InverseController:
 
     @property
     def _pace(self) -> Pace:
-        """The shares of a tick at the present settings."""
+        """Shares of a tick at the present settings."""
         solver, parameters = self.model.scene.solver, self.model.parameters
         numerical = self.period if solver.time_integration == "implicit_euler" else 0.0
         damping = parameters.rayleigh_mass, parameters.rayleigh_stiffness + numerical
         return pace(self.settings.rate_at(self.period), self._period, damping, self.period)
 
     def _measure_period(self) -> None:
-        """Learn the slowest period of the model where it is; what has no stable equilibrium keeps it."""
+        """Update the slowest period from the model's present state if it has a stable equilibrium."""
         with suppress(np.linalg.LinAlgError, FactorisationError):
             self._period = slowest_period(self.model)
 
     def _program(self, task: Task, pose: Pose) -> tuple[QP, Array]:
-        """The program of this tick, and what takes up slack before its increments count, shape (j,)."""
+        """Build the program of this tick.
+
+        Returns:
+            The program, and the joint increments that take up slack before others have an effect, shape (j,).
+        """
         shares, limits = self._pace, self.limits
         robot, rows = linearised(self.model, self._sensitivity, limits)
         most = np.minimum(limits.step, np.maximum(limits.upper - self.command, 0.0))
@@ -321,10 +327,10 @@ class InverseController:
         return qp._replace(upper=upper, lower=lower, at_upper=qp.at_upper & (qp.upper <= fastest)), taken_up
 
     def _renewed(self) -> Sensitivity:
-        """The sensitivity now; where there is none (a branch of equilibria), the last one, a tick older.
+        """Return the present sensitivity; near a branch of equilibria return the previous one, a tick older.
 
-        With it the way is found that is left to the effector until it rests under the present commands: what
-        holds it back now are inertia and damping, which are loads on an equilibrium.
+        Also determine the remaining motion of the effector until it rests under the present commands. Inertia
+        and damping delay this motion; they are treated as loads on an equilibrium.
         """
         velocities, parameters = self.model.velocities, self.model.parameters
         acceleration = (velocities - self._velocities) / self.period + parameters.rayleigh_mass * velocities
@@ -346,7 +352,7 @@ class InverseController:
         return fresh
 
     def _sampled_or_analytic(self, loads: Array | None) -> Sensitivity:
-        """The sensitivity by the back end of the settings; a sampled one serves while joints are near."""
+        """Return the configured back end's sensitivity; a sampled one is reused while joints are near."""
         if self.settings.backend == "analytic":
             return sensitivity_of(self.model, self.settings, loads)
         last, here = self._sampled_at, self.command
@@ -357,7 +363,7 @@ class InverseController:
         return replace(self._sensitivity, loaded=loaded)
 
     def _advance(self, dq: Array) -> bool:
-        """Step the model under the next command; False: it diverged, and the command stays."""
+        """Step the model under the next command; return False if it diverged, and keep the command."""
         last = self.command
         inside = np.maximum(last + dq, np.minimum(self.limits.lower, last))
         self.model.command(np.minimum(inside, np.maximum(self.limits.upper, last)))
@@ -371,9 +377,9 @@ class InverseController:
     def _progress(
         self, task: Task, before: Pose, seen: Pose, residual: tuple[float, float], solution: Solution
     ) -> InverseStatus:
-        """Take note of a tick towards the goal, and say how it goes."""
+        """Record a tick towards the goal, and return its status."""
         settings, shares = self.settings, self._pace
-        left = lengths(task, task.jacobian(self._lag[:, None], before)[:, 0])  # until it rests
+        left = lengths(task, task.jacobian(self._lag[:, None], before)[:, 0])  # remaining motion until rest
         there = self._is_there(residual) and self._is_there(left)
         ends = self._residual(_shifted(seen, self._lag))
         weight = shares.approach / shares.full
@@ -383,7 +389,7 @@ class InverseController:
         if solution.status != "solved":
             self._rested = 0.0
             return solution.status
-        steps = self._moved, self._sensitivity.effector @ solution.dq  # of the body, and of where it rests
+        steps = self._moved, self._sensitivity.effector @ solution.dq  # of the body, and of its rest pose
         to_come = [task.jacobian((each / shares.approach)[:, None], before)[:, 0] for each in steps]
         rests = all(self._is_there(each, AT_REST) for each in (left, *(lengths(task, e) for e in to_come)))
         self._rested = self._rested + weight if rests else 0.0
@@ -396,16 +402,16 @@ class InverseController:
         return "moving" if all(name.endswith(" speed") for name in solution.active) else "limited"
 
     def _overloaded(self) -> tuple[str, ...]:
-        """Names of the torque limits that efforts exceed, whatever the program promised.
+        """Return the names of the torque limits that the efforts exceed, whatever the program predicted.
 
-        It knows how tensions follow from commands as long as routes are independent; what several tendons of
-        one route share is not theirs to choose.
+        The program predicts tensions from commands only while cable routes are independent. How several
+        tendons of one route share a tension is not determined by their commands.
         """
         over = np.abs(self.model.joint_efforts) > (1.0 + OVERLOAD) * self.limits.torque
         return tuple(f"{self.limits.names[joint]} torque" for joint in np.flatnonzero(over))
 
     def _is_nearest(self, task: Task, pose: Pose) -> bool:
-        """Whether no step within the limits, however long it takes, leads nearer."""
+        """Return whether no step within the limits, at any number of ticks, leads nearer."""
         if self._sensitivity_age:
             return False
         far = far_limits(self.limits)
@@ -419,7 +425,7 @@ class InverseController:
     # --- feedback ---
 
     def _learn(self, measured: Pose | None, pose: Pose) -> tuple[float, float]:
-        """Move the correction towards what was measured; returns the model's distance in [m] and [rad]."""
+        """Move the correction towards the measurement; return the model's distance in [m] and [rad]."""
         if measured is None:
             return 0.0, 0.0
         seen = _difference(measured, pose)
@@ -432,14 +438,14 @@ class InverseController:
         return float(np.linalg.norm(known[:3])), float(np.linalg.norm(known[3:]))
 
     def _corrected(self, goal: Pose) -> Pose:
-        """Where the model must go for the plant to be at the goal."""
+        """Return the goal of the model for which the plant is at the given goal."""
         if not self._correction.any():
             return goal
         turned = rotation_exp(-self._correction[3:]) @ rotation_of(goal.quaternion_xyzw)
         return Pose(goal.position - self._correction[:3], quaternion_of(turned))
 
     def _seen(self, pose: Pose, measured: Pose | None) -> Pose:
-        """What is measured of the effector; else the model's pose."""
+        """Return the measured pose of the effector, with the model's pose where it was not measured."""
         if measured is None:
             return pose
         position, quaternion = measured.position, measured.quaternion_xyzw
@@ -449,7 +455,7 @@ class InverseController:
         )
 
     def _residual(self, pose: Pose) -> tuple[float, float]:
-        """Distance of a pose in [m] and [rad] from the goal."""
+        """Return the distance in [m] and [rad] of a pose from the goal."""
         assert self._goal is not None
         return residuals([task_for(self._goal, self.settings)], pose)
 
@@ -458,7 +464,7 @@ class InverseController:
         return joints.copy() if name is None else np.array(self.robot.poses[name])
 
     def _forget(self) -> None:
-        """Begin anew, at rest and without goal."""
+        """Reset to rest without goal."""
         self._goal = None
         self._pose = None
         self._velocities = self.model.velocities
@@ -469,7 +475,7 @@ class InverseController:
         self._correction = np.zeros(6)
         self._damping = AdaptiveDamping(len(self.command), self.settings.lever)
 
-    # --- words ---
+    # --- messages ---
 
     def _sentence(
         self,
@@ -500,19 +506,19 @@ class InverseController:
 
 
 def _shifted(pose: Pose, displacement: Array) -> Pose:
-    """A pose moved by a shift in [m] and a rotation vector in [rad], shape (6,)."""
+    """Return a pose moved by a shift in [m] and a rotation vector in [rad], shape (6,)."""
     turned = rotation_exp(displacement[3:]) @ rotation_of(pose.quaternion_xyzw)
     return Pose(pose.position + displacement[:3], quaternion_of(turned))
 
 
 def _differ(goal: Pose, other: Pose) -> bool:
-    """Whether two goals are different places."""
+    """Return whether two goals differ."""
     same = np.array_equal(goal.position, other.position)
     return not (same and np.array_equal(goal.quaternion_xyzw, other.quaternion_xyzw))
 
 
 def _difference(measured: Pose, pose: Pose) -> Array:
-    """Shift and rotation vector (6,) from a pose to the measured one; NaN where not measured."""
+    """Return shift and rotation vector (6,) from a pose to the measured one; NaN where not measured."""
     shift, turn = np.full(3, np.nan), np.full(3, np.nan)
     if np.isfinite(measured.position).all():
         shift = measured.position - pose.position
@@ -524,18 +530,18 @@ def _difference(measured: Pose, pose: Pose) -> Array:
 
 
 def _shortened(vector: Array, most: float) -> Array:
-    """The vector, no longer than `most`."""
+    """Return the vector, shortened to `most` if it is longer."""
     length = float(np.linalg.norm(vector))
     return vector if length <= most else vector * (most / length)
 
 
 def _distance(shift: float, turn: float, task: str) -> str:
-    """3.21 mm, 1.5 deg, or both, as the task has them."""
+    """Format a distance as the task measures it: "3.21 mm", "1.5 deg", or both."""
     parts = [f"{_short(shift / MILLIMETRE)} mm"] if task != "orientation" else []
     parts += [f"{_short(degrees(turn))} deg"] if task != "position" else []
     return " and ".join(parts)
 
 
 def _short(value: float) -> str:
-    """Three digits, never an exponent of ten above."""
+    """Format a number with three digits and without exponent."""
     return f"{value:.0f}" if value >= 1000.0 else f"{value:.3g}"

@@ -1,22 +1,24 @@
-"""How fast inverse control moves a robot: shares of one tick, and damping learned from tick to tick.
+"""Speed of inverse control: shares of one tick, and damping that adapts from tick to tick.
 
-Far from the goal and near it a program wants little damping; where a goal is out of reach, or the effector
-hardly moves with its joints, increments would swing. Damping slows a step and moves no equilibrium.
+A program needs little damping both far from the goal and near it. Where a goal is out of reach, or the
+effector hardly moves with its joints, increments would oscillate. Damping slows a step and moves no
+equilibrium.
 
 Source: Nocedal and Wright 2006, ch. 10 (Levenberg-Marquardt).
 
-With x the effector, u where it comes to rest under the present commands and g the goal, control moves u by
+With x the effector, u the position at which it comes to rest under the present commands and g the goal,
+control moves u by
 
     du/dt = k (g - x) + c (x - u),
 
-the second term damping actively. A mode of frequency w with damping b = r_M + r_K w^2 gives the polynomial
-s^3 + (c + b) s^2 + (w^2 + b c) s + k w^2, stable for all k, c > 0 that leave k w^2 below
-(c + b) (w^2 + b c): faster modes are stable, too. The largest k puts three poles at one place:
+where the second term provides active damping. A mode of frequency w with damping b = r_M + r_K w^2 gives the
+polynomial s^3 + (c + b) s^2 + (w^2 + b c) s + k w^2. It is stable for all k, c > 0 with k w^2 below
+(c + b) (w^2 + b c), so faster modes are stable, too. The largest k puts three poles at one place:
 
     a = (b + sqrt((4 w^2 - b^2) / 3)) / 2,    k = a^3 / w^2,    c = 3 a - b        (b < 2 w)
 
-A mode that creeps (b >= 2 w) gets two poles at its slower one p: k = c = p. A tick takes the shares
-1 - exp(-k dt) and 1 - exp(-c dt), below 1 at any dt.
+An overdamped mode (b >= 2 w) gets two poles at its slower one p: k = c = p. A tick takes the shares
+1 - exp(-k dt) and 1 - exp(-c dt), which are below 1 at any dt.
 """
 
 from __future__ import annotations
@@ -32,34 +34,37 @@ from softsim_core.physics.mechanics import Rows
 from softsim_core.simulation import Simulation
 
 LEAST = 1e-6
-"""Damping of a calm approach, as a part of the largest mean curvature seen since the start."""
+"""Damping of a steady approach, as a part of the largest mean curvature since the start."""
 
 CAUTION, TRUST, MOST = 4.0, 0.95, 1000.0
-"""Damping grows by CAUTION when an increment turns back on the last one, up to MOST, and shrinks by TRUST
-otherwise."""
+"""Damping grows by CAUTION, up to MOST, when an increment reverses the last one; else it shrinks by TRUST."""
 
 TIRING, PROGRESS = 1.04, 1e-5
 """Each tick without progress towards a missed goal, by a part PROGRESS of the distance, raises the least
-damping by TIRING: what the slow modes of a soft body keep swinging comes to rest."""
+damping by TIRING, so that slow modes of a soft body that keep oscillating come to rest.
+"""
 
 PACE = 0.2
-"""A distance counts as its last peak, which fades at this part of the rate of control: a path that swings
-past the goal is near it for a moment. Measured by that moment, the calm approach after it would be no
-progress, and the damping would stop it. The peaks of a swing that lasts stay where they are."""
+"""The distance is measured by its last peak, which decays at this part of the rate of control.
+
+A path that oscillates past the goal is near it for a moment. Compared with that moment, the steady approach
+afterwards would count as no progress, and the damping would stop it. The peaks of a persistent oscillation do
+not decay.
+"""
 
 LONGEST = 1000
-"""Ticks without progress that count."""
+"""Largest count of ticks without progress."""
 
 NOISE = 1e-9
-"""Increments below this, in units of Limits.scale, tell nothing about swinging."""
+"""Increments below this, in units of Limits.scale, are ignored in the detection of oscillations."""
 
 
 class AdaptiveDamping:
-    """Damping of the next program.
+    """Adaptive damping of the next program.
 
     Args:
         size: Number of joints j.
-        lever: Length in [m] at which an angle counts.
+        lever: Length in [m] that converts angles to distances.
     """
 
     def __init__(self, size: int, lever: float) -> None:
@@ -70,29 +75,29 @@ class AdaptiveDamping:
 
     @property
     def stalled(self) -> float:
-        """Ticks in a row, up to LONGEST, without progress towards a missed goal."""
+        """Consecutive ticks, up to LONGEST, without progress towards a missed goal."""
         return self._stalled
 
     def rest(self) -> None:
-        """Another goal: what was learned about the last one is forgotten."""
+        """Reset the adaptation for another goal."""
         self._share, self._stalled, self._peak, self._best = LEAST, 0.0, 0.0, math.inf
 
     def at(self, effector: Array) -> float:
-        """Damping in [m^2] of a program with this sensitivity of the effector per Limits.scale, (6, j)."""
+        """Return the damping in [m^2] for a sensitivity of the effector per Limits.scale, shape (6, j)."""
         shift, turn = effector[:3], self._lever * effector[3:]
         curvature = float(np.vdot(shift, shift) + np.vdot(turn, turn)) / shift.shape[1]
         self._curvature = max(self._curvature, curvature)
         return self._share * self._curvature
 
     def learn(self, dq: Array, distance: float, *, there: bool, approach: float, weight: float = 1.0) -> None:
-        """Take note of a tick; without progress towards a missed goal the damping only grows.
+        """Update the damping after a tick; without progress towards a missed goal it only grows.
 
         Args:
-            dq: Its increments in units of Limits.scale, shape (j,).
-            distance: From the goal after it in [m], an angle counted at the lever.
-            there: Whether that counts as reached.
-            approach: Share of the distance that a tick takes away.
-            weight: Of the tick among those without progress: less than 1 where slow modes want patience.
+            dq: Increments of the tick in units of Limits.scale, shape (j,).
+            distance: Distance from the goal after the tick in [m], with angles converted by the lever.
+            there: Whether the goal counts as reached.
+            approach: Share of the distance that a tick removes.
+            weight: Weight of the tick among those without progress, less than 1 where slow modes need time.
         """
         self._peak = max(distance, (1.0 - PACE * approach) * self._peak)
         progress = there or self._peak < (1.0 - PROGRESS) * self._best
@@ -107,16 +112,16 @@ class AdaptiveDamping:
 
 
 LEAST_MASS = 1e-9
-"""Part of the mean inertia that each shape has at least: the shapes of a flat body are dependent."""
+"""Least inertia of each shape as a part of the mean inertia: the shapes of a flat body are dependent."""
 
 
 class Pace(NamedTuple):
-    """Parts of what is missing that one tick makes up for.
+    """Parts of the remaining error or motion that one tick removes.
 
     Attributes:
-        full: Of the error, were every mode fast.
+        full: Of the error, if every mode were fast.
         approach: Of the error between goal and effector.
-        catch_up: Of the way that the effector still has to go to rest.
+        catch_up: Of the effector's remaining motion to its rest position.
         rate: k in [1/s].
     """
 
@@ -127,13 +132,13 @@ class Pace(NamedTuple):
 
 
 def pace(rate: float, period: float, damping: tuple[float, float], dt: float) -> Pace:
-    """The shares of a tick.
+    """Return the shares of a tick.
 
     Args:
         rate: Largest k in [1/s].
-        period: Slowest period in [s]; 0: everything follows at once.
-        damping: r_M in [1/s] and r_K in [s], what the time integration adds included.
-        dt: Time of a tick in [s].
+        period: Slowest period in [s]; 0: the effector follows without delay.
+        damping: r_M in [1/s] and r_K in [s], including the damping of the time integration.
+        dt: Duration of a tick in [s].
     """
     k = c = math.inf
     if period > 0.0:
@@ -150,10 +155,11 @@ def pace(rate: float, period: float, damping: tuple[float, float], dt: float) ->
 
 
 def slowest_period(simulation: Simulation) -> float:
-    """Period in [s] of the slowest mode with joints at their commands; 0 without bodies.
+    """Return the period in [s] of the slowest mode with joints at their commands; 0 without bodies.
 
-    The largest quotient of a load's work on the deflection it causes and its shape's own, over loads that
-    are accelerations linear in space, of each body: with V the shapes (3 n, s) and M the masses,
+    The period follows from the largest quotient of a load's work on the deflection it causes and its work
+    on its own shape. The loads are accelerations of each body that are linear in space. With V the shapes
+    (3 n, s) and M the masses,
 
         (V^T M K^-1 M V) y = (T / 2 pi)^2 (V^T M V) y
 
@@ -179,6 +185,6 @@ def slowest_period(simulation: Simulation) -> float:
     rows = Rows(len(nodes) * np.arange(len(loads) + 1), np.tile(nodes, len(loads)), np.concatenate(loads))
     deflection = simulation.static_response(rows).rows_by_row
     inertia = np.reshape(shapes, (len(shapes), -1)) @ np.reshape(loads, (len(loads), -1)).T
-    inertia += LEAST_MASS * np.trace(inertia) / len(inertia) * np.eye(len(inertia))  # a flat body has fewer
+    inertia += LEAST_MASS * np.trace(inertia) / len(inertia) * np.eye(len(inertia))  # a flat body is singular
     largest = float(eigh(deflection, inertia, eigvals_only=True)[-1])
     return 2.0 * math.pi * math.sqrt(max(largest, 0.0))

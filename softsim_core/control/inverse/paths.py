@@ -1,4 +1,4 @@
-"""Timed paths of the effector, and the files they are read from: maze plans (JSON), timed poses (CSV)."""
+"""Timed paths of the effector and their files: maze plans (JSON), timed poses (CSV)."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ MAZE_SPACING_S = 0.5
 """Time between two pairs of a maze plan in [s]."""
 
 MAZE_LIFT_M = 20.0 * MILLIMETRE
-"""How far the plate rises above its start during the first interval of a maze plan, in [m]."""
+"""Rise of the plate above its start during the first interval of a maze plan, in [m]."""
 
 MAZE_SAMPLE_S = 0.01
-"""Spacing of a maze path's key poses in [s]: the angles are linear in time, not the turns in between."""
+"""Spacing of a maze path's key poses in [s]; angles, not rotations, are linear between plan points."""
 
 UNIT_WITHIN = 0.01
-"""A quaternion whose length is further from 1 than this is refused; smaller errors are normalised."""
+"""Largest deviation of a quaternion's length from 1; a smaller one is normalised, a larger one rejected."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectorPath:
-    """Key poses in time; before the first and after the last one the path stays there.
+    """Key poses in time. The path is constant before the first and after the last one.
 
     Attributes:
         times: Seconds after the start, shape (p,), p >= 1, finite, >= 0 and strictly increasing.
@@ -67,7 +67,7 @@ class EffectorPath:
         return float(self.times[-1])
 
     def sample(self, time: float) -> Pose:
-        """Pose at `time` in [s]: position linear, orientation by the shortest turn at constant speed."""
+        """Interpolate the pose at `time` in [s]: linear position, shortest rotation at constant speed."""
         at = float(np.clip(time, self.times[0], self.times[-1]))
         after = int(np.clip(np.searchsorted(self.times, at, side="right"), 1, max(len(self.times) - 1, 1)))
         if len(self.times) == 1:
@@ -78,12 +78,12 @@ class EffectorPath:
         return Pose(position, slerp(self.quaternions[after - 1], self.quaternions[after], part))
 
     def is_over(self, time: float) -> bool:
-        """Whether the last key pose is reached at `time` in [s] (a nanosecond of rounding is forgiven)."""
+        """Return whether `time` in [s] is at the last key pose or later, with a tolerance of a nanosecond."""
         return time >= self.duration - 1e-9
 
 
 def slerp(first: Array, second: Array, part: float) -> Array:
-    """Unit quaternion between two unit quaternions (x, y, z, w): the shorter turn, `part` in 0..1 of it.
+    """Interpolate between unit quaternions (x, y, z, w) along the shorter rotation; `part` in 0..1.
 
     Source: Shoemake 1985.
     """
@@ -99,15 +99,15 @@ def slerp(first: Array, second: Array, part: float) -> Array:
 
 
 def maze_path(pairs: Sequence[Sequence[float]] | Array, start: ArrayLike) -> EffectorPath:
-    """The path of a maze plan: the plate rises by 20 mm in the first half second, then tilts.
+    """Return the path of a maze plan: the plate rises by 20 mm in the first half second, then tilts.
 
-    Key points are 0.5 s apart: level at the start, then pair after pair; angles and height are linear in time
-    in between, and the last pair is held.
+    Key points are 0.5 s apart: level at the start, then pair after pair. Angles and height are linear in time
+    in between, and the path ends at the last pair.
 
     Args:
-        pairs: Pairs of angles in [rad], shape (k, 2), k >= 1, about x and z of a frame in which y is
-            up there, and its (x, y, z) are our (y, z, x). So the first angle of a pair is our tilt_y, the
-            second our tilt_x, and Rz(second) Rx(first) there is Rx(tilt_x) Ry(tilt_y) here.
+        pairs: Pairs of angles in [rad], shape (k, 2), k >= 1, about x and z of the plan's frame, in which y
+            is up and (x, y, z) are our (y, z, x). The first angle of a pair is our tilt_y, the second our
+            tilt_x: Rz(second) Rx(first) there is Rx(tilt_x) Ry(tilt_y) here.
         start: Position of the effector at the start in [m], shape (3,).
 
     Raises:
@@ -154,7 +154,7 @@ def _check(times: Array, positions: Array, quaternions: Array) -> None:
 
 
 class PathRefusedError(CommandError):
-    """A path cannot be used; carries the problem and the row it is in (from 0), or None."""
+    """A path cannot be used; carries the problem and its row (from 0), or None."""
 
     def __init__(self, problem: str, row: int | None = None) -> None:
         self.problem, self.row = problem, row
@@ -179,21 +179,21 @@ SUFFIXES = (".json", ".csv")
 
 
 def read_path(file: str | PathLike[str], start: ArrayLike) -> EffectorPath:
-    """An effector path from a file: a maze plan or timed poses.
+    """Read an effector path from a maze plan or a file of timed poses.
 
     Args:
         file: A maze plan (.json), or timed poses (.csv); a path, or the name of a file in `configs/paths`.
-        start: Where a maze plan begins, in [m], shape (3,); a CSV file has its own positions.
+        start: Start of a maze plan in [m], shape (3,); a CSV file contains its own positions.
 
     Raises:
-        ConfigError: no such file, or a wrong one; names file and row.
+        ConfigError: no such file, or an invalid one; names file and row.
     """
     found = find_path(file)
     return maze_path(read_maze_plan(found), start) if found.suffix == ".json" else read_csv_path(found)
 
 
 def known_paths() -> dict[str, Path]:
-    """Names and files of the paths in `configs/paths`, sorted by name."""
+    """Return names and files of the paths in `configs/paths`, sorted by name."""
     known: dict[str, Path] = {}
     for root in config_roots():
         for suffix in SUFFIXES:
@@ -203,16 +203,16 @@ def known_paths() -> dict[str, Path]:
 
 
 def find_path(name_or_path: str | PathLike[str]) -> Path:
-    """The file of a path, given by its path or its name ("circle", "circle.csv").
+    """Return the file of a path, given by its path or its name ("circle", "circle.csv").
 
     Raises:
-        ConfigError: nothing found, two of that name, or a file of another kind; names what is known.
+        ConfigError: nothing found, two of that name, or a file of another kind; names the known paths.
     """
     text = fspath(name_or_path)
     try:
         path = Path(text).expanduser()
         is_file = path.is_file()
-    except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a zero in it
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a null byte
         raise ConfigError(shortened(text), "", f"is neither a name nor a path ({error!s:.100})") from error
     if is_file:
         if path.suffix not in SUFFIXES:
@@ -222,10 +222,10 @@ def find_path(name_or_path: str | PathLike[str]) -> Path:
 
 
 def known_path(text: str) -> Path:
-    """The file of a path in `configs/paths` by its name, whatever lies in the working directory.
+    """Return the file of a path in `configs/paths` by its name; the working directory is not searched.
 
     Raises:
-        ConfigError: there is none, or two of that name; names what is known.
+        ConfigError: there is none, or two of that name; names the known paths.
     """
     known = known_paths()
     found = [file for name, file in known.items() if text in (name, Path(name).stem)]
@@ -238,12 +238,12 @@ def known_path(text: str) -> Path:
 
 
 def is_known_path(name: str) -> bool:
-    """Whether a name alone, of a file in `configs/paths`, says which path is meant."""
+    """Return whether a name alone identifies a file in `configs/paths`."""
     return any(name in (known, Path(known).stem) for known in known_paths())
 
 
 def read_maze_plan(file: str | PathLike[str]) -> Array:
-    """Pairs of angles in [rad], shape (k, 2), of a JSON object with one key, `anglePlanningTable`.
+    """Read pairs of angles in [rad], shape (k, 2), from a JSON object with one key, `anglePlanningTable`.
 
     Raises:
         ConfigError: not such a file; names the pair (counted from 1).
@@ -266,7 +266,7 @@ def read_maze_plan(file: str | PathLike[str]) -> Array:
 
 
 def read_csv_path(file: str | PathLike[str]) -> EffectorPath:
-    """Timed poses of a CSV file: time in [s], x, y, z in [m], and a unit quaternion qx, qy, qz, qw.
+    """Read timed poses from a CSV file: time in [s], x, y, z in [m], and a unit quaternion qx, qy, qz, qw.
 
     Raises:
         ConfigError: not such a file; names the row (the header is row 1).

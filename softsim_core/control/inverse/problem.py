@@ -1,16 +1,16 @@
-"""One step of differential inverse kinematics: a quadratic program in the joint increments, solved.
+"""One step of differential inverse kinematics: build and solve a quadratic program in the joint increments.
 
 minimise    1/2 |W (s e - J dq)|^2 + 1/2 a |s tau + T dq|^2 + 1/2 b |s (q - q_p) + dq|^2 + 1/2 c |dq|^2
     subject to  lower <= dq <= upper,    G dq <= h
 
-e is the tasks' error, s the share of it to take away, J its derivative, tau the joint efforts, T their
-derivative, q_p the posture; a and b stay below the least curvature of the tasks. The bounds keep joint
-interval and speed, the rows keep torque limits and whatever else is given (contacts). c (Levenberg-Marquardt)
-slows a step and moves no equilibrium. Increments count in units of their joints, see Limits.scale: volumes in
-m^3 and pressures in Pa stand ten orders of magnitude apart.
+e is the tasks' error, s the share of it to remove, J its derivative, tau the joint efforts, T their
+derivative, q_p the posture. a and b are below the least curvature of the tasks. The bounds enforce joint
+interval and speed. The rows enforce torque limits and further constraints (contacts). c (Levenberg-Marquardt)
+slows a step and moves no equilibrium. Increments are scaled by units of their joints, see Limits.scale,
+because volumes in m^3 and pressures in Pa differ by ten orders of magnitude.
 
-Stationarity P dq + q + G^T z - z_l + z_u = 0, feasibility and complementarity are computed here. daqp finds
-the active set; the equations of that set are then solved anew, so that bounds hold exactly.
+daqp finds the active set. The equations of that set are then solved again, so that bounds hold exactly. This
+module checks stationarity P dq + q + G^T z - z_l + z_u = 0, feasibility and complementarity itself.
 
 Source: Arnström, Bemporad, Axehill 2022 (daqp); Nocedal and Wright 2006, ch. 16.
 """
@@ -33,23 +33,26 @@ from softsim_core.physics.mechanics import Pose
 from softsim_core.scene import InverseSettings, SceneDescription
 
 FLOOR = 1e-10
-"""Least damping, as a part of the mean diagonal entry of J^T W^2 J: the program stays strictly convex, also
-where joints do the same and their efforts differ by orders of magnitude."""
+"""Least damping, as a part of the mean diagonal entry of J^T W^2 J.
+
+It makes the program strictly convex even if joints have the same effect and their efforts differ by orders of
+magnitude.
+"""
 
 
 NOTHING = 1e-8
-"""Curvature below this part of the largest one counts as none: joints can do the same."""
+"""Curvature below this part of the largest one counts as zero: joints have the same effect."""
 
 _ONE = np.ones(1)
 
 
 class Aim(NamedTuple):
-    """What one step shall do about the error.
+    """Part of the error that one step shall remove.
 
     Attributes:
-        share: Of the error to take away, > 0.
-        full: Share with which the largest error counts that the settings look at.
-        ahead: Displacement of the effector to add to that in [m] and [rad], shape (6,); None: none.
+        share: Share of the error to remove, > 0.
+        full: Share with which the settings' largest error is scaled.
+        ahead: Displacement of the effector to add to the error in [m] and [rad], shape (6,); None: none.
     """
 
     share: float = 1.0
@@ -58,17 +61,17 @@ class Aim(NamedTuple):
 
 
 WHOLE = Aim()
-"""All of the error at once."""
+"""Remove the whole error at once."""
 
 
 class Linearisation(NamedTuple):
-    """The robot as one program sees it.
+    """Linearised robot of one program.
 
     Attributes:
         sensitivity: Derivatives at the current state.
-        pose: Of the effector.
-        joints: Commanded joints q in [rad] or [m], shape (j,). Where one is outside its interval, the bounds
-            lead it back at its speed.
+        pose: Pose of the effector.
+        joints: Commanded joints q in [rad] or [m], shape (j,). The bounds lead a joint outside its interval
+            back at its speed.
         efforts: Joint efforts tau in [N m] or [N], shape (j,).
     """
 
@@ -79,7 +82,7 @@ class Linearisation(NamedTuple):
 
 
 class Constraint(NamedTuple):
-    """Rows G dq <= h with a name each; G (r, j), h (r,)."""
+    """Named rows G dq <= h; G (r, j), h (r,)."""
 
     G: Array
     h: Array
@@ -92,11 +95,11 @@ class Constraint(NamedTuple):
 
 
 class QP(NamedTuple):
-    """minimise 1/2 y^T P y + q^T y subject to lower <= y <= upper and G y <= h, with dq = scale y.
+    """Quadratic program: minimise 1/2 y^T P y + q^T y with lower <= y <= upper, G y <= h, dq = scale y.
 
-    P (j, j), q (j,) are scaled so that the mean diagonal entry of P is 1: residuals are increments.
-    A bound is the joint's interval where `at_lower` or `at_upper` says so, else its speed; `names` name the
-    joints, then the rows.
+    P (j, j) and q (j,) are scaled so that the mean diagonal entry of P is 1: residuals are increments. A
+    bound comes from the joint's interval where `at_lower` or `at_upper` is set, else from its speed. `names`
+    contains the names of the joints, then of the rows.
     """
 
     P: Array
@@ -120,7 +123,7 @@ class Limits:
         lower, upper: Interval in [rad] or [m], shape (j,).
         step: Largest increment of one step in [rad] or [m], shape (j,).
         torque: Largest effort in [N m] or [N], shape (j,); infinite where not limited.
-        scale: What counts as much as 1 rad of a hinge, shape (j,).
+        scale: Joint displacement equivalent to 1 rad of a hinge, shape (j,).
     """
 
     names: tuple[str, ...]
@@ -132,7 +135,7 @@ class Limits:
 
     @classmethod
     def of(cls, scene: SceneDescription, settings: InverseSettings, period: float) -> Limits:
-        """The joints' own limits, narrowed by the settings, for a step of `period` [s]."""
+        """Return the joints' own limits, narrowed by the settings, for a step of `period` [s]."""
         own = [joint.limits for joint in scene.joints]
         lower = np.array([max(each.lower, _or(settings.lower, -np.inf)) for each in own])
         upper = np.array([min(each.upper, _or(settings.upper, np.inf)) for each in own])
@@ -142,14 +145,15 @@ class Limits:
         return cls(scene.joint_names, *interval, speed * period, torque, scales(scene))
 
     def clamp(self, joints: Array) -> Array:
-        """Joint positions inside the interval, shape (j,)."""
+        """Clamp joint positions to the interval, shape (j,)."""
         return np.clip(joints, self.lower, self.upper)
 
 
 def scales(scene: SceneDescription) -> Array:
-    """What of each joint's command counts as much as 1 rad of a hinge, shape (j,).
+    """Return the command of each joint that is equivalent to 1 rad of a hinge, shape (j,).
 
-    1 m of a slide or a cable, which then wants as careful steps; of what has other units what a slider spans.
+    It is 1 m for a slide or a cable, which therefore takes equally careful steps. For other units it is the
+    range of a slider.
     """
     units = [joint.units.command for joint in scene.joints]
     return np.array([1.0 if unit.si in ("rad", "m") else unit.reach for unit in units], dtype=float)
@@ -166,15 +170,15 @@ def build(
     damping: float = 0.0,
     constraints: Sequence[Constraint] = (),
 ) -> QP:
-    """The program of one step; see the module.
+    """Build the program of one step; see the module.
 
     Args:
-        tasks: What the effector should do.
-        robot: Where it is, and how it answers.
-        limits: Of the joints.
-        settings: Weights and limits of the target.
-        aim: How much of the error to take away.
-        posture: q_posture in [rad] or [m], shape (j,); needed with a posture weight.
+        tasks: Goals of the effector.
+        robot: The linearised robot.
+        limits: Limits of the joints.
+        settings: Weights, and limits of the target.
+        aim: Part of the error to remove.
+        posture: q_posture in [rad] or [m], shape (j,); required with a posture weight.
         damping: c in [m^2/rad^2] or [-], >= 0.
         constraints: Further rows.
     """
@@ -217,13 +221,13 @@ def build(
 
 
 def _least_curvature(P: Array) -> float:
-    """The least eigenvalue of a positive semidefinite matrix that is not rounding, > 0."""
+    """Return the least eigenvalue of a positive semidefinite matrix that is above rounding, > 0."""
     values = np.linalg.eigvalsh(P)
     return max(float(values[values >= NOTHING * values[-1]][0]), 1e-300)
 
 
 def wanted(task: Task, current: Pose, settings: InverseSettings, aim: Aim = WHOLE) -> Array:
-    """What of a task's error one step shall take away in [m] and [rad], shape (k,)."""
+    """Return the part of a task's error that one step shall remove, in [m] and [rad], shape (k,)."""
     most = aim.full / aim.share
     near = aim.share * limited(
         task.error(current), task.angular, most * settings.max_shift, most * settings.max_turn
@@ -232,7 +236,11 @@ def wanted(task: Task, current: Pose, settings: InverseSettings, aim: Aim = WHOL
 
 
 def torque_rows(T: Array, efforts: Array, limits: Limits, gain: float = 1.0) -> Constraint:
-    """|tau + T dq| <= torque; approached by `gain` of the distance a step, and left at what a step can do."""
+    """Return rows for |tau + T dq| <= torque.
+
+    A step approaches the limit by at most `gain` of the distance. An exceeded limit is left as fast as a step
+    allows.
+    """
     limited_joints = np.flatnonzero(limits.torque < np.inf)
     if not len(limited_joints):
         return Constraint(np.zeros((0, len(efforts))), np.zeros(0), ())
@@ -258,30 +266,30 @@ def _or(value: float | None, default: float) -> float:
 Status: TypeAlias = Literal["solved", "infeasible", "not_converged"]
 
 KKT_TOLERANCE = 1e-8
-"""A solution with a larger residual is not used."""
+"""A solution with a larger residual is rejected."""
 
 ACTIVE = 1e-12
 """A multiplier above this marks an active limit."""
 
 ENDLESS = 1e30
-"""daqp's infinity."""
+"""Number that daqp treats as infinity."""
 
 _INFEASIBLE = -1
 
 WAYS = ((1e-11, 0.0), (1e-9, 1e-6), (1e-7, 1e-4))
-"""Primal tolerances and proximal weights of daqp, exact first: limits that nearly say the same want more."""
+"""Primal tolerances and proximal weights of daqp, exact first: nearly parallel limits need larger ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """What came out of a program.
+    """Result of a program.
 
     Attributes:
-        dq: Joint increments in what joints are commanded in, shape (j,); zero unless solved.
-        status: "solved"; "infeasible": no increment keeps all limits; "not_converged": the check failed.
-        kkt_residual: Largest violation of the optimality conditions, in units of QP.scale; infinite unless
-            there is a candidate.
-        active: Names of the limits that hold the step back.
+        dq: Joint increments in the units of the joint commands, shape (j,); zero unless solved.
+        status: "solved"; "infeasible": no increment satisfies all limits; "not_converged": the check failed.
+        kkt_residual: Largest violation of the optimality conditions, in units of QP.scale; infinite without a
+            candidate.
+        active: Names of the limits that constrain the step.
     """
 
     dq: Array
@@ -291,7 +299,7 @@ class Solution:
 
 
 def need_daqp() -> Any:
-    """The module daqp.
+    """Return the module daqp.
 
     Raises:
         SceneError: it is not installed.
@@ -303,19 +311,21 @@ def need_daqp() -> Any:
 
 
 def solve(qp: QP) -> Solution:
-    """The joint increments of a program, checked; a program without solution is a result, not an error.
+    """Solve a program for the joint increments and check the result.
+
+    A program without solution is a result, not an error.
 
     Raises:
         SceneError: the package daqp is not installed.
     """
-    _, free, failed = dposv(qp.P, -qp.q)  # most steps touch no limit
+    _, free, failed = dposv(qp.P, -qp.q)  # most steps are not constrained
     if not failed and (free >= qp.lower).all() and (free <= qp.upper).all() and (qp.G @ free <= qp.h).all():
         return _checked(qp, free, np.zeros(len(qp.q) + len(qp.h)))
     return _by_active_set(qp)
 
 
 def _by_active_set(qp: QP) -> Solution:
-    """Solve with daqp."""
+    """Solve with the active-set solver daqp."""
     if not all(np.isfinite(part).all() for part in (qp.P, qp.q, qp.G)):
         return _nothing(qp, "not_converged")
     upper = np.concatenate([qp.upper, qp.h])
@@ -343,7 +353,7 @@ def _by_active_set(qp: QP) -> Solution:
 
 
 def _checked(qp: QP, dq: Array, multipliers: Array) -> Solution:
-    """The candidate as a solution, if it meets its optimality conditions."""
+    """Return the candidate as a solution if it meets its optimality conditions."""
     residual = kkt_residual(qp, dq, multipliers)
     if not residual <= KKT_TOLERANCE:  # also catches NaN
         return _nothing(qp, "not_converged", residual)
@@ -356,13 +366,13 @@ def _nothing(qp: QP, status: Status, residual: float = math.inf) -> Solution:
 
 
 def kkt_residual(qp: QP, dq: Array, multipliers: Array) -> float:
-    """Largest violation of stationarity, feasibility, sign and complementarity of a candidate.
+    """Return the largest violation of stationarity, feasibility, sign and complementarity of a candidate.
 
     Args:
         qp: The program.
         dq: Increments in units of QP.scale, shape (j,).
-        multipliers: Of the bounds, then of the rows, shape (j + r,): positive at an upper limit, negative
-            at a lower bound.
+        multipliers: Multipliers of the bounds, then of the rows, shape (j + r,): positive at an upper limit,
+            negative at a lower bound.
     """
     size = len(dq)
     stationarity = qp.P @ dq + qp.q + multipliers[:size]
@@ -373,13 +383,13 @@ def kkt_residual(qp: QP, dq: Array, multipliers: Array) -> float:
         below = np.concatenate([below, np.full(len(qp.h), -np.inf)])
     parts = [np.abs(stationarity), above, below]
     if multipliers.any():
-        push = np.flatnonzero(multipliers)  # a limit that is nowhere near cannot push
+        push = np.flatnonzero(multipliers)  # inactive limits have no multiplier
         parts.append(np.abs(multipliers[push] * np.where(multipliers > 0.0, above, below)[push]))
-    return float(np.concatenate(parts).max(initial=0.0))  # unlike max(), keeps NaN
+    return float(np.concatenate(parts).max(initial=0.0))  # unlike max(), propagates NaN
 
 
 def _polish(qp: QP, multipliers: Array) -> tuple[Array, Array] | None:
-    """Increments and multipliers from the equations of the active set alone."""
+    """Return increments and multipliers from the equations of the active set alone."""
     size = len(qp.q)
     active = np.flatnonzero(np.abs(multipliers) > ACTIVE)
     rows = np.concatenate([np.eye(size), qp.G])[active]
@@ -392,18 +402,18 @@ def _polish(qp: QP, multipliers: Array) -> tuple[Array, Array] | None:
     matrix[size:, :size], matrix[:size, size:] = rows, rows.T
     try:
         answer = np.linalg.solve(matrix, np.concatenate([-qp.q, values]))
-    except np.linalg.LinAlgError:  # limits that say the same
+    except np.linalg.LinAlgError:  # dependent limits
         return None
     refined = np.zeros_like(multipliers)
     refined[active] = answer[size:]
     dq = answer[:size]
     bounds = active[active < size]
-    dq[bounds] = values[: len(bounds)]  # exactly, without rounding
+    dq[bounds] = values[: len(bounds)]  # exact, without rounding
     return dq, refined
 
 
 def _active(qp: QP, multipliers: Array) -> tuple[str, ...]:
-    """Names of the limits with a multiplier."""
+    """Return the names of the limits with a multiplier."""
     if not multipliers.any():
         return ()
     size = len(qp.q)

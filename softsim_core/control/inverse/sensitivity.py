@@ -1,4 +1,4 @@
-"""How effector and joint efforts change with the joint commands, in static equilibrium.
+"""Sensitivity of effector and joint efforts to the joint commands, in static equilibrium.
 
 With S the static stiffness on free frames f and joints j (free nodes eliminated, drives D included), a change
 du of the commands moves joints and frames by
@@ -23,12 +23,13 @@ from softsim_core.simulation import Simulation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensitivity:
-    """Derivatives by the joint commands.
+    """Derivatives with respect to the joint commands.
 
     Attributes:
-        effector: Shift in [m] and spin in [rad] (world axes) of the effector a unit of each command, (6, j).
-        effort: Change of the joint efforts in [N m] or [N] a unit of each command, (j, j).
-        loaded: Shift in [m] and spin in [rad] of the effector under the loads that were asked about, (6,).
+        effector: Shift in [m] and spin in [rad] (world axes) of the effector per unit of each command, (6,
+            j).
+        effort: Change of the joint efforts in [N m] or [N] per unit of each command, (j, j).
+        loaded: Shift in [m] and spin in [rad] of the effector under the given loads, (6,).
     """
 
     effector: Array
@@ -39,17 +40,17 @@ class Sensitivity:
 def analytic_sensitivity(
     simulation: Simulation, contact_stiffness: Array | None = None, loads: Array | None = None
 ) -> Sensitivity:
-    """Sensitivity effector = -S_ff^-1 S_fj, effort = S_jj - S_jf S_ff^-1 S_fj, at rest or moving.
+    """Return the sensitivity effector = -S_ff^-1 S_fj, effort = S_jj - S_jf S_ff^-1 S_fj, at rest or moving.
 
-    Exact for the law `polar`. For `qr` the compiled step takes the derivative of `polar` at the same state:
-    near enough to steer by with the `qr` model in the loop. `sampled_sensitivity` and statics take `qr`
-    itself.
+    It is exact for the law `polar`. For `qr`, the compiled step uses the derivative of `polar` at the same
+    state, which is accurate enough for control with the `qr` model in the loop. `sampled_sensitivity` and
+    statics use `qr` itself.
 
     Args:
-        simulation: With at least one joint and an end effector.
-        contact_stiffness: What contacts that hold now add to the stiffness of the reduced coordinates, shape
-            (b, b), in the order of Simulation.reduced_stiffness; None: none.
-        loads: Forces in [N] on the nodes, shape (n, 3), whose effect on the effector is wanted; None: none.
+        simulation: Has at least one joint and an end effector.
+        contact_stiffness: Stiffness that present contacts add to the reduced coordinates, shape (b, b), in
+            the order of Simulation.reduced_stiffness; None: none.
+        loads: Forces in [N] on the nodes, shape (n, 3), for the attribute `loaded`; None: none.
 
     Raises:
         SceneError: no end effector.
@@ -76,19 +77,20 @@ def analytic_sensitivity(
         moved = np.linalg.solve(matrix, commanded)
         follow, effort = follow @ moved, (effort - np.diag(drive)) @ moved
     gains = simulation.command_gains()
-    given = gains == 0.0  # these command their effort
+    given = gains == 0.0  # joints with effort commands
     effort = np.where(given[:, None], np.eye(len(gains)), effort / np.where(given, 1.0, gains)[:, None])
     return Sensitivity(follow[first : first + 6], effort, loaded[first : first + 6])
 
 
 def sampled_sensitivity(simulation: Simulation, step: float | Array = 1e-3) -> Sensitivity:
-    """(x(u + h e_k) - x(u - h e_k)) / 2 h of equilibria around the present commands; nothing is changed.
+    """Return (x(u + h e_k) - x(u - h e_k)) / 2 h of equilibria around the present commands.
 
-    Two equilibria a joint: a hundred times slower than the analytic one, and free of its assumptions.
+    The simulation is not changed. Two equilibria per joint make this a hundred times slower than the analytic
+    sensitivity, but free of its assumptions.
 
     Args:
-        simulation: With at least one joint and an end effector.
-        step: h in what joints are commanded in, for all or for each, shape (j,).
+        simulation: Has at least one joint and an end effector.
+        step: h in the units of the joint commands, for all joints or for each, shape (j,).
 
     Raises:
         SceneError: no end effector.
@@ -111,7 +113,7 @@ def sampled_sensitivity(simulation: Simulation, step: float | Array = 1e-3) -> S
 
 
 def _effector_index(simulation: Simulation) -> int:
-    """Number of the free frame that is the end effector."""
+    """Return the index of the free frame that is the end effector."""
     name = simulation.scene.effector
     if name is None or not simulation.model.joints:
         raise SceneError(
@@ -122,7 +124,7 @@ def _effector_index(simulation: Simulation) -> int:
 
 
 def _driven(effort: Array, drive: Array) -> tuple[Array, Array]:
-    """Matrix and right-hand side of dtheta / du: the drive's balance where compliant, else the identity."""
+    """Return matrix and right-hand side of dtheta / du: the drive's balance, or identity if not compliant."""
     compliant = drive > 0.0
     matrix = np.where(compliant[:, None], effort, np.eye(len(drive)))
     return matrix, np.diag(np.where(compliant, drive, 1.0))

@@ -1,9 +1,10 @@
-"""Best joints for a goal in static equilibrium: quadratic programs, an equilibrium after each.
+"""Best joints for a goal in static equilibrium: a sequence of quadratic programs and equilibria.
 
     dq_k = argmin QP(e(x_k), J(x_k)),    q_k+1 = q_k + dq_k,    x_k+1 the equilibrium at q_k+1
 
-A step that does not shorten the weighted error is taken back and the next may go half as far. With compiled
-steps the model walks to each equilibrium in simulated time, which is quicker; the last one is solved for.
+A step that does not reduce the weighted error is undone, and the next one may be half as long. With compiled
+steps the model moves to each equilibrium in simulated time, which is faster; the last equilibrium is solved
+statically.
 
 Source: Nocedal and Wright 2006, ch. 10 (Gauss-Newton, trust region).
 """
@@ -35,28 +36,31 @@ from softsim_core.scene import InverseSettings, RobotDescription, SceneDescripti
 from softsim_core.simulation import Simulation
 
 MOST_STEPS = 30
-"""Quadratic programs of one search, unless told otherwise; ten are usual, several tendons want more."""
+"""Default limit of quadratic programs per search: ten are usual, several tendons need more."""
 
 USELESS = 0.02
-"""A whole step that would shorten the error by less than this part of it leads nowhere."""
+"""A whole step that would reduce the error by less than this part of it counts as useless."""
 
 STEP_SHARE = 0.5
 """Part of a joint's interval that the first step may cross."""
 
 FREE_STEP = 0.5
-"""The same for a joint without interval; it and what follows in units of Limits.scale, 1 rad or 1 m."""
+"""First step of a joint without interval.
+
+This and the following lengths are in units of Limits.scale, 1 rad or 1 m.
+"""
 
 STILL = 1e-6
-"""A last step below this ends the search."""
+"""A step shorter than this ends the search."""
 
 CERTAIN = 1e-4
-"""A step below this is not taken back: what changes then is rounding."""
+"""A step shorter than this is not undone, because the change of the error is rounding."""
 
 STRIDE = 0.05
 """Largest joint travel of a time step of a walk."""
 
 SAMPLE = 1e-3
-"""To both sides of a joint, equilibria are sampled this far away."""
+"""Distance of the sampled equilibria to both sides of a joint."""
 
 SLIDE = 0.002
 """Travel in [m] of the bases in a time step of a walk."""
@@ -65,21 +69,23 @@ AT_REST = 1e-8
 """A walk ends when no node is faster than this, in [m/s]."""
 
 LOOSE = 1e-6
-"""How far in [m] many tendons that say nearly the same may be from taut, where no program keeps all so."""
+"""Allowed slack in [m] of nearly dependent tendons, where no program can keep all of them taut."""
 
 LEAST_TENSION = 1e-10
-"""Weight of tensions in a program in tensions, as a part of its mean curvature: it decides what the task
-leaves open."""
+"""Weight of tensions in a program in tensions, as a part of its mean curvature.
+
+It determines the tensions that the task leaves open.
+"""
 
 SLACK = " slack"
-"""Ends the names of rows that keep a tendon taut."""
+"""Suffix of the names of rows that keep a tendon taut."""
 
 LONGEST_REST = 300
-"""Or after this many time steps at its end."""
+"""A walk also ends after this many time steps at its end."""
 
 
 WIDE: Final = 1e3
-"""In [m] and [rad]: the step of a search is limited, not its target."""
+"""Largest error in [m] and [rad]: a search limits the step, not its target."""
 
 PoseStatus: TypeAlias = Literal["reached", "unreachable", "gave_up", "stalled", "infeasible", "not_converged"]
 
@@ -90,15 +96,15 @@ class PoseSolution:
 
     Attributes:
         joints: Commands in [rad] or [m], shape (j,), inside the limits.
-        pose: The effector there, at rest.
+        pose: Pose of the effector there, at rest.
         residual_m, residual_rad: Length of the error in [m] and in [rad] over the tasks' coordinates.
-        iterations: Quadratic programs solved.
-        reachable: Whether the residual is within the settings' tolerance: True only where it was shown.
-        kkt_residual: Of the last program, in [rad] or [m].
-        active: Names of the limits that hold the last step back.
+        iterations: Number of quadratic programs.
+        reachable: Whether the residual is within the settings' tolerance; True only if this was verified.
+        kkt_residual: Residual of the last program, in [rad] or [m].
+        active: Names of the limits that constrain the last step.
         status: "reached" (within the settings' tolerance); "unreachable" (no step within the limits leads
-            nearer); "gave_up" (the programs ran out); "stalled" (a step promises to lead nearer, and none
-            does); "infeasible" or "not_converged" (the last program, see Solution).
+            nearer); "gave_up" (the limit of programs was hit); "stalled" (a step is predicted to lead nearer,
+            but none does); "infeasible" or "not_converged" (the last program, see Solution).
     """
 
     joints: Array
@@ -120,14 +126,14 @@ def solve_pose(
     *,
     most_steps: int = MOST_STEPS,
 ) -> PoseSolution:
-    """The joints whose equilibrium is nearest to a goal, from a start.
+    """Search from a start for the joints whose equilibrium is nearest to a goal.
 
     Args:
-        model: A scene, which is simulated with its bases where its start move leaves them; or a simulation,
-            which goes to the solution (time passes) and should have no controllers of its own.
+        model: A scene, which is simulated with its bases at the end of its start move; or a simulation, which
+            moves to the solution (time passes) and should have no controllers of its own.
         tasks: The goal.
-        start: Joints to search from in [rad] or [m], shape (j,); None: the simulation's commands, or the
-            scene's start pose.
+        start: Joints at which the search starts in [rad] or [m], shape (j,); None: the simulation's commands,
+            or the scene's start pose.
         settings: Weights and limits; None: the scene's.
         most_steps: Largest number of quadratic programs.
 
@@ -201,10 +207,10 @@ def _search(
 def linearised(
     simulation: Simulation, sensitivity: Sensitivity, limits: Limits
 ) -> tuple[Linearisation, list[Constraint]]:
-    """A robot as programs of a search see it, slack taken up, and rows that keep tendons from pushing.
+    """Return the linearised robot without slack, and rows that prevent tendons from pushing.
 
-    Sensitivities take a tendon to be taut: with tau + T dq >= 0 it stays so. A pose with slack tendons is
-    one with tendons that are just taut, too.
+    Sensitivities assume that a tendon is taut; tau + T dq >= 0 keeps it so. Any pose with slack tendons is
+    also a pose with tendons that are just taut.
     """
     taut, pulls = simulation.taut_commands()
     efforts = simulation.joint_efforts
@@ -218,17 +224,18 @@ def linearised(
 
 
 def solve_taut(qp: QP, share: float = 1.0) -> Solution:
-    """The increments of a program whose tendons stay taut.
+    """Solve a program whose tendons must stay taut.
 
-    More tendons than a mesh has ways to bend are nearly dependent: commands that only bend the body change
-    tensions by a millionth of what commands do that pull tendons against each other. In commands the rows
-    tau + T dq >= 0 are nearly parallel, no active set is certain, and a residual of 1e-8 m is a push of
-    hundreds of newtons. In tensions s = tau + T dq they are the bounds s >= 0, T^-1 is as well conditioned as
-    the body, and of what the task leaves open the least tensions are taken.
+    Tendons are nearly dependent if there are more of them than bending modes of a mesh. Commands that only
+    bend the body change tensions a million times less than commands that pull tendons against each other. In
+    commands, the rows tau + T dq >= 0 are then nearly parallel, the active set is uncertain, and a residual
+    of 1e-8 m is a pushing force of hundreds of newtons. In tensions s = tau + T dq, the rows are the bounds s
+    >= 0 and T^-1 is as well conditioned as the body. Of the solutions that the task leaves open, the one with
+    the least tensions is chosen.
 
     Args:
         qp: The program; rows that end in SLACK belong to the joints of that name.
-        share: Of the tensions that the task leaves open to take away.
+        share: Share of the tensions left open by the task to remove.
     """
     ends = [name.removesuffix(SLACK) for name in qp.names[len(qp.q) :]]
     slack = np.array([name.endswith(SLACK) for name in qp.names[len(qp.q) :]], dtype=np.bool_)
@@ -239,13 +246,13 @@ def solve_taut(qp: QP, share: float = 1.0) -> Solution:
     matrix[pulls] = -qp.G[slack]
     try:
         basis = np.linalg.inv(matrix)
-    except np.linalg.LinAlgError:  # a tendon that nothing holds
+    except np.linalg.LinAlgError:  # a tendon without resistance
         return solve(qp)
     unit = np.ones(len(qp.q))
     unit[pulls] = 1.0 / np.linalg.norm(basis[:, pulls], axis=0)
     basis = basis * unit
     tensions = qp.h[slack] / unit[pulls]
-    for loose in (0.0, LOOSE, np.inf):  # joints that come back into their interval may let tendons go
+    for loose in (0.0, LOOSE, np.inf):  # joints returning into their interval may slacken tendons
         solution = solve(_in_tensions(qp, slack, pulls, basis, tensions, share, loose))
         if solution.status == "solved":
             break
@@ -256,7 +263,7 @@ def solve_taut(qp: QP, share: float = 1.0) -> Solution:
 def _in_tensions(
     qp: QP, slack: BoolArray, pulls: IndexArray, basis: Array, tensions: Array, share: float, loose: float
 ) -> QP:
-    """A program for y = basis w, with w the changes of tension of the joints `pulls`, and of other joints."""
+    """Return a program for y = basis w: w are tension changes of `pulls`, and changes of other joints."""
     size = len(qp.q)
     P, q = basis.T @ qp.P @ basis, basis.T @ qp.q
     least = LEAST_TENSION * float(P.trace()) / size
@@ -290,14 +297,14 @@ def is_optimal(
     limits: Limits,
     settings: InverseSettings,
 ) -> bool:
-    """Whether no step within limits shortens the error noticeably: a point where the KKT conditions hold.
+    """Return whether no step within limits noticeably reduces the error: the KKT conditions hold.
 
     Args:
         tasks: The goal.
-        robot: At rest, see `linearised`.
-        rows: That belong to it.
-        limits: Of a step.
-        settings: Their weights on efforts and posture, which an error may be traded for, do not count.
+        robot: The robot at rest, see `linearised`.
+        rows: Its rows.
+        limits: Limits of a step.
+        settings: Their weights on efforts and posture are ignored, because they trade off the error.
     """
     alone = replace(settings, effort_weight=0.0, posture_weight=0.0, max_shift=WIDE, max_turn=WIDE)
     solution = solve_taut(build(tasks, robot, limits, alone, constraints=rows))
@@ -311,7 +318,7 @@ def is_optimal(
 
 
 def _goes(simulation: Simulation, joints: Array) -> bool:
-    """Go to the equilibrium at given joints the quickest way; False: there is none."""
+    """Move to the equilibrium at given joints by the fastest method; return False if there is none."""
     if not simulation.compiled:
         return _settles(simulation, joints)
     try:
@@ -330,14 +337,14 @@ def _settles(simulation: Simulation, joints: Array) -> bool:
 
 
 def _length(tasks: Sequence[Task], pose: Pose) -> float:
-    """Weighted length of all errors in [m]."""
+    """Return the weighted length of all errors in [m]."""
     return float(np.sqrt(sum(float(((task.weights * task.error(pose)) ** 2).sum()) for task in tasks)))
 
 
 def residuals(tasks: Sequence[Task], pose: Pose) -> tuple[float, float]:
-    """Lengths of the errors that are lengths [m] and that are angles [rad], unweighted.
+    """Return the unweighted lengths of the errors, those in [m] and those in [rad].
 
-    Coordinates of weight 0 do not count.
+    Coordinates of weight 0 are ignored.
     """
     shift = turn = 0.0
     for task in tasks:
@@ -347,19 +354,19 @@ def residuals(tasks: Sequence[Task], pose: Pose) -> tuple[float, float]:
 
 
 def lengths(task: Task, values: Array) -> tuple[float, float]:
-    """Lengths in [m] and [rad] of values of a task's coordinates (k,); those of weight 0 do not count."""
+    """Return lengths in [m] and [rad] of a task's coordinates (k,); those of weight 0 are ignored."""
     counts, angular = task.weights > 0.0, np.array(task.angular)
     return float(np.linalg.norm(values[counts & ~angular])), float(np.linalg.norm(values[counts & angular]))
 
 
 def far_limits(limits: Limits) -> Limits:
-    """Limits of a step that speed does not hold back, but what a linearisation is good for."""
+    """Return step limits that depend on the range of a linearisation, not on joint speed."""
     span = limits.upper - limits.lower
     return replace(limits, step=np.where(np.isfinite(span), STEP_SHARE * span, FREE_STEP * limits.scale))
 
 
 def effector(simulation: Simulation) -> Pose:
-    """Pose of the end effector of a scene that has one."""
+    """Return the pose of the end effector of a scene that has one."""
     pose = simulation.effector_pose
     assert pose is not None
     return pose
@@ -368,18 +375,18 @@ def effector(simulation: Simulation) -> Pose:
 def sensitivity_of(
     simulation: Simulation, settings: InverseSettings, loads: Array | None = None
 ) -> Sensitivity:
-    """Derivatives by the back end that the settings name; `loads` (n, 3) in [N] as analytic_sensitivity."""
+    """Return the derivatives by the configured back end; `loads` (n, 3) in [N] as analytic_sensitivity."""
     if settings.backend == "analytic":
         return analytic_sensitivity(simulation, loads=loads)
     return sampled_sensitivity(simulation, SAMPLE * scales(simulation.scene))
 
 
 def place(simulation: Simulation, joints: Array, base_shift: float) -> None:
-    """Stand at rest at given joints, reached from the rest shape; where statics fail, by walking there.
+    """Place the model at rest at given joints, from the rest shape; where statics fail, by a walk.
 
     Raises:
         CommandError: wrong length or not finite.
-        SolverDivergedError: neither way works; the simulation is somewhere on the way.
+        SolverDivergedError: both methods failed; the simulation is somewhere on the way.
     """
     simulation.reset()
     try:
@@ -389,7 +396,7 @@ def place(simulation: Simulation, joints: Array, base_shift: float) -> None:
 
 
 def walk(simulation: Simulation, joints: Array, base_shift: float) -> None:
-    """Move joints and bases evenly in simulated time, limits or not, then wait for rest.
+    """Move joints and bases at constant speed in simulated time, ignoring limits, then wait for rest.
 
     Raises:
         SolverDivergedError: the simulation is somewhere on the way.

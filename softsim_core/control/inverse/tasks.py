@@ -1,7 +1,7 @@
-"""Effector tasks: the error between goal and effector, and how it shrinks with the joints.
+"""Effector tasks: the error between goal and effector, and its derivative with respect to the joints.
 
-A task gives e (k,) and J (k, j) with de = -J dq. The rotation error is the rotation vector of
-R_goal R_current^T in world axes.
+A task provides the error e (k,) and the Jacobian J (k, j) with de = -J dq. The rotation error is the rotation
+vector of R_goal R_current^T in world axes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SMALL = 1e-4
 
 
 class Task(Protocol):
-    """What the effector should do."""
+    """Interface of a goal for the effector: an error, its Jacobian and its weights."""
 
     @property
     def weights(self) -> Array:
@@ -35,66 +35,75 @@ class Task(Protocol):
         ...
 
     def error(self, current: Pose) -> Array:
-        """e: goal minus effector in [m] and [rad], shape (k,)."""
+        """Return the error e in [m] and [rad]: the goal minus the pose of the effector, shape (k,)."""
         ...
 
     def jacobian(self, effector: Array, current: Pose) -> Array:
-        """J = -de/dq, shape (k, j), from the effector's derivatives (6, j) (shift, spin)."""
+        """Return J = -de/dq, shape (k, j).
+
+        Args:
+            effector: Derivatives of the effector's shift and spin by the joints, shape (6, j).
+            current: Pose of the effector at which J is evaluated.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionTask:
-    """e = p_goal - p: goal (3,) in [m], weights (3,) along world axes."""
+    """Position goal with error e = p_goal - p: goal (3,) in [m], weights (3,) along world axes."""
 
     goal: Array
     weights: Array
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """No angles."""
+        """No coordinate is an angle."""
         return (False, False, False)
 
     def error(self, current: Pose) -> Array:
-        """See Task."""
+        """Return the goal minus the position of the effector in [m], shape (3,)."""
         return np.asarray(self.goal - current.position)
 
     def jacobian(self, effector: Array, current: Pose) -> Array:
-        """See Task."""
+        """Return the derivatives of the effector's position by the joints, shape (3, j)."""
         return effector[:3]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationTask:
-    """e = log(R_goal R^T): goal quaternion (x, y, z, w), weights (3,) about world axes in [m/rad]."""
+    """Orientation goal with error e = log(R_goal R^T): quaternion (x, y, z, w), weights (3,) in [m/rad].
+
+    The weights act about world axes.
+    """
 
     goal: Array
     weights: Array
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """All angles."""
+        """All three coordinates are angles."""
         return (True, True, True)
 
     def error(self, current: Pose) -> Array:
-        """See Task."""
+        """Return the rotation vector in [rad] from current to goal orientation, world axes, shape (3,)."""
         return rotation_log(rotation_of(self.goal) @ rotation_of(current.quaternion_xyzw).T)
 
     def jacobian(self, effector: Array, current: Pose) -> Array:
-        """See Task; the exact derivative of the logarithm, Jr^-1(e) times the spin."""
+        """Return Jr^-1(e) times the spin derivatives, shape (3, j): the logarithm's exact Jacobian."""
         return inverse_right_jacobian(self.error(current)) @ effector[3:]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightTiltTask:
-    """e = (height - z, the shortest rotation of the effector's z axis to the goal's, about x and about y).
+    """Goal of height and tilt: e = (height - z, tilt error about x, tilt error about y).
 
-    A turn of the effector about its own z axis has no part in it.
+    The tilt error is the shortest rotation of the effector's z axis to the z axis of the goal. A rotation of
+    the effector about its own z axis does not change the error.
 
     Attributes:
         height: Goal of z in [m].
         tilt_x, tilt_y: Rotation vector (tilt_x, tilt_y, 0) in [rad] that tilts the upright axis to the goal.
-        weights: Of height in [-], tilt about x and about y in [m/rad], shape (3,).
+        weights: Weights of the height in [-] and of the tilts about x and y in [m/rad], shape (3,).
     """
 
     height: float
@@ -104,31 +113,32 @@ class HeightTiltTask:
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """Two angles behind a length."""
+        """One length, then two angles."""
         return (False, True, True)
 
     @property
     def normal(self) -> Array:
-        """Where the effector's z axis should point, (3,)."""
+        """Goal direction of the effector's z axis, a unit vector of shape (3,)."""
         angle = float(np.hypot(self.tilt_x, self.tilt_y))
         ratio = np.sinc(angle / np.pi)
         return np.array([ratio * self.tilt_y, -ratio * self.tilt_x, np.cos(angle)])
 
     def error(self, current: Pose) -> Array:
-        """See Task."""
+        """Return the height error in [m] and the tilt errors about x and y in [rad], shape (3,)."""
         turn, _ = self._turn(current)
         return np.array([self.height - current.position[2], turn[0], turn[1]])
 
     def jacobian(self, effector: Array, current: Pose) -> Array:
-        """See Task."""
+        """Return the negative derivatives of height and tilt errors by the joints, shape (3, j)."""
         _, by_spin = self._turn(current)
         return np.concatenate([effector[2:3], -by_spin[:2] @ effector[3:]])
 
     def _turn(self, current: Pose) -> tuple[Array, Array]:
-        """The shortest rotation vector (3,) from n to the goal g, and its derivative by the spin (3, 3).
+        """Return the shortest rotation vector (3,) from n to the goal g, and its spin derivative (3, 3).
 
-        With a = n x g and c = n . g it is f(c) a, f = angle / sine, and dn = spin x n. Upside down every
-        direction is the shortest: one about a horizontal axis is taken, and turning back shortens it.
+        With a = n x g and c = n . g the vector is f(c) a, f = angle / sine, and dn = spin x n. At an angle of
+        pi every direction is equally short: a horizontal axis is chosen, and rotating back along it reduces
+        the angle.
         """
         normal, goal = rotation_of(current.quaternion_xyzw)[:, 2], self.normal
         axis = np.cross(normal, goal)
@@ -147,29 +157,29 @@ class HeightTiltTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseTask:
-    """e = (p_goal - p, log(R_goal R^T)): goal pose, weights (6,) in [-] and [m/rad]."""
+    """Pose goal with error e = (p_goal - p, log(R_goal R^T)): goal pose, weights (6,) in [-] and [m/rad]."""
 
     goal: Pose
     weights: Array
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """Three lengths, three angles."""
+        """Three lengths, then three angles."""
         return (False, False, False, True, True, True)
 
     def error(self, current: Pose) -> Array:
-        """See Task."""
+        """Return position errors in [m], then the rotation error in [rad], shape (6,)."""
         turn = OrientationTask(self.goal.quaternion_xyzw, self.weights[3:]).error(current)
         return np.concatenate([self.goal.position - current.position, turn])
 
     def jacobian(self, effector: Array, current: Pose) -> Array:
-        """See Task."""
+        """Return the negative derivatives of position and rotation errors by the joints, shape (6, j)."""
         turn = OrientationTask(self.goal.quaternion_xyzw, self.weights[3:]).jacobian(effector, current)
         return np.concatenate([effector[:3], turn])
 
 
 def task_for(goal: Pose, settings: InverseSettings) -> Task:
-    """The task that the settings name, towards a goal pose; angles weigh as displacements at `lever`."""
+    """Return the selected task towards a goal pose; the settings' `lever` converts angles to lengths."""
     along = np.array(settings.position_weights)
     about = settings.lever * np.array(settings.orientation_weights)
     if settings.task == "position":
@@ -184,7 +194,7 @@ def task_for(goal: Pose, settings: InverseSettings) -> Task:
 
 
 def tilt_of(quaternion_xyzw: Array) -> tuple[float, float]:
-    """Rotation vector (x, y) in [rad] of the shortest rotation of the upright axis to a frame's z axis."""
+    """Return the shortest rotation (x, y) in [rad] of the upright axis to a frame's z axis."""
     normal = rotation_of(quaternion_xyzw)[:, 2]
     sine = float(np.hypot(normal[0], normal[1]))
     if sine == 0.0:  # upright, or upside down about any axis: about x
@@ -194,16 +204,17 @@ def tilt_of(quaternion_xyzw: Array) -> tuple[float, float]:
 
 
 def _horizontal_across(normal: Array) -> Array:
-    """A horizontal unit vector across a normal (3,), shape (3,)."""
+    """Return a horizontal unit vector perpendicular to a normal (3,), shape (3,)."""
     across = np.cross(UP, normal)
     length = float(np.linalg.norm(across))
     return np.asarray(across / length) if length > SMALL else np.array([1.0, 0.0, 0.0])
 
 
 def limited(error: Array, angular: Sequence[bool], max_shift: float, max_turn: float) -> Array:
-    """Scaled error s e, s <= 1 such that no coordinate is above max_shift in [m] or max_turn in [rad].
+    """Scale an error so that no coordinate exceeds max_shift in [m] or max_turn in [rad].
 
-    The direction stays, so an effector that cannot reach a far goal rests where it is nearest to it.
+    The result is s e with the largest such s <= 1, so the direction is preserved. An effector that cannot
+    reach a distant goal therefore comes to rest at the point nearest to it.
     """
     most = (max_turn if each else max_shift for each in angular)
     worst = max(abs(part) / limit for part, limit in zip(error.tolist(), most, strict=True))
@@ -211,7 +222,7 @@ def limited(error: Array, angular: Sequence[bool], max_shift: float, max_turn: f
 
 
 def inverse_right_jacobian(turn: Array) -> Array:
-    """Jr^-1(t) = I + [t]x / 2 + (1/a^2 - (1 + cos a) / (2 a sin a)) [t]x^2, a = |t|, shape (3, 3).
+    """Return Jr^-1(t) = I + [t]x / 2 + (1/a^2 - (1 + cos a) / (2 a sin a)) [t]x^2, a = |t|, shape (3, 3).
 
     log(exp(t) exp(-w)) = t - Jr^-1(t) w to first order. Source: Chirikjian 2012.
     """

@@ -1,4 +1,4 @@
-"""Where an effector can be: joints of a rigid chain for a pose, and the workspace of a soft robot."""
+"""Reachability of an effector: joints of a rigid chain for a pose, and the workspace of a soft robot."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from softsim_core.scene import RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
 
 LEVER_M: Final = 0.1
-"""A turn counts as what it moves at this distance, in [m]."""
+"""Length in [m] that converts an angle to a displacement."""
 CLOSE_M: Final = 1e-5
-"""A frame that is this close is there, in [m]."""
+"""Distance in [m] within which a frame counts as at its goal."""
 _FIXED: Final = 1e-8
-"""A joint whose limits are not farther apart does not move."""
+"""A joint with limits no farther apart than this does not move."""
 
 
 def reach(
@@ -34,20 +34,20 @@ def reach(
     rotation: Array,
     start: Sequence[float] | Array,
 ) -> Array:
-    """Joint positions at which a joint's frame stands at a place; joints that do not carry it stay.
+    """Return joint positions at which a joint's frame is at a pose; joints that do not carry it stay.
 
     Args:
-        model: The model, its bases where the scene has them.
-        joint: Name of the joint; it and those that carry it move, within their limits.
-        position: Where the origin of the frame that it moves shall be in [m], shape (3,).
-        rotation: How that frame shall be turned, shape (3, 3).
-        start: Joint positions to begin at, in [rad] or [m]; of several answers the one near them is found.
+        model: The model, with its bases as in the scene.
+        joint: Name of the joint; it and the joints that carry it move, within their limits.
+        position: Goal of the origin of the frame that it moves in [m], shape (3,).
+        rotation: Goal rotation of that frame, shape (3, 3).
+        start: Initial joint positions in [rad] or [m]; of several solutions the one near them is found.
 
     Returns:
         Positions of all joints, shape (j,).
 
     Raises:
-        NotReachedError: no positions were found that bring it nearer than CLOSE_M; says how near it came.
+        NotReachedError: no positions were found that bring it nearer than CLOSE_M; reports the distance.
 
     Source: bounded nonlinear least squares (Branch, Coleman and Li 1999) on position and rotation vector.
     """
@@ -74,10 +74,10 @@ def reach(
 
 
 MOST_CORNERS = 64
-"""All corners of the joint box are sampled when there are no more than these."""
+"""All corners of the joint box are sampled if there are no more than these."""
 
 Progress = Callable[[int, int], None]
-"""Told samples done and samples in all."""
+"""Called with finished and total number of samples."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,7 @@ class Workspace:
         tilts: Tilts about x and y in [rad], shape (k, 2).
         gains: Singular values of the derivative of the position by the joints, largest first, in [m/rad] or
             [m/m], shape (k, min(3, j)).
-        efforts: What each drive holds the pose with, in [N m] or [N], shape (k, j).
+        efforts: Effort of each drive in the pose, in [N m] or [N], shape (k, j).
         failed: Joint positions at which no equilibrium was found, shape (f, j).
     """
 
@@ -111,7 +111,7 @@ class Workspace:
         return self.volume_within(np.inf)
 
     def volume_within(self, most_effort: float) -> float:
-        """The same of those poses alone that no drive holds with more than an effort in [N m] or [N]."""
+        """Return the volume in [m^3] of the poses with no effort above `most_effort` in [N m] or [N]."""
         held = np.abs(self.efforts).max(axis=1, initial=0.0) <= most_effort
         try:
             return float(ConvexHull(self.positions[held]).volume)
@@ -130,11 +130,11 @@ class Workspace:
 
     @property
     def conditions(self) -> Array:
-        """Largest by smallest gain, >= 1, shape (k,); 1 moves equally well in every direction."""
+        """Ratio of largest to smallest gain, >= 1, shape (k,); 1 moves equally well in every direction."""
         return np.asarray(self.gains[:, 0] / np.maximum(self.gains[:, -1], np.finfo(float).tiny))
 
     def summary(self) -> dict[str, object]:
-        """What a person or a program asks for, as plain numbers with units in the names."""
+        """Return a summary as plain numbers, with units in the names."""
         low, high = self.extents.tolist()
         tilt_low, tilt_high = self.tilt_range.tolist()
         conditions = self.conditions
@@ -163,13 +163,13 @@ def sample_workspace(
     base_shift: float | None = None,
     progress: Progress | None = None,
 ) -> Workspace:
-    """Equilibria at joints spread evenly over their limits, corners included; the same ones every time.
+    """Sample equilibria at joints spread evenly over their limits, corners included; deterministic.
 
     Args:
-        scene: With joints, all limited, and an end effector.
-        samples: How many, >= 4.
+        scene: A scene with joints, all limited, and an end effector.
+        samples: Number of samples, >= 4.
         base_shift: Shift in [m] of the joint bases; None: where the robot's start move leaves them.
-        progress: Told after each sample.
+        progress: Called after each sample.
 
     Raises:
         SceneError: no joints, no effector, a joint without limits, too few samples, or no equilibrium at all.
@@ -201,7 +201,7 @@ def sample_workspace(
 
 
 def _spread(scene: SceneDescription, samples: int) -> Array:
-    """Joint positions, shape (samples, j): corners of the box, then a Halton sequence."""
+    """Return joint positions, shape (samples, j): corners of the box, then a Halton sequence."""
     if scene.effector is None or not scene.joints:
         raise SceneError(f"{scene.name} needs joints and an effector to have a workspace")
     if samples < 4:
@@ -224,7 +224,7 @@ def _spread(scene: SceneDescription, samples: int) -> Array:
 
 
 def _in_short_steps(points: Array, start: Array) -> Array:
-    """The points ordered so that each is the nearest of those left: a static solve starts near its end."""
+    """Order points so that each is the nearest of those left: a static solve then starts near its end."""
     left, here, order = list(range(len(points))), start, []
     while left:
         nearest = min(left, key=lambda index: float(np.linalg.norm(points[index] - here)))
@@ -235,7 +235,7 @@ def _in_short_steps(points: Array, start: Array) -> Array:
 
 
 def _settle(simulation: Simulation, joints: Array, shift: float) -> None:
-    """The equilibrium reached from the last one; failing that, from the rest shape."""
+    """Solve the equilibrium starting from the last one; if that fails, starting from the rest shape."""
     try:
         simulation.settle(joints, shift)
     except NotConvergedError:
@@ -244,7 +244,7 @@ def _settle(simulation: Simulation, joints: Array, shift: float) -> None:
 
 
 def _seen(simulation: Simulation) -> tuple[Array, ...]:
-    """Position, quaternion, tilts, gains and efforts of a settled simulation."""
+    """Return position, quaternion, tilts, gains and efforts of a settled simulation."""
     pose = simulation.effector_pose
     assert pose is not None
     tilts = tilts_of(rotation_of(pose.quaternion_xyzw))

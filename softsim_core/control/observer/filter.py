@@ -1,24 +1,26 @@
-"""A Kalman filter over what the model does not know, and the detection of contact onset.
+"""Kalman filter over the unknowns of a model, and detection of contact onset.
 
 predict:  P <- P + Q
     update:   K = P H^T (H P H^T + R)^-1,   z <- z + K v,   P <- (I - K H) P (I - K H)^T + K R K^T
 
-Source: Kalman 1960; the covariance in Joseph's form (Bucy and Joseph 1968), which rounding leaves positive.
+Source: Kalman 1960; the covariance in Joseph's form (Bucy and Joseph 1968), which stays positive under
+rounding.
 
-Under the jump c the innovations of the last n steps are v_k = G_k c + e_k with e_k of covariance S_k, so
+After a jump c of the unknowns, the innovations of the last n steps are v_k = G_k c + e_k with e_k of
+covariance S_k, so
 
     J = sum G^T S^-1 G,    b = sum G^T S^-1 v,    c = (J + L)^-1 b,    T = b^T (J + L)^-1 b
 
-with L the inverse of the covariance that jumps have. Without a jump T is at most chi-square distributed; the
-longest of several windows whose T is beyond the threshold wins. That the filter follows a jump meanwhile is
-left out: what it learns of slow unknowns within so short a time is little.
+with L the inverse of the jumps' covariance. Without a jump, T is at most chi-square distributed. The longest
+of several windows with T beyond the threshold is chosen. The response of the filter to the jump is neglected,
+because slow unknowns hardly change within such a short time.
 
 Source: Willsky and Jones 1976, generalised likelihood ratio for jumps in linear systems.
 
-In this order: an offset of each joint, the share by which loads are heavier than thought (a softer body), a
-steady push on the effector, and a touch there: force and moment in world axes each. Push and touch act
-alike; the one changes as the robot travels, the other comes at once. A robot without end effector has
-neither. Behind these stands by how much each sensor is misplaced, which moves nothing.
+The unknowns are, in this order: an offset of each joint, the share by which loads are heavier than assumed (a
+softer body), a steady push on the effector, and a touch there, each with force and moment in world axes. Push
+and touch have the same effect; a push changes as the robot travels, a touch begins suddenly. A robot without
+end effector has neither. The last unknowns are the misplacements of the sensors, which do not move the model.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ from softsim_core.simulation import Simulation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """A mean z (p,) and a covariance P (p, p), in the units of the unknowns; never changed in place."""
+    """Estimate of the unknowns: mean z (p,) and covariance P (p, p). It is never changed in place."""
 
     mean: Array
     covariance: Array
@@ -51,14 +53,14 @@ class Belief:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     def spread(self, variance: Array) -> Belief:
-        """After independent changes of such variances (p,)."""
+        """Return the estimate after independent changes with the given variances (p,)."""
         return Belief(self.mean, self.covariance + np.diag(variance))
 
     def updated(self, innovation: Array, rows: Array, noise: Array) -> Belief:
-        """After a measurement.
+        """Return the estimate after a measurement.
 
         Args:
-            innovation: v: what was measured less what was expected, shape (m,).
+            innovation: v: measurement minus expected value, shape (m,).
             rows: H: its derivatives by the unknowns, shape (m, p).
             noise: R: covariance of the measurement, shape (m, m).
         """
@@ -69,7 +71,7 @@ class Belief:
         return Belief(self.mean + gain @ innovation, 0.5 * (covariance + covariance.T))
 
     def pinned(self, which: slice) -> Belief:
-        """After some unknowns have become known to be 0, whatever was believed of them."""
+        """Return the estimate with some unknowns fixed at 0 with zero covariance."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[which] = 0.0
         covariance[which] = 0.0
@@ -77,7 +79,7 @@ class Belief:
         return Belief(mean, covariance)
 
     def opened(self, which: slice, mean: Array, covariance: Array) -> Belief:
-        """After some unknowns were found anew, independent of the others: their mean and covariance."""
+        """Return the estimate with new mean and covariance of some unknowns, independent of the others."""
         opened = self.pinned(which)
         opened.mean[which] = mean
         opened.covariance[which, which] = covariance
@@ -85,21 +87,21 @@ class Belief:
 
 
 def squared_distance(innovation: Array, covariance: Array) -> float:
-    """v^T S^-1 v: chi-square distributed where v (m,) is normal of covariance S (m, m)."""
+    """Return v^T S^-1 v, which is chi-square distributed if v (m,) is normal with covariance S (m, m)."""
     return float(innovation @ np.linalg.solve(covariance, innovation))
 
 
 WINDOWS = (1, 2, 3, 5, 8, 12, 18)
-"""Numbers of steps that are looked at, each of them at every step."""
+"""Lengths of the windows in steps; all of them are tested at every step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jump:
-    """A jump that was found.
+    """A detected jump.
 
     Attributes:
-        steps: So many steps ago it began, this one included.
-        mean, covariance: What the innovations since then say of it, shapes (c,) and (c, c).
+        steps: Number of steps since it began, including this one.
+        mean, covariance: Estimate from the innovations since then, shapes (c,) and (c, c).
         statistic: T.
     """
 
@@ -110,7 +112,7 @@ class Jump:
 
 
 class JumpDetector:
-    """Looks for a jump of c unknowns.
+    """Detector of a jump of c unknowns.
 
     Args:
         prior: Standard deviation of jumps, shape (c,).
@@ -123,11 +125,11 @@ class JumpDetector:
         self._seen: deque[tuple[Array, Array]] = deque(maxlen=WINDOWS[-1])
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Clear the windows."""
         self._seen.clear()
 
     def look(self, innovation: Array, rows: Array, covariance: Array) -> Jump | None:
-        """The likeliest jump, if any, after another step's innovation v (m,), G (m, c) and S (m, m)."""
+        """Add a step's innovation v (m,), G (m, c) and S (m, m); return the likeliest jump, if any."""
         weighted = np.linalg.solve(covariance, np.column_stack([rows, innovation]))
         self._seen.append((rows.T @ weighted[:, :-1], rows.T @ weighted[:, -1]))
         best: Jump | None = None
@@ -148,25 +150,25 @@ class JumpDetector:
 
 
 def chi_square_limit(freedom: int, chance: float) -> float:
-    """What a chi-square variable of so many degrees of freedom exceeds with a given chance."""
+    """Return the value that a chi-square variable with `freedom` degrees exceeds with a given probability."""
     return 2.0 * float(gammainccinv(0.5 * freedom, chance))
 
 
 LENGTH = 0.1
-"""So many [m] of a slide or a cable count as a radian of a hinge; others: see inverse.problem.scales."""
+"""Length in [m] of a slide or cable equivalent to 1 rad of a hinge; others: see inverse.problem.scales."""
 
 WRENCH = 6
-"""Numbers of a push: force, then moment."""
+"""Count of numbers of a push: force, then moment."""
 
 
 class Unknowns:
     """The unknowns of one simulation and its sensors.
 
     Attributes:
-        size: How many there are.
-        acting: So many of them, the first, move the model.
-        offsets, share, push, touch: Where they stand.
-        misplaced: Where those of each sensor stand, by its name.
+        size: Number of unknowns.
+        acting: Number of leading unknowns that move the model.
+        offsets, share, push, touch: Their slices.
+        misplaced: Slice of each sensor's misplacement by its name.
     """
 
     def __init__(self, simulation: Simulation, sensors: Sequence[Sensor]) -> None:
@@ -195,14 +197,14 @@ class Unknowns:
                 self._region = np.append(self._region, region.nodes)
 
     def prior(self, settings: ObserverSettings) -> Belief:
-        """What is believed before anything is measured: nothing touches."""
+        """Return the estimate before the first measurement, without contact."""
         s = settings
         slow = self._slow(s.joint_offset, s.load_share, s.push, s.push_moment)
         deviation = self._all_unknowns(slow, s.sensor_offset, s.sensor_turn)
         return Belief(np.zeros(self.size), np.diag(deviation**2))
 
     def change(self, settings: ObserverSettings, dt: float, travel: Array) -> Array:
-        """Variances (p,) of what changes in a step of `dt` [s] while joints go by `travel` (j,)."""
+        """Return the variances (p,) of changes in a step of `dt` [s] while joints travel by `travel` (j,)."""
         s = settings
         slow = self._slow(s.joint_offset, s.load_share, s.push, s.push_moment)
         moving = self._slow(s.offset_per_travel, s.share_per_travel, s.push_per_travel, s.moment_per_travel)
@@ -213,21 +215,21 @@ class Unknowns:
         return np.asarray(dt * (s.drift * still) ** 2 + far * moved**2)
 
     def joint_variance(self, settings: ObserverSettings) -> Array:
-        """Variance of the joints' read-back, shape (j,)."""
+        """Return the variance of the joints' read-back, shape (j,)."""
         return np.asarray((settings.joint_noise * self._scale) ** 2)
 
     def _all_unknowns(self, slow: Array, length: float, angle: float) -> Array:
-        """Deviations of all unknowns, from those that `_slow` tells and of a sensor's lengths and angles."""
+        """Combine the deviations of `_slow` with those of a sensor's lengths and angles."""
         none = np.zeros(self.acting - len(slow))
         return np.concatenate([slow, none, np.where(self._angular, angle, length)])
 
     def _slow(self, offset: float, share: float, force: float, moment: float) -> Array:
-        """Deviations of offsets, share and push."""
+        """Return the standard deviations of offsets, share and push."""
         pushes = np.array([*[force] * 3, *[moment] * 3])[: self.push.stop - self.push.start]
         return np.concatenate([offset * self._scale, [share], pushes])
 
     def name(self, index: int) -> str:
-        """What a person calls an unknown."""
+        """Return the name of an unknown for messages."""
         if index < self.offsets.stop:
             return f"the zero of {self._joints[index]}"
         if index < self.push.start:
@@ -237,9 +239,9 @@ class Unknowns:
         return "the force on the effector" if (index - self.push.start) % WRENCH < 3 else "the moment on it"
 
     def fields(self, simulation: Simulation) -> tuple[Array, Array]:
-        """Forces on nodes in [N] a unit of the share (n, 3), and of parts of a push on its nodes (w, a, 3).
+        """Return nodal forces in [N] per unit of the share (n, 3) and of the push (w, a, 3).
 
-        A moment is spread over the nodes of the effector as forces that are as small as can be.
+        A moment is distributed over the nodes of the effector as the smallest possible forces.
         """
         weight = simulation.model.weight
         if not len(self._region):
@@ -258,12 +260,12 @@ class Unknowns:
         return pose.position
 
     def rows(self, fields: tuple[Array, Array]) -> Rows:
-        """What the loads of `fields` do work on: the share's row, then those of a push."""
+        """Return rows on which the loads of `fields` do work: the row of the share, then those of a push."""
         weight, spread = fields
         return joined([field_rows(self._all, weight[None]), field_rows(self._region, spread)])
 
     def forces(self, fields: tuple[Array, Array], mean: Array) -> Array:
-        """Forces on the nodes in [N] that unknowns (p,) stand for, shape (n, 3)."""
+        """Return the nodal forces in [N] of unknowns (p,), shape (n, 3)."""
         weight, spread = fields
         forces = mean[self.share] * weight
         if len(self._region):
@@ -272,5 +274,8 @@ class Unknowns:
         return np.asarray(forces)
 
     def columns(self, by_command: Array, by_load: Array) -> Array:
-        """Derivatives by what acts (r, acting), from those by commands (r, j) and loads (r, 1 + w)."""
+        """Return derivatives (r, acting) by acting unknowns from those by commands and loads.
+
+        The derivatives by commands are (r, j), those by loads (r, 1 + w).
+        """
         return np.hstack([by_command, by_load, by_load[:, 1:]])

@@ -1,14 +1,14 @@
-"""An observer: a model that steps with the robot and is corrected by measurements.
+"""Observer: a model that steps with the robot and is corrected by measurements.
 
-The unknowns z (see filter) act on the model: its joints go where the read-back and their offsets say, under
-its loads. A step is a step of the whole nonlinear model; then, with H and Phi the derivatives of sensors and
-nodes by z in static equilibrium,
+The unknowns z (see filter) act on the model: its joints follow the read-back plus their offsets, under its
+loads. A step advances the whole nonlinear model. Then, with H and Phi the derivatives of sensors and nodes by
+z in static equilibrium,
 
     v = y - h(x),   S = H P H^T + R,   z <- z + K v,   x <- x + Phi K v
 
-So z and x always belong together, and what is left of a wrong linearisation the next step mends: an extended
-Kalman filter whose state lies on the manifold of equilibria around the model's motion. Sixteen numbers are
-filtered in place of a thousand; an ensemble would step a model for each of its members.
+So z and x are always consistent, and the next step corrects the remaining linearisation error. This is an
+extended Kalman filter with its state on the manifold of equilibria around the model's motion. It filters
+sixteen numbers instead of a thousand. An ensemble filter would step one model per member.
 
 Source: Jazwinski 1970 (extended filter); Willsky and Jones 1976 (jumps of the touch, see filter).
 """
@@ -49,11 +49,11 @@ from softsim_core.scene import RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
 
 NODES = 16
-"""Free nodes whose motion is computed anew in one step."""
+"""Number of free nodes whose motion is updated in one step."""
 
 
 class NodeMotion:
-    """Derivatives of the free nodes by p unknowns, at most as old as it takes to go through all of them.
+    """Derivatives of the free nodes by p unknowns, updated in turn, a part of the nodes per step.
 
     Args:
         model: The model.
@@ -69,23 +69,23 @@ class NodeMotion:
 
     @property
     def parts(self) -> int:
-        """Steps that it takes to go through all nodes."""
+        """Number of steps that update all nodes."""
         return -(-len(self._free) // NODES)
 
     def rows(self) -> Rows:
-        """The rows whose derivatives `take` wants next."""
+        """Return the rows for which `take` expects derivatives next."""
         nodes = self._free[self._next : self._next + NODES]
         place = np.repeat(nodes, 3)
         return Rows(np.arange(len(place) + 1), place, np.tile(np.eye(3), (len(nodes), 1)))
 
     def take(self, derivatives: Array) -> None:
-        """The derivatives (r, p) of the rows; the next `rows` are those of the next nodes."""
+        """Store the derivatives (r, p) of the rows and advance to the next nodes."""
         count = len(derivatives) // 3
         self.by_unknowns[self._next : self._next + count] = derivatives.reshape(count, 3, -1)
         self._next = 0 if self._next + count >= len(self._free) else self._next + count
 
     def of_all(self, simulation: Simulation, reduced: Array) -> Array:
-        """Derivatives of all nodes (n, 3, p), from those of frames and joints (b, p)."""
+        """Return derivatives of all nodes (n, 3, p), from those of frames and joints (b, p)."""
         result = np.zeros((len(self._model.rest), 3, reduced.shape[1]))
         result[self._free] = self.by_unknowns
         for nodes, moved in simulation.region_motion():
@@ -94,18 +94,18 @@ class NodeMotion:
 
 
 SURE = 1e-9
-"""Chance with which a right model is called wrong, per look at the innovations of a window."""
+"""Probability that a right model is rejected, per test of the innovations of a window."""
 
 IMPLAUSIBLE = 5.0
-"""What was learned of an unknown may be so many standard deviations of its prior."""
+"""Largest deviation of an unknown from its prior, in standard deviations, that counts as plausible."""
 
 
 class Judge:
-    """Keeps the normalised innovations v^T S^-1 v of a window; their sum is chi-square distributed.
+    """Consistency test (NIS) on a window of v^T S^-1 v; their sum is chi-square distributed.
 
     Args:
-        steps: So many steps are looked at.
-        unknowns, prior: What is learned, and what was believed of it before.
+        steps: Length of the window in steps.
+        unknowns, prior: The unknowns and their estimate before any measurement.
 
     Source: Bar-Shalom, Li and Kirubarajan 2001, consistency of filters (normalised innovation squared).
     """
@@ -115,17 +115,17 @@ class Judge:
         self._unknowns, self._prior = unknowns, prior.deviation
 
     def take(self, distance: float, freedom: int) -> None:
-        """Take v^T S^-1 v of a step that measured `freedom` coordinates."""
+        """Add v^T S^-1 v of a step that measured `freedom` coordinates."""
         self._seen.append((distance, freedom))
 
     @property
     def consistency(self) -> float:
-        """Mean of v^T S^-1 v per coordinate: 1 where all is as believed, or where nothing was seen."""
+        """Mean of v^T S^-1 v per coordinate: 1 if the model is consistent, or if nothing was measured."""
         freedom = sum(m for _, m in self._seen)
         return sum(each for each, _ in self._seen) / freedom if freedom else 1.0
 
     def sentence(self, belief: Belief) -> str:
-        """What speaks against the model; empty: nothing."""
+        """Return a message with the evidence against the model; empty: there is none."""
         freedom, ratio = sum(m for _, m in self._seen), self.consistency
         if freedom and ratio * freedom > chi_square_limit(freedom, SURE):
             return (
@@ -141,26 +141,26 @@ class Judge:
 
 
 NONLINEAR = 0.1
-"""Part of a correction by which linearisation may have missed it."""
+"""Part of a correction that is attributed to linearisation error."""
 
 NOTHING = 9.0
-"""A touch whose squared distance from none is below this is no longer believed."""
+"""A touch with a smaller squared distance from zero is discarded."""
 
 
 class Observer:
-    """The model of a robot beside it.
+    """Observer of a robot: a model that follows it, with estimated unknowns.
 
     Args:
-        robot: The robot; its own controllers and start move are left out of the model.
-        sensors: Gives what is measured, see the module sensors, from the model, which it leaves as it is.
-        settings: How far the model may be off.
-        backend: Of the model's step, as in Simulation.
+        robot: The robot; its own controllers and start move are not part of the model.
+        sensors: Function that returns the sensors (see the module sensors) of the model without changing it.
+        settings: Uncertainty of the model.
+        backend: Backend of the model's step, as in Simulation.
 
     Attributes:
-        model: The estimate: nodes, frames and joints are where they are believed to be. Look, do not touch.
-        unknowns: Where each unknown stands in `belief`.
-        belief: What is believed of the unknowns.
-        settings: What was given.
+        model: The estimate of nodes, frames and joints; read-only.
+        unknowns: Positions of the unknowns in `belief`.
+        belief: Estimate of the unknowns.
+        settings: The settings in use.
 
     Raises:
         SceneError: two sensors have one name.
@@ -192,7 +192,7 @@ class Observer:
         return self.model.dt
 
     def start(self, joints: Sequence[float] | Array, base_shift: float = 0.0) -> None:
-        """Stand at rest at given joints, knowing nothing yet.
+        """Place the model at rest at given joints and reset the estimate.
 
         Args:
             joints: As read back, in [rad] or [m], shape (j,).
@@ -200,7 +200,7 @@ class Observer:
 
         Raises:
             CommandError: wrong length or not finite.
-            SolverDivergedError: the model cannot get there.
+            SolverDivergedError: the model cannot reach the joints.
         """
         place(self.model, np.asarray(joints, dtype=float), base_shift)
         self.belief = self.unknowns.prior(self.settings)
@@ -220,16 +220,16 @@ class Observer:
         measured: Mapping[str, object],
         base_shift: float | None = None,
     ) -> Estimate:
-        """One dt.
+        """Advance by one dt and return the estimate.
 
         Args:
             joints: As read back now, in [rad] or [m], shape (j,).
-            measured: What sensors measured since the last step, by their names; see their classes.
-            base_shift: Shift in [m] of the joint bases; None: it stays.
+            measured: Measurements since the last step by sensor name; see the classes of the sensors.
+            base_shift: Shift in [m] of the joint bases; None: unchanged.
 
         Raises:
             CommandError: wrong length or not finite; nothing is changed.
-            SolverDivergedError: the model went astray; it stays where it was, and `start` begins anew.
+            SolverDivergedError: the model diverged; it stays in its last state, and `start` begins anew.
             SceneError: no sensor of such a name; nothing is changed.
         """
         if unknown := [name for name in measured if name not in self.sensors]:
@@ -237,7 +237,7 @@ class Observer:
                 f"no sensor {unknown[0]!r}; {known_names(unknown[0], self.sensors, 'there are:')}"
             )
         travel = self._advance(joints, base_shift)
-        with suppress(FactorisationError, np.linalg.LinAlgError):  # else the last one is near enough
+        with suppress(FactorisationError, np.linalg.LinAlgError):  # else keep the last linearisation
             self._linearised = self._linearise()
         self._before.append(self.belief)
         self.belief = self.belief.spread(self._change(travel))
@@ -249,7 +249,7 @@ class Observer:
     # --- parts of a step ---
 
     def _advance(self, joints: Sequence[float] | Array, base_shift: float | None) -> Array:
-        """Step the model to the joints; returns by how much they went, shape (j,)."""
+        """Step the model to the joints; return their travel, shape (j,)."""
         model, mean = self.model, self.belief.mean
         read = np.array(check_command(list(joints), model.joint_names))
         fields = self.unknowns.fields(model)
@@ -267,7 +267,7 @@ class Observer:
         return np.asarray(travel)
 
     def _linearise(self) -> _Linearised:
-        """Derivatives of everything by the unknowns where the model is now."""
+        """Return derivatives by the unknowns in the model's present state."""
         model, unknowns = self.model, self.unknowns
         fields = unknowns.fields(model)
         parts = [unknowns.rows(fields)]
@@ -286,14 +286,14 @@ class Observer:
         return _Linearised(effector, dict(zip(self.sensors, derivatives, strict=True)), reduced)
 
     def _change(self, travel: Array) -> Array:
-        """Variances (p,) by which the unknowns may have changed in this step."""
+        """Return the variances (p,) of the unknowns' changes in this step."""
         variance = self.unknowns.change(self.settings, self.dt, travel)
         if self._touching:
             variance[self.unknowns.touch] = self.dt * (self.settings.touch_rate * self._touch) ** 2
         return variance
 
     def _compared(self, measured: Mapping[str, object], speed: Array) -> tuple[_Seen, tuple[str, ...]]:
-        """What was measured less what is expected, without outliers, and the names of these."""
+        """Return measurements minus expected values without outliers, and the names of the outliers."""
         offsets, settings = self.unknowns.offsets, self.settings
         jitter = self.unknowns.joint_variance(settings)
         parts: list[tuple[Array, Array, Array]] = []
@@ -321,7 +321,7 @@ class Observer:
         return _Seen(innovation, rows, noise), tuple(left_out)
 
     def _rows(self, name: str) -> Array:
-        """Derivatives of a sensor by all unknowns, shape (m, p)."""
+        """Return the derivatives of a sensor by all unknowns, shape (m, p)."""
         acting = self._linearised.sensors[name]
         rows = np.zeros((len(acting), self.unknowns.size))
         rows[:, : self.unknowns.acting] = acting
@@ -329,14 +329,14 @@ class Observer:
         return rows
 
     def _is_outlier(self, name: str, innovation: Array, rows: Array, noise: Array) -> bool:
-        """Whether a sensor's measurement is too far off to be one; not where it stays so."""
+        """Return whether a measurement is too far off to be used; a persistent deviation is no outlier."""
         expected = rows @ self.belief.covariance @ rows.T + noise
         far = squared_distance(innovation, expected) > self.settings.outlier * len(innovation)
         self._bad[name] = self._bad[name] + 1 if far else 0
         return 0 < self._bad[name] <= self.settings.patience
 
     def _learn(self, seen: _Seen) -> None:
-        """Move the belief, and the model with it."""
+        """Update the estimate, and move the model with it."""
         self._silent = 0.0 if len(seen.innovation) else self._silent + self.dt
         if not len(seen.innovation):
             return
@@ -360,14 +360,14 @@ class Observer:
         self._believe(belief.spread(missed**2))
 
     def _believe(self, belief: Belief) -> None:
-        """Take over a belief, and put the model where it belongs to it."""
+        """Set the estimate, and move the model to the state that belongs to it."""
         change = (belief.mean - self.belief.mean)[: self.unknowns.acting]
         self.belief = belief
         if change.any():
             self.model.displace(self._motion.by_unknowns @ change, self._linearised.reduced @ change)
 
     def _end_touch(self) -> None:
-        """Believe no longer in a touch for which nothing speaks, or of which nothing is measured any more."""
+        """End a touch that measurements no longer support, or that is no longer measured."""
         if not self._touching:
             return
         touch = self.unknowns.touch
@@ -378,10 +378,10 @@ class Observer:
             self._detector.forget()
             self._touching = False
 
-    # --- what is told ---
+    # --- results ---
 
     def deviation(self) -> Array:
-        """Standard deviation of each node's place in [m]: root of the sum over three axes, shape (n,)."""
+        """Return each node's standard deviation in [m], shape (n,): root of the sum over three axes."""
         derivatives = self._motion.of_all(self.model, self._linearised.reduced)
         covariance = self._acting_covariance
         variance = np.einsum("nap,pq,naq->n", derivatives, covariance, derivatives, optimize=True)
@@ -418,7 +418,7 @@ class _Linearised(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """What was measured: innovation (m,), its derivatives (m, p), covariance of its noise (m, m)."""
+    """Measurements of a step: innovation (m,), its derivatives (m, p), covariance of its noise (m, m)."""
 
     innovation: Array
     rows: Array
@@ -426,7 +426,7 @@ class _Seen(NamedTuple):
 
 
 def _by_name(sensors: Sequence[Sensor]) -> dict[str, Sensor]:
-    """Sensors by their names.
+    """Return the sensors by name.
 
     Raises:
         SceneError: two have one name.

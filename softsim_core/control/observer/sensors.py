@@ -1,6 +1,7 @@
-"""What sensors see of a simulation: rows of its motion, and how far a measurement is from it.
+"""Sensor models of the observer: velocity rows, and differences between measurement and model.
 
-A row says how fast a coordinate of a sensor moves with nodes, frames and joints, see mechanics.rows.
+A row expresses the velocity of one sensor coordinate by the velocities of nodes, frames and joints; see
+mechanics.rows.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from softsim_core.simulation import Simulation
 
 
 class Sensor(Protocol):
-    """What is measured at one place, in m coordinates that are believed or refused together.
+    """Interface of a measurement at one place, with m coordinates that are accepted or rejected together.
 
     Attributes:
         name: Unique among the sensors of an observer.
@@ -33,21 +34,22 @@ class Sensor(Protocol):
     def angular(self) -> tuple[bool, ...]: ...  # noqa: D102
 
     def rows(self, model: Model) -> Rows:
-        """The motion of its coordinates, m rows."""
+        """Return the velocity rows of the m coordinates."""
         ...
 
     def innovation(self, simulation: Simulation, measured: object) -> Array:
-        """What was measured less what the simulation says, shape (m,); NaN where nothing was measured."""
+        """Return the measurement minus the simulated value, shape (m,); NaN where nothing was measured."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseSensor:
-    """The effector's pose, or a part of it: `measured` is a Pose, not finite where it is not known.
+    """Pose of the effector, or part of it. `measured` is a Pose with non-finite numbers where it is unknown.
 
     Attributes:
-        noise: Three of the position in [m], three of the rotation about world axes in [rad]; infinite: not
-            used, as the heading of an IMU without magnetometer.
+        noise: Three standard deviations of the position in [m], then three of the rotation about world axes
+            in [rad]. Infinite: the coordinate is not used, such as the heading of an IMU without
+            magnetometer.
     """
 
     name: str
@@ -56,15 +58,18 @@ class PoseSensor:
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """Three lengths, three angles."""
+        """Three lengths, then three angles."""
         return (False, False, False, True, True, True)
 
     def rows(self, model: Model) -> Rows:
-        """See Sensor."""
+        """Return the six rows of the effector frame's velocity and spin."""
         return frame_rows(model, self.frame)
 
     def innovation(self, simulation: Simulation, measured: object) -> Array:
-        """See Sensor."""
+        """Return position difference in [m] and rotation vector in [rad], measured minus model, shape (6,).
+
+        A coordinate is NaN where it was not measured or its noise is infinite.
+        """
         pose, expected = measured, simulation.effector_pose
         assert isinstance(pose, Pose)
         assert expected is not None
@@ -78,7 +83,7 @@ class PoseSensor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointSensor:
-    """A marker in or on a body: `measured` is its position (3,) in [m], not finite where it is not seen."""
+    """Marker in or on a body. `measured` is its position (3,) in [m], not finite where it is not visible."""
 
     name: str
     nodes: IndexArray
@@ -87,32 +92,32 @@ class PointSensor:
 
     @property
     def angular(self) -> tuple[bool, ...]:
-        """No angles."""
+        """No coordinate is an angle."""
         return (False, False, False)
 
     def rows(self, model: Model) -> Rows:
-        """See Sensor."""
+        """Return the three rows of the marker's velocity."""
         return point_rows(self.nodes, self.weights)
 
     def innovation(self, simulation: Simulation, measured: object) -> Array:
-        """See Sensor."""
+        """Return the measured minus the simulated position in [m], shape (3,)."""
         return np.asarray(measured, dtype=float) - self.weights @ simulation.positions[self.nodes]
 
 
 def effector_sensor(
     simulation: Simulation, name: str, position_noise: float, rotation_noise: float, tilt_only: bool = False
 ) -> PoseSensor:
-    """A sensor of the effector's pose.
+    """Return a sensor of the effector's pose.
 
     Args:
-        simulation: With a free frame as end effector.
-        name: Of the sensor.
-        position_noise: In [m]; infinite: positions are not measured.
-        rotation_noise: In [rad]; infinite: rotations are not measured.
-        tilt_only: The turn about the vertical is not measured.
+        simulation: A simulation whose end effector is a free frame.
+        name: Name of the sensor.
+        position_noise: Standard deviation in [m]; infinite: positions are not measured.
+        rotation_noise: Standard deviation in [rad]; infinite: rotations are not measured.
+        tilt_only: Whether the rotation about the vertical is not measured.
 
     Raises:
-        SceneError: there is no end effector.
+        SceneError: the scene has no end effector.
     """
     heading = np.inf if tilt_only else rotation_noise
     noise = np.array([*[position_noise] * 3, rotation_noise, rotation_noise, heading])
@@ -120,10 +125,10 @@ def effector_sensor(
 
 
 def effector_frame(simulation: Simulation) -> int:
-    """Number of the free frame that is the end effector.
+    """Return the index of the free frame that is the end effector.
 
     Raises:
-        SceneError: there is none.
+        SceneError: the scene has no end effector.
     """
     name = simulation.scene.effector
     if name is None:
@@ -134,11 +139,11 @@ def effector_frame(simulation: Simulation) -> int:
 
 
 def marker_sensors(simulation: Simulation, places: Array, noise: float) -> list[PointSensor]:
-    """Markers `marker_0`, `marker_1`, ... on the bodies that are at `places` (k, 3) in [m] at rest.
+    """Return sensors `marker_0`, `marker_1`, ... at places (k, 3) in [m] on the bodies at rest.
 
     Args:
-        simulation: Any of the scene.
-        places: On the robot at rest, in the world.
+        simulation: Any simulation of the scene.
+        places: World positions on the robot at rest.
         noise: Standard deviation of each coordinate in [m].
 
     Raises:
@@ -157,13 +162,13 @@ def marker_sensors(simulation: Simulation, places: Array, noise: float) -> list[
 
 
 def frame_rows(model: Model, frame: int) -> Rows:
-    """Velocity and spin of a free frame: six rows."""
+    """Return the six rows of a free frame's velocity and spin."""
     place = len(model.rest) + 6 * frame + np.arange(6)
     return Rows(np.arange(7), place, np.tile([1.0, 0.0, 0.0], (6, 1)))
 
 
 def point_rows(nodes: IndexArray, weights: Array) -> Rows:
-    """Velocity of a point that follows nodes (a,) with weights (a,): three rows."""
+    """Return the three velocity rows of a point that follows nodes (a,) with weights (a,)."""
     count = len(nodes)
     coefficient = np.zeros((3, count, 3))
     for axis in range(3):
@@ -172,7 +177,7 @@ def point_rows(nodes: IndexArray, weights: Array) -> Rows:
 
 
 def field_rows(nodes: IndexArray, fields: Array) -> Rows:
-    """One row for each field of forces on the same nodes (a,): `fields` of shape (r, a, 3) in [N]."""
+    """Return one row for each force field on the same nodes (a,): `fields` of shape (r, a, 3) in [N]."""
     return Rows(
         len(nodes) * np.arange(len(fields) + 1), np.tile(nodes, len(fields)), fields.reshape(-1, 3).copy()
     )

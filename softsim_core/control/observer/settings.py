@@ -1,4 +1,4 @@
-"""Settings of an observer: how far the model may be off, what counts as contact; and its estimate."""
+"""Settings of an observer: uncertainty of the model, contact detection; and the estimate it returns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Verdict: TypeAlias = Literal["alone", "learning", "good", "wrong"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touch:
-    """What touches the robot, as if it did so at the effector.
+    """Estimated contact, expressed as a load on the effector.
 
     Attributes:
         force, moment: In [N] and [N m], world axes, shapes (3,).
@@ -28,19 +28,19 @@ class Touch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """What one step found.
+    """Result of one step.
 
     Attributes:
         effector: Pose of the effector; None: the robot has none.
-        effector_covariance: Of its position in [m] and rotation about world axes in [rad], shape (6, 6).
-        touch: What touches; None: nothing that was found.
-        verdict: "alone": nothing is measured; "learning"; "good"; "wrong": the model, or what is said of the
-            sensors' noise.
-        sentence: Why it is wrong; else empty.
-        consistency: Mean squared innovation of the window in units of what is expected: 1 where all is
-            as believed.
-        used: Coordinates that were used in this step.
-        left_out: Sensors of which this step's measurement was an outlier.
+        effector_covariance: Covariance of its position in [m] and rotation about world axes in [rad], (6, 6).
+        touch: The contact; None: none was detected.
+        verdict: "alone": nothing is measured; "learning"; "good"; "wrong": the model or the stated noise of
+            the sensors is wrong.
+        sentence: Message that says why it is wrong; else empty.
+        consistency: Mean squared innovation of the window in units of its expected value: 1 if the model is
+            consistent.
+        used: Number of coordinates used in this step.
+        left_out: Sensors whose measurement was an outlier in this step.
     """
 
     effector: Pose | None
@@ -55,33 +55,33 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObserverSettings:
-    """Standard deviations of what the model does not know, and thresholds.
+    """Standard deviations of the model's unknowns, and thresholds.
 
-    What is unknown changes with time (per root of a second) and with travel (per root of a radian that a
-    joint goes, or of a slide's metre, cable's centimetre...: see Limits.scale): a model that is wrong is so
-    differently in another pose, and stays as wrong as it is while nothing moves.
+    The unknowns change with time (per square root of a second) and with travel (per square root of a radian
+    of joint travel, or of a slide's metre, cable's centimetre...: see Limits.scale). The error of a wrong
+    model differs from pose to pose, and does not change while nothing moves.
 
     Attributes:
         joint_offset: Zero of each joint in [rad]; of other joints times Limits.scale.
         load_share: Weight (or softness: twice as soft is twice as heavy) as a share of the model's.
         push, push_moment: A steady force in [N] on the effector and moment in [N m]: a tool, a hose.
-        sensor_offset, sensor_turn: Each sensor is not where it is said to be, by this in [m] and [rad], in
-            each of its coordinates; or what the model's shape misses there in its own way.
+        sensor_offset, sensor_turn: Misplacement of each sensor in [m] and [rad], per coordinate; also local
+            errors of the model's shape.
         sensor_offset_per_travel, sensor_turn_per_travel: Their change with travel.
         offset_per_travel, share_per_travel, push_per_travel, moment_per_travel: Their change with travel.
-        drift: Their change with time, as a part of them per root of a second.
-        touch, touch_moment: Contact: force in [N] and moment in [N m] on the effector, as it comes.
-        touch_rate: Its change per root of a second, as a part of them.
+        drift: Their change with time, as a part of them per square root of a second.
+        touch, touch_moment: Contact: force in [N] and moment in [N m] on the effector at its onset.
+        touch_rate: Its change per square root of a second, as a part of them.
         joint_noise: Noise of the joints' read-back in [rad]; of other joints times Limits.scale.
-        latency: Sensors are late or early by this in [s]: what moves is measured less well.
-        false_contacts: Expected false contacts per hour, where noise is as it is said to be.
-        release: A contact ends when for so long, in [s], nothing speaks for it.
-        outlier: A sensor's squared distance from the expected, in standard deviations squared per
-            coordinate, beyond which one is left out.
-        patience: So many outliers of a sensor in a row are no outliers.
-        window: The model is judged by the innovations of the last so many [s].
-        learning: It is not judged, and contacts are not looked for, during the first so many [s].
-        silence: Nothing measured for so long, in [s], and the model is alone.
+        latency: Timing error of the sensors in [s]: moving coordinates are measured less accurately.
+        false_contacts: Expected false contacts per hour, if the noise is as stated.
+        release: Time in [s] without evidence after which a contact ends.
+        outlier: Squared distance of a measurement from its expected value, in squared standard deviations per
+            coordinate, beyond which it is not used.
+        patience: Number of consecutive outliers of a sensor after which they are used.
+        window: Duration in [s] of the innovations in the consistency test.
+        learning: Initial time in [s] without consistency test and contact detection.
+        silence: Time in [s] without measurement after which the verdict is "alone".
 
     Raises:
         FieldError: a value is negative or not finite.

@@ -1,12 +1,12 @@
-r"""Where a session's sensors are: the rigid frame of the data, and the points of the robot that carry them.
+r"""Location of a session's sensors: the rigid frame of the data, and the points of the robot that carry them.
 
-With :math:`x_i, Q_i` position and rotation of what a sensor sits on, :math:`m_i` what it measured, frame
-:math:`(R, t)` and point :math:`o`,
+Let :math:`x_i, Q_i` be position and rotation of the part that carries a sensor, :math:`m_i` the measurement,
+:math:`(R, t)` the frame and :math:`o` the point:
 
 .. math:: e_i = x_i + Q_i o - (R m_i + t), \qquad \min_{R, t, o} \sum_i |e_i|^2 .
 
-The frame alone has a closed form; the point alone is linear; both together are found by Gauss-Newton from the
-frame alone. Frame and point can be told apart by how the sensor tilts.
+The frame alone has a closed-form solution and the point alone is a linear problem. Both together are found by
+Gauss-Newton, starting from the frame alone. Frame and point can be distinguished because the sensor tilts.
 
 Source: Kabsch 1976; Umeyama 1991 (the proper rotation).
 """
@@ -25,15 +25,15 @@ from softsim_core.physics.mesh import embed
 from softsim_core.simulation import Simulation
 
 OUTSIDE = 0.05
-"""A place farther outside its body than this part of an element lies beside it."""
+"""A place farther outside its body than this part of an element is not on the body."""
 
 FEWEST = 4
-"""So many nodes say how a body turns at a place."""
+"""Number of nodes from which the rotation of a body at a place is computed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BodyPlace:
-    """A place that follows four nodes, and turns with the nodes around it; all are numbers of all nodes."""
+    """A place on a body: four nodes carry its position, nodes around it its rotation (global numbers)."""
 
     nodes: IndexArray
     weights: Array
@@ -41,7 +41,7 @@ class _BodyPlace:
     centred: Array
 
     def seen(self, positions: Array) -> tuple[Array, Array]:
-        """Where it is, and how far it is turned from rest."""
+        """Return the place's position, and its rotation from rest."""
         moved = positions[self.around]
         return self.weights @ positions[self.nodes], nearest_rotation(
             self.centred, moved - moved.mean(axis=0)
@@ -49,10 +49,10 @@ class _BodyPlace:
 
 
 class Places:
-    """What the sensors of a session sit on, in a simulation.
+    """The places of a session's sensors in a simulation.
 
     Args:
-        simulation: Any of the scene, at rest or not.
+        simulation: Any simulation of the scene, at rest or in motion.
         sensors: The sensors, s of them.
 
     Raises:
@@ -63,7 +63,7 @@ class Places:
         self._places: list[str | _BodyPlace] = [_place(simulation, sensor) for sensor in sensors]
 
     def seen(self, simulation: Simulation) -> tuple[Array, Array]:
-        """Positions in [m], shape (s, 3), and rotations (s, 3, 3), as the simulation is now."""
+        """Return positions (s, 3) in [m] and rotations (s, 3, 3) in the simulation's present state."""
         positions, frames = simulation.positions, simulation.frames()
         found = []
         for place in self._places:
@@ -119,25 +119,25 @@ def _on_body(simulation: Simulation, sensor: SensorDescription) -> _BodyPlace:
 
 
 ON_A_LINE = 1e-3
-"""Points whose second extent is a smaller part of their first leave the frame free to turn about a line."""
+"""Smallest ratio of second to first extent of points; below it the frame can rotate about their line."""
 
 UNDETERMINED = 1e-7
-"""A singular value of the scaled problem that is a smaller part of the first is none."""
+"""A singular value of the scaled problem below this part of the largest one counts as zero."""
 
 MIRRORED = 0.5
-"""Where a mirrored frame leaves a smaller part of the error, two columns or a sign are taken for wrong."""
+"""Columns or signs count as interchanged if a mirrored frame reduces the error to less than this part."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """Frame of the data and points of the sensors.
+    """Fitted frame of the data and points of the sensors.
 
     Attributes:
-        rotation: R, from the frame of the data, as described, to the robot's, shape (3, 3).
+        rotation: R, from the described frame of the data to the robot's frame, shape (3, 3).
         shift: t in [m], shape (3,).
-        points: Offset of each sensor in what it sits on, in [m], shape (s, 3).
+        points: Offset of each sensor in the part that carries it, in [m], shape (s, 3).
         point_errors: Standard error of `points` in [m], shape (s, 3); 0 where they are not fitted.
-        delay: By how much the sensors are late, in [s].
+        delay: Delay of the sensors in [s].
     """
 
     rotation: Array
@@ -147,37 +147,37 @@ class Alignment:
     delay: float = 0.0
 
     def place(self, measured: Array) -> Array:
-        """Measured positions (..., 3) in [m] in the robot's frame."""
+        """Transform measured positions (..., 3) in [m] into the robot's frame."""
         return np.asarray(measured @ self.rotation.T + self.shift)
 
     def errors(self, positions: Array, rotations: Array, measured: Array) -> Array:
-        """Model minus measurement in [m], shape (k, s, 3).
+        """Return model minus measurement in [m], shape (k, s, 3).
 
         Args:
-            positions: What the sensors sit on, in [m], shape (k, s, 3).
-            rotations: Its rotation, shape (k, s, 3, 3).
-            measured: Shape (k, s, 3), in [m].
+            positions: Positions of the parts that carry the sensors in [m], shape (k, s, 3).
+            rotations: Rotations of these parts, shape (k, s, 3, 3).
+            measured: Measured positions in [m], shape (k, s, 3).
         """
         return np.asarray(sensed(positions, rotations, self.points) - self.place(measured))
 
 
 def sensed(positions: Array, rotations: Array, points: Array) -> Array:
-    """Where sensors at points (s, 3) of what they sit on are, shape (k, s, 3), in [m]."""
+    """Return positions in [m] of sensors at points (s, 3) of their carriers, shape (k, s, 3)."""
     return np.asarray(positions + np.einsum("ksij,sj->ksi", rotations, points))
 
 
 def unaligned(points: Array) -> Alignment:
-    """The alignment of a session whose frame and points (s, 3) are known."""
+    """Return the alignment of a session whose frame and points (s, 3) are known."""
     return Alignment(np.eye(3), np.zeros(3), points, np.zeros_like(points))
 
 
 def rigid_frame(model: Array, measured: Array, what: str) -> tuple[Array, Array]:
-    """R (3, 3) and t (3,) in [m] with the least squares of model - (R measured + t).
+    """Return R (3, 3) and t (3,) in [m] that minimise the squares of model - (R measured + t).
 
     Args:
         model: Positions in [m], shape (k, 3).
-        measured: The same in the frame of the data.
-        what: Named in messages.
+        measured: The same positions in the frame of the data.
+        what: Description of the data in messages.
 
     Raises:
         DataError: fewer than three points, all on a line, or mirrored.
@@ -213,18 +213,18 @@ def rigid_frame(model: Array, measured: Array, what: str) -> tuple[Array, Array]
 def align(
     positions: Array, rotations: Array, measured: Array, points: Array, fit: tuple[bool, bool], what: str
 ) -> Alignment:
-    """Frame and points with the least squares of errors.
+    """Fit frame and points to the rows by least squares.
 
     Args:
-        positions: What the sensors sit on, in [m], shape (k, s, 3).
-        rotations: Its rotation, shape (k, s, 3, 3).
-        measured: Shape (k, s, 3), in [m].
-        points: Offsets of the sensors in [m] as they are described, shape (s, 3).
-        fit: Whether the frame is fitted, and the points.
-        what: Named in messages.
+        positions: Positions of the parts that carry the sensors in [m], shape (k, s, 3).
+        rotations: Rotations of these parts, shape (k, s, 3, 3).
+        measured: Measured positions in [m], shape (k, s, 3).
+        points: Offsets of the sensors in [m] as described, shape (s, 3).
+        fit: Whether the frame is fitted, and whether the points are.
+        what: Description of the data in messages.
 
     Raises:
-        DataError: the rows do not tell what is to be fitted.
+        DataError: the rows do not determine the fitted quantities.
     """
     frame, point = fit
     start = unaligned(points)
@@ -238,7 +238,7 @@ def align(
 def _refined(
     start: Alignment, positions: Array, rotations: Array, measured: Array, frame: bool, what: str
 ) -> Alignment:
-    """Gauss-Newton on points, and on the frame where it is asked for."""
+    """Refine the points, and the frame if requested, by Gauss-Newton."""
     count, sensors = positions.shape[:2]
     numbers = 3 * sensors + (6 if frame else 0)
     if 3 * count * sensors <= numbers:
@@ -251,7 +251,7 @@ def _refined(
     slopes = np.zeros((count, sensors, 3, numbers))
     for s in range(sensors):
         slopes[:, s, :, 3 * s : 3 * s + 3] = rotations[:, s]
-    centre = measured.mean(axis=(0, 1))  # the frame turns about it: then its shift hardly moves
+    centre = measured.mean(axis=(0, 1))  # rotating about the centre nearly decouples rotation from shift
     for _ in range(50):
         errors = now.errors(positions, rotations, measured)
         if frame:

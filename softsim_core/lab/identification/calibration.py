@@ -1,4 +1,4 @@
-"""A calibration: what is fitted to which measurements, as a file beside the data set."""
+"""A calibration: which parameters are fitted to which measurements, as a file beside the data set."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ FILE = "calibration.yaml"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterDescription:
-    """A number that is sought.
+    """A parameter of the fit.
 
     Attributes:
-        name: By which expressions name it.
-        start: Where the search begins.
-        lower, upper: Its bounds.
-        unit: Of all these, for people.
-        prior: Standard deviation of what is known of it beforehand, around `start`; None: nothing is.
-        per_session: Whether each session has its own; else one acts in all.
+        name: Name in expressions.
+        start: Start value of the search.
+        lower, upper: Bounds.
+        unit: Unit of these values, for display.
+        prior: Standard deviation of prior knowledge around `start`; None: there is none.
+        per_session: Whether each session has its own value; otherwise all sessions share one.
     """
 
     name: str
@@ -69,26 +69,26 @@ class ParameterDescription:
 
     @property
     def span(self) -> float:
-        """Between its bounds."""
+        """Difference between the bounds."""
         return self.upper - self.lower
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationDescription:
-    """What is fitted to which measurements.
+    """Description of a calibration: parameters, measurements and search.
 
     Attributes:
-        name: What messages call it.
+        name: Name in messages.
         data_set: The measurements: a name, or a folder relative to the description.
-        parameters: What is sought.
-        overlay: Laid over the robot; where a parameter acts stands an expression, see expressions.
-        robot: The model: a name or a file; None: that of the data set.
-        sessions: Names of the sessions that are used; none: all that can be replayed.
-        every: Of the training rows of each session only each N-th is used.
-        loss: "linear" is least squares; "soft_l1" takes less notice of outliers.
-        scale_mm: From which error on one is an outlier, in [mm].
-        starts: From how many places the search begins: `start`, then some spread evenly between the bounds.
-        seed: Of these places.
+        parameters: The parameters of the fit.
+        overlay: Overrides of the robot's file, with expressions where a parameter acts; see expressions.
+        robot: The model: a name or a file; None: the robot of the data set.
+        sessions: Names of the sessions to use; empty: all that can be replayed.
+        every: Use only each N-th of the training rows of each session.
+        loss: "linear" is least squares; "soft_l1" reduces the influence of outliers.
+        scale_mm: Error in [mm] beyond which a point counts as an outlier.
+        starts: Number of starts of the search: `start`, then points spread evenly between the bounds.
+        seed: Seed of these points.
     """
 
     name: str
@@ -124,10 +124,10 @@ class CalibrationDescription:
 
 
 def calibration_sessions(description: CalibrationDescription, data: DataSet) -> list[Session]:
-    """The training rows of the sessions that are asked for.
+    """Return the training rows of the requested sessions.
 
     Raises:
-        DataError: there is no such session, or its rows cannot be used.
+        DataError: a session does not exist, or its rows cannot be used.
     """
     there = [each for each in data.description.sessions if each.replayed]
     known = tuple(each.name for each in there)
@@ -143,9 +143,9 @@ def calibration_sessions(description: CalibrationDescription, data: DataSet) -> 
 
 
 def _training_rows(session: Session) -> Session:
-    """The session as it is fitted: without rows that are not used, as nobody needs their equilibria.
+    """Return the session without the rows that are not fitted, because no equilibria are needed for them.
 
-    Where the release is not known, no delay is fitted: the phase of the swing is free.
+    Where the release is unknown, no delay is fitted: the phase of the oscillation is free.
     """
     time = session.description.time
     if time is not None and time.release == "unknown":
@@ -156,17 +156,17 @@ def _training_rows(session: Session) -> Session:
 
 
 def load_calibration(name_or_path: str | Path) -> tuple[CalibrationDescription, Path]:
-    """A calibration by the name of its data set, or by the path of its file; and where it is.
+    """Load a calibration by the name of its data set or by its path; return it with its file.
 
     Raises:
-        ConfigError: nothing found, or any problem in the description, in one sentence.
+        ConfigError: nothing found, or any problem in the description, as one message.
     """
     file = find_calibration(str(name_or_path))
     return structured(read_extended(file), CalibrationDescription, file, find_files=False), file
 
 
 def find_calibration(text: str) -> Path:
-    """The file of a calibration: that path, or calibration.yaml beside a data set of that name."""
+    """Return the file of a calibration: the given path, or calibration.yaml beside the named data set."""
     path = Path(text).expanduser()
     if path.is_file():
         return path.absolute()
@@ -181,29 +181,29 @@ def find_calibration(text: str) -> Path:
 
 
 def known_calibrations() -> dict[str, Path]:
-    """Files of the calibrations beside the data sets that are known by name."""
+    """Return the calibration files beside all data sets that are known by name."""
     beside = {name: file.parent / FILE for name, file in known_data_sets().items()}
     return {name: file.absolute() for name, file in beside.items() if file.is_file()}
 
 
 def data_of(description: CalibrationDescription, file: Path, data: Path | None) -> DataSet:
-    """The data set of a calibration in `file`; `data`: see load_data_set."""
+    """Load the data set of a calibration in `file`; see load_data_set for `data`."""
     beside = file.parent / description.data_set
     return load_data_set(str(beside) if beside.is_dir() else description.data_set, data)
 
 
 ZERO: Final = 0.15
-"""A servo's zero is sought so far to both sides, in [rad]."""
+"""Search range of a servo's zero to both sides in [rad]."""
 
 TIMES: Final = 3.0
-"""Young modulus and damping are sought between their values divided and multiplied by this."""
+"""The search range of Young modulus and damping is their value divided and multiplied by this."""
 
 
 def write_table(file: Path, columns: Mapping[str, Array], notes: Sequence[str] = ()) -> None:
-    """A CSV file with a header line below comments.
+    """Write a CSV file with comment lines, a header line and the rows.
 
     Args:
-        file: The file, which is replaced.
+        file: The file; an existing one is replaced.
         columns: Numbers by name, each of shape (k,).
         notes: Comments.
     """
@@ -215,31 +215,31 @@ def write_table(file: Path, columns: Mapping[str, Array], notes: Sequence[str] =
 
 
 def write_description(folder: Path, description: DataSetDescription) -> Path:
-    """The description of a data set as its dataset.yaml, without what is as by default; returns the file."""
+    """Write a description as the data set's dataset.yaml, without default values, and return the file."""
     return write_file(folder / DESCRIPTION, _yaml(plain(description)))
 
 
 def write_calibration(folder: Path, calibration: CalibrationDescription) -> Path:
-    """A calibration beside its data set, as its calibration.yaml; returns the file."""
+    """Write a calibration as calibration.yaml beside its data set, and return the file."""
     return write_file(folder / FILE, _yaml(plain(calibration)))
 
 
 def first_calibration(
     name: str, robot: RobotDescription, sessions: Sequence[str], in_time: bool
 ) -> CalibrationDescription | None:
-    """What one may begin with: zeros of the servos and the stiffness; in time, the damping, too.
+    """Return a calibration to begin with: servo zeros and stiffness; for sessions in time also the damping.
 
-    At imposed angles the stiffness shows by the weight alone: readings that are means of poses tell it better
-    than noisy ones in time.
+    At prescribed angles, only the weight reveals the stiffness. Means over poses at rest determine it better
+    than noisy readings in time.
 
     Args:
-        name: Of the calibration.
-        robot: The robot as it is described.
-        sessions: Names of the sessions that are fitted.
-        in_time: Whether they are measured in time.
+        name: Name of the calibration.
+        robot: The robot as described.
+        sessions: Names of the fitted sessions.
+        in_time: Whether the sessions are measured in time.
 
     Returns:
-        None: nothing of this robot is sought so.
+        The calibration; None: this robot has no such parameters.
     """
     wanted: list[ParameterDescription] = []
     overlay: dict[str, Any] = {}
@@ -277,7 +277,7 @@ def _scaled(name: str, start: float, unit: str) -> ParameterDescription:
 
 
 def plain(value: Any) -> Any:
-    """A description as plain data, in the form of its file: what is as by default is left out."""
+    """Return a description as plain data in the form of its file, without default values."""
     if is_dataclass(value) and not isinstance(value, type):
         data = {}
         for each in fields(value):

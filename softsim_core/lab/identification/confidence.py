@@ -1,9 +1,9 @@
-"""How far a calibration can be trusted: rows left out, profile likelihood, distributions of parameters.
+"""Confidence in a calibration: cross-validation, profile likelihood and parameter distributions.
 
-Rows are dealt into folds; the parameters are fitted to all but one fold, by one Gauss-Newton step from those
-of all rows with the slopes there, and that fold is compared. A profile of a parameter is the least sum of
-squares with it held at a value, with the noise of the whole fit; its 95 % interval reaches to where this has
-grown by the square of its half width in standard errors.
+Rows are divided into folds. The parameters are fitted to all but one fold, by one Gauss-Newton step from the
+parameters of all rows with the slopes there, and the errors of the omitted fold are evaluated. The profile of
+a parameter is the least sum of squares with this parameter fixed at a value, with the noise of the whole fit.
+Its 95 % interval ends where the sum has grown by the square of the interval's half width in standard errors.
 
 Sources: Stone 1974, Cross-validatory choice; Venzon, Moolgavkar 1988, Profile-likelihood-based intervals.
 """
@@ -28,17 +28,17 @@ from softsim_core.scene.io import read_extended, structured
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DistributionDescription:
-    """A normal distribution of parameters, cut at their bounds.
+    """A normal distribution of parameters, truncated at their bounds.
 
     Attributes:
-        name: What messages call it.
-        robot: The model that it belongs to: a name, or a file relative to this one.
-        names: Of the parameters.
-        units: Of them, for people.
-        mean: Of them.
-        covariance: Of them, row by row.
+        name: Name in messages.
+        robot: The model it belongs to: a name, or a file relative to this one.
+        names: Names of the parameters.
+        units: Their units, for display.
+        mean: Their means.
+        covariance: Their covariance, row by row.
         lower, upper: Their bounds.
-        overlay: Laid over the robot, with expressions of the parameters.
+        overlay: Overrides of the robot's file, with expressions of the parameters.
     """
 
     name: str
@@ -66,7 +66,7 @@ class DistributionDescription:
             raise FieldError(owner, "lower", str(self.lower), "less than upper")
 
     def draw(self, count: int, seed: int = 0) -> Array:
-        """Parameters drawn, shape (count, p), none outside the bounds."""
+        """Draw parameters within the bounds, shape (count, p)."""
         generator, size = np.random.default_rng(seed), len(self.names)
         low, high = np.array(self.lower), np.array(self.upper)
         values, root = np.zeros((0, size)), _root(np.array(self.covariance))
@@ -81,7 +81,7 @@ class DistributionDescription:
         )
 
     def overlaid(self, values: Sequence[float]) -> dict[str, Any]:
-        """What lays drawn values (p,) over the robot."""
+        """Return the overlay of the robot for drawn values (p,)."""
         given = dict(zip(self.names, (float(each) for each in values), strict=True))
         overlay = filled(self.overlay, given)
         assert isinstance(overlay, dict)
@@ -89,21 +89,22 @@ class DistributionDescription:
 
 
 def _root(covariance: Array) -> Array:
-    """A matrix L with L L^T = covariance, of one that may be singular."""
+    """Return a matrix L with L L^T = covariance; the covariance may be singular."""
     sizes, axes = np.linalg.eigh(covariance)
     return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)))
 
 
 def distribution_of(result: Calibration, robot: str) -> DistributionDescription:
-    """That of a calibration: normal, of what the rows do not tell as wide as the bounds.
+    """Return the normal distribution of a calibration; undetermined directions are as wide as the bounds.
 
-    A parameter that each session has its own of is that of a new session: about the mean of the n sessions
-    with their variance :math:`s^2`, which has n - 1 degrees of freedom, times :math:`1 + 1/n`. The errors of
-    the sessions' own values are in :math:`s^2`; where these are by chance alike, they stand in its place.
+    For a parameter with a value per session, the distribution describes a new session: about the mean of the
+    n sessions with their variance :math:`s^2`, which has n - 1 degrees of freedom, times :math:`1 + 1/n`. The
+    errors of the sessions' own values are included in :math:`s^2`; if these values happen to agree, their
+    errors are used instead.
 
     Args:
         result: The calibration, not interrupted.
-        robot: What the overlay is laid over.
+        robot: The robot that the overlay modifies.
     """
     problem, wanted = result.problem, result.description.parameters
     errors = np.minimum(result.widening * result.errors, problem.span / np.sqrt(12.0))
@@ -136,10 +137,10 @@ def distribution_of(result: Calibration, robot: str) -> DistributionDescription:
 
 
 def load_distribution(file: str | Path) -> DistributionDescription:
-    """A distribution from its file.
+    """Load a distribution from its file.
 
     Raises:
-        ConfigError: it is not there, or any problem in it, in one sentence.
+        ConfigError: the file does not exist, or any problem in it, as one message.
     """
     path = Path(file).expanduser().absolute()
     if not path.is_file():
@@ -148,7 +149,7 @@ def load_distribution(file: str | Path) -> DistributionDescription:
 
 
 def plain_distribution(distribution: DistributionDescription) -> dict[str, Any]:
-    """A distribution as plain data, for a file that `load_distribution` reads."""
+    """Return a distribution as plain data, for a file that `load_distribution` reads."""
     return {
         "name": distribution.name,
         "robot": distribution.robot,
@@ -163,25 +164,25 @@ def plain_distribution(distribution: DistributionDescription) -> dict[str, Any]:
 
 
 def _plain(data: Any) -> Any:
-    """Mappings and lists as those that YAML writes."""
+    """Convert mappings and lists to the types that YAML writes."""
     if isinstance(data, Mapping):
         return {key: _plain(each) for key, each in data.items()}
     return [_plain(each) for each in data] if isinstance(data, list | tuple) else data
 
 
 ROUNDS: Final = 4
-"""Places that are tried for an end of an interval."""
+"""Number of values that are tried for one end of an interval."""
 
 CLOSE: Final = 0.05
-"""Part of the growth sought by which an end of an interval is missed at most."""
+"""Tolerance of an interval's end, as a part of the required growth."""
 
 Done = Callable[[int, int], None]
-"""Told what is done, and what there is in all."""
+"""Called with the finished and the total number of steps."""
 
 
 @dataclass(frozen=True, slots=True)
 class Folds:
-    """Mean errors in [m], by session: of rows that were fitted, and of rows that were left out."""
+    """Mean errors in [m] by session, of fitted rows and of rows that were left out."""
 
     count: int
     fitted: dict[str, float]
@@ -189,18 +190,18 @@ class Folds:
 
     @property
     def ratio(self) -> float:
-        """Error of rows that were left out over that of fitted ones, over all sessions."""
+        """Ratio of the errors of left-out rows to those of fitted rows, over all sessions."""
         return float(np.mean(list(self.left_out.values())) / np.mean(list(self.fitted.values())))
 
 
 def cross_validated(result: Calibration, count: int = 5, seed: int = 0, done: Done | None = None) -> Folds:
-    """Errors of rows that were not fitted.
+    """Cross-validate a calibration: return the errors of rows that were not fitted.
 
     Args:
         result: The calibration, not interrupted.
-        count: Folds.
-        seed: Deals the rows; those of sessions in time are cut into as many spans.
-        done: Told how many folds are done.
+        count: Number of folds.
+        seed: Seed of the division of rows; sessions in time are divided into as many spans.
+        done: Called with the number of finished folds.
 
     Raises:
         DataError: a session has too few rows.
@@ -235,7 +236,7 @@ def _means(parts: dict[str, list[float]]) -> dict[str, float]:
 
 
 def _dealt(session: Session, count: int, generator: np.random.Generator) -> Array:
-    """The fold of each row that fits, shape (k,); -1 elsewhere."""
+    """Return the fold of each fitted row, shape (k,); -1 for the other rows."""
     rows = np.flatnonzero(session.fitting)
     if len(rows) < 2 * count:
         raise DataError(f"session {session.name}", "", f"{len(rows)} rows are too few for {count} folds")
@@ -246,12 +247,12 @@ def _dealt(session: Session, count: int, generator: np.random.Generator) -> Arra
 
 
 def profiled(result: Calibration, parameter: int, done: Done | None = None) -> tuple[float, float]:
-    """95 % interval of a parameter by profile likelihood; an end at a bound or beyond is infinite.
+    """Return the 95 % interval of a parameter by profile likelihood; an end at or beyond a bound is infinite.
 
     Args:
         result: The calibration, not interrupted.
-        parameter: Its number.
-        done: Told how many of the two ends are found.
+        parameter: Index of the parameter.
+        done: Called with the number of finished ends, of two.
     """
     problem, ends = result.problem, []
     best = (result.values - problem.low) / problem.span
@@ -259,7 +260,7 @@ def profiled(result: Calibration, parameter: int, done: Done | None = None) -> t
     least = float(left @ left)
     wanted = float(result.quantiles[parameter] * result.widening[parameter]) ** 2
     others = np.arange(len(best)) != parameter
-    along = np.zeros_like(best)  # how the others follow, to first order
+    along = np.zeros_like(best)  # first-order change of the other parameters
     along[parameter] = 1.0
     inverse = np.linalg.pinv(slopes[:, others])
     along[others] = -inverse @ slopes[:, parameter]
@@ -283,15 +284,17 @@ def _end(
     others: BoolArray,
     sought: tuple[float, float, float],
 ) -> float:
-    """How far a parameter goes until the least sum of squares has grown as wanted; infinite beyond a bound.
+    """Return the change of a parameter at which the least sum of squares has grown as required.
+
+    The change is infinite if it lies beyond a bound.
 
     Args:
-        problem: What is minimised.
-        best: The parameters found, in parts of their bounds, shape (p,).
-        along: How all change with a unit of the parameter that is held, shape (p,).
-        inverse: Pseudo-inverse of the slopes of the others, shape (p - 1, n).
-        others: Which these are, shape (p,).
-        sought: The least sum of squares, its growth that is sought, and where to try first.
+        problem: The minimised problem.
+        best: The fitted parameters, in parts of their bounds, shape (p,).
+        along: Change of all parameters per unit of the fixed one, shape (p,).
+        inverse: Pseudo-inverse of the slopes of the other parameters, shape (p - 1, n).
+        others: Mask of the other parameters, shape (p,).
+        sought: The least sum of squares, its required growth, and the first value to try.
     """
     least, wanted, away = sought
     held = int(np.flatnonzero(~others)[0])

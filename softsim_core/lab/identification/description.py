@@ -1,7 +1,7 @@
-"""What a data set is: whose motion was measured, what was commanded, which column holds what, in which unit.
+"""Description of a data set: the measured robot, the commands, and the columns with their units.
 
-Columns are in the units that their files have; everything made from them is in SI. Lengths in a description
-are in [m], limits of errors in the millimetres in which people write them.
+Columns are in the units of their files; all arrays made from them are in SI. Lengths in a description are in
+[m]. Error limits are in [mm], the unit in which they are usually stated.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def _need_unit_of(owner: str, unit: str, quantities: tuple[Quantity, ...]) -> No
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataFolder:
-    """Where the measured files lie.
+    """Folder of the measured files.
 
     Attributes:
         folder: Relative to the description, or absolute.
-        variable: Environment variable that names another folder, in whose place `folder` is looked for
-            below it; for data that are not passed on with their description. None: there is none.
+        variable: Environment variable that names the parent of `folder`, in place of the description's
+            folder, for data that are not distributed with their description. None: there is none.
     """
 
     folder: Path = Path()
@@ -49,12 +49,13 @@ class DataFolder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandColumns:
-    """What the joints were told.
+    """Columns of the joint commands.
 
     Attributes:
         columns: One per joint.
-        unit: Of all of them: of an angle, a length, a force, a pressure or a volume.
-        joints: Names of the joints; none: all of the robot's, in its order. Others stay where they rest.
+        unit: Unit of all columns: of an angle, a length, a force, a pressure or a volume.
+        joints: Names of the commanded joints; empty: all of the robot's, in its order. Other joints stay at
+            their rest position.
     """
 
     columns: tuple[str, ...]
@@ -75,14 +76,15 @@ class SensorDescription:
 
     Attributes:
         name: Unique in its session.
-        columns: Its x, y and z in the frame of the data.
-        unit: Of the columns: m, cm or mm.
-        at: What it sits on: "effector", or a frame of the robot by its name; not with `place`.
-        place: A point in or on a deformable body at rest, in [m] of the robot, that it sits on.
-        patch: Radius in [m]: the nodes so near to `place` say how the body turns there.
-        offset: From frame or place to the sensor in [m], along the axes of the frame; at a place, those of
-            the robot at rest. It turns with frame or body.
-        displacement: Compare how far it has moved from where it was at the beginning, up to time 0.
+        columns: Columns of x, y and z in the frame of the data.
+        unit: Unit of the columns: m, cm or mm.
+        at: Part that carries the sensor: "effector", or a frame of the robot by its name; not with `place`.
+        place: A point in or on a deformable body at rest, in [m] in the robot's frame, that carries the
+            sensor.
+        patch: Radius in [m]: the nodes within it around `place` determine the rotation of the body there.
+        offset: Offset of the sensor from frame or place in [m], along the axes of the frame; at a place,
+            along the axes of the robot at rest. It rotates with frame or body.
+        displacement: Compare the displacement from the initial position, which is the position up to time 0.
     """
 
     name: str
@@ -108,12 +110,12 @@ class SensorDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OtherModel:
-    """What another model says of a sensor, to stand beside this one's.
+    """Predictions of another model for a sensor, reported beside those of this model.
 
     Attributes:
-        name: What the report calls it.
-        columns: Its x, y and z in the frame of the data.
-        unit: Of the columns: m, cm or mm.
+        name: Name in the report.
+        columns: Columns of x, y and z in the frame of the data.
+        unit: Unit of the columns: m, cm or mm.
         sensor: Name of the sensor; None: the only one.
     """
 
@@ -128,17 +130,17 @@ class OtherModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeColumn:
-    """When a row was measured.
+    """Column with the time of each row.
 
     Attributes:
         column: The column.
         unit: s, ms or us.
-        first, last: Errors are told of the rows from `first` to `last` in [s]; None: of all from 0 on.
-        start: "equilibrium": the model begins at rest under the first commands; "rest": in its rest shape,
-            as a body that was held and is let go at time 0.
-        release: "known": a body that begins in its rest shape is let go at once, at time 0; "unknown": by a
-            hand, so a calibration takes no notice of the amplitude and the phase of its swing.
-        most_delay: Sensors are late: a delay up to so much, to both sides, is fitted, in [s]; 0: none is.
+        first, last: Errors are reported for rows from `first` to `last` in [s]; None: for all from 0 on.
+        start: "equilibrium": the model starts at rest under the first commands; "rest": it starts in its rest
+            shape, as a body that was clamped and is released at time 0.
+        release: "known": a body that starts in its rest shape is released instantly at time 0; "unknown": it
+            is released by a hand, and a calibration ignores amplitude and phase of its oscillation.
+        most_delay: Largest delay of the sensors that is fitted, to both sides, in [s]; 0: no delay is fitted.
     """
 
     column: str
@@ -163,10 +165,10 @@ class TimeColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameDescription:
-    """How the frame of the data lies in that of the robot, as known without a fit.
+    """Known pose of the data's frame in the robot's frame.
 
     Attributes:
-        axes: Which axis of the data is x, y and z of the robot: [x, -z, y] for data with y up.
+        axes: The axes of the data that are x, y and z of the robot: [x, -z, y] for data with y up.
         origin: Origin of the robot in the frame of the data, in [m].
     """
 
@@ -187,11 +189,11 @@ class FrameDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlignmentDescription:
-    """What of a session's sensor is not known and fitted to its training rows.
+    """Unknowns of a session's sensors that are fitted to its training rows.
 
     Attributes:
-        frame: Where the frame of the data lies: a rotation and a shift.
-        point: Where each sensor sits, on what it sits on: its offset.
+        frame: Fit rotation and shift of the data's frame.
+        point: Fit the offset of each sensor in the part that carries it.
     """
 
     frame: bool = False
@@ -200,12 +202,12 @@ class AlignmentDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SplitDescription:
-    """Which rows fit, and which are held out to judge; give a column, or a share.
+    """Division into training rows and held-out rows, by a column or by a share.
 
     Attributes:
-        column: Rows where it is 0 are for training, others are held out.
+        column: Rows where it is 0 are for training, the others are held out.
         held_out_share: Part of the rows that is held out at random, in (0, 1).
-        seed: Of that choice.
+        seed: Seed of that choice.
     """
 
     column: str | None = None
@@ -221,7 +223,7 @@ class SplitDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorLimits:
-    """Largest errors in [mm] that pass; of what is held out, where something is. None: any passes."""
+    """Largest errors in [mm] that pass, of the held-out rows where there are any. None: any error passes."""
 
     mean_mm: float | None = None
     rms_mm: float | None = None
@@ -237,21 +239,21 @@ class ErrorLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionDescription:
-    """Rows measured in one go, with sensors that stayed where they were.
+    """Rows measured in one go, with sensors whose mounting did not change.
 
     Attributes:
         name: Unique name.
         file: Table in the data folder: CSV, or a recording (MCAP).
-        commands: What was commanded; None: nothing is known, or the robot has no joints.
-        sensors: What was measured.
-        others: What other models say.
-        time: When; None: each row is an equilibrium of its own.
-        suspect: Column that is not 0 in rows that are left out of fits and errors.
-        split: None: all rows are for training.
-        frame, alignment, limits: See there.
-        overrides: Laid over the scene, such as a load that hung on it; see load_scene.
-        replayed: False: only other models are compared, since the commands are not known.
-        note: For the reader of the report.
+        commands: The commands; None: they are unknown, or the robot has no joints.
+        sensors: The measured points.
+        others: Predictions of other models.
+        time: Time of the rows; None: each row is an equilibrium of its own.
+        suspect: Column that is not 0 in rows to exclude from fits and errors.
+        split: Division of the rows; None: all rows are for training.
+        frame, alignment, limits: See these classes.
+        overrides: Overrides of the scene, such as an attached load; see load_scene.
+        replayed: False: only other models are compared, because the commands are unknown.
+        note: Note for the reader of the report.
     """
 
     name: str
@@ -300,7 +302,7 @@ class SessionDescription:
 
     @property
     def fitted_numbers(self) -> int:
-        """How many numbers of frame, sensor points, delay and release are fitted to the rows."""
+        """Count of fitted numbers: frame, sensor points, delay and release."""
         delay = self.time is not None and self.time.most_delay > 0.0
         release = 2 * (self.time is not None and self.time.release == "unknown")
         return 6 * self.alignment.frame + 3 * self.alignment.point * len(self.sensors) + delay + release
@@ -311,13 +313,13 @@ class DataSetDescription:
     """Measurements of one robot.
 
     Attributes:
-        name: What messages call it.
-        robot: Robot or scene that was measured: a name, or a file relative to the description.
+        name: Name in messages.
+        robot: The measured robot or scene: a name, or a file relative to the description.
         sessions: The sessions.
-        about: What it is, in a sentence.
-        source: Who measured it, and where it is published.
-        licence: Of the data.
-        data: Where the files lie.
+        about: Description in one sentence.
+        source: Who measured the data, and where they are published.
+        licence: Licence of the data.
+        data: Folder of the files.
     """
 
     name: str

@@ -1,11 +1,10 @@
 r"""Measures of errors (mean, root mean square, 95th percentile, largest), and losses that a fit minimises.
 
-The loss acts on a measured point as a whole, on its error e with three components,
+The loss is a function of the error vector e (3,) of a measured point,
 
 .. math:: \rho(e) = |e|^2 \quad \text{or} \quad \rho(e) = 2 c^2 (\sqrt{1 + |e|^2 / c^2} - 1),
 
-so that it does not depend on the axes of the frame. Its score is
-:math:`\psi = \tfrac12 \partial\rho/\partial e`.
+so it does not depend on the axes of the frame. Its score is :math:`\psi = \tfrac12 \partial\rho/\partial e`.
 
 Source: Huber, Ronchetti 2009, Robust statistics; Engels, Stewenius, Nister 2006, Bundle adjustment rules (the
 root of a loss as a residual).
@@ -22,16 +21,16 @@ from softsim_core.lab.identification.calibration import Loss
 from softsim_core.lab.identification.description import ErrorLimits
 
 PARTS = ("low", "middle", "high")
-"""Thirds of the workspace along an axis."""
+"""Names of the thirds of the workspace along an axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """Lengths of errors in [m]; nan where there are none.
+    """Statistics of error lengths in [m]; NaN where there are none.
 
     Attributes:
-        count: How many errors.
-        mean, rms, p95, max: Of their lengths.
+        count: Number of errors.
+        mean, rms, p95, max: Mean, root mean square, 95th percentile and largest length.
     """
 
     count: int
@@ -41,22 +40,22 @@ class Measures:
     max: float
 
     def plain(self) -> dict[str, float | int | None]:
-        """For JSON, in [mm]."""
+        """Return the statistics in [mm], for JSON."""
         values = {f"{name}_mm": 1e3 * getattr(self, name) for name in ("mean", "rms", "p95", "max")}
         return {"count": self.count, **{name: v if np.isfinite(v) else None for name, v in values.items()}}
 
     def beyond(self, limits: ErrorLimits) -> list[str]:
-        """Which limits are not kept, each in words."""
+        """Return a message for each limit that is exceeded."""
         told = []
         for name in ("mean", "rms", "p95", "max"):
             most, value = getattr(limits, f"{name}_mm"), 1e3 * getattr(self, name)
-            if most is not None and not value <= most:  # nothing measured keeps no limit
+            if most is not None and not value <= most:  # NaN (no measurements) exceeds every limit
                 told.append(f"{name} {value:.3g} mm, allowed {most:g} mm")
         return told
 
 
 def measures(errors: Array) -> Measures:
-    """Of error vectors (..., 3) in [m]."""
+    """Return the statistics of error vectors (..., 3) in [m]."""
     lengths = np.linalg.norm(errors, axis=-1).ravel()
     if not len(lengths):
         return Measures(0, *4 * (np.nan,))
@@ -70,11 +69,14 @@ def measures(errors: Array) -> Measures:
 
 
 def by_region(errors: Array, positions: Array) -> dict[str, tuple[float, float, Measures]]:
-    """Measures in each third of the extent along x, y and z: name, its begin and end in [m], and they.
+    """Return statistics for each third of the extent along x, y and z.
 
     Args:
-        errors: Shape (k, 3), in [m].
-        positions: Where they are, shape (k, 3), in [m].
+        errors: Errors in [m], shape (k, 3).
+        positions: Positions of the errors in [m], shape (k, 3).
+
+    Returns:
+        By name: begin and end of the third in [m], and the statistics.
     """
     told = {}
     for axis, name in enumerate("xyz"):
@@ -94,26 +96,26 @@ class PointLoss:
     """A loss of the errors of points.
 
     Attributes:
-        kind: Which.
-        scale: From which error on a point is an outlier, c in [m].
+        kind: Kind of loss.
+        scale: Error c in [m] beyond which a point counts as an outlier.
     """
 
     kind: Loss
     scale: float
 
     def _roots(self, points: Array) -> Array:
-        r""":math:`\sqrt{1 + |e|^2 / c^2}` of points (k, 3), shape (k, 1)."""
+        r"""Return :math:`\sqrt{1 + |e|^2 / c^2}` of points (k, 3), shape (k, 1)."""
         return np.asarray(np.sqrt(1.0 + (points**2).sum(axis=1, keepdims=True) / self.scale**2))
 
     def residuals(self, errors: Array) -> Array:
-        """Numbers whose sum of squares is the loss of errors (n,) in [m], three of each point, shape (n,)."""
+        """Return numbers (n,), three per point, with the loss of errors (n,) in [m] as sum of squares."""
         if self.kind == "linear":
             return errors
         points = errors.reshape(-1, 3)
         return np.asarray((points * np.sqrt(2.0 / (1.0 + self._roots(points)))).ravel())
 
     def slopes(self, errors: Array, slopes: Array) -> Array:
-        """Slopes of `residuals` from those of the errors, shape (n, p)."""
+        """Return the slopes of `residuals` from those of the errors, shape (n, p)."""
         if self.kind == "linear":
             return slopes
         points = errors.reshape(-1, 3)
@@ -126,14 +128,14 @@ class PointLoss:
         return np.asarray(turned.reshape(slopes.shape))
 
     def scores(self, errors: Array) -> Array:
-        r"""The scores :math:`\psi` of errors (n,) in [m], shape (n,)."""
+        r"""Return the scores :math:`\psi` of errors (n,) in [m], shape (n,)."""
         if self.kind == "linear":
             return errors
         points = errors.reshape(-1, 3)
         return np.asarray((points / self._roots(points)).ravel())
 
     def curvature(self, errors: Array) -> float:
-        r"""The mean of :math:`\partial\psi_d/\partial e_d` over all components of errors (n,)."""
+        r"""Return the mean of :math:`\partial\psi_d/\partial e_d` over all components of errors (n,)."""
         if self.kind == "linear":
             return 1.0
         roots = self._roots(errors.reshape(-1, 3))

@@ -1,18 +1,18 @@
-r"""Motions and poses that determine a robot's parameters: grids, steps, chirps, next poses.
+r"""Motions and poses that identify a robot's parameters: grids, steps, chirps, next poses.
 
-Between two points all joints follow one minimum-jerk course,
+Between two points all joints follow one minimum-jerk profile,
 
 .. math:: q(t) = q_0 + (q_1 - q_0) (10 \tau^3 - 15 \tau^4 + 6 \tau^5), \quad \tau = t / T,
 
-whose largest speed is :math:`1.875\, |q_1 - q_0| / T` and largest acceleration
-:math:`5.774\, |q_1 - q_0| / T^2`; T is the shortest that keeps both limits of every joint.
+with largest speed :math:`1.875\, |q_1 - q_0| / T` and largest acceleration :math:`5.774\, |q_1 - q_0| / T^2`;
+T is the shortest time that respects both limits of every joint.
 
 Source: Flash, Hogan 1985 (minimum jerk).
 
-Rows that are there, and one more, tell of the parameters p, beside frame and sensor points a of its session,
-:math:`I = \sum_i J_i^T J_i / \sigma^2` with the slopes of errors by both; of p alone :math:`I_{pp} - I_{pa}
-I_{aa}^{-1} I_{ap}`. Of candidates, spread evenly about the commands that were measured, one after another
-is taken with which the determinant of this grows most.
+The existing rows and one more contain the information on the parameters p and on the frame and sensor points
+a of its session :math:`I = \sum_i J_i^T J_i / \sigma^2` where J are the slopes of the errors by both. The
+information on p alone is :math:`I_{pp} - I_{pa} I_{aa}^{-1} I_{ap}`. Candidates are spread evenly about the
+measured commands. They are selected one after another, each time the one that increases the determinant most.
 
 Source: Fedorov 1972, Theory of optimal experiments (D-optimality, one point after another).
 """
@@ -41,40 +41,40 @@ KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 
 TOP_SPEED: Final = 1.875
 TOP_ACCELERATION: Final = 10.0 / np.sqrt(3.0)
-"""Of a minimum-jerk course of length and time 1."""
+"""Peak speed and peak acceleration of a minimum-jerk profile of unit length and unit duration."""
 
 CLOSE: Final = 0.98
-"""Part of the limits that the quick motions take: rounding must not put them beyond."""
+"""Part of the limits that fast motions use, so that rounding does not exceed a limit."""
 
 UNLIMITED_S: Final = 0.5
-"""A joint without a limit of its speed crosses its range in this time, in [s]."""
+"""Time in [s] in which a joint without speed limit crosses its range."""
 
 SPEEDING_S: Final = 0.1
-"""A joint without a limit of its acceleration takes this time to its top speed, in [s]."""
+"""Time in [s] in which a joint without acceleration limit reaches its top speed."""
 
 LEAD_S: Final = 0.3
-"""So long all stands still before a motion in time, in [s]."""
+"""Standstill before a motion in time, in [s]."""
 
 MOST_LISTED: Final = 20_000
-"""Of a larger grid points are drawn one by one."""
+"""Grids with more points than this are sampled point by point."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExcitationSettings:
-    """What is played, and how far it goes.
+    """Settings of excitation motions.
 
     Attributes:
-        kinds: Which motions.
-        reach: Part of the way from the start pose to each limit that is used, in (0, 1].
-        speed: Part of the limits of speed and acceleration for the way from pose to pose, in (0, 1].
-        poses: Most poses of the grid; of a larger one so many are drawn.
+        kinds: Kinds of motion.
+        reach: Used part of the range between the start pose and each limit, in (0, 1].
+        speed: Part of the speed and acceleration limits for moves from pose to pose, in (0, 1].
+        poses: Largest number of grid poses; a larger grid is sampled.
         levels: Positions of each joint in the grid, >= 2.
-        hold_s: How long a step is held, in [s].
-        ringing_s: How long a ringing down is watched, in [s].
-        chirp_s: Length of the chirp in [s].
-        lowest_hz, highest_hz: Between which the chirp goes, in [Hz].
-        seed: Of what is drawn.
-        period_s: From command to command in [s].
+        hold_s: Duration of each step in [s].
+        ringing_s: Duration of the free motion in [s].
+        chirp_s: Duration of the chirp in [s].
+        lowest_hz, highest_hz: Frequency range of the chirp in [Hz].
+        seed: Seed of the samples.
+        period_s: Interval between commands in [s].
     """
 
     kinds: tuple[Kind, ...] = KINDS
@@ -112,12 +112,12 @@ class ExcitationSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """Where a robot's j joints may go, and how quickly, in [rad], [m] or the unit of their commands.
+    """Motion limits of a robot's j joints, in [rad], [m] or the unit of their commands.
 
     Attributes:
-        home: Where every motion begins and ends, shape (j,).
-        low, high: What is reached, home between them, shape (j,).
-        speed, acceleration: The limits, finite, shape (j,).
+        home: Start and end of every motion, shape (j,).
+        low, high: Range of positions, with home inside, shape (j,).
+        speed, acceleration: Finite limits, shape (j,).
     """
 
     home: Array
@@ -129,13 +129,13 @@ class Room:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Commands in time.
+    """A sequence of commands in time.
 
     Attributes:
-        name: Of the session that is measured.
+        name: Name of the session to measure.
         commands: One every `period_s`, shape (k, j).
-        period_s: In [s].
-        free: What counts is the free motion after the last command that moves.
+        period_s: Interval between commands in [s].
+        free: Only the free motion after the last changing command is evaluated.
     """
 
     name: str
@@ -145,19 +145,19 @@ class Motion:
 
     @property
     def duration_s(self) -> float:
-        """In [s]."""
+        """Duration in [s]."""
         return len(self.commands) * self.period_s
 
 
 def room_of(robot: RobotDescription, reach: float) -> Room:
-    """What of a robot's joints is used.
+    """Return the motion limits for the used part of a robot's joint ranges.
 
     Args:
         robot: The robot.
-        reach: Part of the way from the start pose to each limit.
+        reach: Used part of the range between the start pose and each limit.
 
     Raises:
-        SceneError: it has no joints, or one without limits of its position.
+        SceneError: the robot has no joints, or one without position limits.
     """
     if not robot.joints:
         raise SceneError(f"{robot.name} has no joints; nothing can be excited")
@@ -177,7 +177,10 @@ def room_of(robot: RobotDescription, reach: float) -> Room:
 
 
 def way(start: Array, goal: Array, room: Room, share: float, period_s: float) -> Array:
-    """Commands (k, j) from after `start` to `goal`, in the shortest time that keeps a share of the limits."""
+    """Return commands (k, j) from `start` to `goal` in the shortest time within a share of the limits.
+
+    The start itself is not included.
+    """
     far = np.abs(goal - start)
     slow = TOP_SPEED * far / (share * room.speed)
     heavy = np.sqrt(TOP_ACCELERATION * far / (share * room.acceleration))
@@ -187,7 +190,7 @@ def way(start: Array, goal: Array, room: Room, share: float, period_s: float) ->
 
 
 def grid(room: Room, settings: ExcitationSettings) -> Array:
-    """Poses (n, j) of a grid, ordered so that the next one is near; of many, some are drawn by the seed."""
+    """Return grid poses (n, j) in an order of short moves; a large grid is sampled by the seed."""
     joints, levels = len(room.home), settings.levels
     random = np.random.default_rng(settings.seed)
     if levels**joints <= MOST_LISTED:
@@ -203,7 +206,7 @@ def grid(room: Room, settings: ExcitationSettings) -> Array:
 
 
 def steps(room: Room, settings: ExcitationSettings) -> Motion:
-    """Each joint in turn, as quickly as it may: up, down, and home; each is held."""
+    """Move each joint in turn as fast as allowed: up, down and home, with a pause after each."""
     parts = [_still(room.home, LEAD_S, settings)]
     for joint in range(len(room.home)):
         for target in (room.high[joint], room.low[joint], room.home[joint]):
@@ -217,9 +220,9 @@ def steps(room: Room, settings: ExcitationSettings) -> Motion:
 
 
 def chirp(room: Room, settings: ExcitationSettings) -> Motion:
-    """All joints swing about the middle, quicker and quicker, one after another by equal parts of a turn.
+    """Return a chirp: all joints oscillate about the middle with rising frequency and evenly spaced phases.
 
-    Swings are as wide as reach, speed and acceleration allow at each frequency.
+    The amplitude at each frequency is the largest that reach, speed and acceleration allow.
     """
     count, period = round(settings.chirp_s / settings.period_s), settings.period_s
     t = np.arange(count) * period
@@ -245,7 +248,7 @@ def chirp(room: Room, settings: ExcitationSettings) -> Motion:
 
 
 def ring_down(room: Room, settings: ExcitationSettings) -> Motion:
-    """The first joint away and back, as quickly as it may; what counts is the free motion after that."""
+    """Move the first joint away and back as fast as allowed, then leave it in free motion."""
     goal = room.home.copy()
     farther = room.high[0] - room.home[0] >= room.home[0] - room.low[0]
     goal[0] = room.high[0] if farther else room.low[0]
@@ -257,7 +260,7 @@ def ring_down(room: Room, settings: ExcitationSettings) -> Motion:
 
 
 def motions(room: Room, settings: ExcitationSettings) -> list[Motion]:
-    """The motions in time that are asked for."""
+    """Return the requested motions in time."""
     made = {"steps": steps, "chirp": chirp, "ring_down": ring_down}
     return [made[kind](room, settings) for kind in settings.kinds if kind in made]
 
@@ -267,19 +270,19 @@ def _still(pose: Array, seconds: float, settings: ExcitationSettings) -> Array:
 
 
 BEYOND = 0.1
-"""Part of the measured range of commands by which candidates reach beyond it."""
+"""Part of the measured range of commands by which candidates extend beyond it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NextPoses:
-    """Poses that are worth measuring.
+    """Poses that are worth measuring next.
 
     Attributes:
-        session: That which they would be added to.
+        session: The session to which they would be added.
         joints: Names of the joints.
         commands: The poses, the best first, shape (n, j).
-        errors: Standard errors of the parameters as they are, and as they would be with the first, the first
-            two, and so on, shape (n + 1, p).
+        errors: Standard errors of the parameters at present, and expected with the first pose, the first two,
+            and so on, shape (n + 1, p).
     """
 
     session: str
@@ -295,17 +298,17 @@ def next_poses(
     seed: int = 0,
     done: Callable[[int, int], None] | None = None,
 ) -> NextPoses:
-    """Poses that would tell most of the parameters.
+    """Return the poses that add the most information on the parameters.
 
     Args:
         result: The calibration, not interrupted.
-        count: How many poses.
-        candidates: Among how many.
-        seed: Spreads the candidates.
-        done: Told how many replays of the candidates are done.
+        count: Number of poses.
+        candidates: Number of candidates.
+        seed: Seed of the candidates.
+        done: Called with the finished and the total number of candidate replays.
 
     Raises:
-        DataError: no session is of poses at rest.
+        DataError: no session consists of poses at rest.
     """
     problem, chosen = result.problem, _at_rest(result)
     session = problem.misfit.sessions[chosen]
@@ -342,7 +345,7 @@ def next_poses(
 
 
 def _at_rest(result: Calibration) -> int:
-    """Number of the first session whose rows stand for themselves."""
+    """Return the index of the first session whose rows are equilibria."""
     for k, session in enumerate(result.problem.misfit.sessions):
         if session.times is None:
             return k
@@ -350,7 +353,7 @@ def _at_rest(result: Calibration) -> int:
 
 
 def _candidates(result: Calibration, chosen: int, count: int, seed: int) -> Array:
-    """Commands about those that a session measured, within the limits of joints, shape (n, j); Sobol 1967."""
+    """Return commands (n, j) around those of a session, within the joint limits; Sobol 1967."""
     misfit = result.problem.misfit
     robot, session = misfit.robot(chosen, result.values), misfit.sessions[chosen]
     measured = session.commands(robot)[session.fitting]
@@ -365,7 +368,10 @@ def _candidates(result: Calibration, chosen: int, count: int, seed: int) -> Arra
 def _replayed(
     result: Calibration, chosen: int, commands: Array, steps: Array, done: Callable[[int, int], None] | None
 ) -> list[Prediction]:
-    """Candidates with the parameters found, then with each moved by its step in parts of the bounds."""
+    """Replay candidates with the fitted parameters, then with each parameter changed by its step.
+
+    The steps are in parts of the bounds.
+    """
     problem, found = result.problem, (result.values - result.problem.low) / result.problem.span
     sensors = problem.misfit.sessions[chosen].description.sensors
     near: Near = {}
@@ -381,7 +387,7 @@ def _replayed(
 
 
 def _from_others(problem: Problem, slopes: Array, chosen: int) -> Array:
-    """What all other sessions, each aligned for itself, and priors tell of the parameters, shape (p, p)."""
+    """Return the information of priors and of all other sessions, each aligned by itself, (p, p)."""
     counts = [3 * len(each.description.sensors) * int(each.fitting.sum()) for each in problem.misfit.sessions]
     first = sum(counts[:chosen])
     other = np.delete(slopes, np.arange(first, first + counts[chosen]), axis=0)
@@ -392,13 +398,13 @@ def _from_others(problem: Problem, slopes: Array, chosen: int) -> Array:
 def _slopes(
     replayed: Sequence[Prediction], steps: Array, alignment: Alignment, fit: tuple[bool, bool]
 ) -> Array:
-    """Slopes of errors by parameters, then by frame and points where these are fitted, shape (k, 3 s, p + a).
+    """Return slopes of errors by parameters, then by frame and points where fitted, shape (k, 3 s, p + a).
 
     Args:
-        replayed: The rows, then with each parameter moved by its step.
-        steps: In parts of the bounds, shape (p,).
-        alignment: Of the session.
-        fit: Whether the frame is fitted, and the points.
+        replayed: Replays of the rows, first as fitted, then with each parameter changed by its step.
+        steps: Steps in parts of the bounds, shape (p,).
+        alignment: Alignment of the session.
+        fit: Whether the frame is fitted, and whether the points are.
     """
     here, *moved = replayed
     points, (count, sensors) = alignment.points, here.positions.shape[:2]
@@ -422,7 +428,7 @@ def _slopes(
 
 
 def _alone(information: Array, size: int) -> Array:
-    """Information of the first `size` numbers when the others are fitted beside, (size, size)."""
+    """Return the information on the first `size` numbers with the others eliminated, (size, size)."""
     if len(information) == size:
         return information
     across = information[:size, size:]

@@ -1,4 +1,4 @@
-"""Values in plain data that depend on parameters: strings such as `= 1 / compliance` in their place."""
+"""Expressions of parameters in plain data: strings such as `= 1 / compliance`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Final
 from softsim_core.base import SceneError, known_names
 
 MARK: Final = "="
-"""A string that begins so is an expression."""
+"""Prefix of an expression."""
 
 _BINARY: Final[Mapping[type, Callable[[float, float], float]]] = {
     ast.Add: operator.add,
@@ -23,11 +23,11 @@ _BINARY: Final[Mapping[type, Callable[[float, float], float]]] = {
 
 
 def filled(data: Any, values: Mapping[str, float]) -> Any:
-    """Plain data with its expressions replaced by their values.
+    """Return plain data in which expressions are replaced by their values.
 
     Args:
         data: Mappings, lists, numbers, strings.
-        values: What the names in expressions stand for.
+        values: Values of the names in expressions.
 
     Raises:
         SceneError: an expression has another form, an unknown name, or no finite value.
@@ -42,7 +42,7 @@ def filled(data: Any, values: Mapping[str, float]) -> Any:
 
 
 def names_in(data: Any) -> set[str]:
-    """Names that the expressions in plain data use.
+    """Return the names that the expressions in plain data use.
 
     Raises:
         SceneError: an expression has another form.
@@ -57,10 +57,10 @@ def names_in(data: Any) -> set[str]:
 
 
 def evaluated(expression: str, values: Mapping[str, float]) -> float:
-    """The value of an expression: numbers, names, + - * / ** and brackets; errors as `filled`."""
+    """Evaluate an expression of numbers, names, + - * / ** and brackets; it raises the errors of `filled`."""
     try:
         value = _value(_parsed(expression), values, expression)
-    except SceneError:  # a ValueError, too
+    except SceneError:  # SceneError is a ValueError, which the next clause would catch
         raise
     except (ArithmeticError, ValueError):
         value = math.nan

@@ -13,17 +13,17 @@ from softsim_core.scene.io import config_roots, read_extended, structured
 
 DESCRIPTION: Final = "dataset.yaml"
 FOLDER: Final = "datasets"
-"""Of every config root, where data sets are that are known by name."""
+"""Folder below each config root that contains the data sets known by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class DataSet:
-    """A described data set and where it is.
+    """A data set's description and its location.
 
     Attributes:
-        description: What is in it.
+        description: The description.
         file: Its dataset.yaml.
-        folder: Where its tables lie.
+        folder: Folder of its tables.
     """
 
     description: DataSetDescription
@@ -31,10 +31,10 @@ class DataSet:
     folder: Path
 
     def table_of(self, session: SessionDescription) -> Path:
-        """The file of a session.
+        """Return the file of a session.
 
         Raises:
-            DataError: it is not there.
+            DataError: the file does not exist.
         """
         file = self.folder / session.file
         if file.exists():
@@ -54,13 +54,13 @@ class DataSet:
 
     @property
     def robot(self) -> str:
-        """Name or file of the robot that was measured."""
+        """Name or file of the measured robot."""
         beside = self.file.parent / self.description.robot
         return str(beside) if beside.is_file() else self.description.robot
 
 
 def known_data_sets() -> dict[str, Path]:
-    """Names and descriptions of the data sets below the config roots, sorted by name."""
+    """Return names and descriptions of the data sets below the config roots, sorted by name."""
     known: dict[str, Path] = {}
     for root in config_roots():
         for file in (root / FOLDER).glob(f"*/{DESCRIPTION}"):
@@ -69,14 +69,14 @@ def known_data_sets() -> dict[str, Path]:
 
 
 def load_data_set(name_or_path: str | os.PathLike[str], data: Path | None = None) -> DataSet:
-    """A data set by the name of its folder, or by the path of the folder or of its dataset.yaml.
+    """Load a data set by the name of its folder, or by the path of the folder or of its dataset.yaml.
 
     Args:
-        name_or_path: Which.
-        data: Where the tables lie; None: where the description and its environment variable say.
+        name_or_path: Name or path.
+        data: Folder of the tables; None: as given by the description and its environment variable.
 
     Raises:
-        ConfigError: nothing found, or any problem in the description, in one sentence.
+        ConfigError: nothing found, or any problem in the description, as one message.
     """
     file = _find(os.fspath(name_or_path))
     description = structured(read_extended(file), DataSetDescription, file, find_files=False)
@@ -98,7 +98,7 @@ def _find(text: str) -> Path:
 
 
 def _folder(description: DataSetDescription, file: Path) -> Path:
-    """Where the tables lie: below the folder of the environment variable, else below the description's."""
+    """Return the folder of the tables, below the environment variable's folder or the description's."""
     variable = description.data.variable
     base = os.environ.get(variable, "") if variable else ""
     return (Path(base).expanduser() if base else file.parent) / description.data.folder

@@ -1,13 +1,13 @@
-r"""Parameters of a model found from measurements, and what the measurements do not tell.
+r"""Fit of a model's parameters to measurements, with the uncertainty of each parameter.
 
-What is minimised, within bounds, is in `problem`. Its noise is estimated where a search ends; with priors,
-whose weight beside the rows it decides, the search goes on until both agree. A prior that the rows contradict
-is left out and reported, see spread.
+The minimised function and its bounds are defined in `problem`. The noise is estimated where a search ends.
+With priors, the noise decides their weight beside the rows, and the search is repeated until both agree. A
+prior that the rows contradict is left out and reported; see spread.
 
-From the slopes J of the errors at the end follow standard errors and correlations, as if errors were
-independent of each other; where those of neighbouring rows are alike, intervals are wider, see spread.
-Intervals have Student's quantiles: the noise of few rows is hardly known. A parameter whose 95 % interval is
-wider than its bounds has not been found, whatever number stands there.
+Standard errors and correlations follow from the slopes J of the errors at the end, as if errors were
+independent. Where neighbouring rows have correlated errors, the intervals are wider; see spread. Intervals
+use Student's quantiles, because few rows determine the noise poorly. A parameter with a 95 % interval wider
+than its bounds counts as not found, whatever its value.
 
 Source: Seber, Wild 1989, Nonlinear regression (intervals from linearisation).
 """
@@ -30,24 +30,24 @@ from softsim_core.lab.identification.problem import Misfit, Problem, Progress
 from softsim_core.lab.identification.spread import PriorConflict, Spread, conflicting_prior, spread_of
 
 QUANTILE = 1.96
-"""Standard errors in half of a 95 % interval, where the noise is known from many rows."""
+"""Standard errors in half of a 95 % interval, if the noise is known from many rows."""
 
 ENOUGH = 1e-4
-"""Part of their bounds, and of the sum of squares, by which the last round changes the parameters at most."""
+"""Convergence: largest change of the last round, as a part of the bounds and of the sum of squares."""
 
 CONSISTENT = 0.01
-"""Part of itself by which the noise changes at most in the last search with priors."""
+"""Convergence: largest relative change of the noise in the last search with priors."""
 
 SEARCHES = 10
-"""Searches after which the noise is taken as it is."""
+"""Searches after which the noise is accepted as it is."""
 
 ALIKE = 0.02
-"""Ends of searches that differ by less of the bounds, from each other, are one."""
+"""Ends of searches that differ by less than this part of the bounds count as the same."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """Where a search ended: its parameters, and the mean error of the rows in [m]."""
+    """End of a search: its parameters, and the mean error of the rows in [m]."""
 
     values: tuple[float, ...]
     mean: float
@@ -55,25 +55,25 @@ class Ending:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What was found.
+    """Result of a calibration.
 
     Attributes:
-        description: What was sought.
-        names: Of the parameters; of one that each session has its own of, with the session's.
-        units: Of these.
-        values: Of the parameters, shape (p,).
-        errors: Their standard errors, infinite where the rows tell nothing, shape (p,).
-        correlation: Of these, shape (p, p).
-        widening: How many times as large they are because neighbouring rows err alike, >= 1, shape (p,).
-        freedom: Degrees of freedom of Student's distribution of each, shape (p,).
-        conflicts: Priors that the rows contradict; they are left out.
-        before, after: Mean error of the rows in [m] with the start values and with those found, by session.
-        rows: How many rows each session gave.
-        evaluations: How often all rows were replayed.
-        endings: Where searches from other starts ended, the best first.
-        problem: What was minimised, for what judges the result.
-        stopped: Whether it was interrupted; then the errors are those of the best that was tried, and
-            `errors` infinite.
+        description: The calibration's description.
+        names: Names of the parameters; a parameter per session also names the session.
+        units: Their units.
+        values: Values of the parameters, shape (p,).
+        errors: Their standard errors, infinite where the rows contain no information, shape (p,).
+        correlation: Correlation of the parameters, shape (p, p).
+        widening: Factor by which correlated errors of neighbouring rows widen `errors`, >= 1, shape (p,).
+        freedom: Degrees of freedom of each parameter's Student distribution, shape (p,).
+        conflicts: Priors that the rows contradict; the fit does not use them.
+        before, after: Mean error of the rows in [m] at the start values and at the result, by session.
+        rows: Number of rows by session.
+        evaluations: Number of replays of all rows.
+        endings: Ends of the searches from all starts, the best first.
+        problem: The minimised problem, for the assessment of the result.
+        stopped: Whether the fit was interrupted; then the values are the best ones tried, and `errors` are
+            infinite.
     """
 
     description: CalibrationDescription
@@ -95,7 +95,7 @@ class Calibration:
 
     @property
     def covariance(self) -> Array:
-        """Of the parameters, shape (p, p); infinite variances where the rows tell nothing."""
+        """Covariance of the parameters, shape (p, p); infinite where the rows contain no information."""
         spread = np.multiply.outer(self.errors, self.errors)
         with np.errstate(invalid="ignore"):
             return np.asarray(
@@ -114,18 +114,18 @@ class Calibration:
 
     @property
     def found(self) -> BoolArray:
-        """Which parameters the rows tell: whose 95 % interval is narrower than their bounds, shape (p,)."""
+        """Whether each parameter's 95 % interval is narrower than its bounds, shape (p,)."""
         return np.asarray(2.0 * self.half_widths < self.problem.span)
 
     @property
     def at_bounds(self) -> BoolArray:
-        """Which of them ended at a bound, shape (p,)."""
+        """Whether each parameter ended at a bound, shape (p,)."""
         part = (self.values - self.problem.low) / self.problem.span
         return np.asarray((part < 1e-3) | (part > 1.0 - 1e-3))
 
     @property
     def other_endings(self) -> tuple[Ending, ...]:
-        """Those that ended elsewhere than the best, by more than `ALIKE` of the bounds."""
+        """Ends that differ from the best one by more than `ALIKE` of the bounds."""
         part = [(np.array(each.values) - self.values) / self.problem.span for each in self.endings]
         return tuple(
             each for each, away in zip(self.endings, part, strict=True) if np.abs(away).max() > ALIKE
@@ -133,12 +133,12 @@ class Calibration:
 
     @property
     def overlay(self) -> dict[str, Any]:
-        """What lays the values over the robot; of what sessions differ in, the mean."""
+        """Overlay of the robot with the fitted values; for parameters per session, the mean."""
         return overlay_of(self.description, self.names, self.values)
 
 
 def overlay_of(description: CalibrationDescription, names: Sequence[str], values: Array) -> dict[str, Any]:
-    """What lays values (p,) of parameters over the robot; of what sessions differ in, the mean."""
+    """Return the overlay of the robot for values (p,); for parameters per session, the mean over sessions."""
     each = {
         wanted.name: float(
             np.mean([value for name, value in zip(names, values, strict=True) if _of(name) == wanted.name])
@@ -151,12 +151,12 @@ def overlay_of(description: CalibrationDescription, names: Sequence[str], values
 
 
 def _of(name: str) -> str:
-    """The parameter that a name is of; see `Misfit.names`."""
+    """Return the parameter to which a name belongs; see `Misfit.names`."""
     return name.partition(" ")[0]
 
 
 Following: TypeAlias = Callable[[int, int], None]
-"""Told how many rows of a session have been found once, of how many."""
+"""Called with the number of rows of a session whose equilibrium was found once, and the total."""
 
 
 def calibrate(
@@ -166,17 +166,17 @@ def calibrate(
     progress: Progress | None = None,
     following: Following | None = None,
 ) -> Calibration:
-    """Fit a model to measurements; an interrupt (Ctrl-C) keeps the best so far.
+    """Fit a model to measurements; an interrupt (Ctrl-C) returns the best result so far.
 
     Args:
-        description: What to fit.
+        description: The calibration.
         data: The measurements.
-        every: In the place of that of the description; None: as described.
-        progress: Told what is done.
-        following: Told, before that, how many rows of a session are found of how many.
+        every: Replaces `every` of the description; None: as described.
+        progress: Called with the progress of the fit.
+        following: Called before that with the number of rows of a session that were found, and the total.
 
     Raises:
-        DataError: the data cannot be used, or the model loses their rows.
+        DataError: the data cannot be used, or the model finds no equilibria for their rows.
         SceneError: a scene cannot be built with values within the bounds.
     """
     whole = calibration_sessions(description, data)
@@ -187,7 +187,7 @@ def calibrate(
 def fit(
     description: CalibrationDescription, misfit: Misfit, following: Following | None = None
 ) -> Calibration:
-    """Find the parameters with the least misfit; as `calibrate`, which makes the misfit from measurements."""
+    """Find the parameters with the least misfit; `calibrate` creates the misfit from measurements."""
     problem = Problem(misfit, PointLoss(description.loss, 1e-3 * description.scale_mm))
     start = problem.values(problem.start)
     misfit.follow(start, following)
@@ -229,9 +229,9 @@ def fit(
 
 
 def _best(problem: Problem, description: CalibrationDescription) -> tuple[Array, list[Ending]]:
-    """Where the best search ended, and the endings of all, the best first.
+    """Return the best end of all searches, and all ends, the best first.
 
-    The first search finds the noise with which all are compared.
+    The noise of the first search is used to compare all of them.
     """
     first, *others = _starts(problem, description)
     problem.estimate_noise(first)
@@ -239,7 +239,7 @@ def _best(problem: Problem, description: CalibrationDescription) -> tuple[Array,
     for begin in others:
         try:
             found.append(_searched(problem, begin))
-        except (DataError, SceneError):  # the model loses the rows at a start that nobody described
+        except (DataError, SceneError):  # equilibria may not exist at sampled starts
             continue
     costs = [float((problem.residuals(each) ** 2).sum()) for each in found]
     order = np.argsort(costs, kind="stable")
@@ -249,7 +249,7 @@ def _best(problem: Problem, description: CalibrationDescription) -> tuple[Array,
 
 
 def _starts(problem: Problem, description: CalibrationDescription) -> list[Array]:
-    """Where searches begin, in parts of the bounds: as described, then spread evenly (Sobol 1967)."""
+    """Return the starts in parts of the bounds: the described one, then evenly spread ones (Sobol 1967)."""
     first = np.clip(problem.start, 1e-6, 1.0 - 1e-6)
     if description.starts == 1:
         return [first]
@@ -258,7 +258,7 @@ def _starts(problem: Problem, description: CalibrationDescription) -> list[Array
 
 
 def _refined(problem: Problem, begin: Array) -> Array:
-    """Where searches from a place end that go on until their priors and the noise agree."""
+    """Repeat searches from a place until priors and noise agree; return the end."""
     for _ in range(SEARCHES):
         before = problem.noise
         begin = _searched(problem, begin)
@@ -269,8 +269,8 @@ def _refined(problem: Problem, begin: Array) -> Array:
 
 
 def _searched(problem: Problem, begin: Array) -> Array:
-    """Where a search from a place ends, with the noise as it is."""
-    from scipy.optimize import least_squares  # late: the rest of the package starts without it
+    """Search from a place with the present noise; return the end."""
+    from scipy.optimize import least_squares  # late import: the rest of the package starts without it
 
     bounds = np.zeros(len(begin)), np.ones(len(begin))
     found = least_squares(
@@ -280,7 +280,7 @@ def _searched(problem: Problem, begin: Array) -> Array:
 
 
 def _ending(problem: Problem, place: Array) -> Ending:
-    """The ending of a search at a place."""
+    """Return the ending of a search at a place."""
     problem.residuals(place)
     mean = float(np.mean(list(problem.misfit.means.values())))
     return Ending(tuple(problem.values(place).tolist()), mean)

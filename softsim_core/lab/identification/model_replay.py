@@ -1,15 +1,16 @@
-r"""What a model does under the commands of a session: in equilibrium, in time, or ringing down.
+r"""Replay of a session's commands on a model: equilibria, motion in time, or free oscillation.
 
-Along the direction in which a point moves most, its place is described by
+Along the direction of a point's largest motion, its position is described by
 
 .. math:: c + a e^{-d t} \cos(2 \pi f t + \varphi) + b e^{-t / \tau}
 
-with the slow creep of a third of the time that is looked at; the damping ratio is
+where the time constant of the slow creep is a third of the observed time. The damping ratio is
 :math:`d / \sqrt{d^2 + (2 \pi f)^2}`.
 
-A body that a hand lets go swings with an amplitude and a phase that depend on the hand, while frequency and
-decay are the body's. Where the release is not known, a fit of the whole motion makes up for a wrong amplitude
-by wrong damping; `release_errors` is the part of the errors that it must not see.
+A body that is released by a hand oscillates with an amplitude and a phase that depend on the hand, while
+frequency and decay belong to the body. Where the release is unknown, a fit of the whole motion would
+compensate a wrong amplitude by wrong damping. `release_errors` returns the part of the errors that the fit
+must ignore.
 """
 
 from __future__ import annotations
@@ -30,17 +31,17 @@ from softsim_core.scene import RobotDescription
 from softsim_core.simulation import Simulation
 
 FEWEST = 40
-"""So many places tell a ringing."""
+"""Least number of positions for an oscillation."""
 
 UNTOLD = 0.3
-"""A motion of which the description leaves a larger part is no ringing."""
+"""A motion counts as no oscillation if the description leaves a larger part of it unexplained."""
 
 
 class Ringing(NamedTuple):
-    """A damped swing.
+    """A damped oscillation.
 
     Attributes:
-        frequency: In [Hz].
+        frequency: Frequency in [Hz].
         damping: Ratio to critical damping.
     """
 
@@ -49,16 +50,16 @@ class Ringing(NamedTuple):
 
     @property
     def decay(self) -> float:
-        """Rate d in [1/s] at which the swing gets smaller."""
+        """Decay rate d of the oscillation in [1/s]."""
         return 2.0 * np.pi * self.frequency * self.damping / float(np.sqrt(1.0 - self.damping**2))
 
 
 def ringing(times: Array, places: Array) -> Ringing | None:
-    """How a point rings; None where it does not.
+    """Fit the damped oscillation of a point; return None if it does not oscillate.
 
     Args:
-        times: In [s], increasing, shape (k,).
-        places: In [m], shape (k, 3).
+        times: Increasing times in [s], shape (k,).
+        places: Positions in [m], shape (k, 3).
     """
     if len(times) < FEWEST:
         return None
@@ -95,18 +96,19 @@ def ringing(times: Array, places: Array) -> Ringing | None:
 
 
 def release_errors(times: Array, places: Array, errors: Array, rows: BoolArray) -> Array | None:
-    """Part of a model's errors that another amplitude and phase of its own swing would explain.
+    """Return the part of a model's errors that another amplitude and phase would explain.
 
-    Both are common to all sensors. Frequency and decay are those of the model, so that errors of these stay.
+    Amplitude and phase are common to all sensors. Frequency and decay are those of the model, so errors of
+    these remain.
 
     Args:
-        times: In [s], increasing, shape (k,).
-        places: Where the model has the sensors in [m], shape (k, s, 3).
+        times: Increasing times in [s], shape (k,).
+        places: Positions of the sensors in the model in [m], shape (k, s, 3).
         errors: Model minus measurement in [m], shape (k, s, 3).
-        rows: To which amplitude and phase are fitted, shape (k,).
+        rows: Rows to which amplitude and phase are fitted, shape (k,).
 
     Returns:
-        The part in [m], shape (k, s, 3); None where the model does not ring in these rows.
+        The part in [m], shape (k, s, 3); None where the model does not oscillate in these rows.
     """
     widest = int(np.argmax(places[rows].var(axis=0).sum(axis=-1)))
     swing = ringing(times[rows], places[rows, widest])
@@ -124,7 +126,7 @@ def release_errors(times: Array, places: Array, errors: Array, rows: BoolArray) 
 
 
 def _shapes(t: Array, decay: float, frequency: float, last: float) -> Array:
-    """Rest, two swings a quarter apart and the creep, at times (k,) from the first, shape (k, 4)."""
+    """Return constant, cosine, sine and creep at times (k,) from the first, shape (k, 4)."""
     swing, angle = np.exp(-decay * t), 2.0 * np.pi * frequency * t
     return np.stack(
         [np.ones_like(t), swing * np.cos(angle), swing * np.sin(angle), np.exp(-3.0 * t / last)], axis=1
@@ -132,31 +134,31 @@ def _shapes(t: Array, decay: float, frequency: float, last: float) -> Array:
 
 
 Order: TypeAlias = Literal["nearest", "rows"]
-"""Rows so that each command is the nearest of those left, or as they were measured."""
+"""Order of rows: each command the nearest of those left, or as measured."""
 
 PARTS: Final = (1, 8)
-"""A row that is not found from the one before is tried from the start pose: at once, then in many parts."""
+"""Numbers of parts of the way from the start pose, tried where a row is not found from the one before."""
 
 CLOSE: Final = 1e-7
-"""Rows are at rest where the last of Newton's steps moved nothing by more, in [m]."""
+"""Rows are at rest when the last Newton step moved nothing by more than this, in [m]."""
 
 SAME: Final = 1e-9
-"""Times that differ by less, in [s], are one: a command acts in the step that begins when it was given."""
+"""Times closer than this in [s] count as equal: a command acts in the step that starts when it is given."""
 
 Progress: TypeAlias = Callable[[int, int], None]
-"""Told what is done, and what there is in all."""
+"""Called with the finished and the total number of rows or steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """What sensors of a session sit on, as the model has it.
+    """Predicted motion of the parts that carry a session's sensors.
 
     Attributes:
-        positions: In [m], shape (k, s, 3); of rows, or of steps of a replay in time.
-        rotations: Shape (k, s, 3, 3).
-        reached: Whether it was found, shape (k,); a row without an equilibrium has none.
-        times: Of the steps of a replay in time in [s], shape (k,); None: these are the session's rows.
-        stopped: Whether it was interrupted.
+        positions: Positions in [m] of rows, or of steps of a replay in time, shape (k, s, 3).
+        rotations: Rotations, shape (k, s, 3, 3).
+        reached: Whether an equilibrium was found, shape (k,); a row without one has no prediction.
+        times: Times of the steps of a replay in time in [s], shape (k,); None: these are the session's rows.
+        stopped: Whether the replay was interrupted.
     """
 
     positions: Array
@@ -166,11 +168,11 @@ class Prediction:
     stopped: bool = False
 
     def at(self, session: Session, delay: float = 0.0) -> tuple[Array, Array, BoolArray]:
-        """Positions, rotations and whether they are known, at the rows of a session.
+        """Return positions, rotations and whether they are known, at the rows of a session.
 
         Args:
-            session: That which was replayed.
-            delay: By how much its sensors are late, in [s].
+            session: The replayed session.
+            delay: Delay of its sensors in [s].
         """
         if self.times is None or session.times is None:
             return self.positions, self.rotations, self.reached
@@ -184,9 +186,9 @@ class Prediction:
 
 
 Near: TypeAlias = dict[tuple[float, ...], tuple[State, Array]]
-"""Equilibria of a model that differs little, and its joints' rest positions (j,), by the joints' command.
+"""Equilibria of a similar model and its joints' rest positions (j,), by joint command.
 
-The one at the start pose is at `START`: its command is another one where zero is another position.
+The one at the start pose has the key `START`: its command differs if the joint zeros differ.
 """
 
 START: Final = ()
@@ -199,14 +201,14 @@ def replay(
     progress: Progress | None = None,
     near: Near | None = None,
 ) -> Prediction:
-    """Give a model the commands of a session; an interrupt (Ctrl-C) keeps what is done.
+    """Replay the commands of a session on a model; an interrupt (Ctrl-C) returns the finished part.
 
     Args:
-        robot: The model, the session's overrides laid over it.
+        robot: The model, with the session's overrides applied.
         session: The session.
-        order: In which its rows are solved; rows in time are played as they are.
-        progress: Told rows or steps.
-        near: Where rows in equilibrium begin that it knows; it takes over those that are found.
+        order: Order in which its rows are solved; rows in time are played as measured.
+        progress: Called with the progress in rows or steps.
+        near: Known equilibria at which rows start; the replay adds those that it finds.
 
     Raises:
         DataError: the commands do not fit the robot.
@@ -219,7 +221,7 @@ def replay(
 
 
 def in_short_steps(points: Array, start: Array) -> IndexArray:
-    """An order in which each of points (k, j) is the nearest of those left, from `start` (j,) on."""
+    """Order points (k, j) so that each is the nearest of those left, beginning at `start` (j,)."""
     left, here = np.ones(len(points), bool), start
     order = np.zeros(len(points), dtype=np.int64)
     for k in range(len(points)):
@@ -237,14 +239,14 @@ def equilibria(
     progress: Progress | None = None,
     near: Near | None = None,
 ) -> Prediction:
-    """The equilibrium of each different command (k, j), each from the one before; the rest as in `replay`.
+    """Solve the equilibrium of each distinct command (k, j), starting from the previous one.
 
     Args:
         robot: The model.
-        sensors: What is looked at.
-        commands: Of the joints, in [rad], [m] or the joint's own unit, shape (k, j).
-        order: In which they are solved.
-        progress: Told commands.
+        sensors: The sensors to predict.
+        commands: Commands of the joints in [rad], [m] or the joint's own unit, shape (k, j).
+        order: Order in which they are solved.
+        progress: Called with the progress in commands.
         near: See `replay`.
 
     Raises:
@@ -280,9 +282,9 @@ def equilibria(
 
 
 class _Walk:
-    """Goes from equilibrium to equilibrium; where the next is not found from the last, from the start pose.
+    """Solver that moves from equilibrium to equilibrium, or restarts from the start pose where that fails.
 
-    Bodies may be drawn far from any equilibrium, so even the first is reached by way of the start pose.
+    Bodies may be drawn far from any equilibrium, so even the first one is reached by way of the start pose.
     """
 
     def __init__(self, simulation: Simulation, start: Array, shift: float, near: Near) -> None:
@@ -298,9 +300,10 @@ class _Walk:
         self._home = simulation.snapshot()
 
     def to(self, joints: Array, near: tuple[State, Array] | None) -> State | None:
-        """The equilibrium of joints (j,), from one that is near or from the last; None: nothing has moved.
+        """Return the equilibrium at joints (j,), from a near or the last one; None: nothing has changed.
 
-        What is not found from one of a model that differs little is soon given up: it differs too much.
+        A near equilibrium of a similar model is tried only briefly: if that fails, the models differ too
+        much.
         """
         if near is not None and (found := self._settled(joints, self._here(*near))) is not None:
             return found
@@ -319,7 +322,7 @@ class _Walk:
         return None
 
     def _here(self, state: State, rest: Array) -> State:
-        """A state of the other model with what its joints carry in the same place, wherever zero is here."""
+        """Return the other model's state with the parts that joints carry in the same place."""
         here = self._simulation.model.empty_state()
         here.copy_from(state)
         here.joint_positions[self._moving] += (self.rest - rest)[self._moving]
@@ -335,7 +338,7 @@ class _Walk:
 def _in_time(
     robot: RobotDescription, session: Session, commands: Array, progress: Progress | None
 ) -> Prediction:
-    """The motion from the first row's command, or from rest at time 0, to the last row."""
+    """Simulate the motion from the first row's command, or from rest at time 0, to the last row."""
     time = session.description.time
     assert time is not None
     assert session.times is not None
@@ -361,7 +364,7 @@ def _in_time(
     except KeyboardInterrupt:
         stopped = True
     except SolverDivergedError:
-        pass  # what comes later is not reached
+        pass  # later rows stay unreached
     positions = np.array([each for each, _ in seen])
     rotations = np.array([turn for _, turn in seen])
     return Prediction(positions, rotations, np.ones(len(seen), bool), times[: len(seen)], stopped)

@@ -1,15 +1,15 @@
-r"""What a calibration minimises: the errors of all rows, their loss weighted by noise, and priors.
+r"""The function that a calibration minimises: the loss of all rows' errors, weighted by noise, and priors.
 
 With the errors e of all points, the loss :math:`\rho` and its score :math:`\psi`, see measures,
 
 .. math:: \min_p \; \kappa \sum_i \rho(e_i) + \sum_k (p_k - p_k^0)^2 / \sigma_k^2,
     \qquad \kappa = a / b, \quad a = \overline{\partial\psi/\partial e}, \quad b = \overline{\psi^2} .
 
-The slopes J of the errors tell :math:`J^T J / \sigma^2` of the parameters, with :math:`\sigma^2 = b / a^2`:
-the inverse is the sandwich covariance of a robust fit, and of least squares the usual one, where a = 1 and
-:math:`\sigma^2` is the variance of the errors. One noise serves the search, the standard errors, profiles
-and folds. It is estimated from the part of the errors that no change of the parameters takes away, so that a
-prior that pulls them aside does not count as noise.
+With the slopes J of the errors, the information on the parameters is :math:`J^T J / \sigma^2` with
+:math:`\sigma^2 = b / a^2`. Its inverse is the sandwich covariance of a robust fit. For least squares it is
+the usual covariance: a = 1 and :math:`\sigma^2` is the variance of the errors. Search, standard errors,
+profiles and folds use the same noise. It is estimated from the part of the errors that no change of the
+parameters can remove, so that the bias caused by a prior does not count as noise.
 
 Sources: Huber, Ronchetti 2009, Robust statistics, 7.6 (covariance); Seber, Wild 1989, Nonlinear regression.
 """
@@ -32,26 +32,26 @@ from softsim_core.lab.identification.validation import compared, session_robot
 from softsim_core.scene import RobotDescription
 
 FAR = 10.0
-"""Errors of values with which too many rows are lost, over the largest of those before."""
+"""Factor of the largest previous error, assigned to values at which too many rows have no equilibrium."""
 
 LOST = 0.1
 """Part of the rows that may have no equilibrium."""
 
 Progress: TypeAlias = Callable[[int, float, Array], None]
-"""Told how often all rows were replayed, the mean error in [m], and the values (p,)."""
+"""Called with the number of replays of all rows, the mean error in [m], and the values (p,)."""
 
 
 class Misfit:
-    """Errors of all rows that fit in [m]; remembers equilibria, and the best.
+    """Errors in [m] of all fitted rows; stores equilibria and the best values.
 
     Attributes:
-        parameters: What is sought, in order; one that each session has its own of stands once for each.
-        names: Of these; of one that each session has its own of: `NAME of SESSION`.
-        sessions: The rows, each session's.
-        count: How often all rows were replayed.
+        parameters: The parameters in order; one with a value per session appears once per session.
+        names: Names of the parameters; `NAME of SESSION` for one with a value per session.
+        sessions: The rows of each session.
+        count: Number of replays of all rows.
         means: Mean error of each session in [m] at the last replay.
-        best: The smallest mean of these that there was; `best_values` and `best_means` belong to it.
-        latest: The last replay, of each session.
+        best: The smallest mean over sessions so far; `best_values` and `best_means` belong to it.
+        latest: The last replay of each session.
     """
 
     def __init__(
@@ -85,11 +85,11 @@ class Misfit:
 
     @property
     def rows(self) -> dict[str, int]:
-        """How many rows fit, by session."""
+        """Number of fitted rows by session."""
         return {each.name: int(each.fitting.sum()) for each in self.sessions}
 
     def __call__(self, values: Array) -> Array:
-        """All errors of a replay with values (p,), shape (n,); of rows that it loses those of the best."""
+        """Return all errors (n,) of a replay with values (p,); lost rows get the errors of the best."""
         if self._last is not None and np.array_equal(self._last[0], values):
             self.means = self._last[2]
             return self._last[1]
@@ -107,17 +107,17 @@ class Misfit:
         return total
 
     def replayed(self, values: Array, near: Sequence[Near] | None = None) -> list[Prediction]:
-        """What the model does in each session with values (p,).
+        """Replay each session with values (p,).
 
-        Rows begin where those of the best values are, so that what is found does not depend on what was
-        tried before.
+        Rows start from the equilibria of the best values, so that the result does not depend on previous
+        attempts.
 
         Args:
-            values: Of the parameters.
-            near: Of each session, takes over the equilibria; None: they are forgotten.
+            values: Values of the parameters.
+            near: Equilibria by session, which the replay extends; None: they are not stored.
 
         Raises:
-            KeyboardInterrupt: it was interrupted.
+            KeyboardInterrupt: the replay was interrupted.
         """
         done = []
         known = [dict(each) for each in self._near] if near is None else near
@@ -130,12 +130,12 @@ class Misfit:
     def errors(
         self, predictions: Sequence[Prediction], values: Array, sessions: Sequence[Session] | None = None
     ) -> Array:
-        """Errors of a replay with values (p,) in the rows that fit, aligned to these, shape (n,).
+        """Return the errors (n,) of the fitted rows in a replay with values (p,), aligned to these rows.
 
         Args:
-            predictions: The replay, of each session.
-            values: With which it was made, for messages.
-            sessions: In the place of `sessions`: the same with other rows that fit.
+            predictions: The replay of each session.
+            values: Values of the replay, for messages.
+            sessions: Replaces `sessions`: the same sessions with other fitted rows.
         """
         chosen = self.sessions if sessions is None else sessions
         errors, means = [], {}
@@ -155,7 +155,7 @@ class Misfit:
         return total
 
     def _lost(self, session: Session, known: int, values: Array, chosen: Sequence[Session]) -> Array:
-        """Errors so large that a search comes back; at the first values of all there is no way back."""
+        """Return errors so large that the search turns back; at the first values, raise an error instead."""
         if self._largest is None:
             told = ", ".join(f"{name} {value:.4g}" for name, value in zip(self.names, values, strict=True))
             raise DataError(
@@ -169,16 +169,17 @@ class Misfit:
         return np.full(count, FAR * self._largest)
 
     def follow(self, values: Array, told: Callable[[int, int], None] | None) -> None:
-        """Find the equilibria of all rows of sessions once, from neighbour to neighbour.
+        """Find the equilibria of all rows once, from neighbour to neighbour.
 
-        A bent robot may have several for one command, and rows far apart lead to others than it went through.
+        A bent robot may have several equilibria for one command. Distant start points can lead to equilibria
+        that the real robot did not pass through.
         """
         for k, (session, near) in enumerate(zip(self._whole, self._near, strict=True)):
             if session.times is None:
                 replay(self.robot(k, values), session, progress=told, near=near)
 
     def robot(self, session: int, values: Array) -> RobotDescription:
-        """The model of a session by its number, with values (p,)."""
+        """Return the model of a session by its index, with values (p,)."""
         acting = {
             each.name: float(value)
             for (each, of), value in zip(self._acting, values, strict=True)
@@ -189,33 +190,33 @@ class Misfit:
 
 
 def mean_distance(errors: Array) -> float:
-    """Mean distance between model and measurement in [m], of errors (k, s, 3) in [m]."""
+    """Return the mean distance between model and measurement in [m], from errors (k, s, 3) in [m]."""
     return float(np.linalg.norm(errors, axis=-1).mean())
 
 
 def _each(session: Session, count: int) -> Session:
-    """Each so many-th row, of sessions in time all."""
+    """Return the session with each `count`-th row; sessions in time stay complete."""
     return session if session.times is not None else session.part(np.arange(0, len(session.table), count))
 
 
 STEP = 0.004
-"""Part of its bounds by which a parameter is moved to see what changes."""
+"""Step of a parameter for difference quotients, as a part of its bounds."""
 
 LEAST_NOISE = 1e-9
-"""Smaller noise is taken for round-off, in [m]."""
+"""Smaller noise counts as round-off, in [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Around:
-    """Predictions of all sessions at a place, and with each parameter moved by a step.
+    """Predictions of all sessions at a place, and with each parameter changed by a step.
 
     Attributes:
-        part: The place, in parts of the bounds, shape (p,).
-        steps: Of each parameter, in parts of its bounds, shape (p,).
-        here: Of the sessions.
-        moved: Of the sessions, for each parameter.
-        errors: Of the rows at the place in [m], shape (n,).
-        slopes: Derivatives of these, shape (n, p).
+        part: The place in parts of the bounds, shape (p,).
+        steps: Step of each parameter in parts of its bounds, shape (p,).
+        here: Predictions at the place, by session.
+        moved: Predictions by session, for each changed parameter.
+        errors: Errors of the rows at the place in [m], shape (n,).
+        slopes: Derivatives of the errors, shape (n, p).
     """
 
     part: Array
@@ -227,17 +228,17 @@ class Around:
 
 
 class Problem:
-    """What is minimised, in parts of the bounds: losses of the rows over their noise, then priors.
+    """The minimised problem in parts of the bounds: losses of the rows over their noise, then priors.
 
     Attributes:
         misfit: Errors of the rows.
-        loss: Of these.
+        loss: Loss of the errors.
         low: Lower bounds, shape (p,).
-        span: Between the bounds, shape (p,).
-        start: Where the search begins, in parts of the bounds, shape (p,).
-        noise: Standard deviation of an error of least squares that tells as much as one of the rows, in [m].
-        known: Parameters with a prior that counts.
-        around: Where slopes were taken last.
+        span: Widths of the bounds, shape (p,).
+        start: Start of the search in parts of the bounds, shape (p,).
+        noise: Standard deviation in [m] of a least-squares error with the same information as one row.
+        known: Indices of the parameters with an active prior.
+        around: Predictions at the last place with slopes.
     """
 
     def __init__(self, misfit: Misfit, loss: PointLoss) -> None:
@@ -252,31 +253,31 @@ class Problem:
         self.around: Around | None = None
 
     def values(self, part: Array) -> Array:
-        """Parameters (p,) at a place in parts of their bounds."""
+        """Return the parameters (p,) at a place in parts of their bounds."""
         return np.asarray(self.low + self.span * part)
 
     def prior_residuals(self, part: Array) -> Array:
-        """Distances from what is known beforehand, over its standard deviation."""
+        """Return the deviations from the priors' means over their standard deviations."""
         return np.asarray(((part - self.start) / self._priors)[self.known])
 
     @property
     def prior_slopes(self) -> Array:
-        """Derivatives of `prior_residuals`, a row for each."""
+        """Derivatives of `prior_residuals`, one row each."""
         return np.asarray((np.eye(len(self.span)) / self._priors[:, None])[self.known])
 
     def leave_out_prior(self, parameter: int) -> None:
-        """Take no notice of what is known beforehand of a parameter by its number."""
+        """Deactivate the prior of a parameter by its index."""
         self.known = self.known[self.known != parameter]
 
     def residuals(self, part: Array) -> Array:
-        """Of a replay, shape (n,); the sum of their squares is what is minimised."""
+        """Return the residuals of a replay, shape (n,); the sum of their squares is minimised."""
         return self._joined(self.misfit(self.values(part)), part)
 
     def _joined(self, errors: Array, part: Array) -> Array:
         return np.concatenate([self._root * self.loss.residuals(errors), self.prior_residuals(part)])
 
     def slopes(self, part: Array) -> Array:
-        """Derivatives of the residuals by differences, shape (n, p)."""
+        """Return the derivatives of the residuals by difference quotients, shape (n, p)."""
         around = self.look_around(part)
         return self._joined_slopes(around.errors, around.slopes)
 
@@ -284,7 +285,7 @@ class Problem:
         return np.concatenate([self._root * self.loss.slopes(errors, slopes), self.prior_slopes])
 
     def look_around(self, part: Array) -> Around:
-        """Replays at a place, and with each parameter moved; remembers the last."""
+        """Replay at a place and with each parameter changed; the last result is stored."""
         if self.around is None or not np.array_equal(self.around.part, part):
             steps = np.where(part + STEP <= 1.0, STEP, -STEP)
             errors = self.misfit(self.values(part))
@@ -297,7 +298,7 @@ class Problem:
         return self.around
 
     def again(self, around: Around, sessions: Sequence[Session]) -> tuple[Array, Array]:
-        """Residuals (n,) and slopes (n, p) of replays that have been made, with other rows that fit."""
+        """Return residuals (n,) and slopes (n, p) of existing replays with other fitted rows."""
         errors = self.misfit.errors(around.here, self.values(around.part), sessions)
         places = around.part + np.diag(around.steps)
         moved = [
@@ -316,20 +317,20 @@ class Problem:
         self._root = 1.0 / (self.noise * np.sqrt(flat))
 
     def _unexplained(self, around: Around) -> Array:
-        """The errors at a place (n,) in [m], without what other parameters would take away."""
+        """Return the errors (n,) in [m] at a place without the part that other parameters would remove."""
         residuals, slopes = self.loss.residuals(around.errors), self.loss.slopes(around.errors, around.slopes)
         return np.asarray(around.errors - around.slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0])
 
     def information(self, part: Array) -> tuple[Array, Array]:
-        """What the rows at a place tell: slopes (n, p), and the scores of their noise (n,), both over it."""
+        """Return slopes (n, p) and scores (n,) of the rows at a place, both over their noise."""
         around = self.look_around(part)
         scores = self.loss.scores(self._unexplained(around)) * (self._root**2 * self.noise)
         return around.slopes / self.noise, np.asarray(scores)
 
     def freedom(self, count: int) -> int:
-        """Errors of rows, of which there are so many, beyond what is fitted to them, at least 1.
+        """Return the degrees of freedom of `count` errors, at least 1.
 
-        These are the parameters, frames, sensor points and delays.
+        The fitted numbers to subtract are parameters, frames, sensor points and delays.
         """
         aligned = sum(each.description.fitted_numbers for each in self.misfit.sessions)
         return max(count - len(self.span) - aligned, 1)

@@ -1,4 +1,4 @@
-"""A session's rows as arrays in SI, in the robot's frame, checked."""
+"""Rows of a session as checked arrays in SI units, in the robot's frame."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from softsim_core.lab.identification.tables import Table, read_table
 from softsim_core.scene import JointDescription, RobotDescription
 
 FAR = 1.5
-"""Commands so many times as far as a joint's limits reach are taken for ones in another unit."""
+"""Commands beyond this multiple of a joint's limits are assumed to be in another unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """Measured rows, k of them, of s sensors.
+    """Measured rows of a session: k rows, s sensors.
 
     Attributes:
-        description: What they are.
-        table: Where they were read.
+        description: Description of the session.
+        table: Table from which the rows were read.
         measured: Positions of the sensors in [m], in the robot's frame as far as it is known, (k, s, 3).
-        others: What other models say, by name: number of the sensor and positions (k, 3) in [m].
-        used: Rows that are not suspect, and in time, shape (k,).
-        training: Rows that fit, shape (k,).
-        times: Of the rows in [s], shape (k,); None: each row stands for itself.
+        others: Predictions of other models by name: index of the sensor and positions (k, 3) in [m].
+        used: Rows that are not suspect, and within the evaluated time, shape (k,).
+        training: Training rows, shape (k,).
+        times: Times of the rows in [s], shape (k,); None: each row is an equilibrium of its own.
     """
 
     description: SessionDescription
@@ -45,27 +45,27 @@ class Session:
 
     @property
     def name(self) -> str:
-        """Of the session."""
+        """Name of the session."""
         return self.description.name
 
     @property
     def fitting(self) -> BoolArray:
-        """Rows that fit and are used, shape (k,)."""
+        """Fitted rows: training rows that are used, shape (k,)."""
         return self.used & self.training
 
     @property
     def judged(self) -> BoolArray:
-        """Rows whose errors count: those held out, where there are some, shape (k,)."""
+        """Evaluated rows: the held-out ones, or all where none are held out, shape (k,)."""
         held_out = self.used & ~self.training
         return held_out if held_out.any() else self.used
 
     @property
     def load_cases(self) -> IndexArray:
-        """A number of each row; rows at rest under the same commands share it, shape (k,)."""
+        """Index of each row's load case; rows at rest under the same commands share it, shape (k,)."""
         return _load_cases(self.table, self.description)
 
     def part(self, rows: IndexArray) -> Session:
-        """The rows of those indices alone; of a session whose rows stand for themselves."""
+        """Return a session with only the rows of the indices; its rows must be equilibria."""
         assert self.times is None
         return replace(
             self,
@@ -77,10 +77,10 @@ class Session:
         )
 
     def commands(self, robot: RobotDescription) -> Array:
-        """What each row commands each joint of a robot, in [rad], [m] or the joint's own unit, (k, j).
+        """Return the joint commands of each row in [rad], [m] or the joint's own unit, shape (k, j).
 
         Raises:
-            DataError: other joints than the robot's, another unit, or far out of its limits.
+            DataError: joints other than the robot's, another unit, or far beyond the limits.
         """
         told = np.tile(np.array([joint.rest for joint in robot.joints]), (len(self.table), 1))
         columns = self.description.commands
@@ -107,7 +107,7 @@ class Session:
         return told
 
     def _need_reachable(self, column: str, values: Array, joint: JointDescription) -> None:
-        """Refuse commands far beyond a joint's limits: they are in another unit."""
+        """Reject commands far beyond a joint's limits, because they are in another unit."""
         reach = max(abs(joint.limits.lower), abs(joint.limits.upper))
         worst = int(np.argmax(np.abs(values)))
         if np.isfinite(reach) and abs(values[worst]) > FAR * reach:
@@ -122,15 +122,15 @@ class Session:
 
 
 def load_session(data: DataSet, description: SessionDescription, every: int = 1) -> Session:
-    """Read a session and check it.
+    """Read and check a session.
 
     Args:
         data: Its data set.
         description: The session.
-        every: Keep each so many-th row, of sessions in time all.
+        every: Use each N-th row; sessions in time use all.
 
     Raises:
-        DataError: what is wrong with which file, column and line.
+        DataError: names the problem with file, column and line.
     """
     table = read_table(data.table_of(description), _columns(description))
     if every > 1 and description.time is None:
@@ -141,7 +141,7 @@ def load_session(data: DataSet, description: SessionDescription, every: int = 1)
     )
     if description.commands is not None:
         for column in description.commands.columns:
-            table.numbers(column, description.commands.unit)  # it is wrong before anything is replayed
+            table.numbers(column, description.commands.unit)  # report errors before any replay
     if len(table) > 2 and len(np.unique(_load_cases(table, description))) > 1:
         for k, sensor in enumerate(description.sensors):
             _need_motion(table, sensor, measured[:, k])
@@ -170,14 +170,14 @@ def load_session(data: DataSet, description: SessionDescription, every: int = 1)
 
 
 def in_robot(positions: Array, frame: FrameDescription) -> Array:
-    """Positions (..., 3) in [m] in the robot's frame, from those of the data."""
+    """Transform positions (..., 3) in [m] from the data's frame to the robot's frame."""
     columns = ["xyz".index(axis[-1]) for axis in frame.axes]
     signs = np.array([-1.0 if axis[0] == "-" else 1.0 for axis in frame.axes])
     return np.asarray((positions - np.array(frame.origin))[..., columns] * signs)
 
 
 def _columns(description: SessionDescription) -> list[str]:
-    """Names of all columns of a session, those of the sensors first."""
+    """Return the names of all columns of a session, those of the sensors first."""
     columns = [column for each in description.sensors for column in each.columns]
     columns += [column for each in description.others for column in each.columns]
     columns += description.commands.columns if description.commands else ()

@@ -1,22 +1,22 @@
-r"""How well fitted parameters are known: standard errors, correlated rows, contradicted priors.
+r"""Uncertainty of fitted parameters: standard errors, correlated rows, contradicted priors.
 
-With the slopes J and the residuals r of row i, its score is :math:`s_i = J_i^T r_i`, and the parameters found
+With the slopes J and the residuals r of row i, its score is :math:`s_i = J_i^T r_i`. The fitted parameters
 have the covariance :math:`A \, \sum_k w_k \sum_i s_i s_{i+k}^T \, A` with :math:`A = (J^T J)^{-1}`. The sum
-goes over twice as many neighbours k as have errors that are alike beyond chance, with weights that fall to
-zero. Beside the same with no neighbours this tells by how much intervals are wider.
+extends over twice as many neighbours k as have significantly correlated errors, with weights that decrease to
+zero. Its ratio to the same sum without neighbours is the widening of the intervals.
 
 Source: Newey, West 1987, A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent
 covariance matrix.
 
 With slopes J of the rows over their noise and the precision P of priors, the covariance is
 :math:`(J^T J + P)^{-1}`. The part of a variance that comes from the rows has the uncertainty of the noise,
-with :math:`\nu` degrees of freedom; the part of priors is known.
+with :math:`\nu` degrees of freedom; the part of the priors is known.
 
 Source: Satterthwaite 1946 (degrees of freedom of a sum of variances).
 
-Rows that tell of a parameter :math:`\hat p \pm s` and a prior :math:`p^0 \pm \sigma` agree where
-:math:`z = (\hat p - p^0) / \sqrt{s^2 + \sigma^2}` is one of Student's distribution. Both are got from the fit
-with the prior: with h, the part of the prior's variance that is left in the fit, and r, its residual,
+An estimate :math:`\hat p \pm s` from the rows and a prior :math:`p^0 \pm \sigma` agree if
+:math:`z = (\hat p - p^0) / \sqrt{s^2 + \sigma^2}` lies within Student's distribution. Both follow from the
+fit with the prior. With h, the part of the prior's variance that is left in the fit, and r, its residual,
 :math:`\hat p - p^0 = \sigma r / (1 - h)` and :math:`s^2 = \sigma^2 h / (1 - h)`, to first order.
 
 Source: Evans, Moshonov 2006, Checking for prior-data conflict.
@@ -36,7 +36,7 @@ from softsim_core.lab.identification.problem import Problem
 from softsim_core.lab.identification.session import Session
 
 CHANCE = 2.0
-"""Standard deviations of a correlation of independent rows beyond which one is not by chance."""
+"""Significance of a correlation, in standard deviations of the correlation of independent rows."""
 
 
 def widening(
@@ -45,13 +45,13 @@ def widening(
     sessions: Sequence[tuple[IndexArray, int]],
     priors: Array | None = None,
 ) -> Array:
-    """How many times as wide the interval of each parameter is, shape (p,), >= 1.
+    """Return the factor by which the interval of each parameter is wider, shape (p,), >= 1.
 
     Args:
-        slopes: Of all residuals, those of the sessions one after the other, shape (n, p).
-        residuals: Shape (n,); beside priors of unit variance.
-        sessions: Of each, the order in which neighbours follow each other, (k,), and the residuals of a row.
-        priors: Slopes of residuals of unit variance that are independent of all, shape (m, p).
+        slopes: Slopes of all residuals, session by session, shape (n, p).
+        residuals: Residuals, shape (n,), in units of the priors' unit variance.
+        sessions: For each session, the order of neighbouring rows (k,) and the number of residuals per row.
+        priors: Slopes of independent residuals with unit variance, shape (m, p).
     """
     known = np.zeros((slopes.shape[1],) * 2) if priors is None else priors.T @ priors
     inverse = np.linalg.pinv(slopes.T @ slopes + known)
@@ -74,7 +74,7 @@ def widening(
 
 
 def neighbours(errors: Array) -> int:
-    """How many rows after a row err as it does, beyond chance; errors are (k, e)."""
+    """Return how many of the following rows have correlated errors; errors (k, e)."""
     count, total = len(errors), float((errors**2).sum())
     if total == 0.0:
         return 0
@@ -86,12 +86,12 @@ def neighbours(errors: Array) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """How well p parameters are known, in parts of their bounds.
+    """Uncertainty of p parameters, in parts of their bounds.
 
     Attributes:
         errors: Standard errors, as if the errors of rows were independent, shape (p,).
-        correlation: Shape (p, p).
-        widening: See `alike`, shape (p,).
+        correlation: Correlation, shape (p, p).
+        widening: Factor from `widening`, shape (p,).
         freedom: Degrees of freedom, shape (p,).
     """
 
@@ -102,13 +102,13 @@ class Spread:
 
     @classmethod
     def unknown(cls, count: int) -> Spread:
-        """That of a search which was interrupted."""
+        """Return the uncertainty of an interrupted search: infinite errors."""
         unlimited = np.full(count, np.inf)
         return cls(unlimited, np.full((count, count), np.nan), np.ones(count), unlimited)
 
 
 def spread_of(problem: Problem, part: Array) -> Spread:
-    """How well the parameters found at a place are known."""
+    """Return the uncertainty of the parameters found at a place."""
     slopes, scores = problem.information(part)
     priors = problem.prior_slopes
     _, sizes, vt = np.linalg.svd(np.concatenate([slopes, priors]), full_matrices=False)
@@ -123,7 +123,7 @@ def spread_of(problem: Problem, part: Array) -> Spread:
 
 
 def neighbours_of(problem: Problem) -> list[tuple[IndexArray, int]]:
-    """Of each session, the order in which neighbouring rows follow each other, and the errors of a row."""
+    """Return, for each session, the order of neighbouring rows and the number of errors per row."""
     return [_in_order(each) for each in problem.misfit.sessions]
 
 
@@ -136,10 +136,10 @@ def _in_order(session: Session) -> tuple[IndexArray, int]:
 
 
 SURPRISE = 0.01
-"""How often one of the priors is taken for wrong though all are right."""
+"""Probability that any prior is rejected although all are right."""
 
 UNTOLD = 1e-6
-"""Rows that take away a smaller part of a prior's variance tell nothing beside it."""
+"""If the rows remove a smaller part of a prior's variance, they contain no information about it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,11 +147,11 @@ class PriorConflict:
     """A prior that the rows contradict, in the unit of its parameter.
 
     Attributes:
-        parameter: Number of the parameter.
-        name: Of this.
-        mean, deviation: What the prior says.
-        told, error: What the rows tell without it, and its standard error.
-        chance: How often rows would be so far from a prior that is right.
+        parameter: Index of the parameter.
+        name: Name of the parameter.
+        mean, deviation: Mean and standard deviation of the prior.
+        told, error: Estimate from the rows without the prior, and its standard error.
+        chance: Probability that rows are so far from a prior that is right.
     """
 
     parameter: int
@@ -164,7 +164,7 @@ class PriorConflict:
 
 
 def conflicting_prior(problem: Problem, part: Array) -> PriorConflict | None:
-    """The prior that the rows at the place found contradict most; None: they contradict none."""
+    """Return the prior that the rows at a place contradict most; None: they contradict none."""
     if not len(problem.known):
         return None
     (slopes, scores), priors = problem.information(part), problem.prior_slopes

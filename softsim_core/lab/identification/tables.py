@@ -22,9 +22,9 @@ class Table:
     """Columns of equal length, as text or as numbers.
 
     Attributes:
-        file: Where it was read.
-        columns: Their cells by name.
-        lines: What messages call the rows: their lines in the file, counted from 1.
+        file: File from which they were read.
+        columns: Cells of the columns by name.
+        lines: Names of the rows in messages: their lines in the file, counted from 1.
     """
 
     file: Path
@@ -35,24 +35,24 @@ class Table:
         return len(self.lines)
 
     def each(self, count: int) -> Table:
-        """Each so many-th row, the first included."""
+        """Return each `count`-th row, including the first."""
         return self.part(np.arange(0, len(self), count))
 
     def part(self, rows: IndexArray) -> Table:
-        """The rows of those indices alone."""
+        """Return only the rows of the indices."""
         chosen = rows.tolist()
         columns = {name: [cells[k] for k in chosen] for name, cells in self.columns.items()}
         return Table(self.file, columns, [self.lines[k] for k in chosen])
 
     def numbers(self, name: str, unit: str | None = None) -> Array:
-        """A column in SI, all numbers finite, shape (rows,).
+        """Return a column in SI units, all numbers finite, shape (rows,).
 
         Args:
             name: The column.
-            unit: In which its cells are; None: they have none.
+            unit: Unit of its cells; None: they are dimensionless.
 
         Raises:
-            DataError: no such column, a cell that is no finite number, or a name that tells another unit.
+            DataError: no such column, a cell that is no finite number, or a name that indicates another unit.
         """
         if name not in self.columns:
             raise DataError(
@@ -81,14 +81,15 @@ class Table:
 
 
 def read_csv(file: Path, columns: Sequence[str] = ()) -> Table:
-    """A CSV file: lines that begin with # are comments, the first other one names the columns.
+    """Read a CSV file: lines starting with # are comments, the first other line contains the column names.
 
     Args:
         file: The file.
-        columns: Not used: all are read.
+        columns: Not used: all columns are read.
 
     Raises:
-        DataError: it cannot be read, has no rows, names a column twice, or a row has other columns.
+        DataError: it cannot be read, has no rows, names a column twice, or a row has another number of
+            columns.
     """
     try:
         with file.open(encoding="utf-8-sig", newline="") as stream:
@@ -131,17 +132,18 @@ TIME: Final = "time_s"
 
 
 def read_c3d(file: Path, columns: Sequence[str]) -> Table:
-    """Points and analog channels of a C3D file, a row for each frame in which all that is asked for was seen.
+    """Read points and analog channels of a C3D file; a row is a frame with all requested points visible.
 
     A point's columns are LABEL:x_UNIT, LABEL:y_UNIT and LABEL:z_UNIT with the unit of the file, such as
-    `tip:x_mm`; of an analog channel, LABEL, its first sample in the frame; and `time_s`.
+    `tip:x_mm`. The column of an analog channel is LABEL, with its first sample in the frame. The time is
+    `time_s`.
 
     Args:
         file: The file.
-        columns: What is asked for.
+        columns: The requested columns.
 
     Raises:
-        DataError: it cannot be read, or what is asked for is in no frame.
+        DataError: the file cannot be read, or no frame contains all requested points.
     """
     try:
         import c3d
@@ -155,7 +157,7 @@ def read_c3d(file: Path, columns: Sequence[str]) -> Table:
             frames = [(points[:, :4], analog[:, :1]) for _, points, analog in reader.read_frames(copy=True)]
             told = _columns(reader, frames)
             rate = float(reader.point_rate)
-    except Exception as error:  # a damaged file fails anywhere inside
+    except Exception as error:  # a damaged file can fail anywhere in the reader
         raise DataError(file, "", f"cannot be read as C3D ({error})") from error
     if not frames or not rate > 0.0:
         raise DataError(file, "", "holds no frames, or no rate of them")
@@ -169,7 +171,7 @@ def read_c3d(file: Path, columns: Sequence[str]) -> Table:
 
 
 def _columns(reader: Any, frames: Sequence[tuple[Array, Array]]) -> dict[str, Array]:
-    """All columns of the frames; nan where a point was not seen."""
+    """Return all columns of the frames; NaN where a point was not visible."""
     unit = reader.get("POINT:UNITS")
     name = "mm" if unit is None else unit.string_value.strip() or "mm"
     told: dict[str, Array] = {}
@@ -183,14 +185,14 @@ def _columns(reader: Any, frames: Sequence[tuple[Array, Array]]) -> dict[str, Ar
 
 
 TableReader = Callable[[Path, Sequence[str]], Table]
-"""Reads some columns of a file."""
+"""Function that reads some columns of a file."""
 
 READERS: dict[str, TableReader] = {".csv": read_csv, ".c3d": read_c3d}
-"""By ending; an interface adds those of its recordings."""
+"""Readers by file ending; an interface adds those of its recordings."""
 
 
 def read_table(file: Path, columns: Sequence[str]) -> Table:
-    """Columns of a table, by the ending of its file.
+    """Read columns of a table with the reader of its file ending.
 
     Raises:
         DataError: it cannot be read, or has an unknown ending.

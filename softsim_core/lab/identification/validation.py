@@ -1,4 +1,4 @@
-"""A model beside measurements: replay, alignment, errors, and their report as plain data."""
+"""Comparison of a model with measurements: replay, alignment, errors, and a report as plain data."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from softsim_core.scene import RobotDescription, load_scene
 from softsim_core.scene.io import merge, sourced
 
 SCALE_APART = 8.0
-"""Measured and simulated motion of sizes so many times apart are taken for ones in different units."""
+"""Ratio of measured to simulated motion, or inverse, beyond which the units are assumed to differ."""
 
 TURNED = np.pi / 4.0
-"""A frame that is turned by more than this is warned of, in [rad]."""
+"""Rotation of a frame in [rad] beyond which a warning is given."""
 
 SPANS = 5
-"""A delay that is fitted to all rows is fitted anew for each of so many spans of time, without its rows."""
+"""Number of time spans; the delay of each is fitted to the rows of the others."""
 
 AT_REST = 0.5
-"""A replay in time has come to rest in its last so many seconds."""
+"""Duration in [s] at the end of a replay in time in which the motion counts as rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherErrors:
-    """What another model leaves, in [m], shape (k, 3): as it is, and with a frame of its own."""
+    """Errors of another model in [m], shape (k, 3): as reported, and with a fitted frame of its own."""
 
     raw: Array
     aligned: Array
@@ -51,19 +51,19 @@ class OtherErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionResult:
-    """A session beside a model.
+    """Comparison of a session with a model.
 
     Attributes:
-        session: What was measured.
-        known: Rows that the model has, shape (k,).
-        alignment: Frame and points, fitted to the training rows as described; None: no model was asked.
+        session: The measurements.
+        known: Rows with a prediction of the model, shape (k,).
+        alignment: Frame and points, fitted to the training rows as described; None: there is no model.
         raw: Model minus measurement in [m] with frame and points as described, shape (k, s, 3).
-        aligned: The same with the alignment; where no rows are held out, a span of time has a delay that is
+        aligned: The same with the alignment; where no rows are held out, the delay of each time span is
             fitted to the other spans.
-        positions: Where the model has the sensors, in [m], shape (k, s, 3).
-        others: What other models leave, by name.
-        warnings: What a reader must know, in sentences.
-        stopped: Whether it was interrupted.
+        positions: Positions of the sensors in the model in [m], shape (k, s, 3).
+        others: Errors of other models by name.
+        warnings: Warnings for the reader.
+        stopped: Whether the replay was interrupted.
     """
 
     session: Session
@@ -78,14 +78,16 @@ class SessionResult:
 
     @property
     def judged(self) -> BoolArray:
-        """Rows whose errors count, shape (k,)."""
+        """Evaluated rows, shape (k,)."""
         return self.session.judged & self.known
 
     def fitted_errors(self) -> Array:
-        """What a calibration minimises in [m], shape (k, s, 3): `aligned`, without what its release explains.
+        """Return the errors that a calibration minimises in [m], shape (k, s, 3).
+
+        These are the errors `aligned` without the part that an unknown release explains.
 
         Raises:
-            DataError: the release is not known, and the model does not ring.
+            DataError: the release is unknown, and the model does not oscillate.
         """
         time, times = self.session.description.time, self.session.times
         if time is None or times is None or time.release == "known":
@@ -101,23 +103,23 @@ class SessionResult:
         return self.aligned - released
 
     def of(self, rows: BoolArray, raw: bool = False) -> Measures:
-        """Measures over some rows (k,) and all sensors."""
+        """Return statistics over some rows (k,) and all sensors."""
         return measures((self.raw if raw else self.aligned)[rows & self.known])
 
     @property
     def regions(self) -> dict[str, tuple[float, float, Measures]]:
-        """Measures in thirds of the workspace, see by_region."""
+        """Statistics in thirds of the workspace; see by_region."""
         errors, where = self.aligned[self.judged], self.positions[self.judged] - self.aligned[self.judged]
         return by_region(errors.reshape(-1, 3), where.reshape(-1, 3))
 
     @property
     def beyond(self) -> list[str]:
-        """Limits of the session that are not kept, in words; none where no model was asked."""
+        """Messages for exceeded limits of the session; none where there is no model."""
         limits = self.session.description.limits
         return [] if self.alignment is None else self.of(self.judged).beyond(limits)
 
     def rest_values(self) -> dict[str, tuple[Array, Array]]:
-        """Of a replay in time: each sensor's place at its end, measured and the model's, (3,) in [m]."""
+        """Return each sensor's final position in a replay in time, measured and of the model, (3,) in [m]."""
         times = self.session.times
         if times is None or self.alignment is None or not self.judged.any():
             return {}
@@ -128,7 +130,7 @@ class SessionResult:
         return {name: (measured[s], model[s]) for s, name in enumerate(names)}
 
     def ringings(self) -> dict[str, tuple[Ringing, Ringing]]:
-        """Of a replay in time: how each sensor that rings does so, measured and the model's."""
+        """Return the oscillation of each sensor in a replay in time, measured and of the model."""
         times = self.session.times
         if times is None or self.alignment is None:
             return {}
@@ -147,7 +149,7 @@ class SessionResult:
 def session_robot(
     name_or_path: str, session: SessionDescription, overrides: Mapping[str, Any] | None = None
 ) -> RobotDescription:
-    """The model of a session: its overrides, or those that are given, laid over a robot's or scene's file."""
+    """Load the model of a session with its overrides, or with the given ones."""
     whole = merge(sourced(session.overrides, None), sourced(overrides or {}, None))
     return load_scene(name_or_path, whole)
 
@@ -159,19 +161,20 @@ def validate_session(
     progress: Callable[[int, int], None] | None = None,
     given: Alignment | None = None,
 ) -> SessionResult:
-    """Replay a session's commands and compare.
+    """Replay a session's commands and compare the result with the measurements.
 
     Args:
-        session: What was measured.
+        session: The measurements.
         robot: The model; None compares other models only.
-        order: Of rows that are solved in equilibrium.
-        progress: Told what is done.
-        given: An alignment found before, such as on other rows; None: it is fitted as described.
+        order: Order in which equilibria are solved.
+        progress: Called with the progress.
+        given: An existing alignment, such as from other rows; None: it is fitted as described.
 
     Raises:
-        DataError: the data do not fit the robot, or do not tell what is to be fitted.
+        DataError: the data do not fit the robot, or do not determine the fitted quantities.
         SceneError: the scene cannot be built, or has nothing where a sensor sits.
-        KeyboardInterrupt: it was interrupted before anything was done; later, the result says so.
+        KeyboardInterrupt: interrupted before any row was finished; a later interrupt is reported in the
+            result.
     """
     if robot is None or not session.description.replayed:
         nothing = np.full_like(session.measured, np.nan)
@@ -184,9 +187,9 @@ def validate_session(
 
 
 def _judged_by_others(result: SessionResult, prediction: Prediction) -> SessionResult:
-    """The result with each span of time aligned by the others, where a delay would be fitted to all rows.
+    """Align each time span by the others, where a delay would otherwise be fitted to all rows.
 
-    A delay makes up for much of what a model does wrong; where rows are held out, it does not know them.
+    A delay compensates for many errors of a model. Where rows are held out, they do not influence the delay.
     """
     session, time = result.session, result.session.description.time
     held_out = session.used & ~session.training
@@ -203,14 +206,14 @@ def _judged_by_others(result: SessionResult, prediction: Prediction) -> SessionR
 
 
 def compared(session: Session, prediction: Prediction, given: Alignment | None = None) -> SessionResult:
-    """A session beside what a model did under its commands; see validate_session."""
+    """Compare a session with a model's prediction; see validate_session."""
     description = session.description
     described = unaligned(np.array([sensor.offset for sensor in description.sensors]))
     session = _from_rest(session, prediction, described.points)
     try:
         alignment = given or _aligned(session, prediction, described)
     except DataError as error:
-        if prediction.stopped:  # what is done is too little to be kept
+        if prediction.stopped:  # too few rows are finished
             raise KeyboardInterrupt from error
         raise
     positions, rotations, known = prediction.at(session, alignment.delay)
@@ -230,7 +233,7 @@ def compared(session: Session, prediction: Prediction, given: Alignment | None =
 
 
 def _from_rest(session: Session, prediction: Prediction, points: Array) -> Session:
-    """The session with sensors that tell displacements put where the model has them at the beginning."""
+    """Return the session with displacement sensors shifted to the model's initial positions."""
     moving = [k for k, sensor in enumerate(session.description.sensors) if sensor.displacement]
     if not moving:
         return session
@@ -243,7 +246,7 @@ def _from_rest(session: Session, prediction: Prediction, points: Array) -> Sessi
 
 
 def _aligned(session: Session, prediction: Prediction, described: Alignment) -> Alignment:
-    """Frame, points and delay as described, fitted to the training rows."""
+    """Fit frame, points and delay to the training rows as described."""
     fit, what = session.description.alignment, f"session {session.name}"
     _need_same_scale(session, prediction)
 
@@ -286,7 +289,7 @@ def _aligned(session: Session, prediction: Prediction, described: Alignment) -> 
 
 
 def _need_same_scale(session: Session, prediction: Prediction) -> None:
-    """Refuse measurements whose motion between load cases is of quite another size than the model's."""
+    """Reject measurements whose motion between load cases differs greatly in size from the model's."""
     positions, _, known = prediction.at(session)
     rows = np.flatnonzero(session.fitting & known)
     cases = session.load_cases[rows]
@@ -328,7 +331,7 @@ def _warnings(session: Session, known: BoolArray, alignment: Alignment, stopped:
 
 
 def _others(session: Session) -> dict[str, OtherErrors]:
-    """What other models leave: raw, and with a rigid frame fitted on the training rows."""
+    """Return the errors of other models: raw, and with a rigid frame fitted to the training rows."""
     told = {}
     for name, (sensor, positions) in session.others.items():
         measured = session.measured[:, sensor]
@@ -341,17 +344,17 @@ def _others(session: Session) -> dict[str, OtherErrors]:
 
 
 def summary(results: Sequence[SessionResult]) -> Measures:
-    """Over the judged rows of all sessions."""
+    """Return statistics over the evaluated rows of all sessions."""
     return measures(np.concatenate([each.aligned[each.judged].reshape(-1, 3) for each in results]))
 
 
 def plain(name: str, model: str | None, results: Sequence[SessionResult]) -> dict[str, Any]:
-    """Everything that is told of a data set beside a model.
+    """Return the whole comparison of a data set with a model as plain data.
 
     Args:
-        name: Of the data set.
-        model: Of the robot; None: only other models were compared.
-        results: Of the sessions.
+        name: Name of the data set.
+        model: Name of the robot; None: only other models were compared.
+        results: Results of the sessions.
     """
     asked = [each for each in results if each.alignment is not None]
     return {
@@ -411,7 +414,7 @@ def _session(result: SessionResult) -> dict[str, Any]:
 
 
 def _each_row(result: SessionResult) -> list[dict[str, Any]]:
-    """Rows: line in the table, commands as it has them, errors; null where the model has none."""
+    """Return one entry per row: line in the table, commands as recorded, errors; null without prediction."""
     session, names = result.session, result.session.description.sensor_names
     columns = session.description.commands
     commands = {name: session.table.numbers(name).tolist() for name in (columns.columns if columns else ())}
@@ -443,7 +446,7 @@ def _alignment(alignment: Alignment) -> dict[str, Any]:
 
 
 def read_alignments(file: Path) -> dict[str, Alignment]:
-    """The alignments in a report that was written as JSON, by session.
+    """Read the alignments by session from a report in JSON.
 
     Raises:
         DataError: the file is no such report.
@@ -472,10 +475,10 @@ def _read(told: dict[str, Any]) -> Alignment:
 
 
 def given_alignment(alignments: dict[str, Alignment], session: Session) -> Alignment:
-    """That of a session.
+    """Return the alignment of a session.
 
     Raises:
-        DataError: there is none, or for other sensors.
+        DataError: there is none, or it is for other sensors.
     """
     name, sensors = session.name, len(session.description.sensors)
     if name not in alignments:
@@ -486,7 +489,7 @@ def given_alignment(alignments: dict[str, Alignment], session: Session) -> Align
 
 
 def worst(result: SessionResult, count: int) -> list[tuple[int, int, Array]]:
-    """The largest errors among the judged: row, sensor and error (3,) in [m], largest first."""
+    """Return the largest errors of the evaluated rows: row, sensor and error (3,) in [m], largest first."""
     lengths = np.where(result.judged[:, None], np.linalg.norm(result.aligned, axis=2), -1.0)
     order = np.argsort(lengths, axis=None)[::-1][: min(count, int(result.judged.sum()) * lengths.shape[1])]
     rows, sensors = np.unravel_index(order, lengths.shape)

@@ -1,4 +1,4 @@
-"""Gymnasium's interface of the tasks: episodes in all copies of a batch, one robot or many."""
+"""Gymnasium environments of the tasks: episodes in all copies of a batch, one robot or many."""
 
 from __future__ import annotations
 
@@ -55,18 +55,18 @@ def _spaces(episodes: Episodes) -> tuple[Any, Any]:
 
 
 def _again(kind: type[Any], arguments: Mapping[str, Any]) -> Any:
-    """An environment made with the arguments of another."""
+    """Create an environment with the arguments of another one."""
     return kind(**arguments)
 
 
 def _state(environment: RobotEnv | RobotVectorEnv) -> dict[str, Any]:
-    """What an environment holds beside what its arguments make."""
+    """Return the state of an environment that its arguments do not determine."""
     state = {name: value for name, value in vars(environment).items() if name not in ("episodes", "_painter")}
     return {**state, "episodes": environment.episodes.saved()}
 
 
 def _take_over(environment: RobotEnv | RobotVectorEnv, state: Mapping[str, Any]) -> None:
-    """Go on from the state of another environment that was made with the same arguments."""
+    """Restore the state of another environment that was created with the same arguments."""
     environment.episodes.restore(state["episodes"])
     vars(environment).update({name: value for name, value in state.items() if name != "episodes"})
 
@@ -78,25 +78,25 @@ def _mode(mode: str | None) -> str | None:
 
 
 def _metadata(episodes: Episodes) -> dict[str, Any]:
-    """A picture for each action, so that a video plays at the robot's pace."""
+    """Return Gymnasium metadata with one picture per action, so that a video plays at the robot's pace."""
     return {"render_modes": list(_MODES), "render_fps": round(1.0 / episodes.span)}
 
 
 class RobotEnv(gymnasium.Env[Any, Any]):
-    """A robot and its task; actions and observations are told in docs/learning.md, `info` has SI units.
+    """A robot and its task; docs/learning.md describes actions and observations, `info` has SI units.
+
+    A copy, by `deepcopy` or `pickle`, continues independently from the same state.
 
     Args:
         name: The task, such as "TripodReach-v0".
         render_mode: "rgb_array", "human" or None.
-        randomise: File of what differs from episode to episode, see RandomisationDescription.
+        randomise: File of the variations between episodes, see RandomisationDescription.
         devices: Fields of Devices that differ from the task's.
         full_state: Whether an observation is the whole state (State.buffer), without noise.
         max_episode_steps: Actions of an episode; None: the task's. `gymnasium.make` counts them itself.
 
-    A copy, by `deepcopy` or `pickle`, goes on by itself from the same state.
-
     Raises:
-        SceneError, ConfigError: one of them cannot be.
+        SceneError, ConfigError: an argument is invalid.
     """
 
     metadata = {"render_modes": list(_MODES)}  # noqa: RUF012 (Gymnasium's own form)
@@ -126,7 +126,7 @@ class RobotEnv(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Numbers, dict[str, Any]]:
-        """Begin an episode; see gymnasium.Env."""
+        """Start an episode; see gymnasium.Env."""
         super().reset(seed=seed)
         self.episodes.generators[0] = self.np_random
         observation = self.episodes.begin(_ZERO)
@@ -135,7 +135,7 @@ class RobotEnv(gymnasium.Env[Any, Any]):
         return observation[0], self._info(self.episodes.told(_ZERO))
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
-        """Carry out an action; see gymnasium.Env.
+        """Perform an action; see gymnasium.Env.
 
         Raises:
             ArrayError, CommandError: not one finite number for each joint; nothing was moved.
@@ -152,7 +152,7 @@ class RobotEnv(gymnasium.Env[Any, Any]):
         )
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
-        """A picture as it is now, or None where a window shows it; see gymnasium.Env."""
+        """Return a picture of the present state, or None where a window shows it; see gymnasium.Env."""
         if self.render_mode is None:
             return None
         if self._painter is None:
@@ -169,7 +169,7 @@ class RobotEnv(gymnasium.Env[Any, Any]):
         _take_over(self, state)
 
     def close(self) -> None:
-        """See gymnasium.Env."""
+        """Close the window and stop the simulation processes."""
         if self._painter is not None:
             self._painter.close()
         self.episodes.close()
@@ -180,18 +180,18 @@ class RobotEnv(gymnasium.Env[Any, Any]):
 
 
 class RobotVectorEnv(VectorEnv[Any, Any, Any]):
-    """Many robots with the same task, in one Batch; copy i with seed s does what one robot does with s + i.
+    """Many robots with the same task in one Batch. Copy i with seed s does the same as one robot with s + i.
 
     Args:
         name: The task.
-        num_envs: How many robots.
-        workers: On how many cores, see Batch.
-        autoreset_mode: Gymnasium's: next step (as a rule), same step, or disabled.
-        render_mode: "rgb_array" (`render` gives a picture of each), "human" (the first one) or None.
+        num_envs: Number of robots.
+        workers: Number of cores, see Batch.
+        autoreset_mode: Gymnasium's: next step (the default), same step, or disabled.
+        render_mode: "rgb_array" (`render` returns a picture of each), "human" (the first one) or None.
         episodes: randomise, devices, full_state and max_episode_steps, see RobotEnv.
 
     Raises:
-        SceneError, ConfigError, BatchError: one of them cannot be.
+        SceneError, ConfigError, BatchError: an argument is invalid.
     """
 
     def __init__(
@@ -228,7 +228,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Numbers, dict[str, Any]]:
-        """Begin an episode in all robots, or in those of options["reset_mask"]; see VectorEnv."""
+        """Start an episode in all robots, or in those of options["reset_mask"]; see VectorEnv."""
         if seed is None and not self._seeded:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
         seeds: list[int | None] = [None] * self.num_envs
@@ -248,12 +248,12 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         return self._observations.copy(), self._info(self.episodes.told(numbers), numbers)
 
     def step(self, actions: Numbers) -> tuple[Numbers, Numbers, BoolArray, BoolArray, dict[str, Any]]:
-        """Carry out an action in every robot; see VectorEnv.
+        """Perform an action in every robot; see VectorEnv.
 
         Raises:
             ResetNeeded: autoreset is disabled, and a robot's episode has ended.
-            ArrayError, CommandError: not one finite number for each joint of a robot whose episode goes on;
-                nothing was moved, and no episode has begun.
+            ArrayError, CommandError: not one finite number for each joint of a robot with a running episode;
+                nothing was moved, and no episode was started.
         """
         reward, terminated, truncated = np.zeros(self.num_envs), self._none(), self._none()
         anew = np.flatnonzero(self._ended)
@@ -283,7 +283,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         return self._observations.copy(), reward, terminated, truncated, info
 
     def _begin_again(self, info: dict[str, Any]) -> dict[str, Any]:
-        """Begin the ended episodes anew, within the step; how they ended goes to final_obs and final_info."""
+        """Restart ended episodes within the step; store their end in final_obs and final_info."""
         ended, mask = np.flatnonzero(self._ended), self._ended.copy()
         final = {name: value.copy() for name, value in info.items()}
         for name in [name for name in final if name.startswith("_")]:
@@ -295,7 +295,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         return {**info, "final_obs": last, "_final_obs": mask, "final_info": final, "_final_info": mask}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Pictures as it is now, one per robot, or None where a window shows the first; see VectorEnv."""
+        """Return one picture per robot, or None where a window shows the first; see VectorEnv."""
         if self.render_mode != "rgb_array":
             return None
         painter = self._drawing()
@@ -308,7 +308,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         _take_over(self, state)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """See VectorEnv."""
+        """Close the window and stop the simulation processes; gymnasium calls this method from `close`."""
         if self._painter is not None:
             self._painter.close()
         self.episodes.close()
@@ -328,7 +328,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
     def _info(
         self, told: Mapping[str, Numbers], numbers: IndexArray, info: dict[str, Any] | None = None
     ) -> dict[str, Any]:
-        """Gymnasium's form: an array for all robots by name, and under `_name` for which it is told."""
+        """Return info in Gymnasium's form: an array over all robots by name, under `_name` its mask."""
         info = {} if info is None else info
         drawn = [self.episodes.parameters(number) for number in numbers.tolist()]
         for name in drawn[0] if drawn else ():

@@ -16,7 +16,7 @@ from softsim_core.simulation.batch import Batch
 
 
 class Outcome(NamedTuple):
-    """Of an action in k copies: rewards (k,), ends (k,), and what `info` tells, (k, ...) by name."""
+    """Result of an action in k copies: rewards (k,), ends (k,), and entries of `info`, (k, ...) by name."""
 
     reward: Array
     terminated: BoolArray
@@ -28,26 +28,26 @@ _KEPT = (
     "generators", "_noise", "_steps", "_command_noise", "_command_step", "_commanding", "_sensing", "_goals",
     "_commands", "_wanted", "_earlier", "_gravity", "_actions", "_late", "_parameters", "_overlays",
 )  # fmt: skip
-"""What a saved state holds beside those of the copies."""
+"""Attributes in a saved state besides those of the copies."""
 
 
 class Episodes:
     """Episodes of a task in all copies of a batch.
 
-    Whatever is random in a copy comes from its own generator, so its episodes do not depend on the others.
+    Each copy draws from its own random generator, so its episodes do not depend on the others.
 
     Args:
-        task: What it is about.
+        task: The task.
         copies, workers: See Batch.
         devices: Servos and sensors; None: the task's.
-        randomisation: What differs from episode to episode; None: nothing.
-        full_state: Whether observations are the whole state, without noise, instead of what is sensed.
+        randomisation: Variations between episodes; None: none.
+        full_state: Whether observations are the whole state, without noise, instead of sensor readings.
 
     Attributes:
         batch: The copies.
         span: Time of an action in [s].
-        horizon: After how many actions episodes are truncated; at first the task's.
-        generators: Random numbers of each copy; put new ones in for new seeds.
+        horizon: Number of actions after which episodes are truncated; at first the task's.
+        generators: Random generator of each copy; replace them to set new seeds.
     """
 
     def __init__(
@@ -88,14 +88,14 @@ class Episodes:
             self._equip(number, self._devices)
 
     def bounds(self) -> tuple[Numbers, Numbers]:
-        """Interval of each number of an observation, shapes (m,), float32."""
+        """Return lower and upper bounds of an observation's numbers, float32 arrays of shape (m,)."""
         if not self._full:
             return self.task.bounds()
         limit = np.full(self.batch.states.shape[1], np.inf, dtype=np.float32)
         return -limit, limit
 
     def begin(self, numbers: IndexArray) -> Numbers:
-        """Begin an episode in chosen copies; their observations, shape (k, m)."""
+        """Start an episode in chosen copies; return their observations, shape (k, m)."""
         for number in numbers.tolist():
             random = self.generators[number]
             if self._randomisation is None:
@@ -124,7 +124,7 @@ class Episodes:
         return self._observed(numbers)
 
     def act(self, numbers: IndexArray, actions: Numbers) -> tuple[Numbers, Outcome]:
-        """Carry out actions (k, j) in [-1, 1]; the observations (k, m), and what came of it.
+        """Perform actions (k, j) in [-1, 1]; return the observations (k, m) and the results.
 
         Raises:
             ArrayError, CommandError: see `check_actions`; nothing was moved.
@@ -150,7 +150,7 @@ class Episodes:
         return self._observed(numbers), Outcome(judged.reward, ended, truncated, info)
 
     def check_actions(self, numbers: IndexArray, actions: Numbers) -> None:
-        """Refuse actions of chosen copies that cannot be carried out, also with a latency: at once.
+        """Reject invalid actions of chosen copies at once, even if latency would delay them.
 
         Raises:
             ArrayError: they are not (k, j) numbers.
@@ -162,21 +162,21 @@ class Episodes:
             raise CommandError(f"actions of robots {bad} refused: one is not finite; nothing was moved")
 
     def told(self, numbers: IndexArray) -> dict[str, Numbers]:
-        """What `info` tells at the start of an episode."""
+        """Return the entries of `info` at the start of an episode."""
         return {**self.task.judge(self._moment(numbers)).info, "time_s": np.zeros(len(numbers))}
 
     def parameters(self, number: int) -> Mapping[str, float]:
-        """What was drawn for the episode of a copy, by name."""
+        """Return the parameters drawn for the episode of a copy, by name."""
         return self._parameters[number]
 
     def saved(self) -> dict[str, Any]:
-        """The state of all episodes, for `restore` of episodes that were made with the same arguments."""
+        """Return the state of all episodes, for `restore` of episodes with the same constructor arguments."""
         copies = range(len(self.generators))
         states = [self.batch.call(number, "snapshot") for number in copies]
         return {"states": states, **{name: getattr(self, name) for name in _KEPT}}
 
     def restore(self, saved: Mapping[str, Any]) -> None:
-        """Go on from what `saved` gave."""
+        """Restore a result of `saved`."""
         for name in _KEPT:
             setattr(self, name, saved[name])
         for number, state in enumerate(saved["states"]):
@@ -189,7 +189,7 @@ class Episodes:
         self.batch.close()
 
     def _go_home(self, number: int) -> None:
-        """To where episodes begin; walked to once, then restored."""
+        """Move a copy to the state at which episodes begin: simulated once, then restored from a snapshot."""
         if self._home is None:
             self.batch.reset([number])
             self._lead_in(number)
@@ -198,7 +198,7 @@ class Episodes:
             self.batch.restore(self._home, [number])
 
     def _lead_in(self, number: int) -> None:
-        """To where episodes begin: the start move, after which the robot is as mounted, and commands."""
+        """Run the start move, after which the robot is as mounted, and the task's lead-in commands."""
         if self._start_steps:
             self.batch.call(number, "start_animation")
             self.batch.step(self._start_steps, [number])
@@ -207,7 +207,7 @@ class Episodes:
             self.batch.step(steps, [number])
 
     def _equip(self, number: int, devices: Devices) -> None:
-        """Take over the devices of a copy."""
+        """Set the devices of a copy."""
         task = self.task
         self._noise[number] = task.of_devices(devices, "noise")
         self._steps[number] = task.of_devices(devices, "step")
@@ -216,7 +216,7 @@ class Episodes:
         self._late[number] = [round(each / self.span) for each in late]
 
     def _velocities(self, numbers: IndexArray) -> Array:
-        """Velocity of the effector in [m/s], zeros without one, shape (k, 3)."""
+        """Return the velocity of the effector in [m/s], zeros without one, shape (k, 3)."""
         if self._frame < 0:
             return np.zeros((len(numbers), 3))
         return self.batch.array("reduced_velocities")[numbers, 6 * self._frame :][:, :3]
@@ -234,7 +234,7 @@ class Episodes:
         )
 
     def _drawn(self, numbers: IndexArray, count: int) -> Array:
-        """Standard normal numbers, of each copy its own, shape (k, count)."""
+        """Draw standard normal numbers from each copy's own generator, shape (k, count)."""
         return np.array([self.generators[number].standard_normal(count) for number in numbers.tolist()])
 
     def _observed(self, numbers: IndexArray) -> Numbers:
@@ -248,10 +248,10 @@ class Episodes:
 
 
 def _effector_frame(scene: SceneDescription, task: Task) -> int:
-    """Return the place of the effector among the free frames; -1: the scene has none.
+    """Return the index of the effector among the free frames; -1: the scene has none.
 
     Raises:
-        SceneError: the task looks at the effector, and the scene has none.
+        SceneError: the task uses the effector, and the scene has none.
     """
     if scene.effector is None:
         if wanted := [name for name in task.asks if name.startswith("effector")]:

@@ -1,4 +1,4 @@
-"""Pictures of a copy: surfaces drawn by matplotlib, the farthest triangle first."""
+"""Pictures of a copy: surfaces drawn by matplotlib, from the farthest triangle to the nearest."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from softsim_core.simulation.batch import Batch
 SIZE = 400
 """Width and height of a picture in pixels."""
 FEW = 600
-"""Surfaces of fewer triangles are drawn in smaller ones."""
+"""Surfaces with fewer triangles are subdivided for drawing."""
 _LIGHT = np.array([0.35, -0.5, 0.8])
 
 
 class Painter:
-    """Draws copies of a task's scene.
+    """Painter of copies of a task's scene.
 
     Args:
-        task: Its camera counts.
+        task: The task, for its camera.
         batch: Its copies.
 
     Raises:
@@ -53,7 +53,7 @@ class Painter:
         self._window: Any = None
 
     def paint(self, number: int) -> NDArray[np.uint8]:
-        """A copy as it is now, shape (SIZE, SIZE, 3), RGB."""
+        """Return a picture of a copy's present state, shape (SIZE, SIZE, 3), RGB."""
         from matplotlib.collections import PolyCollection
 
         poses = self._batch.call(number, "rigid_poses")
@@ -78,7 +78,7 @@ class Painter:
         return np.asarray(self._canvas.buffer_rgba())[:, :, :3].copy()
 
     def show(self, number: int) -> None:
-        """A copy as it is now, in a window."""
+        """Show a copy's present state in a window."""
         from matplotlib import pyplot
 
         picture = self.paint(number)
@@ -100,7 +100,7 @@ class Painter:
 
 
 def _fine(surface: SurfaceMesh) -> Array:
-    """Corners (m, 3, 3) of a surface; few large triangles are cut, so that their order is right."""
+    """Return corners (m, 3, 3) of a surface; large triangles are subdivided to sort correctly by distance."""
     corners = surface.points[surface.triangles]
     while len(corners) < FEW:
         a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
@@ -111,7 +111,7 @@ def _fine(surface: SurfaceMesh) -> Array:
 
 
 def _shades(corners: Array) -> Array:
-    """How bright triangles (m, 3, 3) are, from 0.35 to 1, shape (m,)."""
+    """Return the brightness of triangles (m, 3, 3), from 0.35 to 1, shape (m,)."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     facing = np.abs(normal @ (_LIGHT / np.linalg.norm(_LIGHT))) / np.maximum(length, 1e-30)

@@ -1,7 +1,8 @@
-"""Trained policies as ONNX files: what a file declares, checked before it is loaded, and what it must fit.
+"""Trained policies as ONNX files: declared contents, checks before loading, and match with task and robot.
 
 A file of a few hundred bytes can name other files to read (external data), a constant of any size, and
-functions that unfold to any number of nodes. Only the fields that say so are read; onnx.proto numbers them.
+functions that unfold to any number of nodes. Only the fields that declare these are read; onnx.proto numbers
+them.
 """
 
 from __future__ import annotations
@@ -39,24 +40,24 @@ _PARTS: Final = MappingProxyType[Kind, dict[int, Kind]](
         "tensor": {},
     }
 )  # fmt: skip
-"""Messages inside of messages, by field."""
+"""Nested messages by field."""
 
 _ONCE: Final = frozenset({("model", 7), ("attribute", 5), ("attribute", 6), ("attribute", 22),
                           ("sparse tensor", 1), ("sparse tensor", 2)})  # fmt: skip
-"""Fields that may stand once: of two, a reader would make one constant of the sizes of both."""
+"""Fields that may occur once: from two, a reader would make one constant with the sizes of both."""
 
 _DIMENSIONS: Final = MappingProxyType({"tensor": 1, "sparse tensor": 3})
 _DATA_TYPE, _EXTERNAL_DATA, _DATA_LOCATION, _FUNCTIONS = 2, 13, 14, 25
 _BYTES: Final = MappingProxyType({1: 4, 2: 1, 3: 1, 4: 2, 5: 2, 6: 4, 9: 1, 10: 2, 12: 4, 8: 32, 15: 16})
-"""Bytes of a number by data type, where it is not 8; of a text at least."""
+"""Bytes of a number by data type, if it is not 8; for a text the least number."""
 
 
 def objection(data: bytes, most_bytes: int) -> str:
-    """Why a model is not to be loaded, as "it reads other files ..."; empty: it may be.
+    """Return why a model must not be loaded, as "it reads other files ..."; empty: it may be loaded.
 
     Args:
         data: The file.
-        most_bytes: Memory that all its constants together may take.
+        most_bytes: Memory limit of all its constants together.
     """
     total = 0
     waiting: list[tuple[Kind, memoryview]] = [("model", memoryview(data))]
@@ -93,7 +94,7 @@ def objection(data: bytes, most_bytes: int) -> str:
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
-    """Number and value of each field: an integer, or bytes.
+    """Yield number and value of each field: an integer, or bytes.
 
     Raises:
         ValueError, IndexError: the bytes are no such message.
@@ -127,7 +128,7 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
 
 
 def _integers(value: int | memoryview) -> list[int]:
-    """One integer, or those packed into bytes."""
+    """Return one integer, or the integers packed into bytes."""
     if isinstance(value, int):
         return [value]
     found, at = [], 0
@@ -143,21 +144,21 @@ LONGEST_ACTION_S: Final = 1.0
 """A policy that has not answered within this time in [s] is stopped."""
 
 MOST_MEMORY: Final = 256 << 20
-"""Bytes that constants may take, and all that the policies of a process compute."""
+"""Memory limit in bytes of constants, and of all computations of a process's policies."""
 
 _ROUNDED: Final = 1e-9
 """Limits of a joint may be narrower than commands of the task by this, in [rad] or [m]."""
 
 
 def policy_metadata(name: str) -> dict[str, str]:
-    """What a policy's file tells of itself, as ONNX keeps it (`metadata_props`).
+    """Return the metadata of a policy's file, in the form of ONNX (`metadata_props`).
 
     Args:
         name: The task, such as "TripodReach-v0".
 
     Returns:
-        Task, robot and rate in [Hz]; observation and action in JSON: of each part its name, unit and how many
-        numbers it has, of each joint its name, unit and the commands that -1 and 1 stand for.
+        Task, robot and rate in [Hz]; observation and action in JSON: name, unit and count of numbers of each
+        part, and for each joint its name, unit and the commands that -1 and 1 stand for.
 
     Raises:
         PolicyError: no such task.
@@ -181,7 +182,7 @@ def policy_metadata(name: str) -> dict[str, str]:
 
 
 class Policy:
-    """A policy that was read; `load_policy` makes it.
+    """A loaded policy; `load_policy` creates it.
 
     Attributes:
         name: Its task's name.
@@ -195,7 +196,7 @@ class Policy:
         self._input, self._output = session.get_inputs()[0].name, session.get_outputs()[0].name
 
     def actions(self, observations: Numbers) -> Numbers:
-        """What to do, shape (k, j) float32, for observations (k, m) float32.
+        """Return actions, shape (k, j) float32, for observations (k, m) float32.
 
         Raises:
             PolicyError: no answer within a second or `MOST_MEMORY`, one that is not finite, or of another
@@ -210,7 +211,7 @@ class Policy:
         return found
 
     def _run(self, observations: Numbers) -> Any:
-        """The answer, computed under a deadline.
+        """Compute the answer within a time limit.
 
         Raises:
             PolicyError: there is none.
@@ -228,7 +229,7 @@ class Policy:
         timer.start()
         try:
             return self._session.run([self._output], {self._input: observations}, options)[0]
-        except Exception as error:  # the runtime's own classes share no base of theirs
+        except Exception as error:  # the runtime's own errors have no common base class
             if late.is_set():
                 what = f"it has not answered within {LONGEST_ACTION_S:g} s"
             else:
@@ -238,9 +239,9 @@ class Policy:
             timer.cancel()
 
     def command(self, senses: Senses) -> Array:
-        """Where the servos of k robots go next in [rad] or [m], shape (k, j).
+        """Return the next commands for the servos of k robots in [rad] or [m], shape (k, j).
 
-        The observation is the environment's, without the noise that stands there for sensors.
+        The observation is the environment's, without the simulated noise of sensors.
 
         Raises:
             PolicyError: see `actions`.
@@ -249,10 +250,10 @@ class Policy:
         return self.task.command(self.actions(observations), self.task.devices.command_step)
 
     def check_robot(self, robot: RobotDescription) -> int:
-        """Refuse a robot that it cannot drive.
+        """Reject a robot that the policy cannot drive.
 
         Returns:
-            Place of the task's rigid body among all of the scene; -1: the task is about none.
+            Index of the task's rigid body among all of the scene; -1: the task has none.
 
         Raises:
             PolicyError: other joints, commands beyond their limits, no effector, or no such rigid body.
@@ -286,7 +287,7 @@ class Policy:
 
 
 def load_policy(file: str | PathLike[str]) -> Policy:
-    """A policy from its ONNX file, checked against the task that it names.
+    """Load a policy from its ONNX file, checked against the task that it names.
 
     Raises:
         PolicyError: ONNX Runtime is not installed, or the file cannot be read or does not fit.
@@ -324,7 +325,7 @@ def _joints(robot: RobotDescription) -> list[str]:
 
 
 def _runtime(path: Path) -> Any:
-    """ONNX Runtime.
+    """Return ONNX Runtime.
 
     Raises:
         PolicyError: it is not installed.
@@ -337,14 +338,14 @@ def _runtime(path: Path) -> Any:
 
 @functools.cache
 def _limit_memory(runtime: Any) -> None:
-    """Give all sessions of this process one allocator, which refuses more than `MOST_MEMORY`."""
+    """Give all sessions of this process one allocator, limited to `MOST_MEMORY`."""
     memory = runtime.OrtMemoryInfo(
         "Cpu", runtime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, runtime.OrtMemType.DEFAULT
     )
     limits = {
         "max_mem": MOST_MEMORY,
         "arena_extend_strategy": 1,
-    }  # as much as is asked for, not twice as much
+    }  # allocate the requested size, not twice as much
     runtime.create_and_register_allocator(memory, runtime.OrtArenaCfg(limits))
 
 
@@ -365,7 +366,7 @@ def _session(path: Path) -> Any:
     _limit_memory(runtime)
     options = runtime.SessionOptions()
     options.add_session_config_entry("session.use_env_allocators", "1")
-    # what does not depend on the observation would be computed here, without a deadline
+    # constant folding would run here, without a time limit
     options.graph_optimization_level = runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
@@ -373,6 +374,6 @@ def _session(path: Path) -> Any:
         warnings.simplefilter("ignore")
         try:
             return runtime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # the runtime's own classes share no base of theirs
+        except Exception as error:  # the runtime's own errors have no common base class
             what = f"it is no ONNX file that ONNX Runtime can run ({_reason(error)})"
             raise PolicyError(path, what) from error

@@ -18,22 +18,22 @@ from softsim_core.scene.io import laid_over, read_extended, structured
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Devices:
-    """Servos and sensors as they are; zeros are perfect ones.
+    """Errors of servos and sensors; zeros are perfect devices.
 
-    Joint quantities are in [rad], of sliding joints and cables in [m].
+    Joint quantities are in [rad], for sliding joints and cables in [m].
 
     Attributes:
         command_latency: From an action to the servo in [s], rounded to whole actions.
-        command_noise: Standard deviation of where a servo goes.
-        command_step: Smallest step of a command.
+        command_noise: Standard deviation of servo positions.
+        command_step: Resolution of a command.
         sensor_latency: From the robot to the observation in [s], rounded to whole actions.
         joint_noise: Standard deviation of measured joint positions.
-        joint_step: Smallest step of them.
+        joint_step: Resolution of measured joint positions.
         position_noise: Standard deviation of measured positions in [m], of the effector and of objects.
-        tilt_noise: Of the effector's measured tilts in [rad].
-        rate_noise: Of a gyroscope in [rad/s].
-        force_noise: Of an accelerometer in [m/s^2].
-        effort_noise: Of measured joint efforts in [N m] or [N].
+        tilt_noise: Standard deviation of the effector's measured tilts in [rad].
+        rate_noise: Standard deviation of a gyroscope in [rad/s].
+        force_noise: Standard deviation of an accelerometer in [m/s^2].
+        effort_noise: Standard deviation of measured joint efforts in [N m] or [N].
     """
 
     command_latency: float = 0.0
@@ -55,7 +55,7 @@ class Devices:
                 raise FieldError("devices", each.name, value, ">= 0")
 
     def changed(self, values: Mapping[str, float]) -> Devices:
-        """The same with other values by name.
+        """Return a copy with other values by name.
 
         Raises:
             FieldError: no such field, or a value that is not >= 0.
@@ -68,10 +68,10 @@ class Devices:
 
 
 class Delay:
-    """Rows that come out some calls after they went in; of each copy its own number of calls.
+    """Delay line of rows; each copy has its own delay, counted in calls.
 
     Args:
-        copies, width: Shape of what goes through.
+        copies, width: Shape of the rows of all copies.
     """
 
     def __init__(self, copies: int, width: int) -> None:
@@ -79,7 +79,7 @@ class Delay:
         self._rows = np.zeros((1, copies, width))
 
     def begin(self, copy: int, calls: int, row: Array) -> None:
-        """Begin anew for a copy: so many calls, in which `row` (w,) comes out."""
+        """Restart the delay of a copy: during `calls` calls it returns `row` (w,)."""
         if calls >= len(self._rows):
             grown = np.zeros((calls + 1, *self._rows.shape[1:]))
             grown[-len(self._rows) :] = self._rows
@@ -88,27 +88,27 @@ class Delay:
         self._rows[:, copy] = row
 
     def through(self, copies: IndexArray, rows: Array) -> Array:
-        """Put rows (k, w) of copies (k,) in; what comes out, same shape."""
+        """Insert rows (k, w) of copies (k,) and return the delayed rows, of the same shape."""
         self._rows[:-1, copies] = self._rows[1:, copies]
         self._rows[-1, copies] = rows
         return np.asarray(self._rows[len(self._rows) - 1 - self._calls[copies], copies])
 
 
 def rounded(values: Array, steps: Array) -> Array:
-    """Values to whole steps; 0 leaves them."""
+    """Round values to multiples of the steps; a step of 0 leaves them unchanged."""
     safe = np.where(steps > 0.0, steps, 1.0)
     return np.where(steps > 0.0, np.round(values / safe) * safe, values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpreadDescription:
-    """How a parameter is drawn: exactly one of the first three.
+    """Distribution of a parameter: exactly one of the first three.
 
     Attributes:
-        uniform: Evenly between two values.
-        log_uniform: Evenly in its logarithm between two values > 0.
+        uniform: Uniform between two values.
+        log_uniform: Uniform in its logarithm between two values > 0.
         normal: Mean and standard deviation.
-        bounds: What lies outside is drawn again.
+        bounds: Values outside are drawn again.
     """
 
     uniform: tuple[float, float] | None = None
@@ -132,7 +132,7 @@ class SpreadDescription:
             raise FieldError(owner, "bounds", self.bounds, "two values, the lower one first")
 
     def draw(self, random: np.random.Generator) -> float:
-        """One value.
+        """Draw one value.
 
         Raises:
             FieldError: none of a thousand lies within the bounds.
@@ -153,14 +153,15 @@ class SpreadDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RandomisationDescription:
-    """What differs from episode to episode.
+    """Variations from episode to episode.
 
     Attributes:
-        name: What messages call it.
+        name: Name in messages.
         parameters: Parameters by name.
-        posterior: A distribution that `softsim calibrate` wrote, whose overlay is laid over the robot first;
-            its parameters may be used below, too.
-        scene: Laid over the robot: values of the scene, or expressions of the parameters (`= 2 * modulus`).
+        posterior: A distribution that `softsim calibrate` wrote; its overlay is applied to the robot first,
+            and its parameters may be used in the other fields.
+        scene: Overrides of the robot: values of the scene, or expressions of the parameters (`= 2 *
+            modulus`).
         devices: Fields of Devices: values, or such expressions.
     """
 
@@ -172,10 +173,10 @@ class RandomisationDescription:
 
 
 class Randomisation:
-    """Draws from a description.
+    """Sampler of a description.
 
     Args:
-        description: What is drawn.
+        description: The description.
         posterior: The distribution that it names.
     """
 
@@ -185,10 +186,10 @@ class Randomisation:
         self._description, self._posterior = description, posterior
 
     def draw(self, random: np.random.Generator) -> tuple[dict[str, Any], dict[str, float], dict[str, float]]:
-        """What is laid over the robot, fields of Devices, and the parameters of one episode.
+        """Draw the overlay of the robot, fields of Devices, and the parameters of one episode.
 
         Raises:
-            SceneError: an expression with an unknown name; bounds that nothing falls into.
+            SceneError: an expression with an unknown name, or bounds that no value satisfies.
         """
         description, values, overlay = self._description, dict[str, float](), dict[str, Any]()
         if self._posterior is not None:
@@ -201,10 +202,10 @@ class Randomisation:
 
 
 def load_randomisation(file: str | Path) -> Randomisation:
-    """From its file, or from a distribution that `softsim calibrate` wrote.
+    """Load a randomisation from its file, or from a distribution that `softsim calibrate` wrote.
 
     Raises:
-        ConfigError: it is not there, or any problem in it, in one sentence.
+        ConfigError: the file does not exist, or any problem in it, as one message.
     """
     path = Path(file).expanduser().absolute()
     if not path.is_file():

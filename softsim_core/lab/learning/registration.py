@@ -1,4 +1,4 @@
-"""The environments by their ids."""
+"""Gymnasium ids of the environments."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _HOME = "softsim_core.lab.learning.environments"
 
 
 def register_environments() -> None:
-    """Make the ids known to Gymnasium."""
+    """Register the ids of the environments with Gymnasium."""
     for name, task in TASKS.items():
         if f"softsim/{name}" not in gymnasium.registry:
             gymnasium.register(

@@ -1,4 +1,4 @@
-"""Tasks of environments: scene, actions, observations, rewards; and those that are shipped."""
+"""Tasks of environments: scene, actions, observations and rewards; and the shipped tasks."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from softsim_core.scene.io import laid_over
 from softsim_core.simulation.batch import Batch
 
 Numbers: TypeAlias = NDArray[Any]
-"""Numbers of other types than float64, such as float32 and bool."""
+"""Numbers of types other than float64, such as float32 and bool."""
 
 
 class Sensed(NamedTuple):
-    """A part of an observation.
+    """One group of numbers in an observation.
 
     Attributes:
-        name: What it is.
-        unit: Its unit.
-        low, high: Its interval, of each number.
-        size: How many numbers.
-        noise, step: Fields of Devices, or "".
+        name: Name of the quantity.
+        unit: Unit of the quantity.
+        low, high: Interval of each number.
+        size: Count of numbers.
+        noise, step: Names of the fields of Devices with its noise and its resolution, or "".
     """
 
     name: str
@@ -45,7 +45,7 @@ class Sensed(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Of k copies: rewards (k,), whether each has failed (k,), and what `info` tells, (k, ...) by name."""
+    """Rewards (k,), failure flags (k,) and entries of `info` (k, ...) by name, of k copies."""
 
     reward: Array
     failed: BoolArray
@@ -53,23 +53,23 @@ class Judged(NamedTuple):
 
 
 class Senses(Protocol):
-    """What sensors tell of k robots: of simulated ones a Moment, of a real one what its topics said."""
+    """Sensor readings of k robots: a Moment of simulated robots, or the last messages of a real one."""
 
     @property
     def joint_positions(self) -> Array:
-        """In [rad] or [m], shape (k, j)."""
+        """Joint positions in [rad] or [m], shape (k, j)."""
 
     @property
     def joint_efforts(self) -> Array:
-        """In [N m] or [N], shape (k, j)."""
+        """Joint efforts in [N m] or [N], shape (k, j)."""
 
     @property
     def effector_position(self) -> Array:
-        """In [m], shape (k, 3)."""
+        """Effector positions in [m], shape (k, 3)."""
 
     @property
     def effector_rotation(self) -> Array:
-        """Rotation matrices, shape (k, 3, 3)."""
+        """Rotation matrices of the effectors, shape (k, 3, 3)."""
 
     @property
     def effector_rate(self) -> Array:
@@ -81,30 +81,30 @@ class Senses(Protocol):
 
     @property
     def thing_position(self) -> Array:
-        """Of the task's rigid body in [m], shape (k, 3)."""
+        """Positions of the task's rigid body in [m], shape (k, 3)."""
 
     @property
     def commands(self) -> Array:
-        """What the servos were told last in [rad] or [m], shape (k, j)."""
+        """Last commands of the servos in [rad] or [m], shape (k, j)."""
 
     @property
     def goals(self) -> Array:
-        """What is wanted, shape (k, g)."""
+        """Goals of the episodes, shape (k, g)."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """Simulated robots as a task looks at them.
+    """State of simulated robots as a task evaluates it.
 
     Attributes:
-        batch: All copies.
-        numbers: Which ones, shape (k,).
+        batch: The batch of all copies.
+        numbers: Indices of the evaluated copies, shape (k,).
         goals: Their goals, shape (k, g).
-        commands: What their servos were told last, shape (k, j).
+        commands: Last commands of their servos, shape (k, j).
         earlier: Velocity of the effector before the last step in [m/s], shape (k, 3).
         gravity: Gravity of each copy in [m/s^2], shape (k, 3).
-        frame: Place of the effector among the free frames.
-        thing: Place of the task's rigid body among those with mass; -1: the task is about none.
+        frame: Index of the effector among the free frames.
+        thing: Index of the task's rigid body among those with mass; -1: the task has none.
     """
 
     batch: Batch
@@ -117,37 +117,37 @@ class Moment:
     thing: int
 
     def array(self, name: str) -> Array:
-        """Part of the states; see Batch.array."""
+        """Return part of the states of the evaluated copies; see Batch.array for the names."""
         return self.batch.array(name)[self.numbers]
 
     @property
     def joint_positions(self) -> Array:
-        """See Senses."""
+        """Joint positions in [rad] or [m], shape (k, j)."""
         return self.array("joint_positions")
 
     @property
     def joint_efforts(self) -> Array:
-        """See Senses."""
+        """Joint efforts in [N m] or [N], shape (k, j)."""
         return self.array("joint_efforts")
 
     @cached_property
     def effector_position(self) -> Array:
-        """See Senses."""
+        """Effector positions in [m], shape (k, 3)."""
         return self.array("frame_positions")[:, self.frame]
 
     @cached_property
     def effector_rotation(self) -> Array:
-        """See Senses."""
+        """Rotation matrices of the effectors, shape (k, 3, 3)."""
         return self.array("frame_rotations")[:, self.frame]
 
     @property
     def effector_rate(self) -> Array:
-        """See Senses."""
+        """Angular rate in the effector's axes in [rad/s], as of an IMU in its frame, shape (k, 3)."""
         return self._inertial[1]
 
     @property
     def effector_force(self) -> Array:
-        """See Senses; as an IMU measures it, the mean over the last step."""
+        """Specific force in the effector's axes in [m/s^2] as of an IMU: mean over the last step, (k, 3)."""
         return self._inertial[0]
 
     @cached_property
@@ -158,26 +158,26 @@ class Moment:
 
     @cached_property
     def thing_position(self) -> Array:
-        """See Senses."""
+        """Positions of the task's rigid body in [m], shape (k, 3)."""
         return self.array("rigid_positions")[:, self.thing]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """See the module; kinds of tasks derive from it.
+    """Scene, actions, observations and rewards of an environment; base class of all tasks.
 
     Attributes:
-        robot: The robot's name.
-        overlay: Laid over it.
-        steps: Physics steps of an action.
-        horizon: Actions of an episode at most.
+        robot: Name of the robot.
+        overlay: Overrides of the robot's file.
+        steps: Physics steps per action.
+        horizon: Largest number of actions per episode.
         low, high: Commands that actions -1 and 1 stand for, in [rad] or [m], in joint order.
-        devices: Servos and sensors.
-        sensed: The parts of an observation, in order.
-        goal_size: Numbers of a goal.
-        thing: Name of the rigid body that the task is about; empty: none.
-        asks: What of Senses its observations are made of, besides commands and goals.
-        camera: From where it is drawn: azimuth and elevation in [deg], middle in [m], width in [m].
+        devices: Noise, resolution and latency of servos and sensors.
+        sensed: Parts of an observation, in order.
+        goal_size: Count of numbers in a goal.
+        thing: Name of the rigid body of the task; empty: none.
+        asks: Properties of Senses that its observations use, besides commands and goals.
+        camera: Viewpoint of pictures: azimuth and elevation in [deg], middle in [m], width in [m].
     """
 
     robot: str
@@ -194,7 +194,7 @@ class Task:
     camera: tuple[float, float, tuple[float, float, float], float]
 
     def description(self, overlay: Mapping[str, Any] | None = None) -> RobotDescription:
-        """The robot, with an overlay on top of the task's own."""
+        """Return the robot with the task's overlay, then the given overlay applied."""
         return load_scene(self._file, laid_over(self.overlay, overlay or {}))
 
     @cached_property
@@ -202,36 +202,36 @@ class Task:
         return find_config(self.robot)
 
     def lead_in(self) -> list[tuple[tuple[float, ...], int]]:
-        """Commands before an episode, each with its steps; they begin where the robot's start move ends."""
+        """Return the commands before an episode with their steps; they follow the robot's start move."""
         return []
 
     def goal(self, random: np.random.Generator) -> Array:
-        """What is wanted in an episode, shape (g,)."""
+        """Draw the goal of an episode, shape (g,)."""
         raise NotImplementedError
 
     def begin(self, batch: Batch, number: int, random: np.random.Generator) -> None:
-        """Place what an episode begins with, after the lead-in."""
+        """Place the objects of an episode after the lead-in."""
 
     def sense(self, senses: Senses) -> Array:
-        """What perfect sensors tell, in the order of `sensed`, shape (k, m)."""
+        """Return the noise-free readings in the order of `sensed`, shape (k, m)."""
         raise NotImplementedError
 
     def observation(self, sensed: Array) -> Numbers:
-        """What was sensed, (k, m), as a policy gets it: within the bounds, float32."""
+        """Clip readings (k, m) to the bounds and return them as float32: the policy's observation."""
         return np.clip(sensed, *self.bounds()).astype(np.float32)
 
     def command(self, actions: Numbers, steps: Array | float) -> Array:
-        """Where the servos go in [rad] or [m] for actions (k, j) in [-1, 1], in whole `steps` where > 0."""
+        """Return commands in [rad] or [m] for actions (k, j) in [-1, 1], rounded to `steps` if > 0."""
         low, high = np.array(self.low), np.array(self.high)
         clipped = np.clip(np.asarray(actions, dtype=float), -1.0, 1.0)
         return rounded(0.5 * (high + low) + 0.5 * (high - low) * clipped, np.asarray(steps))
 
     def judge(self, moment: Moment) -> Judged:
-        """How good the state is."""
+        """Return rewards, failures and info of the copies in their present state."""
         raise NotImplementedError
 
     def bounds(self) -> tuple[Numbers, Numbers]:
-        """Interval of each number of an observation, shapes (m,), float32."""
+        """Return lower and upper bounds of an observation's numbers, float32 arrays of shape (m,)."""
         sizes = [each.size for each in self.sensed]
         low = np.repeat([each.low for each in self.sensed], sizes)
         return low.astype(np.float32), np.repeat([each.high for each in self.sensed], sizes).astype(
@@ -239,13 +239,13 @@ class Task:
         )
 
     def of_devices(self, devices: Devices, kind: str) -> Array:
-        """Noise or step of each number of an observation, shape (m,)."""
+        """Return noise or resolution (`kind`) of each number of an observation, shape (m,)."""
         values = [getattr(devices, name) if (name := getattr(each, kind)) else 0.0 for each in self.sensed]
         return np.repeat(np.array(values, dtype=float), [each.size for each in self.sensed])
 
 
 def tilts(rotations: Array) -> Array:
-    """Rotations (k, 3, 3) as tilts about x and y in [rad], shape (k, 2)."""
+    """Return the tilts about x and y in [rad] of rotations (k, 3, 3), shape (k, 2)."""
     axis = rotations[:, :, 2]
     return np.stack([np.arctan2(-axis[:, 1], axis[:, 2]), np.arctan2(axis[:, 0], axis[:, 2])], axis=1)
 
@@ -262,22 +262,22 @@ REACHED_M: Final = 0.002
 
 @dataclass(frozen=True, kw_only=True)
 class Reach(Task):
-    """Bring the Tripod's effector to a point and keep it there.
+    """Move the Tripod's effector to a point and stay there.
 
-    The reward of an action is minus the distance in [cm], and 1 more within REACHED_M.
+    The reward of an action is minus the distance in [cm], plus 1 within REACHED_M.
     """
 
     def lead_in(self) -> list[tuple[tuple[float, ...], int]]:
-        """To the pose `mid`, at rest there."""
+        """Move to the pose `mid` and come to rest there."""
         return [((-1.0467,) * 3, 60)]
 
     def goal(self, random: np.random.Generator) -> Array:
-        """A point in [m] in a cylinder of 10 mm radius, 34 to 52 mm high."""
+        """Draw a point in [m] in a cylinder of 10 mm radius between heights of 34 and 52 mm."""
         radius, angle = 0.010 * math.sqrt(random.random()), random.uniform(0.0, 2.0 * math.pi)
         return np.array([radius * math.cos(angle), radius * math.sin(angle), random.uniform(0.034, 0.052)])
 
     def sense(self, senses: Senses) -> Array:
-        """See Task."""
+        """Return joint positions, effector position, tilts, last commands and goals, shape (k, 14)."""
         return np.concatenate(
             [
                 senses.joint_positions,
@@ -290,7 +290,7 @@ class Reach(Task):
         )
 
     def judge(self, moment: Moment) -> Judged:
-        """See Task."""
+        """Reward minus the distance to the goal in [cm], plus 1 within REACHED_M; no copy fails."""
         position = moment.effector_position
         distance = np.linalg.norm(position - moment.goals, axis=1)
         reached = distance < REACHED_M
@@ -311,22 +311,22 @@ _PLATE_TOP = 0.008
 
 @dataclass(frozen=True, kw_only=True)
 class Balance(Task):
-    """Keep a ball in the middle of a plate on the Tripod's effector.
+    """Balance a ball in the middle of a plate on the Tripod's effector.
 
-    The reward of an action is 1 less the ball's distance from the middle by half the plate's width; an
+    The reward of an action is 1 minus the ball's distance from the middle over half the plate's width. An
     episode ends when the ball has left the plate.
     """
 
     def lead_in(self) -> list[tuple[tuple[float, ...], int]]:
-        """To the pose `mid`; the ball comes to rest on the plate."""
+        """Move to the pose `mid` while the ball comes to rest on the plate."""
         return [((-1.0467,) * 3, 80)]
 
     def goal(self, random: np.random.Generator) -> Array:
-        """None: it is the middle."""
+        """Return an empty goal: the target is always the middle of the plate."""
         return np.zeros(0)
 
     def begin(self, batch: Batch, number: int, random: np.random.Generator) -> None:
-        """Put the ball somewhere on the plate, at rest on it."""
+        """Place the ball at rest at a random point on the plate."""
         radius, angle = 0.5 * PLATE_M * math.sqrt(random.random()), random.uniform(0.0, 2.0 * math.pi)
         moved = np.array([radius * math.cos(angle), radius * math.sin(angle), 0.0])
         turn = rotation_of(batch.call(number, "effector_pose").quaternion_xyzw)
@@ -334,12 +334,12 @@ class Balance(Task):
         batch.call(number, "place_rigid_body", "ball", position, (0.0, 0.0, 0.0, 1.0))
 
     def _ball(self, senses: Senses) -> Array:
-        """Where the ball is in the plate's axes in [m], shape (k, 3)."""
+        """Return the ball's position in the plate's axes in [m], shape (k, 3)."""
         apart = senses.thing_position - senses.effector_position
         return np.asarray(np.einsum("kji,kj->ki", senses.effector_rotation, apart))
 
     def sense(self, senses: Senses) -> Array:
-        """See Task."""
+        """Return joints, tilts, angular rate, specific force, ball x and y, and commands, shape (k, 16)."""
         return np.concatenate(
             [
                 senses.joint_positions,
@@ -353,7 +353,7 @@ class Balance(Task):
         )
 
     def judge(self, moment: Moment) -> Judged:
-        """See Task."""
+        """Reward 1 minus the ball's distance over half the plate's width; fail once it left the plate."""
         ball = self._ball(moment)
         off = np.linalg.norm(ball[:, :2], axis=1)
         lost = (np.abs(ball[:, :2]) > PLATE_M).any(axis=1) | (ball[:, 2] < 0.0)
@@ -370,22 +370,22 @@ _FLOOR = -0.16133
 class Lift(Task):
     """Grasp the cube with the cable gripper and lift it.
 
-    The reward of an action is the cube's height above the floor by LIFTED_M, at most 1, and a tenth of how
-    near the middle of the fingertips is to it.
+    The reward of an action is the cube's height above the floor over LIFTED_M, at most 1, plus 0.1 times the
+    nearness of the fingertips' middle to the cube, between 0 and 1.
     """
 
     def goal(self, random: np.random.Generator) -> Array:
-        """None: it is up."""
+        """Return an empty goal: the target is always upwards."""
         return np.zeros(0)
 
     def begin(self, batch: Batch, number: int, random: np.random.Generator) -> None:
-        """Put the cube down within 4 mm of where the scene has it."""
+        """Place the cube within 4 mm of its position in the scene, along x and along y."""
         x, y, z = batch.array("rigid_positions")[number, 0]
         dx, dy = random.uniform(-0.004, 0.004, 2)
         batch.call(number, "place_rigid_body", "cube", (x + dx, y + dy, z), (0.0, 0.0, 0.0, 1.0))
 
     def sense(self, senses: Senses) -> Array:
-        """See Task."""
+        """Return joint positions, cable tensions, cube position and last commands, shape (k, 16)."""
         return np.concatenate(
             [
                 senses.joint_positions,
@@ -397,7 +397,10 @@ class Lift(Task):
         )
 
     def judge(self, moment: Moment) -> Judged:
-        """See Task."""
+        """Reward the cube's height over LIFTED_M, at most 1, plus 0.1 times the nearness of the fingers.
+
+        A copy fails when the cube is more than 10 mm below the floor.
+        """
         cube, joints = moment.thing_position, moment.joint_positions
         height = cube[:, 2] - 0.020 - _FLOOR
         lowered = np.clip(joints[:, 3] / -0.050, 0.0, 1.0)
@@ -511,4 +514,4 @@ TASKS: Mapping[str, Task] = {
         camera=(-70.0, 10.0, (0.01, 0.0, -0.09), 0.22),
     ),
 }
-"""By name; docs/learning.md tells their spaces."""
+"""Tasks by name; docs/learning.md lists their spaces."""

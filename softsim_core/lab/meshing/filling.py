@@ -1,4 +1,4 @@
-"""Filling a closed surface with tetrahedra, in a process with limits of time and memory."""
+"""Generation of tetrahedra inside a closed surface, in a process with limits of time and memory."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ from softsim_core.lab.meshing.tetwild import DISTRIBUTION, compiled_part
 from softsim_core.physics.mesh import SurfaceMesh, TetMesh, read_tets, tet_volumes, write_tets
 
 _FORMAT = 1
-"""Raised when the same input and options shall be meshed anew."""
+"""Version of cached meshes; increased to mesh the same input and options again."""
 
 
 def cache_folder() -> Path:
-    """Where meshes are kept: softsim/meshes under XDG_CACHE_HOME, or under ~/.cache."""
+    """Return the folder of cached meshes: softsim/meshes under XDG_CACHE_HOME, or under ~/.cache."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softsim" / "meshes"
 
 
 def key_of(data: bytes, options: Mapping[str, object]) -> str:
-    """Name of the mesh that a file's bytes and options give."""
+    """Return the cache key of the mesh of a file's bytes and options."""
     try:
         mesher = version(DISTRIBUTION)
     except PackageNotFoundError:
@@ -51,7 +51,7 @@ def key_of(data: bytes, options: Mapping[str, object]) -> str:
 
 
 def kept(key: str) -> tuple[TetMesh, float] | None:
-    """The mesh of that key and the edge length in [m] it was made with, if it is there and whole."""
+    """Return the cached mesh of a key and its edge length in [m], if it exists and is complete."""
     with contextlib.suppress(MeshError, OSError, ValueError):
         mesh = read_tets(cache_folder() / f"{key}.vtk")
         return mesh, float((cache_folder() / f"{key}.txt").read_text())
@@ -59,7 +59,7 @@ def kept(key: str) -> tuple[TetMesh, float] | None:
 
 
 def keep(key: str, mesh: TetMesh, edge: float) -> bool:
-    """Keep a mesh, whole or not at all; whether it could be written."""
+    """Store a mesh in the cache atomically; return whether it could be written."""
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -71,28 +71,28 @@ def keep(key: str, mesh: TetMesh, edge: float) -> bool:
 
 
 COMMAND = tuple(python_command(Path(__file__).with_name("tetwild.py")))
-"""The mesher: it gets the names of a file to read and of one to write."""
+"""Command of the mesher, to which the names of an input and an output file are appended."""
 ENERGIES = {10.0: 0.25, 30.0: 0.75}
-"""The mesher stops where its worst element is so good (3 is regular); it has this share of its time for it.
+"""Quality targets of the mesher (worst element, 3 is regular), each with its share of the time limit.
 
-Where it does not get there, less is asked for. Worst angles with 10 are 12 to 24 degrees; with 7 they are 17
-to 25, but it then often goes on for ever.
+If the mesher does not reach a target, the next one is easier. Worst angles are 12 to 24 degrees with 10, and
+17 to 25 degrees with 7, but then it often does not terminate.
 """
 WORD_S = 10.0
-"""How often a word is said of a mesher that works, in [s]."""
+"""Interval in [s] of progress reports while the mesher works."""
 _TAIL = 160
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Filling:
-    """How a surface is filled.
+    """Options of the mesher.
 
     Attributes:
-        envelope: How far the mesh's boundary may be from the surface, of the diagonal.
-        coarsen: Make edges as long as the shape of elements allows, longer than wished.
+        envelope: Largest distance of the mesh's boundary from the surface, as a part of the diagonal.
+        coarsen: Make edges as long as the quality of elements allows, even longer than requested.
         time_limit: In [s].
         memory: In bytes.
-        waited: Told each WORD_S for how many seconds the mesher has worked.
+        waited: Called every WORD_S with the seconds since the mesher was started.
     """
 
     envelope: float = 1.0e-3
@@ -103,21 +103,21 @@ class Filling:
 
 
 def have_mesher() -> bool:
-    """Whether the mesher is installed."""
+    """Return whether the mesher is installed."""
     return compiled_part() is not None
 
 
 def filled(surface: SurfaceMesh, edge: float, how: Filling, command: tuple[str, ...] = COMMAND) -> TetMesh:
-    """Linear tetrahedra inside a closed surface, all positively oriented; not the same ones every time.
+    """Fill a closed surface with positively oriented linear tetrahedra; the result is not deterministic.
 
     Args:
         surface: Closed, outward, in [m].
-        edge: Wished length of edges in [m].
+        edge: Requested length of edges in [m].
         how: Accuracy and limits.
         command: The mesher.
 
     Raises:
-        MeshError: the mesher is not installed, takes too long, ends in an error, or makes nothing.
+        MeshError: the mesher is not installed, takes too long, ends in an error, or generates nothing.
     """
     name = surface.name
     if command is COMMAND and not have_mesher():
@@ -168,14 +168,14 @@ def _run(
     waited: Callable[[float], None],
     name: str,
 ) -> bool:
-    """Whether it ended in time.
+    """Run the mesher; return whether it ended in time.
 
     Args:
         command: The program.
-        folder: Where it works.
-        limit: Since when time counts, by the monotonic clock, and how much there is, in [s].
-        waited: Told how much time has passed.
-        name: Of the part.
+        folder: Its working folder.
+        limit: Start time on the monotonic clock, and time limit, in [s].
+        waited: Called with the elapsed time.
+        name: Name of the part.
 
     Raises:
         MeshError: it ended in an error.
@@ -208,7 +208,7 @@ def _run(
 
 
 def _why(code: int, error: str) -> str:
-    """What ended the mesher, and what to do."""
+    """Return why the mesher ended, and what to do."""
     if "MemoryError" in error or "bad_alloc" in error:
         return "ran out of memory; ask for a coarser mesh (--size, --nodes)"
     if code < 0:
@@ -222,7 +222,7 @@ def _why(code: int, error: str) -> str:
 
 
 def _tidy(points: Array, tets: IndexArray, name: str) -> TetMesh:
-    """Positively oriented and without unused points."""
+    """Return a positively oriented mesh without unused points."""
     wrong = tet_volumes(points, tets) < 0.0
     tets[wrong] = tets[wrong][:, [0, 1, 3, 2]]
     used, numbers = np.unique(tets, return_inverse=True)
@@ -230,7 +230,7 @@ def _tidy(points: Array, tets: IndexArray, name: str) -> TetMesh:
 
 
 def pieces(mesh: TetMesh) -> IndexArray:
-    """Numbers of tetrahedra in each piece that hangs together by faces, largest first."""
+    """Return the tetrahedra of each piece that is connected by faces, largest first."""
     faces = np.sort(mesh.tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
     order = np.lexsort(faces.T)
     same = np.flatnonzero((faces[order][1:] == faces[order][:-1]).all(axis=1))

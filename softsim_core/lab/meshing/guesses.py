@@ -1,4 +1,4 @@
-"""First guesses for a part of which nothing is known: where it is held, its tip, how a cable may run."""
+"""Initial guesses for an unknown part: its fixing, its tip, and the route of a cable."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from softsim_core.lab.meshing.part import own_axes
 from softsim_core.physics.mechanics import euler_of, rotation_log
 from softsim_core.physics.mesh import TetMesh, boundary_surface
 
-_UPRIGHT = 0.8  # of the longest side: a part that is so high is held at its lowest face
-_UNEVEN = 2.5e-3  # of the diagonal: how uneven a flat face may be after meshing
-_SLAB, _THICKEST = 0.01, 0.2  # of the length: thickness of what is held
+_UPRIGHT = 0.8  # of the longest side: a part of this height is fixed at its lowest face
+_UNEVEN = 2.5e-3  # of the diagonal: unevenness of a flat face after meshing
+_SLAB, _THICKEST = 0.01, 0.2  # of the length: thickness of the fixed region
 _LEVELS = 7
-_DEPTH = 0.1  # of the section: how far below its surface a cable runs
+_DEPTH = 0.1  # of the section: depth of a cable below its surface
 
 
 class Guess(NamedTuple):
-    """What a first scene of a part takes.
+    """Guesses from which the first scene of a part is written.
 
     Attributes:
-        axes: Its own axes as columns, shape (3, 3): those of the file, unless it lies askew in it.
-        axis: Which of them it is long along: 2 where it stands.
-        length: Along it in [m].
-        held: Around the nodes at its low end.
-        tip: Around the nodes at its high end.
-        tip_place: The middle of that end in [m].
+        axes: Its own axes as columns, shape (3, 3): those of the file, unless the part is rotated in it.
+        axis: Index of its longest axis: 2 if it stands upright.
+        length: Length along this axis in [m].
+        held: Region of the nodes at its low end.
+        tip: Region of the nodes at its high end.
+        tip_place: Centre of that end in [m].
         cable: Points in [m] inside the part, from the low end to the high one, nearer to one side.
-        pull_point: Where the cable leaves, before the low end, in [m].
+        pull_point: Pull point of the cable, before the low end, in [m].
     """
 
     axes: Array
@@ -44,14 +44,14 @@ class Guess(NamedTuple):
 
     @property
     def tilt_deg(self) -> float:
-        """By how much its axes are turned against those of the file in [deg]."""
+        """Rotation of its axes relative to those of the file in [deg]."""
         return float(np.degrees(np.linalg.norm(rotation_log(self.axes))))
 
 
 def guess(mesh: TetMesh) -> Guess:
-    """Guesses for a mesh: held at its lowest face, or, where it lies, at the low end of its longest side.
+    """Return guesses for a mesh: fixed at its lowest face, or at the low end of its longest side.
 
-    Of a part that lies askew in its file, all that is meant along its own axes.
+    All guesses for a part that is rotated in its file are along its own axes.
     """
     axes = own_axes(boundary_surface(mesh))
     straight = np.array_equal(axes, np.eye(3))
@@ -60,7 +60,7 @@ def guess(mesh: TetMesh) -> Guess:
 
 
 def _turned(found: Guess, axes: Array) -> Guess:
-    """Guesses along the axes of a file, for a part with axes of its own."""
+    """Transform guesses along the axes of a file to a part with axes of its own."""
     angles = _vector(np.degrees(euler_of(axes)))
 
     def box(own: Box) -> Box:
@@ -80,7 +80,7 @@ def _turned(found: Guess, axes: Array) -> Guess:
 
 
 def _along_axes(mesh: TetMesh) -> Guess:
-    """Guesses along the axes of the file."""
+    """Return guesses along the axes of the file."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     size = high - low
     axis = 2 if size[2] >= _UPRIGHT * size.max() else int(size.argmax())
@@ -96,12 +96,12 @@ def _along_axes(mesh: TetMesh) -> Guess:
 
 
 def end_face(points: Array, axis: int = 2, at_top: bool = False) -> Box:
-    """A slab around the nodes of an end: thick enough that it holds an area and not a tip.
+    """Return a slab around the nodes of an end, thick enough to contain an area and not a tip.
 
     Args:
         points: Nodes in [m], shape (n, 3).
-        axis: Along which the ends are.
-        at_top: The high end, else the low one.
+        axis: Axis of the part through both ends.
+        at_top: Use the high end, else the low one.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     size = high - low
@@ -120,7 +120,7 @@ def end_face(points: Array, axis: int = 2, at_top: bool = False) -> Box:
 
 
 def _cable(mesh: TetMesh, axis: int) -> tuple[Vector, ...]:
-    """Middles of elements along the axis, nearest to a line below the surface of the wider side."""
+    """Return centres of elements along the axis, nearest to a line below the surface of the wider side."""
     middles = mesh.points[mesh.tets[:, :4]].mean(axis=1)
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     size = high - low

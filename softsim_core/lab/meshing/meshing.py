@@ -1,4 +1,4 @@
-"""From the file of a part to tetrahedra: read, repair, simplify, fill, judge."""
+"""Meshing of a part's file: read, repair, simplify, fill with tetrahedra, check."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ from softsim_core.physics.mesh import (
 )
 
 NODES = 1000
-"""Wished number of nodes where neither size nor number is said."""
+"""Requested number of nodes if neither size nor number is given."""
 NEAR_ENOUGH = 0.3
-"""Share of it by which a mesh may miss it then; a number that is given is met within sizing.TOLERANCE."""
+"""Tolerance of this default number; an explicit number is met within sizing.TOLERANCE."""
 DEVIATION = 1.0e-3
-"""How far the mesh may deviate from the surface, of the part's diagonal, where nothing else is said."""
+"""Default of the largest deviation of the mesh from the surface, as a part of the part's diagonal."""
 _FAR = 3.0
-"""A mesh that deviates by more than this many times what was allowed is refused."""
+"""A mesh that deviates by more than this multiple of the allowed deviation is rejected."""
 _VOLUME = 0.05
-"""And one whose volume is off by more than this share."""
+"""A mesh with a volume error above this part is rejected."""
 _POOR_DEG = 5.0
 _LONGEST = 0.2
-"""Longest edges that are tried where a number of nodes is wished, of the diagonal."""
+"""Longest edges that are tried for a requested number of nodes, as a part of the diagonal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshingOptions:
-    """What is wished of a mesh.
+    """Requested properties of a mesh.
 
     Attributes:
         unit: Unit of the part's file, one of part.UNITS.
-        size: Wished length of edges in [m]; None: `nodes` counts.
-        nodes: Wished number of nodes; None with `size`, else NODES.
+        size: Requested length of edges in [m]; None: `nodes` is used.
+        nodes: Requested number of nodes; None with `size`, else NODES.
         order: 1, or 2 with a node in the middle of each edge.
-        hole: Largest hole in [m] that is closed; None: repair.HOLE of the longest side.
-        largest: Keep the largest body where there are several.
-        plug: Close the openings of hollows, such as air inlets, with plugs.
-        deviation: How far the mesh may deviate from the surface in [m]; None: DEVIATION of the diagonal.
-        time_limit: In [s] of one run of the mesher.
+        hole: Largest hole in [m] to close; None: repair.HOLE of the longest side.
+        largest: Use only the largest body if there are several.
+        plug: Close the openings of cavities, such as air inlets, with plugs.
+        deviation: Largest deviation of the mesh from the surface in [m]; None: DEVIATION of the diagonal.
+        time_limit: Time limit in [s] of one run of the mesher.
     """
 
     unit: str = "mm"
@@ -69,16 +69,16 @@ class MeshingOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshedPart:
-    """A part's mesh and what it is worth.
+    """A part's mesh and its quality.
 
     Attributes:
         mesh: Tetrahedra in [m].
         source: The repaired surface.
-        report: Figures of the mesh.
-        edge: Wished length of edges in [m].
-        distance: How far the mesh's boundary and the surface are from each other at most in [m].
-        told: Sentences about what was mended and what is unusual.
-        known: Whether it was made before and taken from the cache.
+        report: Quality figures of the mesh.
+        edge: Requested length of edges in [m].
+        distance: Largest distance between the mesh's boundary and the surface in [m].
+        told: Messages about repairs and unusual properties.
+        known: Whether it was taken from the cache.
     """
 
     mesh: TetMesh
@@ -91,7 +91,7 @@ class MeshedPart:
 
     @property
     def volume_error(self) -> float | None:
-        """By what share the mesh's volume is off that of the surface; None where that overlaps itself."""
+        """Relative error of the mesh's volume; None if the surface intersects itself."""
         return None if self.source.crosses else self.report.volume / self.source.volume - 1.0
 
 
@@ -101,15 +101,15 @@ def mesh_part(
     progress: Callable[[str], None] = lambda sentence: None,
     fill: Callable[[SurfaceMesh, float, Filling], TetMesh] = filled,
 ) -> MeshedPart:
-    """Tetrahedra of a part.
+    """Mesh a part with tetrahedra.
 
-    The same file with the same options gives the same mesh, as long as the cache is there.
+    The same file with the same options gives the same mesh, as long as it is in the cache.
 
     Args:
         path: A surface in a file that `part.read_part` reads.
-        options: What is wished.
-        progress: Told what is being done.
-        fill: Fills a closed surface with edges of a length.
+        options: Requested properties.
+        progress: Called with messages about the present stage.
+        fill: Function that fills a closed surface with edges of a length.
 
     Raises:
         MeshError: the part cannot be read, repaired or filled, or the mesh does not follow its surface.
@@ -126,7 +126,7 @@ def mesh_part(
     if options.plug:
         source = _plugged(part, source, options)
     else:
-        del wished["plug"]  # meshes of before there were plugs stay known
+        del wished["plug"]  # preserves the keys of meshes from before plugs were supported
     key = key_of(Path(path).read_bytes(), wished)
     made = kept(key)
     if made is None:
@@ -143,7 +143,7 @@ def mesh_part(
 
 
 def _plugged(part: Part, source: Repaired, options: MeshingOptions) -> Repaired:
-    """Return a part with the openings of its hollows closed by plugs."""
+    """Return a part with the openings of its cavities closed by plugs."""
     unit, told = source.unit, list(source.told)
     openings = open_hollows(source.surface)
     if not openings:
@@ -198,9 +198,9 @@ def _sized(
 
 
 def _judged(part: Part, source: Repaired, mesh: TetMesh, edge: float, options: MeshingOptions) -> MeshedPart:
-    """Refuses what is no good mesh of the part.
+    """Check a mesh and return it with its quality; raise MeshError if it does not represent the part.
 
-    Straight edges cannot fold a quadratic cell, whose corners are those of a good linear one.
+    Straight edges cannot invert a quadratic cell with the corners of a valid linear one.
     """
     name, unit, told = part.surface.name, source.unit, list(source.told)
     mesh = replace(mesh, name=name)
@@ -226,7 +226,7 @@ def _judged(part: Part, source: Repaired, mesh: TetMesh, edge: float, options: M
             f"{unit.length(allowed)} was allowed; ask for a finer mesh (--size, --nodes), or mend the part "
             "there",
         )
-    named = replace(mesh, name=Path(name).name)  # the same bytes wherever the file lies
+    named = replace(mesh, name=Path(name).name)  # the same bytes for any folder of the file
     result = MeshedPart(named, source, report, edge, off, (), False)
     error = result.volume_error
     if error is not None and abs(error) > _VOLUME:

@@ -1,10 +1,10 @@
-"""Hollows that are open through a narrow opening, and plugs that close it.
+"""Cavities with a narrow opening, and plugs that close it.
 
-The part is sampled on a grid. Where growing it by a clearance r cuts a wide hollow off from the outside, the
-way between them is at most 2 r wide: its narrowest place is the opening.
+The part is sampled on a grid. If growing it by a clearance r separates a wide cavity from the outside, the
+channel between them is at most 2 r wide: its narrowest place is the opening.
 
-What is left is open in two flat loops. Once they are closed, the part has a lid on both sides of the plug,
-and its hollow can hold air.
+A piece of the channel's wall is removed, which leaves two flat open loops. Once they are closed, the part has
+a lid on both sides of the plug, and its cavity can contain air.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from softsim_core.physics.mesh import SurfaceMesh
 CELLS: Final = 72
 """Cells of the grid along the longest side."""
 _NARROW: Final = 0.6
-"""An opening is at most so wide, of the hollow's width behind it."""
+"""Largest width of an opening, as a part of the width of the cavity behind it."""
 _LARGE: Final = 0.02
-"""A hollow has at least this share of the volume of the part's box."""
+"""Least volume of a cavity, as a part of the volume of the part's box."""
 _NEIGHBOURS: Final = np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
 _MOST: Final = 3
-"""More hollows than this are a lattice and no air chambers."""
+"""More cavities than this belong to a lattice and are no air chambers."""
 
 
 class OpenHollow(NamedTuple):
-    """A hollow with an opening.
+    """A cavity with an opening.
 
     Attributes:
-        place: Where its opening is narrowest, in [m], shape (3,).
-        width: How wide it is there in [m], to about a cell of the grid.
-        volume: Of the hollow in [m^3], about.
+        place: Narrowest place of its opening in [m], shape (3,).
+        width: Width of the opening there in [m], accurate to about a cell of the grid.
+        volume: Approximate volume of the cavity in [m^3].
     """
 
     place: Array
@@ -46,7 +46,7 @@ class OpenHollow(NamedTuple):
 
 
 def open_hollows(surface: SurfaceMesh) -> tuple[OpenHollow, ...]:
-    """Find the hollows of a part that narrow openings join with the outside, the largest first.
+    """Find the cavities of a part that narrow openings connect with the outside, the largest first.
 
     An opening narrower than two cells of the grid may be missed.
 
@@ -83,8 +83,8 @@ def open_hollows(surface: SurfaceMesh) -> tuple[OpenHollow, ...]:
 
 
 def _inside(points: Array, triangles: IndexArray, shape: tuple[int, int, int]) -> BoolArray:
-    """Whether the middle of each cell (unit cubes at whole numbers) lies inside a closed surface."""
-    corners = points[triangles] + [1.3e-5, 2.7e-5, 0.0]  # so that no edge passes through a middle
+    """Return whether the centre of each cell (unit cubes at whole numbers) lies inside a closed surface."""
+    corners = points[triangles] + [1.3e-5, 2.7e-5, 0.0]  # so that no edge passes through a centre
     low = np.ceil(corners[..., :2].min(axis=1)).astype(np.int64)
     high = np.floor(corners[..., :2].max(axis=1)).astype(np.int64)
     counts = np.maximum(high - low + 1, 0)
@@ -116,14 +116,14 @@ def _border(shape: tuple[int, ...]) -> BoolArray:
 
 
 def _parts_with_border(cells: BoolArray) -> BoolArray:
-    """The cells that are joined with the border of the grid."""
+    """Return the cells that are connected with the border of the grid."""
     labels, _ = ndimage.label(cells)
     outside = np.unique(labels[_border(cells.shape)])
     return np.asarray(np.isin(labels, outside[outside > 0]))
 
 
 def _neck(clearance: Array, core: BoolArray, outside: BoolArray, radius: float) -> Array:
-    """The narrowest place of the shortest way from a core to the outside that is wide enough, shape (3,)."""
+    """Return the narrowest place (3,) of the shortest sufficiently wide path from a core to the outside."""
     way = clearance > radius - 0.5
     steps = np.where(core, 0, -1)
     front, count = core, 0
@@ -142,22 +142,22 @@ def _neck(clearance: Array, core: BoolArray, outside: BoolArray, radius: float) 
 
 
 _DIRECTIONS: Final = 200
-"""Directions across which the channel is cut to find that of the shortest cut."""
+"""Number of directions of cuts across the channel, among which the shortest is used."""
 _TRIED: Final = (-0.2, -0.1, 0.0, 0.1, 0.2)
-"""Where each of them is tried, as shares of the channel's width from its narrowest place on."""
+"""Positions of the cuts, as multiples of the channel's width from its narrowest place."""
 _OFFSETS: Final = 81
-"""Cuts along the channel, within two widths of its narrowest place."""
+"""Number of cuts along the channel, within two widths of its narrowest place."""
 _WIDER: Final = 1.1
-"""A cut that is longer than the shortest one by more than this factor lies outside the channel."""
+"""A cut longer than the shortest one by this factor lies outside the channel."""
 _SHARE: Final = 0.7
-"""A plug fills this share of the channel, and is no thicker than the channel is wide."""
+"""Part of the channel that a plug fills; it is no thicker than the channel is wide."""
 
 
 class _Cut(NamedTuple):
     """A closed line around the channel.
 
     Attributes:
-        triangles: Those that it crosses, in order, shape (c,).
+        triangles: The crossed triangles, in order, shape (c,).
         length: In [m].
     """
 
@@ -166,18 +166,18 @@ class _Cut(NamedTuple):
 
 
 def without_channel(surface: SurfaceMesh, opening: OpenHollow) -> SurfaceMesh:
-    """Return the surface without a piece of the wall of an opening's channel, open in two flat loops.
+    """Return the surface without a piece of the wall of an opening's channel, with two flat open loops.
 
     Args:
         surface: Closed, outward, in [m].
-        opening: Where the channel is narrowest, and how wide.
+        opening: Narrowest place and width of the channel.
 
     Raises:
         MeshError: no plane cuts the channel in a closed line.
     """
     shortest, place, axis = np.inf, opening.place, np.zeros(3)
     for direction in _directions(_DIRECTIONS):
-        for share in _TRIED:  # the narrowest place is known to a cell of a grid only
+        for share in _TRIED:  # the narrowest place is known only to a cell of the grid
             base = opening.place + share * opening.width * direction
             cut = _cut(surface, base, direction)
             if cut is not None and cut.length < shortest:
@@ -210,14 +210,14 @@ def without_channel(surface: SurfaceMesh, opening: OpenHollow) -> SurfaceMesh:
 
 
 def _directions(count: int) -> Array:
-    """Unit vectors spread over half a sphere, shape (count, 3)."""
+    """Return unit vectors spread over a hemisphere, shape (count, 3)."""
     z = (np.arange(count) + 0.5) / count
     angle = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
     return np.column_stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z])
 
 
 def _run_around(narrow: BoolArray, middle: int) -> tuple[int, int]:
-    """First and last of the neighbours that are narrow, of those next to the middle."""
+    """Return the first and last index of the run of narrow cuts around the middle."""
     start = (
         int(np.flatnonzero(narrow)[np.abs(np.flatnonzero(narrow) - middle).argmin()])
         if narrow.any()
@@ -260,7 +260,7 @@ def _cut(surface: SurfaceMesh, base: Array, normal: Array) -> _Cut | None:
 
 
 def _crossed_edges(crossed: IndexArray, above: BoolArray) -> tuple[IndexArray, IndexArray]:
-    """Edges (e, 2) that a plane crosses, and the two of each triangle, as the plane runs, (c, 2)."""
+    """Return the edges (e, 2) that a plane crosses, and the two of each triangle in cut order, (c, 2)."""
     alone = above[crossed].sum(axis=1) == 1
     tip = np.where(alone[:, None], above[crossed], ~above[crossed]).argmax(axis=1)
     rows = np.arange(len(crossed))
@@ -272,7 +272,7 @@ def _crossed_edges(crossed: IndexArray, above: BoolArray) -> tuple[IndexArray, I
 
 
 def _places(points: Array, edges: IndexArray, base: Array, normal: Array) -> Array:
-    """Where a plane crosses edges (e, 2), shape (e, 3)."""
+    """Return the points where a plane crosses edges (e, 2), shape (e, 3)."""
     start, end = points[edges[:, 0]], points[edges[:, 1]]
     low, high = (start - base) @ normal, (end - base) @ normal
     return np.asarray(start + (low / (low - high))[:, None] * (end - start))
@@ -281,7 +281,7 @@ def _places(points: Array, edges: IndexArray, base: Array, normal: Array) -> Arr
 def _split(
     points: Array, triangles: IndexArray, which: IndexArray, base: Array, normal: Array
 ) -> tuple[Array, IndexArray, IndexArray]:
-    """Cut triangles `which` in three along a plane; points, triangles and the new points' numbers."""
+    """Cut triangles `which` in three along a plane; return points, triangles and the new points' numbers."""
     above = (points - base) @ normal > 0.0
     chosen = triangles[which]
     alone = np.where((above[chosen].sum(axis=1) == 1)[:, None], above[chosen], ~above[chosen])
@@ -296,7 +296,7 @@ def _split(
 
 
 def _pieces(triangles: IndexArray, line: IndexArray) -> IndexArray:
-    """Number of the piece of each triangle where edges between points of lines are cut, shape (k,)."""
+    """Return the piece of each triangle after cutting edges between points of lines, shape (k,)."""
     edges = edges_of(triangles)
     of = edges.of.reshape(-1)
     kept = ~np.isin(edges.ends, line).all(axis=1)[of]

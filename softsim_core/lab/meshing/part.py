@@ -1,4 +1,4 @@
-"""Reading a part: its surface in metres, its shells, and its own axes."""
+"""Reading of a part: its surface in metres, its shells, and its own axes."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from softsim_core.lab.meshing.topology import shells
 from softsim_core.physics.contact import crossings
 from softsim_core.physics.mesh import SurfaceMesh, enclosed_volume, encloses, read_surface, triangle_normals
 
-_SMALLER = 0.9  # a box along other axes is that much smaller, or the part lies along those of its file
-_ALONG = 0.999  # cosine of the angle between a face and an axis that it is cut along
+_SMALLER = 0.9  # a box along other axes must be smaller by this factor, else the file's axes are used
+_ALONG = 0.999  # cosine of the largest angle between a face and the axis to which it belongs
 _NORMALS = 30
 
 
 def own_axes(surface: SurfaceMesh) -> Array:
-    """Axes along which a part is cut and long, as columns, shape (3, 3); proper, next to x, y and z.
+    """Return the axes of a part's main faces as columns, shape (3, 3): proper, ordered by x, y and z.
 
-    Those of the file, unless a box along others is clearly smaller and more of the part's faces lie along
-    these. Tried are the largest faces of the convex hull and the principal axes of its corners, each with the
-    best turn around it.
+    They are the axes of the file, unless a box along others is clearly smaller and more of the part's faces
+    are perpendicular to these. Candidates are the largest faces of the convex hull and the principal axes of
+    its corners, each with the best rotation around it.
 
     Args:
-        surface: Of the part, closed.
+        surface: Surface of the part, closed.
     """
     points = surface.points[np.unique(surface.triangles)]
     try:
@@ -49,14 +49,14 @@ def own_axes(surface: SurfaceMesh) -> Array:
 
 
 def _along(surface: SurfaceMesh, axes: Array) -> float:
-    """Area in [m^2] of the faces that axes stand on."""
+    """Return the area in [m^2] of the faces that are perpendicular to the axes."""
     normals = triangle_normals(surface.points, surface.triangles)
     sizes = np.linalg.norm(normals, axis=1)
     return float(sizes[np.abs(normals @ axes).max(axis=1) > _ALONG * sizes].sum())
 
 
 def _directions(corners: Array, faces: Array) -> Array:
-    """Directions in which the box is tried, shape (k, 3), unit."""
+    """Return unit candidate directions of the box, shape (k, 3)."""
     areas = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     sizes = np.linalg.norm(areas, axis=1)
     normals = areas[sizes > 0.0] / sizes[sizes > 0.0, None]
@@ -71,7 +71,7 @@ def _directions(corners: Array, faces: Array) -> Array:
 
 
 def _turned_about(direction: Array, corners: Array) -> Array:
-    """A direction, and the two across it along which the rectangle around the corners is smallest, (3, 3)."""
+    """Return a direction and the two across it with the smallest rectangle around the corners, (3, 3)."""
     first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
     first /= np.linalg.norm(first)
     second = np.cross(direction, first)
@@ -87,7 +87,7 @@ def _turned_about(direction: Array, corners: Array) -> Array:
 
 
 def _next_to_file(axes: Array) -> Array:
-    """The same three axes in the order and with the signs in which they are nearest to x, y and z."""
+    """Return the same three axes in the order and with the signs nearest to x, y and z."""
     order = list(max(permutations(range(3)), key=lambda each: float(np.abs(axes[:, list(each)]).trace())))
     result = axes[:, order] * np.sign(np.diag(axes[:, order]) + 1e-300)
     if np.linalg.det(result) < 0.0:
@@ -97,21 +97,21 @@ def _next_to_file(axes: Array) -> Array:
 
 
 SPECK = 0.005
-"""A shell whose box has less than this share of the largest one's diagonal is dropped."""
+"""A shell with a smaller part of the largest one's diagonal is dropped."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nesting:
-    """Closed shells and how they lie.
+    """Closed shells and their nesting.
 
     Attributes:
-        triangles: Solids outward, cavities into the hollow, by shell, shape (k, 3).
+        triangles: Triangles by shell, solids outward, cavities into the cavity, shape (k, 3).
         label: Shell of each triangle, shape (k,).
-        volumes: Of each shell, > 0, in the unit of the points cubed, shape (s,).
-        depth: In how many others each lies; odd ones are cavities, shape (s,).
-        body: Which body each belongs to: solids that cross are one, a cavity is of what is around it, (s,).
-        crossing: Pairs of triangles that cross, shape (c, 2).
-        turned: Shells that were turned inside out.
+        volumes: Volume of each shell, > 0, in the unit of the points cubed, shape (s,).
+        depth: Number of shells around each shell; odd ones are cavities, shape (s,).
+        body: Body of each shell: intersecting solids are one, a cavity belongs to the solid around it, (s,).
+        crossing: Pairs of intersecting triangles, shape (c, 2).
+        turned: Number of shells that were turned inside out.
     """
 
     triangles: IndexArray
@@ -129,11 +129,11 @@ class Nesting:
 
 
 def nested(points: Array, triangles: IndexArray) -> Nesting:
-    """How closed shells lie in each other.
+    """Determine the nesting of closed shells.
 
     Args:
         points: Vertices, shape (n, 3).
-        triangles: Turned alike within each shell, closed, shape (k, 3).
+        triangles: Consistently oriented within each shell, closed, shape (k, 3).
     """
     count, label = shells(triangles)
     triangles = triangles.copy()
@@ -168,7 +168,7 @@ def _split(label: IndexArray, count: int) -> list[IndexArray]:
 
 
 def _bodies(cross: BoolArray, inside: BoolArray, depth: IndexArray) -> IndexArray:
-    """Shells that are one body: those that cross, and a cavity with the nearest shell around it."""
+    """Return the body of each shell; intersecting shells are one, a cavity belongs to the shell around it."""
     joined = cross.copy()
     for k in np.flatnonzero(depth % 2 == 1).tolist():
         around = np.flatnonzero(inside[k])
@@ -178,16 +178,16 @@ def _bodies(cross: BoolArray, inside: BoolArray, depth: IndexArray) -> IndexArra
 
 
 UNITS = {"um": 1.0e-6, "mm": MILLIMETRE, "cm": 1.0e-2, "m": 1.0, "in": 2.54e-2}
-"""Units of length that a file may be in, in [m]."""
+"""Units of length of files, in [m]."""
 _SMALL, _LARGE = 1.0e-2, 3.0
-"""Longest sides in [m] outside of which the unit is doubted."""
+"""Longest sides in [m] outside of which the unit is questioned."""
 _SMALLEST, _LARGEST = 1.0e-7, 1.0e4
-"""Longest sides in [m] outside of which a part is refused."""
+"""Longest sides in [m] outside of which a part is rejected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """The unit of a part's file, for sentences about places in it.
+    """The unit of a part's file, for messages about places in it.
 
     Attributes:
         name: One of UNITS.
@@ -198,27 +198,27 @@ class Unit:
     metres: float
 
     def length(self, metres: float) -> str:
-        """A length as the file's user reads it: "12.3 mm"."""
+        """Format a length in the file's unit: "12.3 mm"."""
         return f"{metres / self.metres:.4g} {self.name}"
 
     def size(self, metres: Array) -> str:
-        """Lengths along the axes: "10 x 20 x 5 mm"."""
+        """Format lengths along the axes: "10 x 20 x 5 mm"."""
         return " x ".join(f"{each / self.metres:.4g}" for each in metres) + f" {self.name}"
 
     def place(self, metres: Array) -> str:
-        """A place: "(1, 2, 3) mm"."""
+        """Format a place: "(1, 2, 3) mm"."""
         rounded = np.round(metres / self.metres, 4) + 0.0  # no -0
         return "(" + ", ".join(f"{each:.5g}" for each in rounded) + f") {self.name}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A part as its file holds it.
+    """A part as read from its file.
 
     Attributes:
-        surface: Triangles in [m], as they were found, named after the file.
+        surface: Triangles in [m] without changes, named after the file.
         unit: The file's unit.
-        told: Sentences about what was noticed.
+        told: Messages about unusual properties.
     """
 
     surface: SurfaceMesh
@@ -227,7 +227,7 @@ class Part:
 
 
 def unit(name: str) -> Unit:
-    """A unit by its name.
+    """Return a unit by its name.
 
     Raises:
         MeshError: the name is not known.
@@ -238,11 +238,11 @@ def unit(name: str) -> Unit:
 
 
 _CURVED = frozenset((".step", ".stp", ".iges", ".igs", ".brep", ".x_t", ".sldprt", ".ipt", ".f3d", ".fcstd"))
-"""CAD programs' own files; the readers there are of their curved faces are under the LGPL."""
+"""File types of CAD programs; the available readers of their curved faces are under the LGPL."""
 
 
 def read_part(path: str | PathLike[str], unit_name: str = "mm") -> Part:
-    """The surface of a part.
+    """Read the surface of a part.
 
     Args:
         path: A file that `mesh.read_surface` reads: STL, OBJ, PLY, OFF and others.

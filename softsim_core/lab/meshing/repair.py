@@ -1,4 +1,4 @@
-"""Making a closed surface of what a CAD program or a scanner wrote, or reporting what is wrong and where."""
+"""Repair of surfaces from CAD programs and scanners, or a report of problems and their places."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from softsim_core.lab.meshing.topology import Edges, areas, edges_of, shells, to
 from softsim_core.physics.mesh import SurfaceMesh
 
 _LONG_LOOP = 400
-"""Corners above which a hole is closed by a fan around its middle instead of by cutting off ears."""
+"""Number of corners above which a hole is closed by a fan around its centre instead of by ear clipping."""
 
 
 def hole_loops(triangles: IndexArray) -> list[IndexArray]:
-    """Vertices around each hole, in the direction in which triangles that close it run.
+    """Return the vertices around each hole, in the direction of triangles that close it.
 
     Args:
-        triangles: Turned alike where they share an edge, shape (k, 3).
+        triangles: Consistently oriented across shared edges, shape (k, 3).
     """
     edges = edges_of(triangles)
     alone = edges.uses[edges.of] == 1
     start = triangles[alone]
     end = np.roll(triangles, -1, axis=1)[alone]
     onward: dict[int, list[int]] = {}
-    for a, b in zip(end.tolist(), start.tolist(), strict=True):  # against the triangles
+    for a, b in zip(end.tolist(), start.tolist(), strict=True):  # opposite to the triangles
         onward.setdefault(a, []).append(b)
     loops: list[IndexArray] = []
     for first in sorted(onward):
@@ -40,7 +40,7 @@ def hole_loops(triangles: IndexArray) -> list[IndexArray]:
 
 
 def _walk(first: int, onward: dict[int, list[int]]) -> list[IndexArray]:
-    """Simple loops of a walk along open edges, which are used up."""
+    """Split a walk along open edges into simple loops; the edges are removed from `onward`."""
     loops, path, place = [], [first], {first: 0}
     while onward.get(path[-1]):
         following = onward[path[-1]].pop()
@@ -57,12 +57,12 @@ def _walk(first: int, onward: dict[int, list[int]]) -> list[IndexArray]:
 
 
 def loop_size(points: Array, loop: IndexArray) -> float:
-    """How far a loop reaches, in the unit of the points: the diagonal of the box around it."""
+    """Return the diagonal of the box around a loop, in the unit of the points."""
     return float(np.linalg.norm(np.ptp(points[loop], axis=0)))
 
 
 def closing(points: Array, loop: IndexArray) -> tuple[Array, IndexArray]:
-    """Triangles over a loop.
+    """Triangulate a loop.
 
     Args:
         points: Vertices, shape (n, 3).
@@ -81,7 +81,7 @@ def closing(points: Array, loop: IndexArray) -> tuple[Array, IndexArray]:
 
 
 def _flattened(outline: Array) -> Array:
-    """Corners (c, 3) in the plane across the loop's area vector, counter-clockwise, shape (c, 2)."""
+    """Project corners (c, 3) to the plane across the loop's area vector, counter-clockwise, shape (c, 2)."""
     off = outline - outline.mean(axis=0)
     normal = np.cross(off, np.roll(off, -1, axis=0)).sum(axis=0)
     length = np.linalg.norm(normal)
@@ -94,7 +94,7 @@ def _flattened(outline: Array) -> Array:
 
 
 def _ears(corners: Array) -> IndexArray | None:
-    """A triangulation of a simple polygon, counter-clockwise (c, 2), or None where it is not simple.
+    """Triangulate a simple polygon, counter-clockwise (c, 2); return None if it is not simple.
 
     Source: Meisters 1975, Polygons have ears. The roundest ear is cut first.
     """
@@ -130,13 +130,13 @@ def _cross(u: Array, v: Array) -> Array:
 
 
 WELD = 1.0e-6
-"""Corners nearer than this share of the part's diagonal are one."""
+"""Corners closer than this part of the part's diagonal are merged."""
 HOLE = 0.05
-"""Holes up to this share of the longest side are closed where nothing else is said."""
+"""Default of the largest hole to close, as a part of the longest side."""
 _FLAT = 1.0e-12
-"""A triangle with less area than this, of its longest side squared, has none."""
+"""A triangle with a smaller area, relative to its longest side squared, counts as degenerate."""
 _THIN = 1.0e-9
-"""A surface that encloses less than this share of its diagonal cubed encloses nothing."""
+"""A surface that encloses a smaller part of its diagonal cubed encloses nothing."""
 _MOST_HOLES = 200
 
 
@@ -145,12 +145,12 @@ class Repaired:
     """A closed surface.
 
     Attributes:
-        surface: In [m], solids outward, cavities into the hollow.
-        unit: That of its file.
-        told: Sentences about what was mended, and what is unusual, in order.
-        volume: Inside in [m^3], cavities taken off.
-        crosses: Whether it passes through itself: then the volume counts what overlaps twice.
-        cavities: How many hollows it has.
+        surface: In [m], solids outward, cavities into the cavity.
+        unit: Unit of its file.
+        told: Messages about repairs and unusual properties, in order.
+        volume: Volume inside in [m^3], without cavities.
+        crosses: Whether it intersects itself: then the volume counts overlaps twice.
+        cavities: Number of cavities.
     """
 
     surface: SurfaceMesh
@@ -167,16 +167,16 @@ def repaired(
     largest: bool = False,
     simplify: Callable[[SurfaceMesh], SurfaceMesh] | None = None,
 ) -> Repaired:
-    """A closed surface of a part's triangles.
+    """Repair a part's triangles to a closed surface.
 
-    Corners at one place are welded; triangles without area, repeated ones and loose flaps are dropped; holes
-    are closed; each shell is turned so that it points outward, or into the hollow where it lies in another.
+    Corners at one place are merged. Degenerate triangles, duplicates and loose flaps are removed. Holes are
+    closed. Each shell is oriented outward, or into the cavity if it lies in another one.
 
     Args:
-        part: What the file holds.
-        hole: Largest hole in [m] that is closed; None: HOLE of the longest side.
-        largest: Keep the largest body where there are several.
-        simplify: What makes fewer triangles of a closed surface that has very many.
+        part: The part as read from its file.
+        hole: Largest hole in [m] to close; None: HOLE of the longest side.
+        largest: Use only the largest body if there are several.
+        simplify: Function that reduces the triangles of a closed surface with very many.
 
     Raises:
         MeshError: the surface is open, has one side only, walls that end inside or several bodies, or it
@@ -214,7 +214,7 @@ def repaired(
 
 
 def _bodies(points: Array, triangles: IndexArray, part: Part, largest: bool) -> Repaired:
-    """Which shells are kept and what they are."""
+    """Select the shells to use and determine their nesting."""
     name, unit, told = part.surface.name, part.unit, list(part.told)
     found = nested(points, triangles)
     boxes = _diagonals(points, found)
@@ -275,7 +275,7 @@ def _several(points: Array, found: Nesting, two: IndexArray, count: int, unit: U
 
 
 def _diagonals(points: Array, found: Nesting) -> Array:
-    """Diagonals of the boxes around shells, shape (s,)."""
+    """Return the diagonals of the boxes around shells, shape (s,)."""
     low = np.full((len(found.depth), 3), np.inf)
     high = -low
     corners = points[found.triangles]
@@ -285,7 +285,7 @@ def _diagonals(points: Array, found: Nesting) -> Array:
 
 
 def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, IndexArray, list[str]]:
-    """Welded, without triangles that are nothing, repeat others or hang loose."""
+    """Merge points, and remove degenerate, duplicate and loose triangles."""
     told: list[str] = []
     points, numbers = _welded(points, weld)
     if len(numbers) > len(points):
@@ -298,7 +298,7 @@ def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, In
     once = _first_of_each(np.sort(triangles, axis=1))
     repeated = len(triangles) - int(once.sum())
     if repeated:
-        # twins that look at each other are a wall between two bodies, or a triangle that was written twice
+        # opposite twins are a wall between two bodies, or a triangle that was written twice
         _, group, count = np.unique(
             np.sort(triangles, axis=1), axis=0, return_inverse=True, return_counts=True
         )
@@ -322,7 +322,7 @@ def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, In
 
 
 def _welded(points: Array, distance: float) -> tuple[Array, IndexArray]:
-    """Points with those nearer than a distance as one, and the new number of each."""
+    """Merge points closer than a distance; return the points and the new number of each old one."""
     pairs = (
         cKDTree(points).query_pairs(distance, output_type="ndarray")
         if distance > 0.0
@@ -341,13 +341,13 @@ def _first_of_each(rows: IndexArray) -> BoolArray:
 
 
 def _less_odd(triangles: IndexArray, choices: list[BoolArray]) -> IndexArray:
-    """The choice of triangles that leaves fewest edges with an odd number of them, the first of equals."""
+    """Return the choice of triangles with the fewest edges of odd use count, the first of equals."""
     odd = [int(edges_of(triangles[choice]).odd.sum()) for choice in choices]
     return np.asarray(triangles[choices[int(np.argmin(odd))]])
 
 
 def _without_flaps(triangles: IndexArray) -> tuple[IndexArray, int]:
-    """Triangles without those that hang at an edge with three and have an open one, as often as there are."""
+    """Remove triangles with both an open edge and an edge of three triangles, repeatedly; return how many."""
     before = len(triangles)
     while True:
         edges = edges_of(triangles)
@@ -379,7 +379,7 @@ def _refuse_walls(points: Array, triangles: IndexArray, name: str, unit: Unit) -
 def _closed(
     points: Array, triangles: IndexArray, hole: float, name: str, unit: Unit
 ) -> tuple[Array, IndexArray, list[str]]:
-    """With triangles over holes up to a size in [m]."""
+    """Close holes up to a size in [m] with triangles."""
     loops = hole_loops(triangles)
     if not loops:
         _refuse_unbalanced(points, triangles, name, unit)
@@ -409,7 +409,7 @@ def _closed(
 
 
 def _refuse_unbalanced(points: Array, triangles: IndexArray, name: str, unit: Unit) -> None:
-    """Refuse shells that are not closed by themselves."""
+    """Raise an error for shells that are not closed by themselves."""
     _, label = shells(triangles)
     edges = edges_of(triangles + len(points) * label[:, None])
     left = np.flatnonzero(edges.odd | edges.unbalanced)

@@ -1,4 +1,4 @@
-"""Triangles and edge lengths that suit a mesh of about as many nodes as are wished."""
+"""Triangle counts and edge lengths for a mesh with about the requested number of nodes."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from softsim_core.base import MeshError, install_command
 from softsim_core.physics.mesh import SurfaceMesh, TetMesh
 
 MOST_TRIANGLES = 40_000
-"""More than these are made fewer before the surface is filled."""
+"""A surface with more triangles is simplified before it is filled."""
 
 
 def simplified(surface: SurfaceMesh, most: int = MOST_TRIANGLES) -> SurfaceMesh:
-    """A surface of at most about so many triangles; itself where it has no more.
+    """Simplify a surface to at most about `most` triangles; return the surface itself if it has no more.
 
-    Edges are contracted where that moves the surface least.
+    Edges are contracted where that changes the surface least.
 
     Args:
-        surface: Closed, turned alike.
+        surface: Closed, consistently oriented.
         most: Number of triangles, >= 4.
 
     Raises:
-        MeshError: the package that does it is not installed.
+        MeshError: the required package is not installed.
 
     Source: Garland, Heckbert 1997, Surface simplification using quadric error metrics.
     """
@@ -55,20 +55,20 @@ def simplified(surface: SurfaceMesh, most: int = MOST_TRIANGLES) -> SurfaceMesh:
 
 
 TOLERANCE = 0.15
-"""Of the wished number of nodes."""
+"""Tolerance as a part of the requested number of nodes."""
 MOST_TRIES = 6
-_EXPONENT = 2.5  # nodes go with edge^-3 inside and edge^-2 along walls: measured between them
-_STUCK = 0.9  # longer edges that leave more than this share of the nodes: the surface needs them
+_EXPONENT = 2.5  # nodes scale with edge^-3 inside and edge^-2 along walls; measured values lie between
+_STUCK = 0.9  # if longer edges leave more than this part of the nodes, the surface needs them
 _NODES_PER_CUBE = 2.2  # of a compact part: nodes times edge cubed over volume
 
 
 class Sized(NamedTuple):
-    """A mesh of about a wished size.
+    """A mesh with about the requested number of nodes.
 
     Attributes:
         mesh: The mesh.
-        edge: Length of edges in [m] that was asked of the mesher.
-        tries: How often it was asked.
+        edge: Length of edges in [m] that was requested from the mesher.
+        tries: Number of runs of the mesher.
     """
 
     mesh: TetMesh
@@ -79,16 +79,16 @@ class Sized(NamedTuple):
 def with_nodes(
     fill: Callable[[float], TetMesh], volume: float, longest: float, nodes: int, tolerance: float = TOLERANCE
 ) -> Sized:
-    """The mesh nearest to a wished number of nodes, within a tolerance of it or after MOST_TRIES.
+    """Return the mesh nearest to a requested number of nodes, within a tolerance of it or after MOST_TRIES.
 
-    A try that fails ends the search; meshes that were made before it are not lost.
+    A failed try ends the search; meshes from before are still used.
 
     Args:
-        fill: Makes a mesh with edges of about a length in [m].
-        volume: Of the part in [m^3].
-        longest: Longest edges in [m] that are tried: a curved surface needs its nodes, however long they are.
-        nodes: Wished number of nodes, those on edges of quadratic cells included.
-        tolerance: Share of that number by which the mesh may miss it.
+        fill: Function that makes a mesh with edges of about a length in [m].
+        volume: Volume of the part in [m^3].
+        longest: Longest edges in [m] to try: a curved surface needs its nodes for edges of any length.
+        nodes: Requested number of nodes, including those on edges of quadratic cells.
+        tolerance: Tolerance as a part of that number.
 
     Raises:
         MeshError: the number is less than 4, or the mesher fails at the first try.
@@ -115,7 +115,7 @@ def with_nodes(
 
 
 def _stuck(found: list[tuple[float, TetMesh]]) -> bool:
-    """Whether longer edges left almost as many nodes."""
+    """Return whether longer edges left almost as many nodes."""
     if len(found) < 2:
         return False
     (before, many), (edge, mesh) = found[-2:]
@@ -123,7 +123,7 @@ def _stuck(found: list[tuple[float, TetMesh]]) -> bool:
 
 
 def _next_edge(found: list[tuple[float, int]], nodes: int) -> float:
-    """The length where a power law through what is nearest on both sides, or through the last, meets it."""
+    """Return the edge length for `nodes` from a power law through the nearest tries, or the last one."""
     more = [each for each in found if each[1] > nodes]
     less = [each for each in found if each[1] < nodes]
     if more and less:

@@ -1,8 +1,8 @@
-"""The mesher, alone in a process: `python .../tetwild.py IN.npz OUT.npz`; of this suite it imports nothing.
+"""The mesher, alone in a process: `python .../tetwild.py IN.npz OUT.npz`; it imports nothing of this suite.
 
-It loads the compiled part of pytetwild by itself: the package as a whole asks for PyVista, and so for 600 MB
-of VTK, which filling a surface needs nothing of. The mesher takes surfaces that pass through themselves; it
-keeps what they wind around.
+It loads the compiled part of pytetwild by itself, because the whole package requires PyVista and thus 600 MB
+of VTK, which filling a surface does not need. The mesher accepts surfaces that intersect themselves; it fills
+the volume with nonzero winding number.
 
 Source: Hu, Schneider, Wang, Zorin, Panozzo 2020, Fast tetrahedral meshing in the wild.
 """
@@ -24,7 +24,7 @@ _SILENT = 6
 
 
 def compiled_part() -> Path | None:
-    """File of the compiled mesher, or None where pytetwild is not installed."""
+    """Return the file of the compiled mesher, or None if pytetwild is not installed."""
     found = importlib.util.find_spec(DISTRIBUTION)  # does not run the package
     if found is None or found.origin is None:
         return None
@@ -46,7 +46,7 @@ def _load() -> ModuleType:
 
 
 def _limit_memory(most: int) -> None:
-    """Take at most so many bytes, where the system can be told."""
+    """Limit the memory of this process, where the system supports it."""
     try:
         import resource
     except ImportError:  # no POSIX system
@@ -63,7 +63,7 @@ def main(words: list[str]) -> int:
             given["triangles"].astype(np.uint32),
             True,  # optimise
             False,  # do not skip simplifying the surface within the envelope
-            0.05,  # of the diagonal; the absolute length below counts
+            0.05,  # of the diagonal; ignored because of the absolute length below
             float(given["edge"]),
             float(given["envelope"]),
             float(given["energy"]),

@@ -1,4 +1,4 @@
-"""How triangles hang together, and how far two surfaces are apart."""
+"""Connectivity of triangles, and distances between two surfaces."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Edges:
         ends: Vertices of each edge, the smaller number first, shape (e, 2).
         of: Edge along each side 0-1, 1-2, 2-0 of each triangle, shape (k, 3).
         along: Whether that side runs from the smaller number to the larger, shape (k, 3).
-        uses: How many triangles each edge has, shape (e,).
+        uses: Number of triangles of each edge, shape (e,).
     """
 
     ends: IndexArray
@@ -31,12 +31,12 @@ class Edges:
 
     @property
     def odd(self) -> BoolArray:
-        """Edges with an odd number of triangles: a closed surface has none, shape (e,)."""
+        """Whether each edge has an odd number of triangles, shape (e,); a closed surface has no such edge."""
         return np.asarray(self.uses % 2 == 1)
 
     @property
     def unbalanced(self) -> BoolArray:
-        """Edges along which not as many triangles run one way as the other, shape (e,)."""
+        """Whether the triangles of each edge do not run equally often in both directions, shape (e,)."""
         turns = np.bincount(
             self.of.reshape(-1), np.where(self.along, 1.0, -1.0).reshape(-1), minlength=len(self.ends)
         )
@@ -44,7 +44,7 @@ class Edges:
 
 
 def edges_of(triangles: IndexArray) -> Edges:
-    """Edges of triangles (k, 3)."""
+    """Return the edges of triangles (k, 3)."""
     start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
     low, high = np.minimum(start, end), np.maximum(start, end)
     span = int(triangles.max(initial=0)) + 1
@@ -54,7 +54,7 @@ def edges_of(triangles: IndexArray) -> Edges:
 
 
 def shells(triangles: IndexArray) -> tuple[int, IndexArray]:
-    """Pieces that hang together by edges with two triangles: how many, and the one of each triangle (k,)."""
+    """Return the number of pieces that edges of two triangles connect, and each triangle's piece (k,)."""
     first, second, _ = _neighbours(edges_of(triangles))
     graph = sp.coo_matrix((np.ones(len(first)), (first, second)), shape=(len(triangles),) * 2)
     count, label = connected_components(graph, directed=False)
@@ -62,18 +62,18 @@ def shells(triangles: IndexArray) -> tuple[int, IndexArray]:
 
 
 def turned_alike(triangles: IndexArray) -> tuple[IndexArray, int, IndexArray]:
-    """Triangles of each shell turned one way, that of the most of them.
+    """Orient the triangles of each shell consistently, in the direction of most of them.
 
     Returns:
-        The triangles, shape (k, 3), how many were turned, and the ends of the edges, shape (b, 2), at which
-        that cannot be: a surface with one side only.
+        The triangles, shape (k, 3), the number of reversed ones, and the ends of the edges, shape (b, 2), at
+        which consistency is impossible: a surface with one side only.
     """
     k, edges = len(triangles), edges_of(triangles)
     first, second, alike = _neighbours(edges)
     count, label = connected_components(
         sp.coo_matrix((np.ones(len(first)), (first, second)), shape=(k, k)), directed=False
     )
-    # a tree over all triangles, hung on one more node by a triangle of each shell
+    # a tree over all triangles, joined at one extra node by a triangle of each shell
     roots = np.unique(label, return_index=True)[1]
     rows = np.concatenate([first, np.full(count, k)])
     columns = np.concatenate([second, roots])
@@ -82,7 +82,7 @@ def turned_alike(triangles: IndexArray) -> tuple[IndexArray, int, IndexArray]:
     parent = parent[:k].astype(np.int64)
     sign = np.append(_signs_to_parents(parent, first, second, alike, k), 1)
     parent = np.append(parent, k)
-    while (parent != k).any():  # doubles how far up it looks
+    while (parent != k).any():  # pointer doubling
         sign, parent = sign * sign[parent], parent[parent]
     sign = sign[:k]
     most = np.bincount(label, sign, minlength=count) < 0.0
@@ -95,7 +95,7 @@ def turned_alike(triangles: IndexArray) -> tuple[IndexArray, int, IndexArray]:
 
 
 def _neighbours(edges: Edges) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """Both triangles of each edge that has two, and whether they are turned alike."""
+    """Return both triangles of each edge with two, and whether they are oriented alike."""
     order = np.argsort(edges.of.reshape(-1), kind="stable")
     begin = np.concatenate([[0], np.cumsum(edges.uses)])[:-1]
     begin = begin[edges.uses == 2]
@@ -107,7 +107,7 @@ def _neighbours(edges: Edges) -> tuple[IndexArray, IndexArray, BoolArray]:
 def _signs_to_parents(
     parent: IndexArray, first: IndexArray, second: IndexArray, alike: BoolArray, k: int
 ) -> IndexArray:
-    """+1 where a triangle is turned as its parent in the tree, -1 where not; roots have +1."""
+    """Return +1 for triangles oriented as their parent in the tree, -1 for others; roots have +1."""
     keys = np.concatenate([first * (k + 1) + second, second * (k + 1) + first])
     values = np.tile(np.where(alike, 1, -1), 2)
     order = np.argsort(keys, kind="stable")
@@ -121,11 +121,11 @@ def _signs_to_parents(
 
 
 def touching_points(triangles: IndexArray) -> IndexArray:
-    """Vertices at which pieces of surface meet in a point only: with several fans of triangles around."""
+    """Return vertices at which pieces of surface meet only in a point, with several fans of triangles."""
     edges = edges_of(triangles)
     order = np.argsort(edges.of.reshape(-1), kind="stable")
     same = edges.of.reshape(-1)[order]
-    # corners (triangle, vertex) at one vertex are joined across the edges that lead to it
+    # corners (triangle, vertex) at one vertex are connected across the edges that lead to it
     corner = np.arange(triangles.size).reshape(-1, 3)
     begin, following = corner.reshape(-1), np.roll(corner, -1, axis=1).reshape(-1)
     pairs = np.flatnonzero((same[1:] == same[:-1]) & (edges.uses[same[1:]] == 2))
@@ -143,24 +143,24 @@ def touching_points(triangles: IndexArray) -> IndexArray:
 
 
 def areas(points: Array, triangles: IndexArray) -> Array:
-    """Areas of triangles, shape (k,)."""
+    """Return the areas of triangles, shape (k,)."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
 
 _PIECES = 4_000
-"""About so many pieces a surface is cut into, or more where it has more triangles."""
+"""Approximate number of pieces of a subdivided surface, or more if it has more triangles."""
 _NEAREST = 12
 _FAR = 20.0
-"""Places farther than this many sizes of a piece may be told as farther, by one size at most."""
+"""Distances of more than this many piece sizes may be overestimated by one size at most."""
 _CHUNK = 4096
 
 
 def largest_distance(first: SurfaceMesh, second: SurfaceMesh) -> tuple[float, Array]:
-    """How far the first surface gets from the second at most in [m], and where, (3,).
+    """Return the largest distance of the first surface from the second in [m], and its place, (3,).
 
-    Looked at in the corners of the first one's triangles, and in the middles of these, large ones cut into
-    pieces.
+    It is evaluated at the corners of the first one's triangles and at their centres; large triangles are
+    subdivided.
     """
     pieces = cut(first.points[first.triangles], _piece(first))
     samples = np.concatenate([first.points[np.unique(first.triangles)], pieces.mean(axis=1)])
@@ -170,7 +170,7 @@ def largest_distance(first: SurfaceMesh, second: SurfaceMesh) -> tuple[float, Ar
 
 
 def distances(places: Array, surface: SurfaceMesh) -> Array:
-    """Distances in [m] of places (p, 3) to a surface, shape (p,); exact near it, within 5 % far from it."""
+    """Return distances (p,) in [m] of places (p, 3) to a surface; exact near it, within 5 % far away."""
     corners = cut(surface.points[surface.triangles], _piece(surface))
     middles = corners.mean(axis=1)
     reach = float(np.linalg.norm(corners - middles[:, None], axis=2).max())
@@ -193,7 +193,7 @@ def distances(places: Array, surface: SurfaceMesh) -> Array:
 
 
 def cut(corners: Array, longest: float) -> Array:
-    """Triangles (k, 3, 3) halved across their longest edge until none is longer, shape (p, 3, 3)."""
+    """Halve triangles (k, 3, 3) across their longest edge until no edge exceeds `longest`, (p, 3, 3)."""
     done = []
     while len(corners):
         lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
@@ -208,7 +208,7 @@ def cut(corners: Array, longest: float) -> Array:
 
 
 def _piece(surface: SurfaceMesh) -> float:
-    """Longest edge of a piece, so that there are about _PIECES of them."""
+    """Return the longest edge of a piece at which a surface has about _PIECES pieces."""
     a, b, c = np.moveaxis(surface.points[surface.triangles], 1, 0)
     area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
     size = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
@@ -216,7 +216,7 @@ def _piece(surface: SurfaceMesh) -> float:
 
 
 def _to_triangles(places: Array, corners: Array) -> Array:
-    """Distances of places (p, 3), each to its triangle (p, 3, 3), shape (p,)."""
+    """Return distances of places (p, 3), each to its triangle (p, 3, 3), shape (p,)."""
     edges = np.roll(corners, -1, axis=1) - corners
     off = places[:, None] - corners
     square = np.maximum((edges * edges).sum(axis=2), 1e-300)

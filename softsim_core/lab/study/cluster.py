@@ -1,4 +1,4 @@
-"""Runs of a study on the worker processes of a Dask cluster, into its store."""
+"""Execution of a study's runs on the worker processes of a Dask cluster, with results in its store."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from softsim_core.scene.io import ProgramRule, limited_to
 from softsim_core.simulation import Simulation
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Environment of a worker: one thread each; cores are filled by workers, and sums keep their order."""
+"""Environment of a worker: one thread each, as workers fill the cores and sums need a fixed order."""
 
 AHEAD = 3
-"""Tasks that a thread of a worker has waiting: the scheduler never holds more than these of a study."""
+"""Waiting tasks per worker thread: the scheduler never has more than these of a study."""
 
 WAIT_FOR_WORKERS_S = 60.0
 LOOK_S = 1.0
@@ -41,21 +41,21 @@ KILLED = "its worker process was killed, again and again (out of memory, or a cr
 
 
 class Recorder(Protocol):
-    """Keeps a recording of a run; it goes to the processes that run them."""
+    """Factory of recordings of runs; it is sent to the processes that run them."""
 
     def __call__(self, work: Work, number: int) -> tuple[Watch, Callable[[], None]]:
-        """What is told after each step of a run by its number, and what ends its recording."""
+        """Start the recording of a run; return the functions to call after each step and at the end."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """Where runs are done.
+    """Location of the runs.
 
     Attributes:
         workers: Worker processes on this machine, one thread each.
         scheduler: Address of a Dask scheduler in their place; None: there is none.
-        batch: Runs of one task.
+        batch: Runs per task.
         told: Called once with a line about the cluster.
     """
 
@@ -72,13 +72,13 @@ Task: TypeAlias = tuple[int, tuple[float, ...]]
 def run_batch(
     work: Work, known: Mapping[str, str], tasks: Sequence[Task], recorded: Mapping[int, Recorder]
 ) -> list[tuple[int, Outcome]]:
-    """Some runs one after another, in a worker process.
+    """Execute some runs one after another, in a worker process.
 
     Args:
-        work: What they share.
-        known: Versions of packages where the study was started; others would give other bits.
+        work: Common data of the runs.
+        known: Versions of packages where the study was started; others could change bits of the results.
         tasks: The runs.
-        recorded: Recorders of some of them, by their number.
+        recorded: Recorders of some of them, by run number.
 
     Raises:
         StudyError: this process has other versions.
@@ -95,7 +95,7 @@ def run_batch(
 
 @functools.lru_cache(maxsize=1)
 def _load_kernels(scene: Path, programs: ProgramRule) -> None:
-    """Load what is compiled, once for each process: seconds that no run's time limit shall hold."""
+    """Load compiled kernels once per process, so that these seconds do not count in a run's time limit."""
     with contextlib.suppress(SoftSimError), limited_to(programs):
         Simulation(load_scene(scene)).step()
 
@@ -114,11 +114,11 @@ def _recorded_run(work: Work, number: int, values: Sequence[float], recorder: Re
 
 
 class Engine:
-    """A cluster that is up; `run` gives outcomes as they come.
+    """A running cluster; `run` yields outcomes as they arrive.
 
     Args:
-        client: Of Dask.
-        where: How it was asked for.
+        client: Client of Dask.
+        where: The requested location.
     """
 
     def __init__(self, client: Any, where: Where) -> None:
@@ -129,10 +129,10 @@ class Engine:
     def run(
         self, work: Work, tasks: Iterable[Task], recorded: Mapping[int, Recorder]
     ) -> Iterator[tuple[int, tuple[float, ...], Outcome]]:
-        """Number, values and outcome of each run, in the order in which they end.
+        """Yield number, values and outcome of each run, in the order in which they end.
 
         Raises:
-            StudyError: the scheduler or all workers went away, or workers cannot run the suite.
+            StudyError: the scheduler or all workers disappeared, or workers cannot run the suite.
         """
         suspects: list[Task] = []
         batches = _batches(tasks, self._where.batch)
@@ -143,9 +143,9 @@ class Engine:
             yield number, values, Outcome(RAISED, KILLED, {})
 
     def _room(self) -> int:
-        """Tasks that the workers of now may have; they are counted anew every LOOK_S, as some may join."""
+        """Return the number of tasks for the present workers, counted every LOOK_S as some may join."""
         if self._counted is None or monotonic() - self._counted >= LOOK_S:
-            with contextlib.suppress(OSError, TimeoutError):  # it goes away, which `_next` finds
+            with contextlib.suppress(OSError, TimeoutError):  # `_next` detects a lost scheduler
                 workers = self._client.scheduler_info(-1)["workers"].values()
                 self._most = AHEAD * max(1, sum(int(each["nthreads"]) for each in workers))
             self._counted = monotonic()
@@ -159,9 +159,9 @@ class Engine:
         most: Callable[[], int],
         suspects: list[Task],
     ) -> Iterator[tuple[int, tuple[float, ...], Outcome]]:
-        """Run batches, at most so many at a time; runs whose workers were killed go to `suspects`.
+        """Run batches, at most `most` at a time; runs whose workers were killed are added to `suspects`.
 
-        Who was on a worker that another run killed is no worse for it: suspects get a worker alone.
+        A run on a worker that another run killed is not at fault. Suspects therefore run alone on a worker.
         """
         ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         under_way: dict[Any, list[Task]] = {}
@@ -194,7 +194,7 @@ class Engine:
                 self._client.cancel(list(under_way), force=True)
 
     def _next(self, ended: queue.SimpleQueue[Any]) -> Any:
-        """A task that has ended; None: none did in LOOK_S."""
+        """Return a task that has ended; None: none ended within LOOK_S."""
         if self._client.status != "running":
             raise self._gone()
         try:
@@ -203,7 +203,7 @@ class Engine:
             return None
 
     def _outcomes(self, future: Any) -> list[tuple[int, Outcome]] | None:
-        """What a task gave; None: its workers were killed."""
+        """Return the results of a task; None: its workers were killed."""
         if future.status == "finished":
             try:
                 told: list[tuple[int, Outcome]] = future.result()
@@ -239,7 +239,7 @@ def _batches(tasks: Iterable[Task], size: int) -> Iterator[list[Task]]:
 
 @contextmanager
 def engine(where: Where) -> Iterator[Engine]:
-    """A cluster for some time: its own worker processes, which end with this one, or a scheduler's.
+    """Provide a cluster within the `with` block: local worker processes, which end with it, or a scheduler's.
 
     Raises:
         StudyError: Dask is not installed, or the scheduler cannot be reached or has no workers.
@@ -266,7 +266,7 @@ def engine(where: Where) -> Iterator[Engine]:
             with _reached(distributed, where) as client:
                 yield Engine(client, where)
             return
-        os.environ.update(environment)  # a worker is a fresh process that takes them over
+        os.environ.update(environment)  # inherited by new worker processes
         use_safe_path()
         with contextlib.ExitStack() as stack:
             with _interrupts_wait():
@@ -290,17 +290,16 @@ def engine(where: Where) -> Iterator[Engine]:
 
 @contextmanager
 def _interrupts_wait() -> Iterator[None]:
-    """Let Ctrl-C wait for the end of the block, and never reach the processes that are started in it.
+    """Block Ctrl-C until the end of the block, also in the processes that are started in it.
 
-    A terminal interrupts its workers, too, which would tell of it at length wherever they were; they inherit
-    from the thread that starts them that it is blocked, and the client ends them. Dask cannot be interrupted
-    while it starts.
+    A terminal also interrupts the workers, which would print long tracebacks. They inherit the blocked signal
+    from the thread that starts them, and the client ends them. Dask cannot be interrupted while it starts.
     """
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
         yield
         return
     came: list[int] = []
-    resource_tracker.ensure_running()  # the first process would start it, and let interrupts pass again
+    resource_tracker.ensure_running()  # else the first process would start it, and unblock interrupts
     before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -314,14 +313,14 @@ def _interrupts_wait() -> Iterator[None]:
 
 @contextmanager
 def _reached(distributed: Any, where: Where) -> Iterator[Any]:
-    """A client of a scheduler that has workers."""
+    """Connect to a scheduler that has workers, and yield the client."""
     for name in (
         "distributed",
         "distributed.client",
         "distributed.core",
         "asyncio",
         "tornado",
-    ):  # they tell of a lost scheduler at length
+    ):  # they log a lost scheduler at length
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(where.scheduler, timeout="10s", set_as_default=False)
@@ -330,7 +329,7 @@ def _reached(distributed: Any, where: Where) -> Iterator[Any]:
             f"no Dask scheduler answers at {where.scheduler}; start one (dask scheduler), or leave out "
             "--scheduler"
         ) from error
-    except Exception as error:  # each transport has its own for an address that it cannot use
+    except Exception as error:  # each transport raises its own errors for an invalid address
         if str(where.scheduler).startswith(("tls://", "wss://")):
             hint = "name its certificates in Dask's configuration (distributed.comm.tls)"
         else:
@@ -352,18 +351,18 @@ def _reached(distributed: Any, where: Where) -> Iterator[Any]:
 
 
 Progress = Callable[[int, int, int], None]
-"""Told how many runs are done, how many of these failed, and how many there are in all."""
+"""Called with the numbers of finished, failed and all runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class SweepOptions:
-    """How a study is run.
+    """Options of a study's execution.
 
     Attributes:
-        where: On which workers.
-        progress: Told of every run.
-        recorder: Makes recordings; None: none are made.
-        recordings: Of how many runs, spread evenly over the study.
+        where: Location of the workers.
+        progress: Called after every run.
+        recorder: Creates recordings; None: none are made.
+        recordings: Number of recorded runs, spread evenly over the study.
     """
 
     where: Where = field(default_factory=Where)
@@ -372,7 +371,7 @@ class SweepOptions:
     recordings: int = 0
 
     def recorded(self, runs: int) -> dict[int, Recorder]:
-        """Recorders by the number of their run."""
+        """Return recorders by run number."""
         if self.recorder is None or self.recordings < 1:
             return {}
         chosen = np.linspace(0, runs - 1, min(self.recordings, runs)).round().astype(int)
@@ -381,14 +380,14 @@ class SweepOptions:
 
 @dataclass(frozen=True, slots=True)
 class StudySummary:
-    """What became of a study.
+    """Summary of a study's runs.
 
     Attributes:
         folder: Its store.
-        runs: How many there are in all.
-        new: How many of them were run now.
-        counts: How many became what, by words such as "diverged".
-        first_errors: Some runs that failed, and why.
+        runs: Total number of runs.
+        new: Number of runs executed now.
+        counts: Number of runs by status word, such as "diverged".
+        first_errors: Some failed runs with the reasons.
     """
 
     folder: Path
@@ -404,10 +403,10 @@ def sweep(prepared: PreparedStudy, folder: Path, options: SweepOptions | None = 
     Args:
         prepared: The study.
         folder: Its store.
-        options: How; None: one worker on this machine.
+        options: Options; None: one worker on this machine.
 
     Raises:
-        StudyError: the store is another study's or cannot be written, or the scheduler went away.
+        StudyError: the store is another study's or cannot be written, or the scheduler disappeared.
         SoftSimError: the scene with the first values cannot be built.
     """
     options = SweepOptions() if options is None else options
@@ -423,7 +422,7 @@ def sweep(prepared: PreparedStudy, folder: Path, options: SweepOptions | None = 
 
 
 def run_into(store: Store, cluster: Engine, work: Work, tasks: Iterable[Task], options: SweepOptions) -> None:
-    """Run some tasks, and keep what became of them."""
+    """Execute some tasks, and store their outcomes."""
     done = len(store.status) - len(store.left)
     failed = int((store.status > DONE).sum())
     options.progress(done, failed, len(store.status))
@@ -434,7 +433,7 @@ def run_into(store: Store, cluster: Engine, work: Work, tasks: Iterable[Task], o
 
 
 def summary_of(store: Store, new: int) -> StudySummary:
-    """What became of the study in a store, of which `new` runs were run now."""
+    """Return the summary of a store, of which `new` runs were executed now."""
     counts = Counter(STATUS_WORDS[status] for status in store.status.tolist())
     failed = np.flatnonzero(store.status > DONE)[:5].tolist()
     errors = store.errors() if failed else []

@@ -1,4 +1,4 @@
-"""What a study runs: which scene, what varies, what is commanded, what is measured."""
+"""Description of a study: scene, variables, commands and measured quantities."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ At: TypeAlias = Literal["end", "max", "min", "mean", "series"]
 Begin: TypeAlias = Literal["rest", "equilibrium"]
 
 MOST_RUNS = 10_000_000
-"""Runs of one study; more are cut into several."""
+"""Largest number of runs of one study; larger studies must be split."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,12 +38,12 @@ class VariableDescription:
     """A number that differs from run to run; give its values, or two bounds.
 
     Attributes:
-        name: By which expressions name it.
-        unit: For people, and in the store.
-        values: All that it takes; in a list, one for each run.
+        name: Name in expressions.
+        unit: Unit for display, and in the store.
+        values: All its values; in a list, one for each run.
         lower, upper: Bounds, both included.
-        count: How many values a grid takes between the bounds, ends included.
-        spacing: How they are spread: evenly, or evenly in the logarithm.
+        count: Number of grid values between the bounds, ends included.
+        spacing: Spacing of the values: even, or even in the logarithm.
     """
 
     name: str
@@ -71,7 +71,7 @@ class VariableDescription:
             raise FieldError(owner, "count", self.count, ">= 2, and only beside lower and upper")
 
     def between(self, share: float) -> float:
-        """The value at a share in [0, 1] of the way from `lower` to `upper`."""
+        """Return the value at a share in [0, 1] of the way from `lower` to `upper`."""
         assert self.lower is not None
         assert self.upper is not None
         if self.spacing == "log":
@@ -81,13 +81,13 @@ class VariableDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignDescription:
-    """Which values of the variables go together.
+    """Design of the runs: combinations of the variables' values.
 
     Attributes:
-        kind: "grid": every value with every other; "list": the k-th values of all are run k; "random",
-            "sobol" and "latin_hypercube": spread over the box of the bounds.
-        samples: How many runs, of those that are spread.
-        seed: Of the spread.
+        kind: "grid": every value with every other; "list": run k uses the k-th values; "random", "sobol" and
+            "latin_hypercube": spread over the box of the bounds.
+        samples: Number of runs of a spread design.
+        seed: Seed of a spread design.
     """
 
     kind: Kind = "grid"
@@ -108,13 +108,14 @@ class DesignDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandStep:
-    """What the joints are told from a time on.
+    """Joint commands from a time on.
 
     Attributes:
-        time: From when on, in [s].
+        time: Time in [s] from which they apply.
         pose: A pose of the robot by its name; None: `joints`.
-        joints: Joint positions by name in their units, numbers or expressions; others stay as they were.
-        base_shift: Shift of all joint bases in [m], a number or an expression; None: as it was.
+        joints: Joint positions by name in their units, numbers or expressions; other joints keep their
+            commands.
+        base_shift: Shift of all joint bases in [m], a number or an expression; None: as before.
     """
 
     time: float = 0.0
@@ -129,17 +130,17 @@ class CommandStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QuantityDescription:
-    """What is measured in each run.
+    """A quantity to measure in each run.
 
     Attributes:
-        name: Of the result in the store.
-        of: Which quantity, such as "effector.position"; "python" with `function`.
+        name: Name of the result in the store.
+        of: The quantity, such as "effector.position"; "python" with `function`.
         at: "end"; "max", "min" or "mean" over the steps of the run; "series": every `every` seconds.
         every: Time between values of a series in [s]; None: every step.
-        function: FILE.py:NAME, a function of the simulation that gives a number; relative to the study.
-        unit: Of what the function gives; other quantities know theirs.
-        samples: Equilibria that a quantity of the workspace looks at.
-        most_effort: Of the workspace, only what joints reach with no more, in [N m] or [N]; None: all.
+        function: FILE.py:NAME, a function of the simulation that returns a number; relative to the study.
+        unit: Unit of the function's result; other quantities know theirs.
+        samples: Number of equilibria for a quantity of the workspace.
+        most_effort: For the workspace, only poses that joints reach with no more, in [N m] or [N]; None: all.
     """
 
     name: str
@@ -174,14 +175,14 @@ class QuantityDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectiveDescription:
-    """What `softsim optimise` seeks; give one of the two.
+    """Objective of `softsim optimise`; give one of the two.
 
     Attributes:
         minimise, maximise: An expression of quantities with one value and of variables, such as "= sag".
-        generations: How often new values are drawn.
+        generations: Number of generations.
         population: Runs of a generation; None: 4 + 3 ln p, as is usual.
         spread: Standard deviation of the first generation, as a share of the bounds.
-        seed: Of the draws.
+        seed: Seed of the samples.
     """
 
     minimise: str | None = None
@@ -209,12 +210,12 @@ class ObjectiveDescription:
 
     @property
     def expression(self) -> str:
-        """That is sought the least or the most of."""
+        """The expression to minimise or maximise."""
         return self.minimise if self.minimise is not None else self.maximise or ""
 
     @property
     def sign(self) -> float:
-        """+1 where the least is sought, -1 where the most is."""
+        """Sign of the objective: +1 for a minimum, -1 for a maximum."""
         return 1.0 if self.minimise is not None else -1.0
 
 
@@ -223,23 +224,23 @@ class StudyDescription:
     """Many runs of one scene.
 
     Attributes:
-        name: What messages and the store call it.
+        name: Name in messages and in the store.
         scene: A robot or scene: a name, or a file relative to the study.
-        variables: What varies.
-        measure: What is told of each run.
+        variables: The variables.
+        measure: Quantities to measure in each run.
         about: One sentence for people.
-        design: Which values go together.
-        overlay: Laid over the scene; where a variable acts stands an expression, such as "= 2 * stiffness".
+        design: Combinations of the variables' values.
+        overlay: Overrides of the scene, with expressions where a variable acts, such as "= 2 * stiffness".
         arguments: Passed to `create_scene` of a Python scene by name, numbers or expressions.
-        command: What the joints are told, in order of time; none: a run in time is left as it begins, an
-            equilibrium is that in the pose at which the start move ends.
-        duration: How long each run lasts in [s]; None: it is the equilibrium under the first commands.
+        command: Joint commands, in order of time; none: a run in time continues as it begins, an equilibrium
+            is that in the pose at which the start move ends.
+        duration: Duration of each run in [s]; None: it is the equilibrium under the first commands.
         begin: A run in time begins in the rest shape, or at that equilibrium.
-        time_limit: Wall time of a run in [s]; one that takes longer is given up.
-        block: Runs of a chunk of the store.
-        objective: What is sought; None: nothing is.
-        posterior: What a calibration left open; its parameters are drawn, and are the first variables. In a
-            file: that of the distribution, whose overlay acts below the study's.
+        time_limit: Wall time limit of a run in [s]; a longer one is stopped.
+        block: Runs per chunk of the store.
+        objective: Objective of an optimisation; None: there is none.
+        posterior: Parameter distribution of a calibration; its parameters are drawn, and are the first
+            variables. In a file: the distribution's file, whose overlay is applied before the study's.
     """
 
     name: str
@@ -314,7 +315,7 @@ class StudyDescription:
 
 
 def need_word(owner: str, name: object) -> None:
-    """Refuse a name that is no word of letters, digits and _.
+    """Reject a name that is not a word of letters, digits and _.
 
     Raises:
         FieldError: it is none.
@@ -324,10 +325,10 @@ def need_word(owner: str, name: object) -> None:
 
 
 def load_study(file: str | Path) -> StudyDescription:
-    """A study from its file, or by the name of one that came with the suite.
+    """Load a study from its file, or by the name of one that came with the suite.
 
     Raises:
-        ConfigError: it is not there, or any problem in it, in one sentence.
+        ConfigError: the file does not exist, or any problem in it, as one message.
     """
     path = find_study(file)
     data = read_extended(path)
@@ -337,7 +338,7 @@ def load_study(file: str | Path) -> StudyDescription:
 
 
 def _with_posterior(data: SourcedMapping, path: Path) -> SourcedMapping:
-    """A study that names a distribution, with its parameters as variables and its overlay below."""
+    """Add a named distribution to a study: its parameters as variables, and its overlay below the study's."""
     file = relative_to_file(data["posterior"], path)
     posterior = load_distribution(file)
     robot = relative_to_file(posterior.robot, file)
@@ -356,10 +357,10 @@ def _with_posterior(data: SourcedMapping, path: Path) -> SourcedMapping:
 
 
 def find_study(file: str | Path) -> Path:
-    """The file of a study: that path, or the name of one that came with the suite.
+    """Return the file of a study: the given path, or the file of a name that came with the suite.
 
     Raises:
-        ConfigError: neither is there.
+        ConfigError: neither exists.
     """
     known = known_studies()
     if str(file) in known:
@@ -376,7 +377,7 @@ def find_study(file: str | Path) -> Path:
 
 
 def known_studies() -> dict[str, Path]:
-    """Names and files of the studies below the config roots, sorted."""
+    """Return names and files of the studies below the config roots, sorted."""
     from softsim_core.scene.io import config_roots
 
     known: dict[str, Path] = {}

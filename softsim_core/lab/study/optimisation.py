@@ -1,10 +1,10 @@
 """Optimisation of a study's variables by CMA-ES, and quadratic fits through its results.
 
-One run of each generation is the minimum of a quadratic function that is fitted to the best runs so far:
-smooth objectives are found in few generations, and the strategy goes its way where none fits.
+One run of each generation is the minimum of a quadratic function fitted to the best runs so far, so smooth
+objectives need few generations. Where no quadratic function fits, the strategy continues alone.
 
-The strategy is not kept anywhere: its state follows from the seed and from what runs gave, and these lie in
-the store. A start that goes on has it draw the same generations again, and hands it what is known.
+The state of the strategy is not stored: it follows from the seed and from the results of the runs in the
+store. A continued optimisation draws the same generations again and uses the known results.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from softsim_core.lab.study.single import DONE, RAISED, Outcome
 from softsim_core.lab.study.store import Column, Plan, Store
 
 _LEAST_CURVATURE = 1e-9
-"""Of the curvature in the steepest direction; a flatter function has no minimum that could be trusted."""
+"""Least reliable curvature of a minimum, as a part of that in the steepest direction."""
 
 
 def quadratic_minimum(points: Array, costs: Array) -> Array | None:
-    r"""Minimum within the unit box of :math:`c + g^T x + x^T H x / 2`, fitted to the best points.
+    r"""Return the minimum within the unit box of :math:`c + g^T x + x^T H x / 2`, fitted to the best points.
 
     Args:
         points: Points in the unit box, shape (n, p).
         costs: Finite costs, shape (n,).
 
     Returns:
-        Where the fit is least, shape (p,); None: there are too few points, or the fit has no minimum.
+        The minimum of the fit, shape (p,); None: there are too few points, or the fit has no minimum.
     """
     size = points.shape[1]
     needed = (size + 1) * (size + 2) // 2
@@ -73,9 +73,9 @@ class ResponseSurface:
 
     Attributes:
         lower, upper: Range of each variable, shape (p,).
-        terms: Which scaled variables each coefficient multiplies: none, one or two of them.
-        coefficients: As many as terms, in the unit of the quantity.
-        share: Of the variance of the results that the surface explains, at most 1.
+        terms: Scaled variables that each coefficient multiplies: none, one or two of them.
+        coefficients: One per term, in the unit of the quantity.
+        share: Part of the results' variance that the surface explains, at most 1.
     """
 
     lower: Array
@@ -85,11 +85,11 @@ class ResponseSurface:
     share: float
 
     def __call__(self, points: Array) -> Array:
-        """Values at points (k, p) in the units of the variables, shape (k,)."""
+        """Return values at points (k, p) in the units of the variables, shape (k,)."""
         return np.asarray(_columns(_scaled(points, self.lower, self.upper), self.terms) @ self.coefficients)
 
     def plain(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the surface as plain data."""
         return {
             "lower": self.lower.tolist(),
             "upper": self.upper.tolist(),
@@ -100,11 +100,11 @@ class ResponseSurface:
 
 
 def response_surface(points: Array, values: Array) -> ResponseSurface:
-    """The surface nearest to results in least squares; of too few, or of too few levels, a flatter one.
+    """Fit a surface to results by least squares; with few results, or few levels, one of lower degree.
 
     Args:
         points: Values of the variables, shape (k, p), each with a range.
-        values: Of the quantity, finite, shape (k,).
+        values: Finite values of the quantity, shape (k,).
     """
     count, size = points.shape
     lower, upper = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
@@ -131,20 +131,20 @@ def _columns(scaled: Array, terms: tuple[tuple[int, ...], ...]) -> Array:
 
 
 OBJECTIVE = "objective"
-"""Name of its array in the store."""
+"""Name of the objective's array in the store."""
 
 
 @dataclass(frozen=True, slots=True)
 class Optimum:
-    """What an optimisation found.
+    """Result of an optimisation.
 
     Attributes:
-        summary: What became of its runs.
-        run: Number of the best.
-        objective: Its objective.
-        values: Its variables by name.
-        generations: How many were run.
-        ended: Why no more were.
+        summary: Summary of its runs.
+        run: Number of the best run.
+        objective: Objective of this run.
+        values: Variables of this run by name.
+        generations: Number of generations.
+        ended: Reason for the end.
     """
 
     summary: StudySummary
@@ -156,12 +156,12 @@ class Optimum:
 
 
 def optimise(prepared: PreparedStudy, folder: Path, options: SweepOptions | None = None) -> Optimum:
-    """Run generations of a study until its objective is found, going on where an earlier start ended.
+    """Run generations of a study until its optimum is found, continuing an earlier start.
 
     Args:
         prepared: The study, with an objective.
         folder: Its store.
-        options: How its runs are done.
+        options: Options of its runs.
 
     Raises:
         StudyError: as `sweep`; cma is not installed, or no run gave results.
@@ -210,9 +210,9 @@ class _Search:
             "bounds": [[0.0] * size, [1.0] * size],
             "popsize": self.population,
             "randn": lambda *shape: generator.standard_normal(shape),
-            "seed": math.nan,  # the generator's alone; NumPy's global one stays as it is
+            "seed": math.nan,  # use only the generator; NumPy's global seed stays as it is
             "verbose": -9,
-            "tolfun": 0.0,  # absolute ones end at once where all objectives are small
+            "tolfun": 0.0,  # absolute tolerances end at once if all objectives are small
             "tolfunhist": 0.0,
             "tolfunrel": 1e-9,
             "tolx": 1e-4,
@@ -225,7 +225,7 @@ class _Search:
         self._points, self._costs = np.empty((0, size)), np.empty(0)
 
     def plan(self) -> Plan:
-        """Of the store: a generation is a block."""
+        """Return the plan of the store: a generation is a block."""
         middle = [each.between(0.5) for each in self.study.variables]
         plan = self.prepared.plan(self.objective.generations * self.population, self.population, middle)
         shapes = {each.name: each.shape for each in plan.columns}
@@ -241,7 +241,7 @@ class _Search:
         )
 
     def drawn(self) -> list[tuple[float, ...]]:
-        """Values of the next generation's variables."""
+        """Return values of the next generation's variables."""
         minimum = quadratic_minimum(self._points, self._costs)
         if minimum is not None:
             self._strategy.inject([minimum], force=True)
@@ -252,7 +252,7 @@ class _Search:
         ]
 
     def judged(self, values: Mapping[str, float], outcome: Outcome) -> Outcome:
-        """An outcome with its objective."""
+        """Return an outcome with its objective."""
         if outcome.status != DONE:
             return outcome
         told = {name: float(each) for name, each in outcome.results.items() if each.shape == ()}
@@ -263,7 +263,7 @@ class _Search:
         return replace(outcome, results={**outcome.results, OBJECTIVE: np.asarray(found)})
 
     def learn(self, objectives: Array) -> None:
-        """Take in what the generation gave; runs that failed count as worse than the worst."""
+        """Pass the generation's results to the strategy; failed runs count as worse than the worst."""
         costs = self.objective.sign * objectives
         good = np.isfinite(costs)
         known = costs[good]
@@ -273,7 +273,7 @@ class _Search:
         self._strategy.tell(self._drawn, np.where(np.isfinite(costs), costs, worst).tolist())
 
     def reason(self) -> str:
-        """Why it need not go on; empty: it should."""
+        """Return the reason to stop; empty: continue."""
         stops = dict(self._strategy.stop())
         return f"CMA-ES sees no more to gain ({', '.join(stops)})" if stops else ""
 

@@ -1,4 +1,4 @@
-"""From a study's file to the values of its runs and to the plan of its store."""
+"""Preparation of a study: from its file to the values of its runs and the plan of its store."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from softsim_core.simulation import Simulation
 
 
 def values_of_runs(study: StudyDescription) -> Array:
-    """What the variables are in each run, shape (runs, p); the same study gives the same values.
+    """Return the variables of each run, shape (runs, p); the same study gives the same values.
 
     Raises:
         SceneError: the variables do not fit the kind of design, or there are too many runs.
@@ -68,12 +68,12 @@ def _levels(variable: VariableDescription, owner: str) -> list[float]:
 
 
 def _shares(kind: str, dimensions: int, samples: int, seed: int) -> Array:
-    """Points of the unit box, shape (samples, dimensions)."""
+    """Return points of the unit box, shape (samples, dimensions)."""
     if kind == "random":
         return np.random.default_rng(seed).random((samples, dimensions))
     if kind == "latin_hypercube":
         return np.asarray(qmc.LatinHypercube(dimensions, seed=seed).random(samples))
-    exponent = max(0, (samples - 1).bit_length())  # the first ones of a balanced set
+    exponent = max(0, (samples - 1).bit_length())  # the first points of a balanced set
     return np.asarray(qmc.Sobol(dimensions, seed=seed).random_base2(exponent)[:samples])
 
 
@@ -83,7 +83,7 @@ class PreparedStudy:
 
     Attributes:
         file: Its file.
-        work: What its runs share.
+        work: Common data of its runs.
     """
 
     file: Path
@@ -95,9 +95,9 @@ class PreparedStudy:
         return self.work.study
 
     def plan(self, runs: int, block: int, first: Sequence[float] | Array) -> Plan:
-        """What the store of so many runs holds, told by the scene with the first values (p,).
+        """Return the plan of a store with `runs` runs, determined by the scene with the first values (p,).
 
-        Compiles what is not compiled yet, so that no worker does.
+        It compiles all kernels, so that no worker does.
 
         Raises:
             SoftSimError: that scene cannot be built, or has no such quantities.
@@ -127,7 +127,7 @@ class PreparedStudy:
             about = f"{each.of if each.function is None else each.function} at {each.at}"
             columns.append(Column(each.name, found.unit, shape, dimensions, about))
         if study.duration is not None:
-            simulation.step()  # compiles, or takes from the cache
+            simulation.step()  # compiles, or loads from the cache
         return Plan(runs, block, tuple(columns), coordinates, self._attributes())
 
     def _attributes(self) -> dict[str, Any]:
@@ -143,15 +143,15 @@ class PreparedStudy:
 
 
 def prepare_study(file: str | Path, code_folders: Iterable[str | Path] = ()) -> PreparedStudy:
-    """A study that can be run.
+    """Load a study and prepare its runs.
 
     Args:
-        file: Of the study, or the name of one that came with the suite.
+        file: File of the study, or the name of one that came with the suite.
         code_folders: Folders whose programs may run: Python scenes and functions, and xacro files of arms,
             outside the installation.
 
     Raises:
-        ConfigError: any problem in the study or its scene, or code that may not run, in one sentence.
+        ConfigError: any problem in the study or its scene, or code that may not run, as one message.
     """
     path = find_study(file)
     study = load_study(path)

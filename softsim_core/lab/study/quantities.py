@@ -1,4 +1,4 @@
-"""Quantities of a running scene by name: how each is read, its unit and its shape."""
+"""Quantities of a running scene by name: access, unit and shape."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ FORMS = (
     "rigid.NAME.velocity, contact.force, contact.count, contact.gap, contact.NAME, sensor.NAME, "
     "workspace.volume, python; after those of three numbers .x, .y or .z"
 )
-"""What `of` may name."""
+"""Values of the key `of`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """How a quantity is read.
+    """Access to a quantity.
 
     Attributes:
-        read: From a simulation to its value.
-        unit: Of the value, in SI.
-        shape: Of the value; None: it is read once to know it.
+        read: Function from a simulation to the value.
+        unit: Unit of the value, in SI.
+        shape: Shape of the value; None: it is read once to determine it.
     """
 
     read: Read
@@ -42,15 +42,15 @@ class Quantity:
 
 
 def quantity(wanted: QuantityDescription, simulation: Simulation, function: Read | None = None) -> Quantity:
-    """What a description names in a scene at its start.
+    """Return the quantity of a description for a scene at its start.
 
     Args:
         wanted: The description.
-        simulation: In the state from which displacements count.
-        function: Of `of: python`.
+        simulation: In the reference state of displacements.
+        function: Function of `of: python`.
 
     Raises:
-        SceneError: the scene has no such thing, or `of` names none.
+        SceneError: the scene has no such part, or `of` is unknown.
     """
     if function is not None:
         return Quantity(_number_of(function, wanted), wanted.unit or "", ())
@@ -179,7 +179,7 @@ def _all_contact_forces(simulation: Simulation, name: str, wanted: QuantityDescr
 
 def _contact_count(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
     def read(running: Simulation) -> Array:
-        told = running.contacts  # of a step that was cut, each once for every part
+        told = running.contacts  # the contacts of all substeps of a step
         return np.asarray(float(len(np.unique(told.vertices[told.forces.any(axis=1)], axis=0))))
 
     return Quantity(read, "")
@@ -190,7 +190,7 @@ def _contact_gap(simulation: Simulation, name: str, wanted: QuantityDescription)
 
 
 def _contact_force(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
-    """Sum of the forces on a body."""
+    """Return the quantity of the total contact force on a body."""
     number = _named("body", name, simulation.scene.body_names, wanted)
 
     def read(running: Simulation) -> Array:
@@ -238,7 +238,7 @@ _KINDS: dict[tuple[str, str], Callable[[Simulation, str, QuantityDescription], Q
 }
 
 _OF_NAMED = ("frame", "body", "joint", "rigid")
-"""Kinds of which a scene has several, each with its name before the last word."""
+"""Kinds with several instances in a scene, each with its name before the last word."""
 
 _WHOLE = {"contact": _contact_force, "sensor": _sensor}
-"""Kinds of which the name is everything behind the first word."""
+"""Kinds whose name is everything after the first word."""

@@ -1,4 +1,4 @@
-"""One run of a study: build its scene, command it, step it, measure it, within its time."""
+"""One run of a study: build its scene, command it, step it, measure it, within its time limit."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from softsim_core.scene.io import ProgramRule, allowed_program, limited_to, load
 from softsim_core.simulation import Simulation
 
 PENDING, DONE, DIVERGED, RAISED, LATE = range(5)
-"""What became of a run."""
+"""Status of a run."""
 
 STATUS_WORDS = ("pending", "done", "diverged", "raised", "exceeded_its_time")
 
 LONGEST_ERROR = 400
-"""Characters of an error that are kept."""
+"""Largest number of stored characters of an error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a run.
+    """Result of a run.
 
     Attributes:
         status: DONE, DIVERGED, RAISED or LATE.
-        error: Why it is not done, in one sentence; empty where it is.
-        results: Of each quantity by its name; none where it is not done.
+        error: Reason of a failure, in one sentence; empty if done.
+        results: Value of each quantity by its name; none after a failure.
     """
 
     status: int
@@ -48,13 +48,13 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What every run of a study shares; it goes to the processes that run them.
+    """Common data of a study's runs; it is sent to the processes that run them.
 
     Attributes:
         study: The study.
         scene: File of its scene.
-        functions: Files of the functions that measure, by what the study calls these.
-        programs: Which programs may run.
+        functions: Files of the measuring functions, by their names in the study.
+        programs: Programs that may run.
     """
 
     study: StudyDescription
@@ -64,14 +64,14 @@ class Work:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the variables."""
+        """Names of the variables."""
         return tuple(each.name for each in self.study.variables)
 
     def robot(self, values: Sequence[float] | Array) -> RobotDescription:
-        """The scene of a run with values (p,) of the variables.
+        """Return the scene of a run with values (p,) of the variables.
 
         Raises:
-            SoftSimError: the scene cannot be with these values.
+            SoftSimError: the scene is invalid with these values.
         """
         acting = dict(zip(self.names, (float(each) for each in values), strict=True))
         overlay, arguments = filled(self.study.overlay, acting), filled(self.study.arguments, acting)
@@ -83,12 +83,12 @@ class Work:
             return load_yaml(self.scene, overlay)
 
     def unchanged(self) -> RobotDescription:
-        """The scene with nothing laid over it."""
+        """Return the scene without overrides."""
         with limited_to(self.programs):
             return load_scene(self.scene)
 
     def function(self, wanted: QuantityDescription) -> Read | None:
-        """The function that measures a quantity; None: it has none.
+        """Return the function that measures a quantity; None: it has none.
 
         Raises:
             SceneError: there is no such function.
@@ -120,18 +120,18 @@ def _module(path: str, text: bytes) -> Any:
 
 
 Watch = Callable[[Simulation], None]
-"""Told after each step."""
+"""Called after each step."""
 
 
 ENDING_S = 1.0
-"""So long is waited for a run that used up its time to end, before it is left behind."""
+"""Time in [s] to wait for the end of a run that exceeded its limit, before it is abandoned."""
 
 
 def run_once(work: Work, values: Sequence[float] | Array, watch: Watch | None = None) -> Outcome:
-    """One run with values (p,) of the variables; whatever goes wrong is told in the outcome.
+    """Execute one run with values (p,) of the variables; any failure is reported in the outcome.
 
     The run has a thread of its own. When its time is over, _LateError is raised there between two lines of
-    Python; one that sleeps, or calculates in compiled code, is left behind and ends when it wakes.
+    Python. A run that sleeps, or calculates in compiled code, is abandoned and ends when it continues.
     """
     ended: list[Outcome] = []
     run = threading.Thread(
@@ -145,7 +145,7 @@ def run_once(work: Work, values: Sequence[float] | Array, watch: Watch | None = 
         thread, error = ctypes.c_ulong(run.ident), ctypes.py_object(_LateError)
         ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, error)
         run.join(ENDING_S)
-    if not ended or (late and ended[0].status == RAISED):  # readers of files turn _LateError into their own
+    if not ended or (late and ended[0].status == RAISED):  # file readers may convert _LateError
         return _late(work)
     return ended[0]
 
@@ -161,7 +161,7 @@ def _attempt(work: Work, values: Sequence[float] | Array, watch: Watch | None) -
         return Outcome(DIVERGED, _told(error), {})
     except _LateError:
         return _late(work)
-    except BaseException as error:  # a function of the study may leave by sys.exit
+    except BaseException as error:  # a function of the study may call sys.exit
         return Outcome(RAISED, _told(error), {})
 
 
@@ -177,7 +177,7 @@ def _measured(work: Work, values: Sequence[float] | Array, watch: Watch | None) 
     acting = dict(zip(work.names, (float(each) for each in values), strict=True))
     told = [
         (each, quantity(each, simulation, work.function(each))) for each in study.measure
-    ]  # displacements count from the scene's start
+    ]  # displacements are relative to the scene's start
     commands = _commands(study, simulation, acting)
     if study.duration is None or study.begin == "equilibrium":
         _settle(simulation, commands)
@@ -204,7 +204,7 @@ def _measured(work: Work, values: Sequence[float] | Array, watch: Watch | None) 
 
 
 def _settle(simulation: Simulation, commands: list[tuple[CommandStep, Array, float | None]]) -> None:
-    """To the equilibrium under the first commands, or in the pose at which the start move ends."""
+    """Move to the equilibrium under the first commands, or in the pose at which the start move ends."""
     robot = simulation.robot
     joints, shift = np.array(robot.start_joints), robot.start_shift
     if commands:
@@ -216,7 +216,7 @@ def _settle(simulation: Simulation, commands: list[tuple[CommandStep, Array, flo
 def _commands(
     study: StudyDescription, simulation: Simulation, acting: dict[str, float]
 ) -> list[tuple[CommandStep, Array, float | None]]:
-    """Each step with positions of all joints (j,) and the shift of their bases in [m]."""
+    """Return each step with positions of all joints (j,) and the shift of their bases in [m]."""
     robot, names = simulation.robot, simulation.joint_names
     joints = np.array([each.rest for each in robot.joints])
     shift: float | None = None
@@ -238,12 +238,12 @@ def _commands(
 
 
 def stride_of(wanted: QuantityDescription, dt: float) -> int:
-    """Steps of dt in [s] between the values of a series."""
+    """Return the number of steps of dt in [s] between the values of a series."""
     return 1 if wanted.every is None else max(1, round(wanted.every / dt))
 
 
 class _Kept:
-    """What is kept of a quantity over the steps of a run."""
+    """Accumulated values of a quantity over the steps of a run."""
 
     def __init__(self, wanted: QuantityDescription, found: Quantity, dt: float) -> None:
         self.wanted, self._found = wanted, found
@@ -267,11 +267,11 @@ class _Kept:
             self._values[0] = self._values[0] + value
 
     def result(self) -> Array:
-        """The quantity of the run."""
+        """Return the quantity of the run."""
         if self.wanted.at == "series":
             return np.array(self._values)
         return self._values[0] / self._count if self.wanted.at == "mean" else self._values[0]
 
 
 class _LateError(SystemExit):
-    """Raised in a run that has used up its time; a thread that it ends says nothing."""
+    """Raised in a run that exceeded its time; as a SystemExit it ends a thread silently."""

@@ -1,9 +1,9 @@
-"""The results of a study: one Zarr store that xarray opens, written block by block, and its reading.
+"""The results of a study: one Zarr store that xarray opens, written block by block, and its reader.
 
-Every array has the dimension `run`, cut into blocks. Runs that are done are kept in a journal, a file for
-each block, until their block is complete; then its chunks are written, that of `status` last, and the journal
-of the block goes. So what lies in the store does not depend on the order in which runs end, and whoever is
-killed loses nothing but the runs that were under way.
+Every array has the dimension `run`, divided into blocks. Finished runs are stored in a journal, one file per
+block, until their block is complete. Then its chunks are written, that of `status` last, and the journal is
+removed. So the content of the store does not depend on the order in which runs end, and an interruption at
+any time loses only the unfinished runs.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ from softsim_core.scene import RobotDescription
 from softsim_core.scene.io import unstructure_scene
 
 PACKAGES = ("softsim", "numpy", "scipy", "numba", "llvmlite")
-"""Whose versions may change a bit of a result."""
+"""Packages whose versions may change a bit of a result."""
 
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that compute."""
+    """Return the versions of Python and of the packages that compute."""
     told = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -61,7 +61,7 @@ def versions() -> dict[str, str]:
 
 
 def scene_hash(robot: RobotDescription, code: tuple[Path, ...] = ()) -> str:
-    """SHA-256 of a scene as it is built: every value, and what its files hold, wherever they lie.
+    """Return the SHA-256 of a scene as built: every value, and the contents of its files, wherever they are.
 
     Args:
         robot: The scene.
@@ -74,12 +74,12 @@ def scene_hash(robot: RobotDescription, code: tuple[Path, ...] = ()) -> str:
 
 
 def text_hash(data: Any) -> str:
-    """SHA-256 of plain data, whatever the order of its keys."""
+    """Return the SHA-256 of plain data, independent of the order of keys."""
     return hashlib.sha256(json.dumps(_plain(data), sort_keys=True).encode()).hexdigest()
 
 
 def _plain(data: Any) -> Any:
-    """Data as JSON takes them; a file is what it holds."""
+    """Convert data to JSON types; a file is replaced by its content."""
     if isinstance(data, Mapping):
         return {str(key): _plain(each) for key, each in data.items()}
     if isinstance(data, list | tuple):
@@ -100,7 +100,7 @@ def _digest(data: bytes) -> str:
 
 
 JOURNAL = "journal"
-"""Folder in the store of a study that is not complete."""
+"""Folder of the journals in the store of an incomplete study."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +109,11 @@ class Column:
 
     Attributes:
         name: Its name.
-        unit: Of its values.
-        shape: Of the value of one run.
-        dimensions: Names of these.
-        about: For people.
-        is_variable: Whether it is what varies; else it is measured.
+        unit: Unit of its values.
+        shape: Shape of the value of one run.
+        dimensions: Names of the axes of `shape`.
+        about: Description for people.
+        is_variable: Whether it is a variable; else it is measured.
     """
 
     name: str
@@ -126,14 +126,14 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a store holds.
+    """Contents of a store.
 
     Attributes:
-        runs: How many.
-        block: Runs of a chunk.
+        runs: Number of runs.
+        block: Runs per chunk.
         columns: Arrays with a value for each run.
-        coordinates: Arrays that stand for a dimension: name to (values, unit).
-        attributes: Of the store: the study, hashes, versions.
+        coordinates: Arrays of dimensions: name to (values, unit).
+        attributes: Attributes of the store: the study, hashes, versions.
     """
 
     runs: int
@@ -148,13 +148,13 @@ class Store:
 
     Args:
         folder: The store.
-        plan: What it holds.
+        plan: Its contents.
 
     Attributes:
-        status: What became of each run, shape (runs,).
+        status: Status of each run, shape (runs,).
 
     Raises:
-        StudyError: the folder holds something else, a store of another study, or is being written.
+        StudyError: the folder contains something else, a store of another study, or is being written.
     """
 
     def __init__(self, folder: Path, plan: Plan) -> None:
@@ -165,7 +165,7 @@ class Store:
         try:
             self._need_same()
             refuse_links(folder)
-            for torn in folder.rglob("*.partial"):  # Zarr was killed as it wrote them
+            for torn in folder.rglob("*.partial"):  # left by an interrupted write of Zarr
                 torn.unlink()
             self._group = zarr_package().open_group(str(folder), mode="r+", use_consolidated=False)
             self.status = self._read_status()
@@ -191,11 +191,11 @@ class Store:
 
     @property
     def left(self) -> list[int]:
-        """Numbers of the runs that have not been done."""
+        """Numbers of the unfinished runs."""
         return np.flatnonzero(self.status == PENDING).tolist()
 
     def values(self, name: str) -> Array:
-        """An array of the store, with what its journals hold, shape (runs, ...)."""
+        """Return an array of the store with the values of its journals, shape (runs, ...)."""
         read: Array = self._group[name][:]
         for number, row in self._rows.items():
             if name in row["columns"]:
@@ -203,19 +203,19 @@ class Store:
         return read
 
     def errors(self) -> list[str]:
-        """Why each run is not done, in order; empty where it is."""
+        """Return the error of each run, in order; empty where it is done."""
         told = [str(each) for each in self._group["error"][:]]
         for number, row in self._rows.items():
             told[number] = row["error"]
         return told
 
     def add(self, number: int, values: Mapping[str, float], outcome: Outcome) -> None:
-        """Keep what became of a run, and write its block when that is complete.
+        """Store the outcome of a run, and write its block when that is complete.
 
         Args:
-            number: Of the run.
-            values: Of the variables.
-            outcome: What became of it; results of another shape than the plan's make it RAISED.
+            number: Number of the run.
+            values: Values of the variables.
+            outcome: Its outcome; results of another shape than the plan's make it RAISED.
 
         Raises:
             StudyError: the disk is full, or the store cannot be written.
@@ -279,7 +279,7 @@ class Store:
             (self.folder / JOURNAL).rmdir()
 
     def _sync_chunks(self, block: int, names: Sequence[str]) -> None:
-        """Bring a block of arrays to the disk, so that what is written next comes after it."""
+        """Flush a block of arrays to the disk before anything else is written."""
         for name in names:
             chunks = self.folder / name / "c"
             sync_tree(chunks / str(block))
@@ -290,14 +290,14 @@ class Store:
     def _read_status(self) -> IndexArray:
         try:
             status = np.asarray(self._group["status"][:], dtype=np.int64)
-        except Exception as error:  # whatever the decoders of a damaged chunk raise
+        except Exception as error:  # decoders of damaged chunks raise various errors
             raise StudyError(f"{self.folder}/status is damaged ({error}); choose another --out") from error
         if status.shape != (self.plan.runs,) or not np.isin(status, range(len(STATUS_WORDS))).all():
             raise StudyError(f"{self.folder}/status is damaged; choose another store with --out")
         return status
 
     def _read_journals(self) -> None:
-        """Take over what was done; what a journal's last line holds half was not.
+        """Read the finished runs from the journals; an incomplete last line counts as not finished.
 
         Raises:
             StudyError: a journal is damaged.
@@ -327,14 +327,14 @@ class Store:
             if all(
                 self.status[number] != PENDING and number not in self._rows for number in self._range(block)
             ):
-                file.unlink()  # the block was written, its journal had been left
+                file.unlink()  # the block is complete, but its journal remained
             else:
                 self._write_if_complete(block)
         if (self.folder / JOURNAL).is_dir() and not any((self.folder / JOURNAL).iterdir()):
             (self.folder / JOURNAL).rmdir()
 
     def _read_row(self, line: bytes, numbers: range) -> dict[str, Any]:
-        """One line of the journal of a block.
+        """Parse one line of the journal of a block.
 
         Raises:
             ValueError, TypeError, AttributeError, RecursionError: it is damaged.
@@ -355,7 +355,7 @@ class Store:
         return row
 
     def _need_same(self) -> None:
-        """Refuse a store of another study, naming what differs."""
+        """Reject a store of another study; the error names the differences."""
         try:
             told = dict(json.loads((self.folder / "zarr.json").read_text(encoding="utf-8"))["attributes"])
         except (OSError, LookupError, TypeError, ValueError, RecursionError) as error:
@@ -369,7 +369,7 @@ class Store:
 
 
 def _create(folder: Path, plan: Plan) -> None:
-    """Make the store whole beside its place, then move it there."""
+    """Create the complete store beside its place, then move it there."""
     zarr = zarr_package()
     making = folder.with_name(f".{folder.name}.new")
     try:
@@ -421,7 +421,7 @@ def _create(folder: Path, plan: Plan) -> None:
                 attributes={"units": unit} if unit else {},
             )
             array[:] = values
-        with warnings.catch_warnings():  # says at every call that other readers may leave it unused
+        with warnings.catch_warnings():  # warns at every call that other readers may not support it
             warnings.simplefilter("ignore")
             zarr.consolidate_metadata(str(making))
         sync_tree(making)
@@ -432,9 +432,9 @@ def _create(folder: Path, plan: Plan) -> None:
 
 
 def locked(folder: Path) -> IO[str]:
-    """The store's description, held until it is closed; freed even by kill -9.
+    """Lock the store's description until it is closed; the lock is released even by kill -9.
 
-    Where the system has no such locks, nobody is kept away.
+    On systems without such locks, concurrent writers are not prevented.
     """
     try:
         held = (folder / "zarr.json").open(encoding="utf-8")
@@ -453,7 +453,7 @@ def locked(folder: Path) -> IO[str]:
 
 
 def zarr_package() -> Any:
-    """Zarr.
+    """Return the package Zarr.
 
     Raises:
         StudyError: it is not installed.
@@ -476,16 +476,16 @@ def _unpacked(text: str) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StudyResults:
-    """What a store holds of its runs.
+    """Contents of a store by run.
 
     Attributes:
         folder: The store.
         attributes: The study, hashes, versions.
-        variables, quantities: One value for each run by name, shape (runs,); quantities of three numbers
-            stand there as NAME_x, NAME_y, NAME_z, those of more as NAME_0, ...; series are left out.
-        units: Of all these.
-        status: What became of each run, see STATUS_WORDS, shape (runs,).
-        errors: Why each run is not done.
+        variables, quantities: One value for each run by name, shape (runs,); quantities of three numbers are
+            named NAME_x, NAME_y, NAME_z, larger ones NAME_0, ...; series are left out.
+        units: Units of all these.
+        status: Status of each run, see STATUS_WORDS, shape (runs,).
+        errors: Error of each run.
     """
 
     folder: Path
@@ -498,18 +498,18 @@ class StudyResults:
 
     @property
     def done(self) -> BoolArray:
-        """Which runs gave results, shape (runs,)."""
+        """Which runs have results, shape (runs,)."""
         return np.asarray(self.status == DONE)
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many runs became what."""
+        """Number of runs by status word."""
         counted = {word: int((self.status == k).sum()) for k, word in enumerate(STATUS_WORDS)}
         return {word: count for word, count in counted.items() if count}
 
 
 def read_results(folder: str | Path) -> StudyResults:
-    """What the store of a study holds.
+    """Read the store of a study.
 
     Raises:
         StudyError: there is no store, or it cannot be read.
@@ -547,7 +547,7 @@ def _columns(name: str, values: Array) -> list[tuple[str, Array]]:
 
 
 def write_parquet(results: StudyResults, file: Path) -> None:
-    """A table with a row for each run; units and the study are in its metadata.
+    """Write a table with one row per run; units and the study are in its metadata.
 
     Raises:
         StudyError: pyarrow is not installed, or the file cannot be written.

@@ -1,4 +1,4 @@
-"""Actuation: actuators and their kinds, joint limits, commands, animations."""
+"""Actuation: actuators and their kinds."""
 
 from lazy_loader import attach_stub
 

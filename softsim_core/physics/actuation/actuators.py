@@ -1,23 +1,24 @@
-"""Actuators: the seam of one kind, and all actuators of a model with their rows, values and bounds.
+"""Actuators: the interface of one kind, and all actuators of a model with their rows, values and bounds.
 
 An actuator has a coordinate s(x) of the nodes and of the reduced coordinates (frames and joints), a command
 q, and a multiplier t, which acts on the body as H^T t with the row H = ds/dx. With the compliance c of its
-transmission the step, statics and inverse control keep
+transmission, the step, statics and inverse control enforce
 
-    s - q + c t = 0    while t is within its bounds; at a bound, t stays there and s goes where it goes
+    s - q + c t = 0    while t is within its bounds; at a bound, t is fixed and s is free
 
-A cable has the shortening of its way as s and its tension as t, a chamber its volume and its pressure. An
-actuator with `by_multiplier` takes t itself as command. Where a transmission is not linear, as the air of a
-line, q and c are those of its tangent at the present t: see `transmission`. What it has to keep from step to
-step, such as an amount of air, stands in the state: see `begin`. Every actuator belongs to a joint of the
-scene, whose position is s, whose effort is t, and whose limits are those of the command.
+A cable has its shortening as s and its tension as t, a chamber its volume and its pressure. Position control:
+the multiplier is unknown. Force control (`by_multiplier`): the command prescribes the multiplier. Where a
+transmission is not linear, as for the air of a line, q and c are those of its tangent at the present t: see
+`transmission`. Internal state, such as an amount of air, is stored in the State: see `begin`. Every actuator
+belongs to a joint of the scene. The joint's position is s, its effort is t, and its limits are those of the
+command.
 
-What a new kind has to say is `place`, `value` and `row`; everything else has a default. Where the row turns
-with the body, `geometric_stiffness` has to be said, too: statics need it, and so do the steps of bodies whose
-law keeps its stress from step to step (rubber on quadratic cells). The stress under a taut cable takes
-stiffness from such a body, the cable gives it back; with the first alone in the matrix, damping that is
-proportional to it feeds the swinging instead. Steps take the rows with weights above 0, or in place of rows
-the `surface_stiffness` of an actuator that presses on faces.
+A new kind must implement `place`, `value` and `row`; everything else has a default. Where the row turns with
+the body, it must also implement `geometric_stiffness`. Statics need it, and so do the steps of bodies whose
+cells take their stress from the last linear solve (rubber on quadratic cells). The stress under a taut cable
+reduces the stiffness of such a body, and the cable restores it. With the first effect alone in the matrix,
+stiffness-proportional damping would feed oscillations. Steps use the rows with weights above 0 or, instead of
+rows, the `surface_stiffness` of an actuator that presses on faces.
 """
 
 from __future__ import annotations
@@ -47,13 +48,13 @@ from softsim_core.physics.mechanics import (
 
 
 class Transmission(NamedTuple):
-    """What an actuator keeps, s - q + c t = 0 while t is within its bounds.
+    """Constraint of an actuator, s - q + c t = 0 while t is within its bounds.
 
     Attributes:
         command: q.
         compliance: c >= 0.
         lower, upper: Bounds of t; equal ones impose it.
-        gain: By how much q grows per unit of what is commanded.
+        gain: Change of q per unit of the command.
     """
 
     command: float
@@ -64,7 +65,7 @@ class Transmission(NamedTuple):
 
 
 class GeometricStiffness(NamedTuple):
-    """What multipliers add to the stiffness, -d(H^T t)/dx = R^T diag(w) R.
+    """Geometric stiffness of multipliers, -d(H^T t)/dx = R^T diag(w) R.
 
     Attributes:
         rows: R on nodes and reduced coordinates.
@@ -77,16 +78,16 @@ class GeometricStiffness(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActuatorView:
-    """What one can see of an actuator.
+    """Visible state of an actuator.
 
     Attributes:
         name: Name of its joint.
         kind: Name of its kind, such as "cable".
-        points: The line that shows it in [m], world axes, shape (k, 3); without points none is drawn.
+        points: Points of the line that represents it in [m], world axes, shape (k, 3); may be empty.
         value: Its coordinate s, in [m] for a cable.
-        multiplier: What it acts with, in [N] for a cable.
-        pulled_from_outside: Whether the first point lies outside the body, where the actuator starts.
-        surface: Corners of the triangles that show it in [m], world axes, shape (m, 3, 3).
+        multiplier: Its multiplier t, in [N] for a cable.
+        pulled_from_outside: Whether the first point, where the actuator starts, is outside the body.
+        surface: Corners of the triangles that represent it in [m], world axes, shape (m, 3, 3).
     """
 
     name: str
@@ -104,17 +105,17 @@ class Actuator(ABC):
     Args:
         name: Name of its joint.
         joint: Index of this joint in the model.
-        place: What its coordinate depends on, the same in every state: indices of nodes, and number of nodes
-            + reduced coordinate (see Model) of frames and joints, shape (k,).
+        place: Places on which its coordinate depends, the same in every state: indices of nodes, and number
+            of nodes + reduced coordinate (see Model) of frames and joints, shape (k,).
         compliance: c >= 0: s - q + c t = 0, in [m/N] where s is a length.
         by_multiplier: Whether the command is t instead of s.
     """
 
     kind = "actuator"
     surface: IndexArray | None = None
-    """Nodes of the faces that its multiplier presses on, shape (m, a); None: it presses on none."""
+    """Nodes of the faces that its multiplier presses on, shape (m, a); None: there are none."""
     keeps = 0
-    """How many numbers it keeps from step to step."""
+    """How many numbers of internal state it has."""
 
     def __init__(
         self,
@@ -130,74 +131,78 @@ class Actuator(ABC):
 
     @abstractmethod
     def value(self, model: Model, state: State) -> float:
-        """The coordinate s."""
+        """Return the coordinate s."""
 
     @abstractmethod
     def row(self, model: Model, state: State) -> Array:
-        """H = ds/dx at `place`, shape (k, 3); of frames and joints only the first column counts."""
+        """Return H = ds/dx at `place`, shape (k, 3); for frames and joints only the first column counts."""
 
     def bounds(self, command: float) -> tuple[float, float]:
-        """Smallest and largest multiplier under a command, which is q, or the wanted t with `by_multiplier`.
+        """Return the smallest and largest multiplier under a command.
 
-        Equal bounds impose the multiplier.
+        The command is q, or the wanted t with `by_multiplier`. Equal bounds impose the multiplier.
         """
         return (command, command) if self.by_multiplier else (-math.inf, math.inf)
 
     def transmission(self, command: float, multiplier: float) -> Transmission:
-        """What it keeps at rest under a command, linearised at a multiplier."""
+        """Return the constraint at rest under a command, linearised at a multiplier."""
         return Transmission(command, self.compliance, *self.bounds(command))
 
     def command_of(self, value: float, multiplier: float) -> float:
-        """The command under which it rests at a coordinate with a multiplier."""
+        """Return the command under which it rests at a coordinate with a multiplier."""
         return multiplier if self.by_multiplier else value + self.compliance * multiplier
 
     def begin(self, state: State, kept: Array, command: float, span: float) -> Transmission:
-        """What it keeps in a step of `span` [s] from a state; `kept` (k,) is what it kept of earlier ones.
+        """Return the constraint of a step of `span` [s] from a state, given its internal state `kept` (k,).
 
-        Only asked where `keeps` is not 0.
+        It is called only if `keeps` is not 0.
         """
         raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `begin`")
 
     def end(self, state: State, kept: Array, command: float, span: float) -> None:
-        """Change `kept` (k,) in place, after a step of `span` [s] that ended in a state."""
+        """Update the internal state `kept` (k,) in place after a step of `span` [s] that ended in a state."""
         raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `end`")
 
     def settle(self, state: State, kept: Array, command: float) -> None:
-        """Write `kept` (k,) as it is at rest."""
+        """Set the internal state `kept` (k,) to its value at rest."""
         raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `settle`")
 
     def geometric_stiffness(self, model: Model, state: State, multiplier: float) -> GeometricStiffness:
-        """-d(H^T t)/dx at a multiplier t; needed where H turns with the body."""
+        """Return -d(H^T t)/dx at a multiplier t; needed where H turns with the body."""
         return no_geometric_stiffness()
 
     def surface_stiffness(self, state: State, multiplier: float) -> Array:
-        """The geometric stiffness face by face, in [N/m]: v of the blocks [v]x of all pairs of nodes.
+        """Return the geometric stiffness face by face in [N/m], shape (m, 3, a, a).
 
-        Shape (m, 3, a, a); an even pressure has such blocks, and v_ab = -v_ba.
+        It consists of the vectors v of the blocks [v]x of all pairs of nodes. A uniform pressure has such
+        blocks, and v_ab = -v_ba.
         """
         raise NotImplementedError(f"an actuator of kind {self.kind} with a surface has to say its stiffness")
 
     def view(self, model: Model, state: State, multiplier: float) -> ActuatorView:
-        """What one can see of it."""
+        """Return its visible state."""
         return ActuatorView(self.name, self.kind, np.zeros((0, 3)), self.value(model, state), multiplier)
 
 
 def pressed_blocks(vectors: Array) -> Array:
-    """The blocks [v]x, shape (m, a, a, 3, 3), of vectors (m, 3, a, a); see Actuator.surface_stiffness."""
+    """Return the blocks [v]x, shape (m, a, a, 3, 3), of vectors (m, 3, a, a).
+
+    See Actuator.surface_stiffness.
+    """
     return cross_matrices(np.moveaxis(vectors, 1, -1))
 
 
 def no_geometric_stiffness() -> GeometricStiffness:
-    """That of an actuator whose row does not turn."""
+    """Return the geometric stiffness of an actuator with a constant row: none."""
     return GeometricStiffness(no_rows(), np.zeros(0))
 
 
 class Constraints(NamedTuple):
-    """What never changes in the rows of c actuators.
+    """Constant part of the rows of c actuators.
 
     Attributes:
-        joint: Joint of each, shape (c,).
-        start: Where the entries of each row begin; the last one ends them, shape (c + 1,).
+        joint: Joint of each actuator, shape (c,).
+        start: First entry of each row, and the end of the last row, shape (c + 1,).
         place: Node, or number of nodes + reduced coordinate, of each entry, shape (k,).
         by_multiplier: Whether the command is the multiplier, shape (c,).
     """
@@ -209,54 +214,54 @@ class Constraints(NamedTuple):
 
 
 class ActuatorGroup(Protocol):
-    """Actuators of one kind, evaluated together; c of them, k entries in their rows."""
+    """Actuators of one kind, evaluated together; c of them, with k entries in their rows."""
 
     @property
     def constraints(self) -> Constraints:
-        """What never changes in their rows."""
+        """Constant part of their rows."""
         ...
 
     def values(self, model: Model, state: State) -> Array:
-        """Coordinates s, shape (c,)."""
+        """Return the coordinates s, shape (c,)."""
         ...
 
     def coefficients(self, model: Model, state: State) -> Array:
-        """Entries of the rows H, shape (k, 3)."""
+        """Return the entries of the rows H, shape (k, 3)."""
         ...
 
     def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
-        """What they keep at rest under their commands (c,), linearised at multipliers (c,)."""
+        """Return the constraints at rest under commands (c,), linearised at multipliers (c,)."""
         ...
 
     def commands_of(self, values: Array, multipliers: Array) -> Array:
-        """The commands (c,) under which they rest at coordinates (c,) with multipliers (c,)."""
+        """Return the commands (c,) under which they rest at coordinates (c,) with multipliers (c,)."""
         ...
 
     def keeping(self) -> list[tuple[int, Actuator]]:
-        """Those that keep numbers from step to step, with their places among the c."""
+        """Return the actuators with internal state, each with its index among the c."""
         ...
 
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
-        """-d(H^T t)/dx at multipliers t (c,); `without_surfaces`: less that of `surfaces`."""
+        """Return -d(H^T t)/dx at multipliers t (c,), without the part of `surfaces` if `without_surfaces`."""
         ...
 
     def surfaces(self) -> list[IndexArray]:
-        """Nodes of the faces of each actuator that presses on some, shapes (m, a)."""
+        """Return the nodes of the faces of each actuator that presses on faces, shapes (m, a)."""
         ...
 
     def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
-        """Their geometric stiffness at multipliers t (c,); see Actuator.surface_stiffness."""
+        """Return the stiffness of these faces at multipliers t (c,); see Actuator.surface_stiffness."""
         ...
 
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[ActuatorView, ...]:
-        """What one can see of each."""
+        """Return the visible state of each actuator."""
         ...
 
 
 class PlainGroup:
-    """Actuators in NumPy, one after the other."""
+    """Actuators evaluated in NumPy, one after the other."""
 
     def __init__(self, actuators: Sequence[Actuator]) -> None:
         self._actuators = tuple(actuators)
@@ -269,33 +274,33 @@ class PlainGroup:
         )
 
     def values(self, model: Model, state: State) -> Array:
-        """See ActuatorGroup."""
+        """Return the coordinate s of each actuator, shape (c,)."""
         return np.array([each.value(model, state) for each in self._actuators], dtype=float)
 
     def coefficients(self, model: Model, state: State) -> Array:
-        """See ActuatorGroup."""
+        """Return the entries of all rows H = ds/dx, shape (k, 3)."""
         return np.concatenate([np.zeros((0, 3)), *(each.row(model, state) for each in self._actuators)])
 
     def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
-        """See ActuatorGroup."""
+        """Return the transmission of each actuator at rest, linearised at its multiplier."""
         table = np.empty((5, len(self._actuators)))
         for c, each in enumerate(self._actuators):
             table[:, c] = each.transmission(float(commands[c]), float(multipliers[c]))
         return Transmissions(*table)
 
     def commands_of(self, values: Array, multipliers: Array) -> Array:
-        """See ActuatorGroup."""
+        """Return the command under which each actuator rests at its coordinate and multiplier, shape (c,)."""
         given = zip(self._actuators, values.tolist(), multipliers.tolist(), strict=True)
         return np.array([each.command_of(s, t) for each, s, t in given], dtype=float)
 
     def keeping(self) -> list[tuple[int, Actuator]]:
-        """See ActuatorGroup."""
+        """Return the actuators that have internal state, each with its index among the c."""
         return [(c, each) for c, each in enumerate(self._actuators) if each.keeps]
 
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
-        """See ActuatorGroup."""
+        """Return the joined geometric stiffness of all actuators, or only of those without a surface."""
         return _joined_stiffness(
             [
                 each.geometric_stiffness(model, state, float(t))
@@ -305,11 +310,11 @@ class PlainGroup:
         )
 
     def surfaces(self) -> list[IndexArray]:
-        """See ActuatorGroup."""
+        """Return the node indices of the faces of each actuator that has a surface, shapes (m, a)."""
         return [each.surface for each in self._actuators if each.surface is not None]
 
     def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
-        """See ActuatorGroup."""
+        """Return the stiffness of each actuator's surface, face by face in [N/m], shapes (m, 3, a, a)."""
         return [
             each.surface_stiffness(state, float(t))
             for each, t in zip(self._actuators, multipliers, strict=True)
@@ -317,28 +322,28 @@ class PlainGroup:
         ]
 
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[ActuatorView, ...]:
-        """See ActuatorGroup."""
+        """Return the view of each actuator, in order."""
         return tuple(
             each.view(model, state, float(t)) for each, t in zip(self._actuators, multipliers, strict=True)
         )
 
 
 class Actuators:
-    """All actuators that constrain a model, group behind group.
+    """All actuators that constrain a model, group after group.
 
-    The drives of joints with a frame are no part of it: their rows are unit vectors, which the step takes
-    into its matrix instead; see joint_drive.
+    The drives of joints with a frame are not included: their rows are unit vectors, which the step adds to
+    its matrix instead; see joint_drive.
 
     Args:
         groups: Groups of one kind each.
 
     Attributes:
         groups: The groups.
-        constraints: What never changes in all rows.
+        constraints: Constant part of all rows.
         joint: Joint of each actuator, shape (c,).
         multiplied: Joints commanded by a multiplier.
-        keeps: How many numbers all of them keep from step to step, in State.extra["actuators"].
-        paced: Joints whose command is no coordinate, but what drives it: a multiplier, or what a pump does.
+        keeps: How many numbers of internal state they have in all, in State.extra[KEPT].
+        paced: Joints with a command that drives the coordinate: a multiplier, or the volume of a pump.
     """
 
     def __init__(self, groups: Sequence[ActuatorGroup] = ()) -> None:
@@ -363,14 +368,14 @@ class Actuators:
         self.keeps: int = ends[-1]
         self._keeping = [
             (row, each, slice(*ends[k : k + 2])) for k, (row, each) in enumerate(keeping)
-        ]  # row, actuator, its part of what is kept
+        ]  # row, actuator, its part of the internal state
         self.paced: IndexArray = np.union1d(self.multiplied, self.joint[[row for row, _ in keeping]])
 
     def __len__(self) -> int:
         return len(self.joint)
 
     def spans(self) -> list[tuple[ActuatorGroup, slice, slice]]:
-        """Each group with its rows and its entries among all of them."""
+        """Return each group with its rows and its entries among all of them."""
         rows, entries = self._rows.tolist(), self._entries.tolist()
         return [
             (group, slice(rows[g], rows[g + 1]), slice(entries[g], entries[g + 1]))
@@ -378,17 +383,17 @@ class Actuators:
         ]
 
     def values(self, model: Model, state: State) -> Array:
-        """Coordinates s of all actuators, shape (c,)."""
+        """Return the coordinates s of all actuators, shape (c,)."""
         return np.concatenate([np.zeros(0), *(group.values(model, state) for group in self.groups)])
 
     def rows(self, model: Model, state: State) -> Rows:
-        """H = ds/dx of all actuators on nodes, frames and joints."""
+        """Return H = ds/dx of all actuators on nodes, frames and joints."""
         parts = [group.coefficients(model, state) for group in self.groups]
         coefficient = np.concatenate([np.zeros((0, 3)), *parts])
         return Rows(self.constraints.start, self.constraints.place, coefficient)
 
     def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
-        """What all actuators keep at rest under their commands (c,), linearised at multipliers (c,)."""
+        """Return all constraints at rest under commands (c,), linearised at multipliers (c,)."""
         if not self.groups:
             return self._none
         if len(self.groups) == 1:
@@ -397,18 +402,18 @@ class Actuators:
         return Transmissions(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
     def commands_of(self, values: Array, multipliers: Array) -> Array:
-        """The commands (c,) under which all rest at coordinates (c,) with multipliers (c,)."""
+        """Return the commands (c,) under which all rest at coordinates (c,) with multipliers (c,)."""
         parts = [group.commands_of(values[rows], multipliers[rows]) for group, rows, _ in self.spans()]
         return np.concatenate([np.zeros(0), *parts])
 
     def kept_in(self, state: State, control: Control) -> Transmissions:
-        """What all actuators keep in a step from a state: what the control says, else what targets say."""
+        """Return the constraints of all actuators in a step: the control's, else those of the targets."""
         if control.transmissions is not None:
             return control.transmissions
         return self.transmissions(control.targets[self.joint], state.joint_efforts[self.joint])
 
     def begin(self, state: State, commands: Array, span: float) -> Transmissions:
-        """What all keep in a step of `span` [s] from a state, under the commands of all joints (j,)."""
+        """Return all constraints of a step of `span` [s] from a state, under the commands of joints (j,)."""
         own = commands[self.joint]
         result = self.transmissions(own, state.joint_efforts[self.joint])
         for row, actuator, part in self._keeping:
@@ -418,12 +423,12 @@ class Actuators:
         return result
 
     def end(self, state: State, commands: Array, span: float) -> None:
-        """Take note of a step of `span` [s] that ended in a state, under the commands of all joints (j,)."""
+        """Update internal state after a step of `span` [s] that ended in a state, under commands (j,)."""
         for row, actuator, part in self._keeping:
             actuator.end(state, state.extra[KEPT][part], float(commands[self.joint[row]]), span)
 
     def settle(self, state: State, commands: Array) -> None:
-        """Take note that a state is at rest under the commands of all joints (j,)."""
+        """Set internal state to that of a state at rest under the commands of all joints (j,)."""
         if COMMANDED in state.extra:
             state.extra[COMMANDED][:], state.extra[EFFORT_CHANGE][:] = commands, 0.0
         for row, actuator, part in self._keeping:
@@ -432,7 +437,10 @@ class Actuators:
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
-        """-d(H^T t)/dx of all actuators at multipliers t (c,); `without_surfaces`: see ActuatorGroup."""
+        """Return -d(H^T t)/dx of all actuators at multipliers t (c,).
+
+        For `without_surfaces` see ActuatorGroup.
+        """
         return _joined_stiffness(
             [
                 group.geometric_stiffness(model, state, multipliers[rows], without_surfaces)
@@ -441,11 +449,11 @@ class Actuators:
         )
 
     def surfaces(self) -> list[IndexArray]:
-        """Nodes of the faces of each actuator that presses on some, shapes (m, a)."""
+        """Return the nodes of the faces of each actuator that presses on faces, shapes (m, a)."""
         return [each for group in self.groups for each in group.surfaces()]
 
     def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
-        """Their geometric stiffness at multipliers t (c,); see Actuator.surface_stiffness."""
+        """Return the stiffness of these faces at multipliers t (c,); see Actuator.surface_stiffness."""
         return [
             each
             for group, rows, _ in self.spans()
@@ -453,7 +461,7 @@ class Actuators:
         ]
 
     def views(self, model: Model, state: State) -> tuple[ActuatorView, ...]:
-        """What one can see of each actuator, in joint order."""
+        """Return the visible state of each actuator, in joint order."""
         multipliers = state.joint_efforts[self.joint]
         views = [
             view for group, rows, _ in self.spans() for view in group.views(model, state, multipliers[rows])
@@ -461,12 +469,12 @@ class Actuators:
         return tuple(views[c] for c in np.argsort(self.joint, kind="stable"))
 
     def measure(self, model: Model, state: State) -> None:
-        """Write the coordinates s as positions of their joints: where they are, not where they are told."""
+        """Write the actual coordinates s, not the commands, as positions of their joints."""
         if len(self):
             state.joint_positions[self.joint] = self.values(model, state)
 
     def report(self, model: Model, state: State, before: Array, multipliers: Array) -> None:
-        """Write multipliers (c,), coordinates, and their rates since those `before` (c,), a step ago."""
+        """Write multipliers (c,), coordinates, and their rates since `before` (c,), one step ago."""
         if len(self):
             state.joint_efforts[self.joint] = multipliers
             self.measure(model, state)

@@ -1,4 +1,4 @@
-"""How an actuator gets from its description into a model."""
+"""Construction of actuators from their descriptions, for a model."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from softsim_core.physics.mechanics import Model
 from softsim_core.physics.mesh import TetMesh, boundary, closest_point, embed
 
 BESIDE_CELLS: Final = 0.5
-"""Farthest distance of a point from the body that it is attached to, in mean edges of the cell there."""
+"""Largest distance of a point from the body that it is attached to, in mean edges of the cell there."""
 
 NEAR: Final = 1.0
-"""So far outside a body, in heights of a cell, a point may lie that is bound to the nearest one."""
+"""Largest distance outside a body, in heights of a cell, of a point that is bound to the nearest body."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActuatorDescription:
-    """What a scene says of an actuator; each kind derives its own, a frozen dataclass.
+    """Description of an actuator in a scene; each kind derives its own, a frozen dataclass.
 
     Attributes:
         kind: Name of the kind: the joint's `kind`, and the key of the description in scene files.
@@ -33,25 +33,25 @@ class ActuatorDescription:
     kind: ClassVar[str]
 
     def bodies(self) -> dict[str, str | None]:
-        """Names of the deformable bodies that fields name, by field."""
+        """Return the names of the deformable bodies in its fields, by field."""
         return {}
 
     @property
     def units(self) -> JointUnits:
-        """What command, position and effort of its joint are told in."""
+        """Units of command, position and effort of its joint."""
         return JointUnits(SHORTENING, SHORTENING, "N")
 
     @property
     def by_effort(self) -> bool:
-        """Whether commands are what it acts with, not where its joint shall be."""
+        """Whether commands are efforts instead of positions."""
         return False
 
     def carriers(self) -> dict[str, str | None]:
-        """Names of joints that fields name as what carries something, by field."""
+        """Return the names of joints that carry a part of it, by field."""
         return {}
 
     def carried_by(self, joint: str) -> ActuatorDescription:
-        """The same on something that a joint carries: what stands in space moves with the joint instead."""
+        """Return the description with its parts that are fixed in space moved onto a joint."""
         return self
 
 
@@ -60,7 +60,7 @@ class Points(NamedTuple):
 
     Attributes:
         nodes: Nodes of the model that carry each point, shape (k, 4).
-        weights: Their weights, rows add up to 1, shape (k, 4).
+        weights: Weights of these nodes, rows add up to 1, shape (k, 4).
     """
 
     nodes: IndexArray
@@ -69,11 +69,11 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What actuators are built into.
+    """Model and meshes for which actuators are built.
 
     Attributes:
         model: The model.
-        meshes: Tetrahedra of each deformable body in its own node numbers.
+        meshes: Tetrahedra of each deformable body in the body's own node numbers.
         first_node: Number in the model of the first node of each body.
     """
 
@@ -82,17 +82,17 @@ class Surroundings:
     first_node: Mapping[str, int]
 
     def joint(self, name: str) -> int:
-        """Index of a joint."""
+        """Return the index of a joint."""
         return [joint.name for joint in self.model.joints].index(name)
 
     def bind(self, owner: str, body: str, points: Array) -> Points:
         """Return the nodes that carry points (k, 3) in [m], at the start, of the actuator called `owner`.
 
-        A point beside the body, by up to `BESIDE_CELLS` of the cell at the nearest place of its surface,
-        follows that cell and stays where it is; a warning says how far outside it is.
+        A point outside the body, by up to `BESIDE_CELLS` of the cell at the nearest point of its surface, is
+        attached to that cell at its distance; a warning reports how far outside it is.
 
         Raises:
-            SceneError: a point lies farther outside the body.
+            SceneError: a point is farther outside the body.
         """
         mesh = self.meshes[body]
         bound = embed(points, mesh)
@@ -122,9 +122,12 @@ class Surroundings:
         return Points(nodes + self.first_node[body], weights)
 
     def bind_near(self, point: Array) -> Points | None:
-        """The nodes that carry a point (3,) in [m], at the start, in or on any body; None: none is there.
+        """Return the nodes that carry a point (3,) in [m], at the start, in or on any body.
 
-        Farther outside every body than NEAR heights of a cell it is on none; others stand off it.
+        None: there are none.
+
+        A point that is farther outside every body than NEAR heights of a cell is on none. A point that is
+        closer keeps its distance from the body.
         """
         found = [(embed(point[None], mesh), self.first_node[body]) for body, mesh in self.meshes.items()]
         on, start = min(found, key=lambda each: float(each[0].outside[0]), default=(None, 0))
@@ -134,7 +137,7 @@ class Surroundings:
 
 
 class Placed(NamedTuple):
-    """An actuator to build: name and index of its joint, and its description."""
+    """Actuator to build: name and index of its joint, and its description."""
 
     name: str
     joint: int
@@ -148,7 +151,7 @@ class ActuatorKind:
     Attributes:
         name: The name that joints and scene files use.
         description: Type of its description; None: a joint without description (revolute, prismatic).
-        build: All actuators of this kind in a scene, as a group.
+        build: Builds all actuators of this kind in a scene, as a group.
     """
 
     name: str
@@ -159,7 +162,7 @@ class ActuatorKind:
 def plain_kind(
     description: type[ActuatorDescription], build: Callable[[Placed, Surroundings], Actuator]
 ) -> ActuatorKind:
-    """A kind whose actuators are built one by one and evaluated in NumPy."""
+    """Return a kind whose actuators are built one by one and evaluated in NumPy."""
 
     def build_all(placed: Sequence[Placed], surroundings: Surroundings) -> ActuatorGroup:
         return PlainGroup([build(each, surroundings) for each in placed])

@@ -1,9 +1,9 @@
 """Drives of joints that move a frame: the coordinate is the joint's, the multiplier its torque or force.
 
-Without stiffness the joint is where it is commanded; with a spring of stiffness k it is there up to the
-torque t = k (q - s), a compliance of 1 / k. Its row is a unit vector. The step and statics therefore take
-drives into their matrices (a prescribed unknown, or a stiffness on the diagonal) instead of their constraint
-rows.
+Without stiffness, the joint is exactly at its command. With a spring of stiffness k, it deviates by the
+torque t = k (q - s), which is a compliance of 1 / k. Its row is a unit vector. The step and statics therefore
+add drives to their matrices (a prescribed unknown, or a stiffness on the diagonal) instead of their
+constraint rows.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from softsim_core.physics.mechanics import Model, State
 
 
 class JointDrive(Actuator):
-    """The drive of a joint with a frame."""
+    """Drive of a joint with a frame."""
 
     kind = "joint_drive"
 
@@ -30,16 +30,16 @@ class JointDrive(Actuator):
         super().__init__(described.name, joint, np.array([place]), compliance=compliance)
 
     def value(self, model: Model, state: State) -> float:
-        """Position of the joint in [rad] or [m]."""
+        """Return the position of the joint in [rad] or [m]."""
         return float(state.joint_positions[self.joint])
 
     def row(self, model: Model, state: State) -> Array:
-        """One in the joint's own place."""
+        """Return one in the joint's own place."""
         return np.array([[1.0, 0.0, 0.0]])
 
 
 def drive_stiffness(model: Model) -> Array:
-    """Stiffness in [N m/rad] or [N/m] of each joint's drive, 0 where the joint is prescribed, shape (j,)."""
+    """Return the stiffness in [N m/rad] or [N/m] of each joint's drive, 0 if prescribed, shape (j,)."""
     return np.array([joint.stiffness or 0.0 for joint in model.joints], dtype=float)
 
 

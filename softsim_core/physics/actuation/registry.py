@@ -1,4 +1,4 @@
-"""The kinds of actuators there are: those of the package, and what users register."""
+"""Registry of actuator kinds: those of the package, and those that users register."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _kinds: dict[str, ActuatorKind] = {kind.name: kind for kind in (JOINT_DRIVE, CAB
 
 
 def register_kind(kind: ActuatorKind) -> None:
-    """Make a kind known; the same name again replaces it.
+    """Register a kind; an earlier kind of the same name is replaced.
 
     Raises:
-        SceneError: the name is a built-in's or that of a key of joints.
+        SceneError: the name is that of a built-in kind or of a joint kind, or no identifier.
     """
     built_in = (*FRAME_KINDS, JOINT_DRIVE.name, CABLE.name, CHAMBER.name)
     if not kind.name.isidentifier() or kind.name in built_in:
@@ -40,12 +40,12 @@ def register_kind(kind: ActuatorKind) -> None:
 def register_actuator(
     description: type[ActuatorDescription], build: Callable[[Placed, Surroundings], Actuator]
 ) -> None:
-    """Make a kind of plain actuators known under the `kind` of its description.
+    """Register a kind of plain actuators under the `kind` of its description.
 
     Args:
         description: A frozen dataclass derived from ActuatorDescription; scene files give its fields under
             the key named after the kind.
-        build: From a description to the actuator of one joint.
+        build: Builds the actuator of one joint from its description.
 
     Raises:
         SceneError: as `register_kind`.
@@ -54,17 +54,17 @@ def register_actuator(
 
 
 def actuator_kinds() -> dict[str, ActuatorKind]:
-    """All kinds by name, in the order in which they were registered."""
+    """Return all kinds by name, in the order in which they were registered."""
     return dict(_kinds)
 
 
 def described_kinds() -> dict[str, type[ActuatorDescription]]:
-    """Types of the descriptions of all kinds that have one, by name."""
+    """Return the types of the descriptions of all kinds that have one, by name."""
     return {name: kind.description for name, kind in _kinds.items() if kind.description is not None}
 
 
 def actuator_kind(name: str) -> ActuatorKind:
-    """The kind of a name.
+    """Return the kind of a name.
 
     Raises:
         SceneError: there is none.

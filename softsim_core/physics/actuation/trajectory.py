@@ -15,7 +15,7 @@ from softsim_core.base import Array, CommandError, SceneError, known_names, list
 Mode: TypeAlias = Literal["once", "loop", "pingpong"]
 
 _DIGITS = 9
-"""Phases are rounded to this many decimals: steps of dt then hit 0.05, 0.5, 1 exactly, without drift."""
+"""Decimals to which phases are rounded, so that steps of dt reach 0.05, 0.5, 1 exactly, without drift."""
 
 
 def _phase(elapsed: float, duration: float) -> float:
@@ -39,13 +39,13 @@ def check_animation(duration: float, mode: str, delay: float = 0.0) -> None:
 
 
 def factor_at(elapsed: float, duration: float, mode: Mode = "once") -> float:
-    """Factor of an animation after `elapsed` seconds.
+    """Return the factor of an animation after `elapsed` seconds.
 
     Args:
         elapsed: Time since factor 0 in [s]; negative counts as 0.
         duration: Seconds from factor 0 to factor 1, > 0.
-        mode: "once": rises to 1 and stays. "loop": rises again and again; a round ends with 1, and the step
-            after that goes on from 0. "pingpong": rises to 1, falls to 0, rises again.
+        mode: "once": rises to 1 and stays. "loop": rises repeatedly; a round ends with 1, and the next step
+            continues from 0. "pingpong": rises to 1, falls to 0, rises again.
 
     Returns:
         Factor in 0..1, without drift: after n steps of dt it is the nearest float to its decimal value.
@@ -63,29 +63,29 @@ def factor_at(elapsed: float, duration: float, mode: Mode = "once") -> float:
 
 
 def is_over(elapsed: float, duration: float, mode: Mode = "once") -> bool:
-    """Whether the factor has reached its end: only in mode "once"."""
+    """Return whether the factor has reached its end, which happens only in mode "once"."""
     return mode == "once" and _phase(elapsed, duration) >= 1.0
 
 
 ROUND_OFF = 1e-6
-"""A last velocity below this part of a joint's fastest one is the round-off of a planner, and counts as 0."""
+"""Share of a joint's fastest velocity below which its last one is rounding of a planner, and counts as 0."""
 
 LEAST_SPEED = 1e-9
-"""So does one below this, in [rad/s] or [m/s]."""
+"""Speed in [rad/s] or [m/s] below which a last velocity counts as 0, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTrajectory:
-    """Way points of some joints; the joints it does not name stay where they are commanded.
+    """Way points of some joints; other joints stay at their commands.
 
     Attributes:
         joints: Names of the k joints it moves, each once.
         times: Seconds after the start, shape (p,), p >= 1, finite, >= 0 and strictly increasing.
         positions: Positions in [rad] or [m], shape (p, k), finite.
-        velocities: At the way points in [rad/s] or [m/s], same shape; the last ones are 0. None: straight
-            lines in between.
-        accelerations: At the way points in [rad/s^2] or [m/s^2], same shape, only with velocities. None: the
-            cubics that velocities make; with them quintics.
+        velocities: Velocities at the way points in [rad/s] or [m/s], same shape; the last ones are 0. None:
+            linear interpolation.
+        accelerations: Accelerations at the way points in [rad/s^2] or [m/s^2], same shape, only with
+            velocities: quintic interpolation. None: cubic interpolation, if velocities are given.
 
     Raises:
         CommandError: anything else; the trajectory is refused as a whole.
@@ -166,7 +166,7 @@ class JointTrajectory:
     def sample(
         self, time: float, start_positions: ArrayLike, joint_names: Sequence[str] | None = None
     ) -> Array:
-        """The command at `time`: from the start positions, at rest, at 0 through the way points, then held.
+        """Return the command at `time`: from the start positions through the way points, then constant.
 
         Args:
             time: Seconds after the start; negative counts as 0.
@@ -192,11 +192,11 @@ class JointTrajectory:
         return command
 
     def between(self, time: float, start: Array) -> tuple[Array, Array]:
-        """Positions and velocities of the joints that it names; see `sample`.
+        """Return positions and velocities of the trajectory's own joints; see `sample`.
 
         Args:
             time: Seconds after the start; negative counts as 0.
-            start: Their command in [rad] or [m] at time 0, shape (k,).
+            start: Command of these joints in [rad] or [m] at time 0, shape (k,).
 
         Returns:
             Positions in [rad] or [m] and velocities in [rad/s] or [m/s], shapes (k,); the velocities are 0
@@ -217,7 +217,7 @@ class JointTrajectory:
         return _curve(share, length, first, self._slopes(after), quintic=self.accelerations is not None)
 
     def _slopes(self, point: int) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations of a way point; zeros where it says none."""
+        """Return positions, velocities and accelerations of a way point; zeros where they are not given."""
         still = np.zeros(self.positions.shape[1])
         return (
             self.positions[point],
@@ -226,7 +226,7 @@ class JointTrajectory:
         )
 
     def is_over(self, time: float) -> bool:
-        """Whether the last way point is reached at `time` in [s] (a nanosecond of rounding is forgiven)."""
+        """Return whether the last way point is reached at `time` in [s], with a tolerance of a nanosecond."""
         return time >= self.duration - 1e-9
 
 
@@ -238,14 +238,14 @@ def _curve(
     *,
     quintic: bool,
 ) -> tuple[Array, Array]:
-    """Positions and velocities (k,) on the polynomial of third or fifth degree between way points (Hermite).
+    """Return positions and velocities (k,) on the cubic or quintic between two way points (Hermite).
 
     Args:
-        share: Where, 0 to 1.
+        share: Share of the time between the way points, 0 to 1.
         length: Time between the way points in [s].
         first: Positions, velocities and, for a quintic, accelerations at the first one, shapes (k,).
         last: The same at the last one.
-        quintic: Whether accelerations count.
+        quintic: Whether to match the accelerations.
     """
     (p0, v0, a0), (p1, v1, a1) = first, last
     c = [p0, length * v0, 0.5 * length**2 * a0 if quintic else 0.0 * p0]
@@ -265,7 +265,7 @@ def _curve(
 
 
 def _polynomial(coefficients: Sequence[Array], at: float) -> Array:
-    """Its values, shape (k,), from coefficients of shape (k,), that of the lowest power first."""
+    """Return the values of polynomials, shape (k,), from coefficients (k,) in ascending powers."""
     return np.asarray(sum(each * at**power for power, each in enumerate(coefficients)))
 
 

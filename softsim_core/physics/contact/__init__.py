@@ -1,4 +1,4 @@
-"""Contact between surfaces: which may meet, where they come close, and the forces between them."""
+"""Contact between surfaces: which pairs may meet, where they are close, and the forces between them."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Collision surfaces of a scene: where their vertices are, how far they go, and what comes close."""
+"""Collision surfaces of a scene: positions and displacements of their vertices, and pairs that are close."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from softsim_core.physics.contact.surfaces import CollisionSurface
 from softsim_core.physics.mechanics import Carrier, Model, MotionSubspace, State, rotation_exp, rotation_log
 
 _SHORTFALL = 0.9e-3
-"""Share of the contact distance by which a gap at the end of a step may fall short of it, or"""
+"""Share of the contact distance by which a gap may fall short of it at the end of a step; see _TOLERANCES."""
 _TOLERANCES = 5.0
-"""by this many tolerances of the contact solver, where that is more."""
+"""Alternative limit to _SHORTFALL in tolerances of the contact solver; the larger one counts."""
 _CLOSE = 1.02
-"""What is nearer than this many contact distances takes part in a step, foremost or not."""
+"""Contacts closer than this many contact distances take part in a step, local minimum or not."""
 _STRAY = 1.0e-4
-"""Share of the contact distance by which a linearised gap may close though the true one does not."""
+"""Share of the contact distance by which a linearised gap may close although the true gap does not."""
 _ASTRAY = 0.1
-"""The same share where a contact holds something: the step is then linearised again where that has led."""
+"""The same share for a contact that bears a force; above it, the step is linearised again at its end."""
 _SPARE = 0.05
-"""Share of the alarm distance that is added to what surfaces are expected to travel in the next step."""
+"""Share of the alarm distance added to the expected travel of a surface in the next step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VertexCarrier(Carrier):
-    """What carries collision vertices that no deformable body carries.
+    """Carrier of collision vertices that do not belong to a deformable body.
 
     Attributes:
         vertices: Range of collision vertices.
@@ -44,14 +44,14 @@ class VertexCarrier(Carrier):
 
 
 class Place(NamedTuple):
-    """Where everything is after some share of a step.
+    """Configuration of all collision vertices after some share of a step.
 
     Attributes:
-        state: The state there.
+        state: State at that moment.
         points: Collision vertices in [m], shape (v, 3).
-        moved: How far they have come in the step in [m], shape (v, 3).
-        turned: How far the free rigid bodies have come: way in [m] and rotation vector in [rad], as if their
-            velocities had been even since the start, shape (r, 6).
+        moved: Displacement of the vertices since the start of the step in [m], shape (v, 3).
+        turned: Displacement in [m] and rotation vector in [rad] of the free rigid bodies since the start, as
+            if their velocities had been constant, shape (r, 6).
     """
 
     state: State
@@ -61,13 +61,13 @@ class Place(NamedTuple):
 
 
 class Known(NamedTuple):
-    """The last place where detection looked.
+    """Configuration at which detection last ran, and its result.
 
     Attributes:
-        buffer: The state there, shape as State.buffer.
-        place: The place.
-        travel: How far each surface was taken to go from there, in [m], shape (s,).
-        near: What was found.
+        buffer: State at that moment, shaped as State.buffer.
+        place: The configuration.
+        travel: Travel that was assumed for each surface from there on, in [m], shape (s,).
+        near: Contacts that were found.
         motion_subspace: Motion subspace of the reduced coordinates; None where they carry no surface.
     """
 
@@ -79,14 +79,14 @@ class Known(NamedTuple):
 
 
 class Turning(NamedTuple):
-    """A surface that turns with a rigid body, a frame or joints.
+    """A surface that rotates with a rigid body, a frame or joints.
 
     Attributes:
-        surface: Its number.
+        surface: Number of the surface.
         rigid: Number of the free rigid body, or -1.
         reduced: Reduced coordinates that move it.
-        corner: Its first vertex.
-        radius: How far in [m] its vertices are at most from the body's centre, or from that vertex.
+        corner: First vertex of the surface.
+        radius: Largest distance in [m] of its vertices from the body's centre, or from `corner`.
     """
 
     surface: int
@@ -97,24 +97,25 @@ class Turning(NamedTuple):
 
 
 class CollisionModel:
-    """The collision surfaces of a scene, and what carries their vertices.
+    """Collision surfaces of a scene, with the carriers of their vertices.
 
     Args:
         surfaces: The surfaces, over one array of vertices.
         settings: Distances and tolerance.
-        nodes, weights: Nodes that carry each vertex, and weights; zeros where a carrier does, (v, 4) each.
-        carriers: What carries the other vertices.
+        nodes, weights: Nodes that carry each vertex, and weights, (v, 4) each; zeros for vertices of a
+        carrier.
+        carriers: Carriers of the other vertices.
         model: The model they belong to.
         friction: Coulomb coefficient of each pair of surfaces, shape (s, s).
-        body_names: Names of the bodies that `owner` of a surface numbers.
+        body_names: Names of the bodies, in the numbering of the surfaces' `owner`.
 
     Attributes:
-        carried: What carries each vertex, as arrays.
+        carried: Carrier of each vertex, as arrays.
         soft: Vertices that nodes carry, shape (k,).
         moving: Whether frames or joints carry surfaces.
         owner: Number of the body of each surface, shape (s,).
         size: Diagonal of the box around all surfaces at rest in [m].
-        least_gap: Gap in [m] that the end of a step must leave everywhere.
+        least_gap: Smallest gap in [m] that is allowed anywhere at the end of a step.
     """
 
     def __init__(
@@ -133,7 +134,7 @@ class CollisionModel:
         self.owner = np.array([each.owner for each in surfaces], dtype=np.int64)
         self.soft = np.flatnonzero(weights.any(axis=1))
         self._nodes, self._weights = nodes[self.soft], weights[self.soft]
-        if (self._weights.max(axis=1, initial=0.0) == 1.0).all():  # on nodes, not between them
+        if (self._weights.max(axis=1, initial=0.0) == 1.0).all():  # every vertex coincides with a node
             heaviest = self._weights.argmax(axis=1)
             self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
         self.carried = _carried(surfaces, nodes, weights, carriers, model)
@@ -150,7 +151,7 @@ class CollisionModel:
             self._fixed[each.vertices] = each.local
         movable = [each for each in carriers if max(each.rigid, each.frame, each.joint, each.base) >= 0]
         on_ground = [each for each in movable if each.base >= 0 and not each.reduced(model)]
-        self._on_ground = tuple(on_ground)  # moves only when somebody moves its base
+        self._on_ground = tuple(on_ground)  # moves only when its base is moved
         self._bases = np.zeros(0)
         self._movable = tuple(each for each in movable if each not in on_ground)
         self._spheres = tuple(each for each in carriers if self.carried.radius[each.vertices].any())
@@ -169,15 +170,15 @@ class CollisionModel:
         self._known: Known | None = None
 
     def of_another_copy(self) -> CollisionModel:
-        """The same surfaces for another copy of the scene, in the same room to work in."""
+        """Return the same surfaces for another copy of the scene; both share the detector's buffers."""
         other = copy(self)
         other._fixed, other._bases, other._known = self._fixed.copy(), np.zeros(0), None
         return other
 
-    # --- where things are ---
+    # --- positions ---
 
     def points(self, state: State) -> Array:
-        """Positions of the collision vertices in [m], shape (v, 3)."""
+        """Return the positions of the collision vertices in [m], shape (v, 3)."""
         if self._on_ground:
             self._follow_bases(state)
         points = self._fixed.copy()
@@ -188,7 +189,7 @@ class CollisionModel:
         return points
 
     def _follow_bases(self, state: State) -> None:
-        """Place anew what stands on bases of the ground, where these have been moved."""
+        """Update the vertices of carriers on bases that stand on the ground, if a base has moved."""
         bases = np.append(state.base_positions, state.base_shift)
         if np.array_equal(bases, self._bases):
             return
@@ -198,20 +199,23 @@ class CollisionModel:
             self._fixed[carrier.vertices] = origin + carrier.local @ rotation.T
 
     def start(self, before: State) -> Place:
-        """The start of a step; most often, the end of the one before."""
+        """Return the configuration at the start of a step; usually this is the end of the previous step."""
         known, still = self._known, np.zeros_like(before.rigid_velocities)
         if known is not None and np.array_equal(known.buffer, before.buffer):
             return Place(before, known.place.points, self._still, still)
         return Place(before, self.points(before), self._still, still)
 
     def end(self, start: Place, state: State) -> Place:
-        """The end of a step from `start` that has led to `state`, rigid bodies not finished yet."""
+        """Return the configuration at the end of a step from `start` to `state`.
+
+        The rigid bodies' positions in `state` need not be final; their rotation follows from the velocities.
+        """
         points = self.points(state)
         turned = self.model.dt * state.rigid_velocities
         return Place(state, points, points - start.points, turned)
 
     def motion_subspace(self, place: Place) -> MotionSubspace | None:
-        """Motion subspace of the reduced coordinates; None where they carry no surface."""
+        """Return the motion subspace of the reduced coordinates; None where they carry no surface."""
         if not self.moving:
             return None
         known = self._known
@@ -220,7 +224,7 @@ class CollisionModel:
         return self.model.motion_subspace(place.state)
 
     def between(self, start: Place, end: Place, share: float) -> Place:
-        """The place after a share of the way from the start to the end of a step."""
+        """Return the configuration after a share of the step from `start` to `end`."""
         a, b, model = start.state, end.state, self.model
         state = model.empty_state()
         state.buffer[:] = a.buffer + share * (b.buffer - a.buffer)
@@ -234,26 +238,27 @@ class CollisionModel:
         return Place(state, points, points - start.points, share * end.turned)
 
     def _followed(self, nodal: Array) -> Array:
-        """What soft vertices take from the nodes' positions or velocities (n, 3), shape (soft, 3)."""
+        """Interpolate nodal positions or velocities (n, 3) at the soft vertices, shape (soft, 3)."""
         if self._nodes.ndim == 1:
             return nodal[self._nodes]
         return np.asarray(np.einsum("vk,vki->vi", self._weights, nodal[self._nodes]))
 
     def _farthest(self, moved: Array) -> Array:
-        """The longest way of a vertex of each surface in [m], shape (s,), of ways (v, 3)."""
+        """Return the longest displacement of a vertex of each surface in [m], shape (s,)."""
         squares = np.einsum("vi,vi->v", moved, moved)
         return np.sqrt(np.maximum.reduceat(squares, self._first))
 
-    # --- what comes close ---
+    # --- proximity ---
 
     def near(self, points: Array, reach: float) -> Proximities:
-        """Where surfaces whose vertices are at `points` (v, 3) are closest, nearer than `reach` [m]."""
+        """Return the contacts closer than `reach` [m] of surfaces with vertices at `points` (v, 3)."""
         return self._detector.detect(points, reach)
 
     def at_start(self, start: Place, free: Place) -> tuple[Proximities, Array]:
-        """What comes close within a step that would lead from `start` to `free`, were there no contact.
+        """Return the contacts of a step that leads from `start` to `free` if there is no contact force.
 
-        Also how far vertices go in the step at its first velocities in [m], (v, 3); frames and joints freely.
+        Also return the displacement of the vertices in the step at their initial velocities in [m], shape (v,
+        3); vertices on frames and joints have their free displacement.
         """
         known = self._known
         if known is None or known.place.points is not start.points:
@@ -268,40 +273,40 @@ class CollisionModel:
         return near, needed
 
     def at_end(self, end: Place) -> Proximities:
-        """What is close at the end of a step, and what comes close within the next one."""
+        """Return the contacts at the end of a step, including those that may close in the next one."""
         self._known = self._looked(end)
         return self._known.near
 
     def at(self, place: Place, free: Place, end: Place) -> Proximities:
-        """What is close at a place within a step, seen from which the step leads on to `free` and `end`."""
+        """Return the contacts at a configuration within a step that continues to `free` and to `end`."""
         ways = self._farthest(free.points - place.points), self._farthest(end.points - place.points)
         return self._detector.candidates(place.points, self.settings.alarm_distance, np.maximum(*ways))
 
     def edges_again(self, keys: IndexArray, place: Place) -> Proximities:
-        """The pairs of edges among contacts found earlier, by their keys (k,), where they are closest now."""
+        """Return the edge pairs among earlier contacts (keys (k,)) at their current closest points."""
         return self._detector.edges_again(keys, place.points)
 
     def may_hold(
         self, near: Proximities, at: Place, ahead: Array, slides: Array | None, *, first: bool
     ) -> BoolArray:
-        """Return which contacts take part in a step, linearised about a place, shape (k,).
+        """Return which contacts take part in a step, linearised about a configuration, shape (k,).
 
-        Those are left out whose gaps close only because they are linearised far from the end. Should one of
-        them turn out to be too close there, the step is linearised there again, with it.
+        Contacts whose gaps close only because they are linearised far from the end are left out. If one of
+        them is too close at the end, the step is linearised there again and includes it.
 
         Args:
-            near: What is close at the place.
-            at: The place.
-            ahead: How far vertices would go on from there, were there no contact, in [m], shape (v, 3).
-            slides: How far they slide from there on in [m], shape (v, 3); None: the place is
-                the end found last.
-            first: Whether the place is the start of the step.
+            near: Contacts at the configuration.
+            at: The configuration.
+            ahead: Displacement of the vertices from there without contact in [m], shape (v, 3).
+            slides: Displacement from there to the end found last in [m], shape (v, 3); None: the
+                configuration is that end.
+            first: Whether the configuration is the start of the step.
         """
         strays, way = slides is not None, at.moved if slides is None else slides
         return self._detector.may_hold(near, at.points, ahead, way, self._closeness, strays, first)
 
     def held_astray(self, held: Proximities, forces: Array, at: Place, end: Place) -> bool:
-        """Whether contacts found at a place held something that had slid past them by the end of the step.
+        """Return whether a contact bore a force although its bodies had slid past each other by the end.
 
         Args:
             held: The contacts, k of them.
@@ -313,7 +318,7 @@ class CollisionModel:
         return self._detector.held_astray(held, forces, at.points, end.points - at.points, limit)
 
     def free_share(self, start: Place, end: Place) -> float:
-        """Share of the way from `start` to `end` on which nothing passes a surface."""
+        """Return the share of the motion from `start` to `end` without passing through a surface."""
         travel = self._farthest(end.moved)[self._detector.pairs].sum(axis=1)
         watched = self._parts[self._detector.pairs].any(axis=1) & (travel > self.least_gap)
         if not watched.any():
@@ -321,22 +326,22 @@ class CollisionModel:
         return self._detector.free_share(start.points, end.points, watched)
 
     def room(self, near: Proximities) -> float:
-        """Smallest gap in [m] of surfaces that a force can part, at most the alarm distance."""
+        """Return the smallest gap in [m] of surfaces that a force can part, at most the alarm distance."""
         parted = self._parts[near.pair].any(axis=1)
         return float(near.distance[parted].min(initial=self.settings.alarm_distance))
 
     def _looked(self, place: Place) -> Known:
-        """Detection at a place, wide enough for the step from there if nothing changes its pace much."""
+        """Run detection at a configuration, with a margin for the next step at about the current speed."""
         motion_subspace = self.motion_subspace(place)
         travel = self._expected(place, motion_subspace)
         near = self._detector.candidates(place.points, self.settings.alarm_distance, travel)
         return Known(place.state.buffer.copy(), place, travel, near, motion_subspace)
 
     def _expected(self, place: Place, motion_subspace: MotionSubspace | None) -> Array:
-        """How far the vertices of each surface may go in the step from `place`, in [m], shape (s,).
+        """Return a bound on the travel of each surface's vertices in the next step in [m], shape (s,).
 
-        Worked out of the state alone, so that it is the same at the end of a step and at the start of the
-        next one: a bound, from velocities and the size of what turns.
+        It depends on the state only (velocities and the size of rotating surfaces), so that it is the same at
+        the end of a step and at the start of the next one.
         """
         state, h = place.state, self.model.dt
         travel = np.zeros(len(self.surfaces))
@@ -362,16 +367,16 @@ class CollisionModel:
                         travel[turning.surface] += pace * (turn * arm + slide)
         return travel + self._spare
 
-    # --- what moves them ---
+    # --- motion ---
 
     def rolled(self, start: Place, place: Place) -> Array:
-        """Radius times rotation vector of each sphere since the start in [m], zeros elsewhere, (v, 3)."""
+        """Return radius times rotation vector of spheres since the start in [m], else zeros, shape (v, 3)."""
         rolled = self._still
         if not self._spheres:
             return rolled
         rolled = rolled.copy()
         for carrier in self._spheres:
-            if carrier.rigid >= 0:  # not from its rotation: it may turn by more than half a turn per step
+            if carrier.rigid >= 0:  # not from matrices: it may turn by more than half a turn
                 turn = place.turned[carrier.rigid, 3:]
             else:
                 now, then = (carrier.pose(self.model, each.state)[1] for each in (place, start))
@@ -380,7 +385,10 @@ class CollisionModel:
         return rolled
 
     def _yields(self, surface: CollisionSurface) -> bool:
-        """Whether a force moves a surface: it deforms, or a free body, frame or compliant joint has it."""
+        """Return whether a force can move a surface.
+
+        It can if the surface deforms, or if a free body, a free frame or a compliant joint carries it.
+        """
         if surface.soft:
             return surface.moving
         model = self.model
@@ -398,7 +406,7 @@ def _carried(
     carriers: tuple[VertexCarrier, ...],
     model: Model,
 ) -> Carried:
-    """What carries each vertex, as arrays."""
+    """Return the carrier of each vertex, as arrays."""
     count = len(nodes)
     widest = max((len(carrier.reduced(model)) for carrier in carriers), default=0)
     radius, rigid, reduced = np.zeros(count), np.full(count, -1), np.full((count, max(widest, 1)), -1)
@@ -412,7 +420,7 @@ def _carried(
 
 
 def _turning(surface: int, carrier: VertexCarrier, model: Model) -> Turning:
-    """A surface, and what moves it."""
+    """Return a rotating surface and the coordinates that move it."""
     centre = np.zeros(3) if carrier.rigid >= 0 else carrier.local[0]
     radius = float(np.linalg.norm(carrier.local - centre, axis=1).max())
     return Turning(surface, carrier.rigid, carrier.reduced(model), carrier.vertices.start, radius)

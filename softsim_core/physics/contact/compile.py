@@ -1,4 +1,4 @@
-"""The decorator of the contact kernels, compiled or plain as `Compiler` says."""
+"""Decorator of the contact kernels, compiled or interpreted as `Compiler` decides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contacts linearised about a place within a step: their rows, and the gaps and slips without any force."""
+"""Contacts linearised about a configuration within a step: rows, and gaps and slips without contact force."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.mechanics import MotionSubspace, Rows, cross_matrix
 
 KEYS = 1 << 52
-"""Keys of contacts are kept below this, so that a float64 holds them."""
+"""Keys of contacts are reduced modulo this, so that a float64 represents them exactly."""
 _frames, _fill_rows = OneSignature(contact_frames), OneSignature(contact_rows)
 NO_MOTION = MotionSubspace(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
@@ -25,16 +25,15 @@ class LinearisedContacts:
     """Contacts of one step: three rows each, along the normal and two tangents.
 
     Attributes:
-        near: Where the surfaces are closest.
-        rows: On nodes and reduced coordinates, 3 k rows.
-        on_rigid: On velocities and spins of the rigid bodies, shape (3 k, 6 r).
-        gap: Without any contact force: the gap beyond the contact distance, then the slip, in [m], shape
-            (3 k,).
+        near: Closest points of the surfaces.
+        rows: Constraint rows on nodes and reduced coordinates, 3 k rows.
+        on_rigid: Constraint rows on velocities and spins of the rigid bodies, shape (3 k, 6 r).
+        gap: Gap beyond the contact distance, then the slips, without contact forces, in [m], shape (3 k,).
         directions: Normal and tangents, shape (k, 3, 3).
         points: Middle of each contact in [m], shape (k, 3).
         friction: Coulomb coefficient of each contact, shape (k,).
-        keys: What touches, shape (k,).
-        settings: How exactly their law is solved.
+        keys: Key of each contact's feature pair, shape (k,).
+        settings: Limits of the contact solver.
     """
 
     near: Proximities
@@ -51,7 +50,7 @@ class LinearisedContacts:
         return len(self.keys)
 
     def first_forces(self, warm_start: Array) -> Array:
-        """Forces (3 k,) in [N] to start from: those of the same contacts in State.warm_start."""
+        """Return initial forces (3 k,) in [N]: those of the same contacts in State.warm_start, else zero."""
         start = np.zeros((len(self), 3))
         if len(warm_start) and len(self):
             place = np.minimum(np.searchsorted(warm_start[:, 0], self.keys), len(warm_start) - 1)
@@ -60,7 +59,7 @@ class LinearisedContacts:
         return start.ravel()
 
     def warm_start(self, forces: Array) -> Array:
-        """State.warm_start of this step's forces (3 k,) in [N], sorted by key."""
+        """Return State.warm_start for this step's forces (3 k,) in [N], sorted by key."""
         rows = np.column_stack([self.keys, forces.reshape(-1, 3)])
         return rows[np.argsort(self.keys, kind="stable")]
 
@@ -74,14 +73,15 @@ def linearise(
     slides: Array | None,
     earlier: IndexArray,
 ) -> LinearisedContacts:
-    """Contacts that may hold in a step from `start` to `free`, linearised about `at`, where `near` is close.
+    """Return the contacts that may bear a force in a step from `start` to `free`, linearised about `at`.
 
-    `slides` is how far vertices slide from `at` to the end found last, in [m], shape (v, 3); None where that
-    is `at`. With q the motion since the start, the gap at the end of the step is taken to be
-    g(q_at) + H (q - q_at), and the slip likewise. What took part in an `earlier` solution, by its keys
-    (ascending, each once), does so again; pairs of edges even where detection, now that they are held apart,
-    finds something else nearer. About the start itself the free motion of rigid bodies counts as it is, not
-    linearised.
+    `near` are the contacts at `at`. `slides` is the displacement of the vertices from `at` to the end found
+    last, in [m], shape (v, 3); None where `at` is that end. With q the motion since the start, the gap at the
+    end of the step is taken as g(q_at) + H (q - q_at), and the slip likewise.
+
+    Contacts of an `earlier` solution, given by their keys (ascending, unique), take part again; pairs of
+    edges do so even where detection now finds another feature closer, because the contact force keeps them
+    apart. About the start itself, the free motion of rigid bodies is used without linearisation.
     """
     settings = collisions.settings
     ahead = free.points - at.points
@@ -95,7 +95,7 @@ def linearise(
     count, anew = len(near.key), at is not start
     directions, gap, middle = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
     if anew:
-        ahead[collisions.carried.rigid >= 0] = 0.0  # by their rows, below
+        ahead[collisions.carried.rigid >= 0] = 0.0  # their rows account for it, below
     _frames(
         vertices,
         shares,
@@ -120,7 +120,7 @@ def linearise(
 
 
 def _among(keys: IndexArray, wanted: IndexArray) -> BoolArray:
-    """Which of the `wanted` (w,) are among `keys` (k,), ascending."""
+    """Return which of the `wanted` (w,) are among `keys` (k,), ascending."""
     if not len(keys):
         return np.zeros(len(wanted), dtype=np.bool_)
     place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
@@ -130,7 +130,7 @@ def _among(keys: IndexArray, wanted: IndexArray) -> BoolArray:
 def _rows(
     collisions: CollisionModel, vertices: IndexArray, shares: Array, directions: Array, at: Place
 ) -> tuple[Rows, Array]:
-    """Rows of all contacts on nodes and reduced coordinates, and the rigid bodies' part."""
+    """Return the rows of all contacts on nodes and reduced coordinates, and those on the rigid bodies."""
     model, state = collisions.model, at.state
     count = 3 * len(vertices)
     motion_subspace = collisions.motion_subspace(at) or NO_MOTION
@@ -154,10 +154,10 @@ def _rows(
 
 
 def _follow_turn(on_rigid: Array, collisions: CollisionModel, at: Place) -> None:
-    """Make rows on spins those on the rotation vector since the start, which may be long; spheres roll as is.
+    """Convert rows on spins, in place, to rows on the rotation vector since the start, which may be long.
 
-    A rotation vector w that changes by dw turns what it has turned by J(w) dw, with J the left Jacobian of
-    the exponential map.
+    The change dw of a rotation vector w rotates the body by J(w) dw, with J the left Jacobian of the
+    exponential map. Rows of spheres remain on spins.
     """
     for carrier in collisions.carriers:
         r = carrier.rigid
@@ -168,7 +168,7 @@ def _follow_turn(on_rigid: Array, collisions: CollisionModel, at: Place) -> None
 
 
 def _left_jacobian(turn: Array) -> Array:
-    """Left Jacobian (3, 3) of the exponential map at a rotation vector (3,)."""
+    """Return the left Jacobian (3, 3) of the exponential map at a rotation vector (3,)."""
     angle, matrix = float(np.linalg.norm(turn)), cross_matrix(turn)
     if angle < 1e-4:
         return np.eye(3) + 0.5 * matrix

@@ -1,4 +1,4 @@
-"""Which surfaces overlap, at any depth: for the start of a scene."""
+"""Overlap of surfaces at any depth, for the start of a scene."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from softsim_core.base import Array, BoolArray
 from softsim_core.physics.contact.surfaces import CollisionSurface, may_meet, surfaces_cross
 
 _TOUCH = 1.0e-7
-"""Surfaces that overlap by less than this share of the smaller one's size only touch."""
+"""Share of the smaller surface's size up to which an overlap counts as touching."""
 _CHUNK = 1 << 18
 _WITHIN = 1.0e-5
-"""How deep behind its triangles, as a share of their size, a surface is looked for inside another one."""
+"""Depth of the probes behind a surface's triangles, as a share of their size."""
 
 
 def first_overlap(
     surfaces: tuple[CollisionSurface, ...], points: Array, owners: Container[int] | None = None
 ) -> tuple[int, int] | None:
-    """Numbers of two surfaces of different bodies that cross, or the first of which lies inside the second.
+    """Return two surfaces of different bodies that cross, or of which the first is inside the second.
 
-    None where there are none; surfaces that only touch do not overlap. Inside is where all surfaces of a body
-    together close it in: behind an open surface there is no inside.
+    Else None.
+
+    Surfaces that only touch do not overlap. A point is inside where all surfaces of a body together enclose
+    it; an open surface has no inside.
 
     Args:
         surfaces: Surfaces over the vertices.
@@ -50,13 +52,13 @@ def first_overlap(
 
 
 def touching(a: CollisionSurface, b: CollisionSurface, points: Array) -> float:
-    """Return by how much in [m] two surfaces over vertices (v, 3) may overlap that only touch."""
+    """Return the overlap in [m] up to which two surfaces over vertices (v, 3) only touch."""
     sizes = (2.0 * s.radius or float(np.linalg.norm(np.ptp(points[s.vertices], axis=0))) for s in (a, b))
     return _TOUCH * min(sizes)
 
 
 def _cross(a: CollisionSurface, b: CollisionSurface, points: Array) -> bool:
-    """Whether two surfaces cross; a sphere counts as solid."""
+    """Return whether two surfaces cross; a sphere counts as solid."""
     if a.radius > 0.0 and b.radius > 0.0:
         apart = float(np.linalg.norm(points[a.vertices] - points[b.vertices]))
         return apart < a.radius + b.radius - touching(a, b, points)
@@ -68,7 +70,7 @@ def _cross(a: CollisionSurface, b: CollisionSurface, points: Array) -> bool:
 
 
 def _distance(point: Array, corners: Array) -> float:
-    """Distance in [m] of a point (3,) to triangles (k, 3, 3)."""
+    """Return the distance in [m] of a point (3,) to triangles (k, 3, 3)."""
     along = np.roll(corners, -1, axis=1) - corners
     off = point - corners
     share = np.clip((off * along).sum(axis=2) / (along * along).sum(axis=2), 0.0, 1.0)
@@ -80,28 +82,28 @@ def _distance(point: Array, corners: Array) -> float:
 
 
 def _probes(surface: CollisionSurface, points: Array) -> Array:
-    """A point close behind each triangle, or the centre of a sphere, shape (p, 3)."""
+    """Return a point close behind each triangle, or the centre of a sphere, shape (p, 3)."""
     if surface.radius > 0.0:
         return np.asarray(points[surface.vertices])
     corners = points[surface.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.sqrt(np.linalg.norm(normals, axis=1, keepdims=True))  # as long as the triangle is wide
+    normals /= np.sqrt(np.linalg.norm(normals, axis=1, keepdims=True))  # about the edges' length
     return np.asarray(corners.mean(axis=1) - _WITHIN * normals)
 
 
 def _enclosed(points: Array, corners: Array) -> BoolArray:
-    """Which points (p, 3) lie inside closed triangles (k, 3, 3)."""
+    """Return which points (p, 3) are inside closed triangles (k, 3, 3)."""
     result = np.zeros(len(points), dtype=bool)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
     step = max(1, _CHUNK // len(corners))
     for some in np.split(near, range(step, len(near), step)):
-        result[some] = np.abs(_winding(points[some], corners)) > 0.999  # less where there are holes
+        result[some] = np.abs(_winding(points[some], corners)) > 0.999  # smaller where the surface has holes
     return result
 
 
 def _winding(points: Array, corners: Array) -> Array:
-    """Times that triangles wind around points: the sum of their solid angles over 4 pi, shape (p,).
+    """Return the winding number of triangles around points: the sum of solid angles over 4 pi, shape (p,).
 
     Source: Van Oosterom and Strackee 1983, The solid angle of a plane triangle.
     """

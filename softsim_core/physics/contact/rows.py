@@ -1,4 +1,4 @@
-"""Contacts as constraint rows: directions, gaps and slips, and what a unit of each force does."""
+"""Constraint rows of contacts: directions, gaps and slips, and coefficients on the coordinates."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.contact.compile import kernel
 
 CORNERS = 6
-"""Vertices that a contact has at most, three on each side."""
+"""Largest number of vertices of a contact, three on each side."""
 
 NODES = 4
-"""Nodes that carry a soft vertex."""
+"""Number of nodes that carry a soft vertex."""
 
 
 class Carried(NamedTuple):
-    """What carries each collision vertex.
+    """Carrier of each collision vertex.
 
     Attributes:
         soft: Whether nodes carry it, shape (v,).
-        nodes, weights: These nodes and their shares, shape (v, 4).
+        nodes, weights: These nodes and their weights, shape (v, 4).
         radius: Radius in [m] of the sphere whose centre it is, else 0, shape (v,).
         rigid: Free rigid body that carries it, or -1, shape (v,).
-        reduced: Reduced coordinates that move it, -1 behind the last, shape (v, w).
+        reduced: Reduced coordinates that move it, -1 after the last, shape (v, w).
     """
 
     soft: BoolArray
@@ -35,7 +35,7 @@ class Carried(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """What rigid bodies, frames and joints do to what they carry.
+    """Motion of the vertices' carriers: rigid bodies, frames and joints.
 
     Attributes:
         rigid_positions: Centres of the free rigid bodies in [m], shape (r, 3).
@@ -63,16 +63,16 @@ def contact_rows(
     coefficient: Array,
     on_rigid: Array,
 ) -> int:
-    """Fill three rows a contact; returns the number of entries.
+    """Fill three rows per contact and return the number of entries.
 
     Args:
         vertices: Vertices of both sides, shape (k, 6).
-        shares: Their shares, those of the second side negative, shape (k, 6).
+        shares: Weights of these vertices, negative on the second side, shape (k, 6).
         directions: Normal, from the second side to the first, and tangents, shape (k, 3, 3).
         points: Vertex positions in [m], shape (v, 3).
-        carried: What carries the vertices.
-        motions: What moves the carriers.
-        start: Filled: begin of each row's entries, shape (3 k + 1,).
+        carried: Carriers of the vertices.
+        motions: Motion of the carriers.
+        start: Filled: first entry of each row, shape (3 k + 1,).
         place: Filled: node, or `nodes` + reduced coordinate.
         coefficient: Filled, shape (.., 3).
         on_rigid: Added to: velocity and spin of the rigid bodies, shape (3 k, 6 r).
@@ -148,21 +148,21 @@ def contact_frames(
     gap: Array,
     middle: Array,
 ) -> None:
-    """Fill directions, gaps and middles of k contacts.
+    """Fill directions, gaps and midpoints of k contacts.
 
     Args:
         vertices: Vertices of both sides, shape (k, 6).
-        shares: Their shares, those of the second side negative, shape (k, 6).
+        shares: Weights of these vertices, negative on the second side, shape (k, 6).
         normal: From the second side to the first, shape (k, 3).
         distance: Gaps at `points` in [m], shape (k,).
         points: Vertex positions in [m], shape (v, 3).
-        moved: How far they have come since the start of the step in [m], shape (v, 3).
-        ahead: How far they would still go freely in [m], shape (v, 3).
+        moved: Displacement since the start of the step in [m], shape (v, 3).
+        ahead: Remaining displacement without contact in [m], shape (v, 3).
         rolled: Radius times rotation vector of spheres in [m], zeros elsewhere, shape (v, 3).
         apart: Contact distance in [m].
-        directions: Filled: normal and two tangents, shape (k, 3, 3); the same normal gives the same tangents.
+        directions: Filled: normal and two tangents, shape (k, 3, 3); equal normals give equal tangents.
         gap: Filled: the gap beyond the contact distance after free motion, then the slips, in [m], (k, 3).
-        middle: Filled: half-way between the two sides in [m], shape (k, 3).
+        middle: Filled: midpoint between the two sides in [m], shape (k, 3).
     """
     for c in range(len(normal)):
         n = normal[c]

@@ -1,4 +1,4 @@
-"""How surfaces meet: distances, friction, and how exactly the contact law is solved."""
+"""Contact settings: distances, friction and accuracy of the contact solver."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ MOST_ITERATIONS = 100_000
 ALARM_DISTANCE, CONTACT_DISTANCE, TOLERANCE = 0.004, 0.001, 1.0e-8
 """Defaults in [m] where all bodies are at least THICK."""
 THICK = 0.004
-"""Thickness in [m] of the thinnest body below which the defaults shrink in proportion to it."""
+"""Thickness in [m] of the thinnest body below which the defaults shrink in proportion."""
 _APART = 4.0
-"""Ratio of the two distances where one is given and the default of the other does not fit it."""
+"""Ratio of the two distances where one is given and the default of the other does not fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairFriction:
-    """Friction between two things, instead of what holds for all others.
+    """Friction of one pair, instead of the general coefficient.
 
     Attributes:
-        between: Names of two collision surfaces, or of bodies (then of all surfaces of theirs).
+        between: Names of two collision surfaces, or of bodies, which stand for all their surfaces.
         friction: Coulomb coefficient in [-], >= 0.
     """
 
@@ -35,12 +35,12 @@ class PairFriction:
 
 
 class ContactLimits(NamedTuple):
-    """What ContactSettings come to in a scene.
+    """Contact settings of a scene with all defaults resolved.
 
     Attributes:
         alarm_distance, contact_distance: Distances in [m].
-        iterations: Most sweeps of the contact solver.
-        tolerance: Complementarity residual in [m] below which it stops.
+        iterations: Largest number of sweeps of the contact solver.
+        tolerance: Complementarity residual in [m] below which the solver stops.
     """
 
     alarm_distance: float
@@ -51,18 +51,18 @@ class ContactLimits(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactSettings:
-    """How surfaces meet.
+    """Contact settings of a scene.
 
     Attributes:
-        alarm_distance: The contact margin: pairs closer than this in [m] are looked at, > contact_distance.
-            None: 0.004, or as much as the thinnest moving body where that is thinner.
+        alarm_distance: Contact margin in [m]: pairs closer than this are examined, > contact_distance. None:
+            0.004, or the thickness of the thinnest moving body if that is smaller.
         contact_distance: Gap in [m] at which bodies come to rest, >= 0. None: 0.001, or a quarter of the
-            thinnest moving body where that is thinner than 0.004.
+            thickness of the thinnest moving body if that is below 0.004.
         friction: Coulomb coefficient in [-], >= 0, of all pairs but those of `friction_pairs`.
-        friction_pairs: Pairs with a coefficient of their own; of several that fit, the last one counts.
-        iterations: Most sweeps of the contact solver, 1 to 100 000.
-        tolerance: It stops below this complementarity residual in [m], > 0. None: 1e-8, or less in proportion
-            to the thinnest moving body where that is thinner than 0.004.
+        friction_pairs: Pairs with their own coefficient; if several match, the last one counts.
+        iterations: Largest number of sweeps of the contact solver, 1 to 100 000.
+        tolerance: Complementarity residual in [m] below which the solver stops, > 0. None: 1e-8, or less in
+            proportion to the thickness of the thinnest moving body if that is below 0.004.
     """
 
     alarm_distance: float | None = None
@@ -94,7 +94,7 @@ class ContactSettings:
         """Return the distances and tolerance of a scene, defaults included.
 
         Args:
-            thickness: Of the thinnest moving body in [m].
+            thickness: Thickness of the thinnest moving body in [m].
         """
         share = min(1.0, thickness / THICK)
         alarm, gap = self.alarm_distance, self.contact_distance

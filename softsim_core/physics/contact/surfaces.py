@@ -1,4 +1,4 @@
-"""Surfaces that touch: what they are, which pairs may meet, where they cross or overlap."""
+"""Collision surfaces: their definition, which pairs may meet, and tests for crossing."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from softsim_core.physics.mesh import is_closed
 
 _CHUNK = 256
 _PAIRS = 1 << 20
-"""So many pairs of boxes are looked at together."""
+"""Number of box pairs that are tested together."""
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
-"""Of a coordinate, with some room: volumes that this may make are none."""
+"""Relative rounding error of a coordinate, with a margin; volumes below what it can produce count as zero."""
 _SHIFTS = 3.0e-5 * np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (1.0, 0.83, 0.71)
-"""Small moves, as shares of the smaller surface's size: surfaces that only touch come apart by one of them;
-crooked, so that none leads an edge exactly through another one."""
+"""Small shifts, as shares of the smaller surface's size. At least one of them separates surfaces that only
+touch; they are oblique, so that none moves an edge exactly through another one.
+"""
 
 
 def surfaces_cross(first: Array, second: Array) -> bool:
-    """Whether two surfaces cross, and still do where one of them is moved a little, whichever way.
+    """Return whether two surfaces cross, and still cross after a small shift in any direction.
 
     Args:
         first: Corners of the triangles in [m], shape (k, 3, 3).
@@ -34,28 +35,28 @@ def surfaces_cross(first: Array, second: Array) -> bool:
 
 
 def self_crossing(corners: Array, triangles: IndexArray) -> tuple[int, int] | None:
-    """Return the first two triangles found that have no vertex in common and cross, or None.
+    """Return the first two triangles found that share no vertex and cross, or None.
 
     Args:
         corners: Corners in [m], shape (k, 3, 3).
-        triangles: Their vertices, shape (k, 3).
+        triangles: Vertices of the triangles, shape (k, 3).
     """
     return next(((int(each[0, 0]), int(each[0, 1])) for each in _hits(corners, triangles) if len(each)), None)
 
 
 def crossings(corners: Array, triangles: IndexArray) -> IndexArray:
-    """All pairs of triangles of one surface that have no vertex in common and cross, shape (c, 2), ascending.
+    """Return all pairs of triangles of a surface that share no vertex and cross, shape (c, 2), ascending.
 
     Args:
         corners: Corners in one unit, shape (k, 3, 3).
-        triangles: Their vertices, shape (k, 3).
+        triangles: Vertices of the triangles, shape (k, 3).
     """
     pairs = np.concatenate([np.empty((0, 2), dtype=np.int64), *_hits(corners, triangles)])
     return pairs[np.lexsort(pairs.T[::-1])]
 
 
 def _hits(corners: Array, triangles: IndexArray) -> Iterator[IndexArray]:
-    """Pairs of triangles that cross, some at a time, shape (c, 2)."""
+    """Yield pairs of triangles that cross, in batches, shape (c, 2)."""
     for i, j in _near_pairs(corners):
         strangers = (triangles[i][:, :, None] != triangles[j][:, None, :]).all(axis=(1, 2))
         i, j = i[strangers], j[strangers]
@@ -64,7 +65,7 @@ def _hits(corners: Array, triangles: IndexArray) -> Iterator[IndexArray]:
 
 
 def _near_pairs(corners: Array) -> Iterator[tuple[IndexArray, IndexArray]]:
-    """Pairs of triangles whose boxes have a point in common, each once: a sweep along the longest axis."""
+    """Yield pairs of triangles whose boxes intersect, each once, by a sweep along the longest axis."""
     if not len(corners):
         return
     low, high = corners.min(axis=1), corners.max(axis=1)
@@ -85,7 +86,7 @@ def _near_pairs(corners: Array) -> Iterator[tuple[IndexArray, IndexArray]]:
 
 
 def _any_crosses(first: Array, second: Array) -> bool:
-    """Whether a triangle of the first surface crosses one of the second."""
+    """Return whether a triangle of the first surface crosses one of the second."""
     low, high = second.min(axis=(0, 1)), second.max(axis=(0, 1))
     some = first[((first.min(axis=1) <= high) & (first.max(axis=1) >= low)).all(axis=1)]
     for start in range(0, len(some), _CHUNK):
@@ -97,7 +98,7 @@ def _any_crosses(first: Array, second: Array) -> bool:
 
 
 def _boxes_meet(first: Array, second: Array) -> tuple[IndexArray, IndexArray]:
-    """Pairs of triangles whose boxes have a point in common."""
+    """Return the pairs of triangles whose boxes intersect."""
     near = np.ones((len(first), len(second)), dtype=bool)
     for axis in range(3):
         a, b = first[:, None, :, axis], second[:, :, axis]
@@ -107,9 +108,9 @@ def _boxes_meet(first: Array, second: Array) -> tuple[IndexArray, IndexArray]:
 
 
 def _pierce(edges_of: Array, faces: Array) -> BoolArray:
-    """Whether an edge of the first triangle passes through the second, shapes (p, 3, 3).
+    """Return whether an edge of the first triangle passes through the second, shapes (p, 3, 3).
 
-    Triangles of one plane, which are so up to rounding, do not.
+    Triangles that are coplanar up to rounding do not pierce each other.
     """
     a, b, c = faces[:, None, 0], faces[:, None, 1], faces[:, None, 2]
     start, end = edges_of, np.roll(edges_of, -1, axis=1)
@@ -126,7 +127,7 @@ def _pierce(edges_of: Array, faces: Array) -> BoolArray:
 
 
 def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Six times the signed volume of tetrahedra (..., 3)."""
+    """Return six times the signed volume of tetrahedra (..., 3)."""
     return np.asarray(np.sum(np.cross(b - a, c - a) * (d - a), axis=-1))
 
 
@@ -141,9 +142,9 @@ class CollisionSurface:
         groups: Names of the groups it belongs to.
         owner: Number of the body it belongs to.
         moving: Whether it can move; two surfaces that cannot never meet.
-        soft: Whether it deforms: a sphere may press a dent into it.
+        soft: Whether it deforms, so that a sphere may press a dent into it.
         radius: Radius in [m] of a sphere; 0 for triangles.
-        closed: Whether the triangles enclose a volume; worked out.
+        closed: Whether the triangles enclose a volume; computed.
     """
 
     name: str
@@ -161,9 +162,10 @@ class CollisionSurface:
 
 
 def may_meet(a: CollisionSurface, b: CollisionSurface) -> bool:
-    """Whether two surfaces are checked against each other.
+    """Return whether two surfaces are checked against each other.
 
-    A shared group: never. Of one body: only where each has groups. Both standing still: never.
+    Surfaces that share a group, and surfaces that cannot move, never meet. Surfaces of one body meet only if
+    both have groups.
     """
     if a is b or not (a.moving or b.moving) or a.groups & b.groups:
         return False
@@ -178,10 +180,10 @@ def check_surface(
     Args:
         points: Vertex positions in [m], shape (n, 3).
         triangles: Vertex indices, shape (k, 3).
-        name: What it is called in the message.
+        name: Name in the message.
         closed: Whether it must enclose a volume (a body with mass).
-        carried: Whether it belongs to a rigid body that something carries, such as a link of an arm: one that
-            crosses itself is used with a warning then.
+        carried: Whether it belongs to a rigid body that something carries, such as a link of an arm. Such a
+            surface may cross itself and then gives a warning.
 
     Raises:
         SceneError: it has a triangle without area, crosses itself, or is open where it must be closed.

@@ -1,4 +1,4 @@
-"""Run every contact kernel once, so that Numba's cache holds it."""
+"""Run of every contact kernel, to fill Numba's cache."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from softsim_core.physics.contact.surfaces import CollisionSurface
 
 
 def warm_up_contact() -> None:
-    """Two triangles and two spheres that touch."""
+    """Run every contact kernel once on two triangles and two spheres that touch."""
     points = np.array(
         [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1], [1, 0, 1], [0.2, 0.2, 2], [0.2, 0.2, 4]]
     ).astype(np.float64)

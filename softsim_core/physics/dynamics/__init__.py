@@ -1,4 +1,4 @@
-"""The time step and statics: implementations of the step behind one interface."""
+"""Time step and statics: implementations of the step behind one interface."""
 
 from lazy_loader import attach_stub
 

@@ -1,7 +1,7 @@
 """Actuators in an equilibrium: their rows on all unknowns, their geometric stiffness, and the solve.
 
 With T the tangent, geometric stiffness included, t the multipliers and g = s - q + c t (see
-actuation.actuator):
+actuation.actuators):
 
     T dx - H^T dt = r,    H dx + c dt = -g  where t stays within its bounds, else dt leads to the bound
 """
@@ -30,12 +30,15 @@ from softsim_core.physics.mechanics import (
 )
 
 SAME = 1e-6
-"""Part of its own compliance by which an actuator yields: several of one route have a tangent, too."""
+"""Share of its own compliance added to each actuator's, so that the system is regular.
+
+Several actuators on one route would make it singular.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowsOnUnknowns:
-    """Rows on the nodes (r, 3 n), on frames and joints (r, b), and on all unknowns (r, d)."""
+    """Constraint rows on the nodes (r, 3 n), on frames and joints (r, b), and on all unknowns (r, d)."""
 
     on_nodes: sp.csr_matrix
     on_reduced: sp.csr_matrix
@@ -43,7 +46,7 @@ class RowsOnUnknowns:
 
 
 def rows_on_unknowns(model: Model, at: Unknowns, state: State, rows: Rows) -> RowsOnUnknowns:
-    """Rows as matrices."""
+    """Return constraint rows as sparse matrices."""
     on_nodes, on_reduced = sparse_rows(rows, len(model.rest), model.reduced_size)
     tail = sp.csr_matrix(
         (on_reduced.data, on_reduced.indices + at.first_reduced, on_reduced.indptr), (rows.height, at.size)
@@ -52,13 +55,13 @@ def rows_on_unknowns(model: Model, at: Unknowns, state: State, rows: Rows) -> Ro
 
 
 def on_nodes(model: Model, geometric: GeometricStiffness) -> sp.csr_matrix:
-    """Geometric stiffness of the nodes alone in [N/m], shape (3 n, 3 n)."""
+    """Return the geometric stiffness of the nodes alone in [N/m], shape (3 n, 3 n)."""
     across, _ = sparse_rows(geometric.rows, len(model.rest), model.reduced_size)
     return (across.T @ sp.diags(geometric.weight) @ across).tocsr()
 
 
 class ActuatedFactors:
-    """Factors of T, and the compliance at the actuators on top of them."""
+    """Factors of T, and the compliance of the actuators' rows computed with them."""
 
     def __init__(
         self, factors: Factors, rows: sp.csr_matrix, compliance: Array, bounds: tuple[Array, Array]
@@ -69,7 +72,7 @@ class ActuatedFactors:
         self._compliance = self._rows @ self._answer + np.diag(compliance)
 
     def solve(self, residual: Array, violations: Array, multipliers: Array) -> tuple[Array, Array]:
-        """Step of the solved unknowns, and of the multipliers (c,)."""
+        """Return the step of the solved unknowns, and that of the multipliers (c,)."""
         lower, upper = self._bounds
         free = self._factors.solve(residual)
         violations = violations + self._rows @ free - self._compliance @ multipliers
@@ -78,18 +81,18 @@ class ActuatedFactors:
 
 
 def reduced_stiffness(stepper: Stepper, state: State, parameters: Parameters, forces: Array) -> Array:
-    """Static stiffness of frames and joints, the free nodes following in equilibrium, shape (b, b).
+    """Return the static stiffness of frames and joints, with the free nodes in equilibrium, shape (b, b).
 
-    See `condensed`, of which it is the first part.
+    This is the first part of `condensed`.
 
     Raises:
-        FactorisationError: the free nodes have no equilibrium that stays.
+        FactorisationError: the free nodes have no stable equilibrium.
     """
     return condensed(stepper, state, parameters, forces, no_rows()).stiffness
 
 
 def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Array, rows: Rows) -> Condensed:
-    """The static tangent with free nodes and actuators eliminated, and what forces on `rows` do beside it.
+    """Return the static tangent with free nodes and actuators eliminated, and the response on `rows`.
 
     Drives and the turning of the loads (weight and `forces` (n, 3) in [N]) are included; actuators keep their
     coordinates, at a bound or not, and their joints stand for what is commanded. With S, Z and W of
@@ -98,8 +101,8 @@ def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Ar
 
         S + Z_h (W_hh + D)^-1 Z_h^T,    Z_r - Z_h (W_hh + D)^-1 W_hr,    W_rr - W_rh (W_hh + D)^-1 W_hr
 
-    The row of an actuator in S tells of its multiplier times its gain, see command_gains. Of one that is
-    commanded by its multiplier, the row tells of -s instead: it is one of r, and its joint stands for it.
+    The row of an actuator in S is for its multiplier times its gain, see command_gains. If a command gives
+    its multiplier, the row is for -s instead: it is one of r, and its joint represents it.
 
     Raises:
         FactorisationError: the free nodes have no equilibrium that stays.
@@ -113,7 +116,7 @@ def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Ar
     loads = forces + (spread.T @ multipliers).reshape(-1, 3)
     pressed = actuators.surface_stiffness(state, multipliers)
     tangent = stepper.static_tangent(state, parameters, loads, pressed)
-    within = bool(pressed) and tangent.positive  # else, as past the maximum of a balloon, they come as rows
+    within = bool(pressed) and tangent.positive  # else, as past a balloon's maximum, add them as rows
     if pressed and not within:
         tangent = stepper.static_tangent(state, parameters, loads)
     geometric = actuators.geometric_stiffness(model, state, multipliers, without_surfaces=within)
@@ -125,7 +128,7 @@ def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Ar
     stiffness, arriving, compliance = tangent.condensed(joined([*own, rows]))
     diagonal = range(before)
     compliance[diagonal, diagonal] += np.append(kept.compliance, 1.0 / geometric.weight)
-    compliance[diagonal, diagonal] *= 1.0 + SAME  # rows that say the same share what they hold
+    compliance[diagonal, diagonal] *= 1.0 + SAME  # identical rows share their force
     imposed = np.flatnonzero(given)
     held = np.setdiff1d(np.arange(before), imposed)
     left = np.append(imposed, np.arange(before, len(compliance)))
@@ -146,7 +149,10 @@ def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Ar
 
 
 def command_gains(stepper: Stepper, state: State) -> Array:
-    """How much of what it holds a unit of each joint's command is, shape (j,); 0 where that is its effort."""
+    """Return the change of the held quantity per unit of each joint's command, shape (j,).
+
+    0 for effort commands.
+    """
     actuators, gains = stepper.actuators, np.ones(len(stepper.model.joints))
     gains[actuators.joint] = _kept_at(stepper, state).gain
     gains[actuators.multiplied] = 0.0
@@ -154,7 +160,7 @@ def command_gains(stepper: Stepper, state: State) -> Array:
 
 
 def taut_commands(stepper: Stepper, state: State, commands: Array) -> tuple[Array, BoolArray]:
-    """Commands (j,) with the slack of actuators taken up, and which joints' actuators can only pull (j,)."""
+    """Return commands (j,) without the slack of actuators, and which joints have one-sided actuators (j,)."""
     actuators, kept = stepper.actuators, _kept_at(stepper, state)
     efforts = state.joint_efforts[actuators.joint]
     one_sided = (kept.lower >= 0.0) & ~actuators.constraints.by_multiplier
@@ -168,14 +174,14 @@ def taut_commands(stepper: Stepper, state: State, commands: Array) -> tuple[Arra
 
 
 def _kept_at(stepper: Stepper, state: State) -> Transmissions:
-    """What the actuators keep where a state is, as if it were at rest."""
+    """Return the transmissions of the actuators at a state, as if it were at rest."""
     actuators, multipliers = stepper.actuators, state.joint_efforts[stepper.actuators.joint]
     values = actuators.values(stepper.model, state)
     return actuators.transmissions(actuators.commands_of(values, multipliers), multipliers)
 
 
 def _less_command(model: Model, actuators: Actuators, rows: Rows, gain: Array) -> Rows:
-    """The rows of s - q: the command, times `gain` (c,), stands at the place of the actuator's joint."""
+    """Return the rows of s - q: the command, times `gain` (c,), is at the place of the actuator's joint."""
     ends, first = rows.start[1:], len(model.rest) + 6 * len(model.frame_names)
     coefficient = np.insert(rows.coefficient, ends, np.outer(-gain, [1.0, 0.0, 0.0]), axis=0)
     place = np.insert(rows.place, ends, first + actuators.joint)

@@ -1,4 +1,4 @@
-"""Forces and sparse matrices of a model on its unknowns: three a free node, then frames and joints."""
+"""Forces and sparse matrices of a model on its unknowns: three per free node, then frames and joints."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from softsim_core.physics.mechanics import Model, MotionSubspace, Parameters, Ri
 
 
 class Unknowns:
-    """Where each unknown of a model stands in a vector of all of them.
+    """Places of a model's unknowns in the vector of all of them.
 
     Attributes:
         free: Indices of the free nodes, ascending, shape (k,); their unknowns come first, shape (3 k,).
-        first_reduced: Number of unknowns of free nodes; reduced coordinate b stands at `first_reduced + b`.
+        first_reduced: Number of unknowns of free nodes; reduced coordinate b is at `first_reduced + b`.
         size: Number of unknowns.
         joints: Places of the joints, shape (j,).
         compliant, prescribed: Indices of the joints with and without a spring drive.
         fixed: Places of the prescribed joints.
-        solved: Places of all others.
+        solved: Places of all other unknowns.
         drive: Stiffness of each joint's drive in [N m/rad] or [N/m], 0 where prescribed, shape (j,).
     """
 
@@ -43,7 +43,7 @@ class Unknowns:
 
 
 def jacobian(model: Model, unknowns: Unknowns, state: State) -> sp.csr_matrix:
-    """Node velocities from the velocities of all unknowns, sparse, shape (3 n, d)."""
+    """Return the map from the velocities of all unknowns to node velocities, sparse, shape (3 n, d)."""
     free = unknowns.free
     rows = [(3 * free[:, None] + np.arange(3)).ravel()]
     columns = [np.arange(3 * len(free))]
@@ -59,7 +59,7 @@ def jacobian(model: Model, unknowns: Unknowns, state: State) -> sp.csr_matrix:
 
 
 def generalised_forces(model: Model, unknowns: Unknowns, state: State, forces: Array) -> Array:
-    """Forces on nodes (n, 3) in [N] as those on all unknowns, J^T f without its matrix, shape (d,)."""
+    """Return forces on nodes (n, 3) in [N] as forces on all unknowns, shape (d,): J^T f without forming J."""
     generalised = np.zeros(unknowns.size)
     generalised[: unknowns.first_reduced] = forces[unknowns.free].ravel()
     motion_subspace = model.motion_subspace(state)
@@ -71,7 +71,10 @@ def generalised_forces(model: Model, unknowns: Unknowns, state: State, forces: A
 
 
 def static_forces(model: Model, state: State, parameters: Parameters, external: Array) -> Array:
-    """All forces on nodes at rest in [N], shape (n, 3): elastic, weight, soft fixings, external (n, 3)."""
+    """Return all static forces on nodes in [N], shape (n, 3).
+
+    These are elastic forces, weight, soft fixings and `external` (n, 3).
+    """
     forces = external + model.weight
     forces += elastic_forces(model.groups, state.positions, parameters.materials)
     return np.asarray(forces - model.spring[:, None] * (state.positions - model.rest))
@@ -87,11 +90,11 @@ def node_stiffness(
     mean_share: float = 1.0,
     pattern: BlockPattern | None = None,
 ) -> sp.csr_matrix:
-    """Stiffness of cells and soft fixings in [N/m], shape (3 n, 3 n).
+    """Return the stiffness of cells and soft fixings in [N/m], sparse, shape (3 n, 3 n).
 
-    The exact derivative -df/dx, or the `positive` semidefinite one that a time step solves with; see
-    Material.positive_tangent. Or the one that statics solve with when `distant` from an equilibrium. `moved`
-    and `mean_share`: see fem.cells.cell_stiffness; `pattern`: see stiffness_matrix.
+    It is the exact derivative -df/dx; or `positive` semidefinite for a time step, see
+    Material.positive_tangent; or `distant`, for statics far from an equilibrium. For `moved` and `mean_share`
+    see fem.cells.cell_stiffness; for `pattern` see stiffness_matrix.
     """
     cells = stiffness_matrix(
         model.groups, state.positions, parameters.materials, positive, distant, moved, mean_share, pattern
@@ -100,13 +103,13 @@ def node_stiffness(
 
 
 def diagonal_matrix(values: Array) -> sp.csr_matrix:
-    """What `scipy.sparse.diags` gives, in a third of its time: values (k,) on the diagonal, shape (k, k)."""
+    """Return values (k,) on a sparse diagonal (k, k), three times as fast as `scipy.sparse.diags`."""
     size = len(values)
     return sp.csr_matrix((values, np.arange(size), np.arange(size + 1)), shape=(size, size))
 
 
 def viscosity_matrix(model: Model, state: State, parameters: Parameters) -> sp.csr_matrix | None:
-    """What the laws of rods add to the damping, in [N s/m], shape (3 n, 3 n); None: nothing."""
+    """Return the damping of the rods' laws in [N s/m], sparse, shape (3 n, 3 n); None: there is none."""
     damped = _damped_rods(model, parameters)
     if not damped:
         return None
@@ -117,7 +120,10 @@ def viscosity_matrix(model: Model, state: State, parameters: Parameters) -> sp.c
 def viscous_forces(
     model: Model, before: Array, positions: Array, parameters: Parameters, dt: float
 ) -> Array | None:
-    """Forces of the damping of rods' laws in [N] on nodes that were at `before`, (n, 3); None: none."""
+    """Return the damping forces of the rods' laws on nodes that were at `before` in [N], (n, 3).
+
+    None: none.
+    """
     damped = _damped_rods(model, parameters)
     if not damped:
         return None
@@ -128,7 +134,7 @@ def viscous_forces(
 
 
 def _damped_rods(model: Model, parameters: Parameters) -> list[tuple[RodGroup, Array]]:
-    """Groups of rods whose law has damping, with its values."""
+    """Return the groups of rods whose law has damping, with their parameter values."""
     if not any(each.get(DAMPING.name) for each in parameters.materials):
         return []
     rods = [group for group in model.groups if isinstance(group, RodGroup)]
@@ -136,7 +142,12 @@ def _damped_rods(model: Model, parameters: Parameters) -> list[tuple[RodGroup, A
 
 
 def held_matrix(model: Model, state: State) -> sp.csr_matrix | None:
-    """What cells of relaxing laws hold during a step, in [N/m], (3 n, 3 n); see fem.prony. None: nothing."""
+    """Return the stiffness of relaxing cells' known stress in a step in [N/m], (3 n, 3 n).
+
+    None: there is none.
+
+    See fem.prony.
+    """
     held = [
         (group, held_stiffness(group, state.extra[held_name(k)]))
         for k, group in enumerate(model.groups)
@@ -156,12 +167,12 @@ def held_matrix(model: Model, state: State) -> sp.csr_matrix | None:
 def static_tangent(
     model: Model, at: Unknowns, state: State, forces: Array, stiffness: sp.csr_matrix
 ) -> sp.csr_matrix:
-    """J^T K J - (dJ^T/dq) f + drive springs on all unknowns, sparse, shape (d, d).
+    """Return J^T K J - (dJ^T/dq) f + drive springs on all unknowns, sparse, shape (d, d).
 
     Args:
         model: The model.
         at: Its unknowns.
-        state: Where the tangent is taken.
+        state: State at which the tangent is taken.
         forces: Forces on the nodes there in [N], see `static_forces`.
         stiffness: See `node_stiffness`.
     """
@@ -177,10 +188,11 @@ def static_tangent(
 
 
 def turned_work(motion: MotionSubspace, region: RigidRegion, points: Array, forces: Array) -> Array:
-    """Second derivative of the work of forces (k, 3) on a region's nodes at points (k, 3), by what moves it.
+    """Return the second derivative of the work of forces (k, 3) on a region's nodes at points (k, 3).
 
-    Of two joints, the outer one turns how the inner one moves the nodes: f . (w_a x u_b). Of the six of a
-    frame, which turn at once, half of both orders counts, and what only slides nothing.
+    It is taken by the reduced coordinates that move the region. Of two joints, the outer one rotates the
+    motion that the inner one gives the nodes: f . (w_a x u_b). The six coordinates of a frame rotate at once,
+    so the mean of both orders counts; translations contribute nothing.
     """
     moved = motion.jacobians(region.reduced, points)
     product = np.einsum("kbi,kj->bij", moved, forces)
@@ -193,10 +205,13 @@ def turned_work(motion: MotionSubspace, region: RigidRegion, points: Array, forc
 
 
 def top_speed(model: Model, state: State) -> float:
-    """Largest component of all linear velocities in [m/s]; NaN if any velocity is one."""
+    """Return the largest component of all linear velocities in [m/s].
+
+    NaN if any velocity is NaN or infinite.
+    """
     if not np.isfinite(state.reduced_velocities).all():
         return math.nan
     slides = [True, True, True, False, False, False] * len(model.frame_names)
     slides += [not joint.revolute for joint in model.joints]
     speeds = np.concatenate([state.velocities[model.free_nodes].ravel(), state.reduced_velocities[slides]])
-    return float(np.abs(speeds).max(initial=0.0))  # max keeps NaN
+    return float(np.abs(speeds).max(initial=0.0))  # max propagates NaN

@@ -1,4 +1,4 @@
-"""The implementations of a step: which one runs here."""
+"""Choice of the step's implementation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softsim_core.physics.mechanics import Model
 
 
 def has_compiled_step(solver: str) -> bool:
-    """Whether a step with that linear solver can be compiled."""
+    """Return whether a step with that linear solver can be compiled."""
     return solver in (AUTO, COMPILED, ITERATIVE)
 
 
@@ -28,21 +28,21 @@ def make_stepper(
     like: Stepper | None = None,
     threads: int | None = None,
 ) -> Stepper:
-    """The step implementation: "scipy", "numba", or "auto" (numba, or scipy and a warning once).
+    """Return the step implementation: "scipy", "numba", or "auto" (numba, or else scipy with one warning).
 
     Args:
-        model: What moves.
-        actuators: What pulls and pushes at the command of joints; None: nothing.
-        backend: "auto" takes scipy where kernels stay plain Python. The compiled step is one with its
-            linear solver; any other solver runs with plain assembly.
+        model: The model.
+        actuators: Actuators of its joints; None: there are none.
+        backend: "auto" selects scipy where kernels are not compiled. The compiled step includes its linear
+            solver; any other solver runs with plain assembly.
         solver: Name of the linear solver, see linalg.solvers.
-        touching: Whether steps are taken with contacts, which take many solutions each.
-        like: That of another copy of the scene, which is never in a step at the same time: the compiled step
-            uses its plan and its room to work in again.
-        threads: Of the compiled step of a large mesh; None: as many as the process may use.
+        touching: Whether steps have contacts, which need many solutions each.
+        like: Stepper of another copy of the scene that never runs at the same time; the compiled step reuses
+            its plan and its buffers.
+        threads: Threads of the compiled step of a large mesh; None: as many as the process may use.
 
     Raises:
-        SceneError: no such solver, one that does not go with the backend, or kernels are not compiled here.
+        SceneError: the solver is unknown or does not fit the backend, or kernels are not compiled here.
     """
     actuators = actuators if actuators is not None else Actuators()
     chosen, compiled = linear_solver(solver), has_compiled_step(solver)
@@ -64,6 +64,6 @@ def make_stepper(
     return ScipyStepper(model, actuators, chosen)
 
 
-@cache  # once a process; Python's own once-a-place filter starts anew whenever a reader catches warnings
+@cache  # once per process; Python's own filter starts anew whenever warnings are caught
 def _say_that_the_slower_step_runs(reason: str) -> None:
     warnings.warn(f"the slower NumPy + SciPy step runs: {reason}", stacklevel=4)

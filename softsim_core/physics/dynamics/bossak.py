@@ -1,4 +1,4 @@
-r"""A step of second order with damping of high frequencies only: the method of Wood, Bossak and Zienkiewicz.
+r"""Second-order step that damps high frequencies only: the method of Wood, Bossak and Zienkiewicz.
 
 With h = dt, a the accelerations, and f all forces at the end of the step:
 
@@ -7,18 +7,19 @@ With h = dt, a the accelerations, and f all forces at the end of the step:
 
 with alpha = (r - 1) / (r + 1), gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4: the member of generalised-alpha
 that takes forces at the end of the step; r is the spectral radius at infinite frequency. Linearised once,
-it is an implicit Euler step of length p = h beta / gamma with other masses, start velocities and forces:
+it is an implicit Euler step of length p = h beta / gamma with other masses, initial velocities and forces:
 
 .. math:: v \to (v + h (\tfrac12 - \beta / \gamma) a) h / p, \quad M \to M p / s, \quad
     f \to f + M a ((1 - \gamma) (1 - \alpha) / \gamma - \alpha), \quad s = h \gamma / (1 - \alpha)
 
-so the steppers of implicit Euler do it. Damping takes the mean velocity of the step, and is of first order:
-the one at its end is a motion of places that the nodes have not reached, and would damp the turning of a
-body. Where no acceleration is known yet, it is that of an implicit Euler step that is taken back.
+The implicit Euler steppers therefore compute it. Damping uses the mean velocity of the step and is of first
+order; the velocity at its end belongs to positions that the nodes have not reached, and would damp the
+rotation of a body. Where no acceleration is known yet, it is taken from an implicit Euler step that is then
+taken back.
 
-A place that does not move, since a contact holds it, has velocities and accelerations that fall by r per step
-and change their sign: of the two numbers r is the double eigenvalue. So with r = 0 they are gone after two
-steps, and contacts hold still; see contact_step.
+A node that a contact holds in place has velocities and accelerations that decay by r per step with
+alternating sign, because r is their double eigenvalue. With r = 0 they vanish after two steps, and contacts
+come to rest; see contact_step.
 
 Sources: Wood, Bossak, Zienkiewicz 1980, An alpha modification of Newmark's method; Chung, Hulbert 1993.
 """
@@ -54,7 +55,7 @@ _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class _Start(NamedTuple):
-    """Velocities of nodes (n, 3) and of frames and joints (r,), and what acts."""
+    """Initial velocities of nodes (n, 3) and of frames and joints (r,), and the control."""
 
     velocities: Array
     reduced: Array
@@ -62,12 +63,12 @@ class _Start(NamedTuple):
 
 
 class BossakStepper(StepperAround):
-    """See the module.
+    """Advance by the second-order Bossak method through an implicit Euler stepper of modified masses and dt.
 
     Args:
-        euler: Implicit Euler of the model.
-        of_model: Makes implicit Euler of the same model with other masses and another dt.
-        spectral_radius: r, from 0 to 1: of the highest frequencies so much is left after each step.
+        euler: Implicit Euler stepper of the model.
+        of_model: Makes an implicit Euler stepper of the same model with other masses and another dt.
+        spectral_radius: r, from 0 to 1: factor by which each step scales the highest frequencies.
     """
 
     def __init__(
@@ -93,7 +94,10 @@ class BossakStepper(StepperAround):
         self._inertia = np.array([joint.inertia for joint in model.joints])
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
+        """Advance the state by one Bossak step, in place.
+
+        Where its accelerations are unknown, an implicit Euler step finds them first and is then taken back.
+        """
         if not self.goes_on(state):
             before = self._before
             before.copy_from(state)
@@ -104,23 +108,26 @@ class BossakStepper(StepperAround):
         return self._leave(report, state, start, control)
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> BossakFreeMotion:
-        """See Stepper; from a state whose accelerations are known."""
+        """Return the unconstrained Bossak step from a state whose accelerations are known."""
         start, damping = self._enter(state, control, parameters)
         motion = self._step.free_motion(state, start.control, damping)
         leave = partial(self._leave, start=start, control=control)
         return BossakFreeMotion(motion, self._before, self._length / self.model.dt, leave)
 
     def next_move(self, motion: BossakFreeMotion, complete: Callable[[BossakFreeMotion], object]) -> float:
-        """See IteratedStepper."""
+        """Return the largest node displacement of one more Newton iteration in [m]."""
         return self._step.next_move(motion.inner, lambda further: complete(motion.after(further)))
 
     def _enter(self, state: State, control: Control, parameters: Parameters) -> tuple[_Start, Parameters]:
-        """Make `state` the start of the implicit Euler step of other length; what that takes."""
+        """Make `state` the start of the implicit Euler step of other length.
+
+        Return its start and its damping.
+        """
         self._before.copy_from(state)
         start = self._start_of(self._before, control)
         state.velocities[:], state.reduced_velocities[:] = start.velocities, start.reduced
         length = self._length / self.model.dt
-        damping = replace(  # takes the mean velocity of the step
+        damping = replace(  # uses the mean velocity of the step
             parameters,
             materials=[_damped(each, length) for each in parameters.materials],
             rayleigh_stiffness=parameters.rayleigh_stiffness * length,
@@ -129,19 +136,19 @@ class BossakStepper(StepperAround):
         return start, damping
 
     def _leave(self, report: StepReport, state: State, start: _Start, control: Control) -> StepReport:
-        """Make `state`, the end of that step, the end of this one; what it tells."""
+        """Convert `state`, the end of that step, to the end of this one; return the report."""
         self._end(state, self._before, start)
         springs = self._stiffness * (control.targets - state.joint_positions)
         state.joint_efforts[self._compliant] = springs[self._compliant]
         return replace(report, top_speed=top_speed(self.model, state))
 
     def _start_of(self, before: State, control: Control) -> _Start:
-        """What the implicit Euler step of other length begins with."""
+        """Return the initial velocities and the control of the implicit Euler step of other length."""
         model, h = self.model, self.model.dt
         a, b = before.extra[ACCELERATION], before.extra[REDUCED_ACCELERATION]
         start = self._start * (before.velocities + self._drift * a)
         reduced = self._start * (before.reduced_velocities + self._drift * b)
-        if len(self._led):  # where a joint is led, its way and its acceleration are known
+        if len(self._led):  # displacement and acceleration of driven joints are known
             way = control.targets[self._led_joints] - before.joint_positions[self._led_joints]
             gains = (way / h - before.reduced_velocities[self._led]) * self._span / h
             reduced[self._led] = way / self._length - gains
@@ -158,7 +165,7 @@ class BossakStepper(StepperAround):
         return _Start(start, reduced, replace(control, targets=targets, forces=forces))
 
     def _end(self, state: State, before: State, start: _Start) -> None:
-        """Velocities and accelerations by what the step has changed."""
+        """Set velocities and accelerations from the changes in the step."""
         h, a, b = self.model.dt, state.extra[ACCELERATION], state.extra[REDUCED_ACCELERATION]
         a[:], b[:] = before.extra[ACCELERATION], before.extra[REDUCED_ACCELERATION]
         change, turn = state.velocities - start.velocities, state.reduced_velocities - start.reduced
@@ -174,15 +181,15 @@ class BossakStepper(StepperAround):
             a[self._held] = 0.0
 
     def goes_on(self, state: State) -> bool:
-        """Whether accelerations are known."""
+        """Return whether accelerations are known."""
         return any(state.extra[name].any() for name in (ACCELERATION, REDUCED_ACCELERATION))
 
     def forget_acceleration(self, state: State) -> None:
-        """Something was hit: the next step begins anew."""
+        """Discard the accelerations after an impact: the next step starts anew."""
         state.extra[ACCELERATION][:] = state.extra[REDUCED_ACCELERATION][:] = 0.0
 
     def take_back(self, state: State, before: State) -> None:
-        """Back to `before`, but for how an implicit Euler step has accelerated from there to `state`."""
+        """Restore `before`, but with the accelerations of the implicit Euler step from there to `state`."""
         h = self.model.dt
         acceleration = (state.velocities - before.velocities) / h
         acceleration[self._held] = 0.0
@@ -193,13 +200,13 @@ class BossakStepper(StepperAround):
 
 
 class BossakFreeMotion:
-    """See FreeMotion: that of the implicit Euler step of other length, at its end turned into this one's.
+    """Unconstrained Bossak step, converted from the implicit Euler step of another length.
 
     Args:
-        inner: That of the other step.
-        before: The state at the start.
-        ratio: Length of the other step as a part of this one's.
-        leave: Turns its end into this one's.
+        inner: Unconstrained motion of the other step.
+        before: State at the start.
+        ratio: Length of the other step divided by the length of this one.
+        leave: Converts the end of the other step to that of this one.
 
     Attributes:
         inner: As given.
@@ -219,37 +226,43 @@ class BossakFreeMotion:
 
     @property
     def defect(self) -> Array | None:
-        """See FreeMotion."""
+        """Row velocities in [m/s] that the approximate compliance left out, shape (r,); None: it is exact."""
         left = self.inner.defect
         return None if left is None else self._ratio * left
 
     def compliance(self, rows: Rows) -> Array:
-        """See FreeMotion; in places per force and dt^2."""
+        """Return the compliance of the rows in [1/kg], shape (c + r, c + r).
+
+        It is a displacement per force and dt^2.
+        """
         return self._ratio**2 * self.inner.compliance(rows)
 
     def correct(self, impulses: Array) -> StepReport:
-        """See FreeMotion; impulses are forces at the end of the step times dt."""
+        """Add the effect of impulses on the rows to the free motion, in place.
+
+        An impulse is the force at the end of the step times dt.
+        """
         return self._leave(self.inner.correct(self._ratio * impulses), self.state)
 
     def wants_more(self) -> bool:
-        """See IteratedFreeMotion."""
+        """Return whether another Newton iteration should follow."""
         return self.inner.wants_more()
 
     def strays(self) -> bool:
-        """See IteratedFreeMotion."""
+        """Return whether this iteration moved a node farther than the one before."""
         return self.inner.strays()
 
     def again(self, state: State) -> BossakFreeMotion:
-        """See IteratedFreeMotion."""
+        """Return the next Newton iteration, started from where this one ended."""
         return self.after(self.inner.again(state))
 
     def after(self, further: IteratedFreeMotion) -> BossakFreeMotion:
-        """This one of a further iteration."""
+        """Return the Bossak motion of a further iteration."""
         return BossakFreeMotion(further, self.before, self._ratio, self._leave)
 
 
 class _RegionNodes:
-    """The nodes of all regions that move, and their velocities by those of frames and joints."""
+    """Nodes of all moving regions, and their velocities from those of frames and joints."""
 
     def __init__(self, model: Model) -> None:
         self._model = model
@@ -260,7 +273,7 @@ class _RegionNodes:
         self._region = np.repeat(np.arange(len(model.regions)), [len(each.nodes) for each in model.regions])
 
     def rates(self, state: State, reduced: Array) -> Array:
-        """Rates (c, k, 3) of the k nodes by rates (c, r) of frames and joints."""
+        """Return rates (c, k, 3) of the k nodes from rates (c, r) of frames and joints."""
         motion = self._model.motion_subspace(state)
         moved_by = reduced[:, None, :] * self._moved_by
         spins = (moved_by @ motion.angular)[:, self._region]
@@ -269,12 +282,12 @@ class _RegionNodes:
 
 
 def _damped(values: dict[str, float], factor: float) -> dict[str, float]:
-    """Values of a law by name, with so many times its damping, if it has any."""
+    """Return values of a law by name, with its damping, if any, times a factor."""
     damping = values.get(DAMPING.name)
     return {**values, DAMPING.name: factor * damping} if damping else values
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross products along the last axis; faster than NumPy's for a few vectors."""
+    """Return cross products along the last axis; faster than NumPy's for a few vectors."""
     left, right = a.take(_NEXT, -1) * b.take(_LAST, -1), a.take(_LAST, -1) * b.take(_NEXT, -1)
     return np.asarray(left - right)

@@ -1,16 +1,16 @@
-"""The step with contacts and free rigid bodies, around the one of nodes, joints and actuators.
+"""Step with contacts and free rigid bodies, around the step of nodes, joints and actuators.
 
-1. the step as if nothing touched;
+1. unconstrained step (without contact);
 2. rows H and gaps g of all contacts, linearised about the start of the step;
 3. compliance C = h^2 H A^-1 H^T in [m/N] of actuators and contacts, rigid bodies included;
-4. forces f so that g + C f keeps every actuator's coordinate and every contact's cone;
+4. forces f for which g + C f satisfies every actuator's coordinate and every contact's law;
 5. the velocities that the change of h f adds to the free motion;
-6. the true shapes at the end: where surfaces are nearer than they may be, or something has passed a surface
-   on its way, again from 2, linearised about where that led, or about the last place before the passing.
+6. the true shapes at the end: where surfaces are closer than allowed, or something has passed through a
+   surface, repeat from 2, linearised about that end, or about the last configuration before the passing.
 
-Steps of second order have their free motions, and contacts act at their ends. As long as something is held,
-they damp high frequencies most, r = 0 (see bossak), and a step in which something is struck is one of
-implicit Euler: what an impact does to accelerations is forgotten.
+Second-order steps have their own free motions, and contacts act at their ends. While a contact is active,
+they damp high frequencies most, r = 0 (see bossak). A step with an impact is one of implicit Euler, because
+the effect of an impact on accelerations must be discarded.
 
 Source: Duriez et al. 2006, Realistic haptic rendering of interacting deformable objects (constraint-based).
 """
@@ -36,33 +36,33 @@ from softsim_core.physics.dynamics.stepper import StepperAround
 from softsim_core.physics.mechanics import HOLDING, Control, Parameters, RigidBodies, State, no_warm_start
 
 MOST_PASSES = 10
-"""Times that the contacts of a step are solved at most."""
+"""Largest number of times that the contacts of a step are solved."""
 RUNAWAY_SIZES = 100.0
-"""What goes farther than this many times the size of the scene within one step has run away."""
+"""A displacement within one step of more than this many sizes of the scene counts as a runaway."""
 MOST_ROUNDS = 10
-"""Solutions of the contacts of a pass at most, where what forces do is known approximately only."""
+"""Largest number of contact solutions per pass where the response to forces is approximate."""
 
 _SHORT = 0.95
-"""Share of the way to the first passing at which contacts are linearised anew."""
+"""Share of the motion up to the first passing at which contacts are linearised anew."""
 _FreeMotion = IteratedFreeMotion | BossakFreeMotion
 _NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
 
 
 def runaway_speed(size: float, dt: float) -> float:
-    """Speed in [m/s] from which on what is in a scene of `size` [m] has run away in steps of `dt` [s]."""
+    """Return the speed in [m/s] that counts as a runaway in a scene of `size` [m] with steps of `dt` [s]."""
     return RUNAWAY_SIZES * size / dt
 
 
 class Pass(NamedTuple):
-    """What one solution of the contacts of a step led to.
+    """Result of one solution of the contacts of a step.
 
     Attributes:
         touching: The contacts.
-        solution: Their forces; those of actuators are left out.
-        report: Of the step.
-        end: The end of the step.
-        near: What is close there.
-        room: Share of the way on which nothing passes a surface, and the smallest gap at the end in [m].
+        solution: Their forces, without those of actuators.
+        report: Report of the step.
+        end: Configuration at the end of the step.
+        near: Contacts there.
+        room: Share of the motion without passing through a surface, and the smallest gap at the end in [m].
         values: State.buffer at the end.
     """
 
@@ -76,32 +76,32 @@ class Pass(NamedTuple):
 
 
 class Stopwatch:
-    """Times of parts in [ms]; a part that is timed again is added up."""
+    """Times of stages in [ms]; repeated stages are added up."""
 
     def __init__(self) -> None:
         self.times: dict[str, float] = {}
         self._last = perf_counter()
 
     def mark(self, part: str) -> None:
-        """Everything since the mark before was `part`."""
+        """Attribute the time since the last mark to `part`."""
         now = perf_counter()
         self.times[part] = self.times.get(part, 0.0) + 1e3 * (now - self._last)
         self._last = now
 
     def stages(self) -> dict[str, float]:
-        """Of a step with contacts: `detect`, `contact`, and the parts of that."""
+        """Return the stages of a step with contacts: `detect`, `contact`, and the parts of the latter."""
         parts = {part: self.times.get(part, 0.0) for part in ("compliance", "forces", "correct")}
         return {"detect": self.times.get("detect", 0.0), "contact": sum(parts.values()), **parts}
 
 
 class ContactStepper(StepperAround):
-    """A step with rigid bodies and contacts around one without.
+    """Step with rigid bodies and contacts around one without.
 
     Args:
-        inner: The step of nodes, joints and actuators; contacts hold in each of its iterations.
-        collisions: What may touch; None: nothing.
-        smooth: Steps of second order: one while nothing holds what deforms, joints or actuators, and one
-            while something does; None: all steps are those of `inner`.
+        inner: Step of nodes, joints and actuators; contacts are solved in each of its iterations.
+        collisions: Collision surfaces; None: there are none.
+        smooth: Second-order steppers: one for steps without active contacts on deformable bodies, joints or
+            frames, and one for steps with them; None: all steps are those of `inner`.
     """
 
     def __init__(
@@ -114,10 +114,13 @@ class ContactStepper(StepperAround):
         self._iterated = inner
         self._collisions, self._smooth = collisions, smooth
         self._start, self._free = inner.model.empty_state(), inner.model.empty_state()
-        self._holding: IndexArray = np.zeros(0, np.int64)  # keys of what holds more than rigid bodies
+        self._holding: IndexArray = np.zeros(0, np.int64)  # keys of active contacts on more than rigid bodies
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
+        """Advance the state by one dt with contact, in place.
+
+        The second-order step is repeated as an iterated implicit Euler step where a new contact began in it.
+        """
         if self._smooth is None:
             return self._advance(self._iterated, state, control, parameters)
         smooth, start = self._smooth[int(state.extra[HOLDING][0])], self._start
@@ -136,15 +139,15 @@ class ContactStepper(StepperAround):
         return report
 
     def _has_struck(self, start: State) -> bool:
-        """Whether something holds at the end of the step that did not at its start."""
+        """Return whether a contact is active at the end of the step that was not active at its start."""
         held = start.warm_start[start.warm_start[:, 1:].any(axis=1), 0]
         return not bool(np.isin(self._holding, held).all())
 
     def _advance(
         self, inner: IteratedStepper | BossakStepper, state: State, control: Control, parameters: Parameters
     ) -> StepReport:
-        """One step around that of `inner`, with its iterations."""
-        free: Any = inner.free_motion(state, control, parameters)  # inner's own kind, as next_move takes it
+        """Advance by one step around that of `inner`, with its iterations."""
+        free: Any = inner.free_motion(state, control, parameters)  # of inner's own type, for next_move
         complete = partial(self._complete, control=control)
         done = complete(free)
         while free.wants_more():
@@ -156,7 +159,7 @@ class ContactStepper(StepperAround):
         return replace(done, estimate=partial(inner.next_move, free, complete))
 
     def _complete(self, free: _FreeMotion, control: Control) -> StepReport:
-        """Move rigid bodies and solve the contacts."""
+        """Move the rigid bodies and solve the contacts."""
         model, collisions, state = self.model, self._collisions, free.state
         report, before = free.report, free.before
         if model.rigid.names:
@@ -178,10 +181,10 @@ class ContactStepper(StepperAround):
         control: Control,
         collisions: CollisionModel,
     ) -> StepReport:
-        """Solve the contacts of a step, linearised again until the true shapes have room at its end.
+        """Solve the contacts of a step, linearised again until the true shapes have enough clearance.
 
-        Where MOST_PASSES do not do, the end that leaves most room counts, and where something has passed a
-        surface even so, all stands still at the last place before that for the rest of the step.
+        If MOST_PASSES do not suffice, the end with the largest gap counts. If something has passed a surface
+        nevertheless, everything rests at the last position before that for the remaining step.
         """
         watch, state, before = Stopwatch(), motion.state, motion.before
         self._free.copy_from(state)
@@ -208,7 +211,7 @@ class ContactStepper(StepperAround):
             near = collisions.at_end(end)
             room = (collisions.free_share(start, end), collisions.room(near))
             if collisions.held_astray(touching.near, solution.forces, place, end):
-                room = (room[0], -math.inf)  # of no worth, whatever room it leaves
+                room = (room[0], -math.inf)  # unusable, whatever its clearance
             if best is None or room > best.room:
                 best = Pass(touching, solution, reached, end, near, room, state.buffer.copy())
             if room >= (1.0, collisions.least_gap):
@@ -233,7 +236,7 @@ class ContactStepper(StepperAround):
         )
 
     def _cut(self, best: Pass, state: State, collisions: CollisionModel, start: Place) -> Pass:
-        """Let all stand where it is before something passes, with the velocities of the step's end."""
+        """Stop everything before something passes through a surface, with the velocities of the end."""
         place = collisions.between(start, best.end._replace(state=state), _SHORT * best.room[0])
         for name in ("velocities", "reduced_velocities", "rigid_velocities"):
             setattr(place.state, name, getattr(state, name))
@@ -251,12 +254,12 @@ class ContactStepper(StepperAround):
         warm_start: Array,
         watch: Stopwatch,
     ) -> tuple[StepReport, ContactSolution]:
-        """Find the forces and add what they do to the free motion; the step's report, and the forces.
+        """Find the contact forces and add their effect to the free motion; return the report and the forces.
 
-        Of the solution, the multipliers of actuators are left out.
+        The multipliers of actuators are left out of the returned solution.
         """
         model, h, state, before = self.model, self.model.dt, motion.state, motion.before
-        reaches = len(touching.rows.place) > 0  # what is not rigid
+        reaches = len(touching.rows.place) > 0  # some contacts act on more than rigid bodies
         acting = len(self.actuators) if reaches else 0
         compliance = np.zeros((len(touching.gap),) * 2)
         kept = self.actuators.kept_in(before, control)
@@ -270,7 +273,7 @@ class ContactStepper(StepperAround):
         gap = np.append(motion.violations[:acting], touching.gap)
         gap -= compliance[:, :acting] @ multipliers
         first = np.append(multipliers, touching.first_forces(warm_start))
-        wrong = np.zeros_like(gap)  # how far rows end from where the compliance takes them
+        wrong = np.zeros_like(gap)  # error of the approximate compliance in each row
         for _ in range(MOST_ROUNDS):
             solution = solve_contacts(
                 compliance,
@@ -305,7 +308,7 @@ class ContactStepper(StepperAround):
 
 
 def _holding(done: Pass) -> IndexArray:
-    """Keys of the contacts with a force on what deforms, joints or frames."""
+    """Return the keys of contacts with a force on deformable bodies, joints or frames."""
     touching = done.touching
     reaches = np.diff(touching.rows.start)[::3] > 0
     pressed = done.solution.forces.reshape(-1, 3).any(axis=1)
@@ -313,7 +316,7 @@ def _holding(done: Pass) -> IndexArray:
 
 
 def _faster(report: StepReport, state: State, rigid: RigidBodies) -> StepReport:
-    """The report with the larger of its top speed and those of the rigid bodies in [m/s]; keeps NaN."""
+    """Return the report with a top speed in [m/s] that includes the rigid bodies; NaN stays NaN."""
     speeds = np.abs(state.rigid_velocities)
     speeds[:, 3:] *= rigid.gyration[:, None]
     speed = float(speeds.max(initial=0.0))
@@ -325,7 +328,7 @@ def _faster(report: StepReport, state: State, rigid: RigidBodies) -> StepReport:
 
 
 def _measure(done: Pass, collisions: CollisionModel, passes: int) -> ContactReport:
-    """What touched, measured at the end of the step."""
+    """Return the contacts of the step, measured at its end."""
     touching, solution, near, points = done.touching, done.solution, done.near, done.end.points
     settings = collisions.settings
     gaps, others = measured_gaps(

@@ -1,44 +1,46 @@
-r"""More Newton iterations of an implicit Euler step, and how bodies turn as a whole within one.
+r"""Further Newton iterations of an implicit Euler step, and the rotation of whole bodies within one.
 
-Damping per stiffness is of the strains that change: a turning of the body changes none. Over a step of h that
-turns a body by the rotation R the nodes at x move by (R - I) x, and the velocity (R - I) x / h has, taken for
-a rate of strain, the contraction
+Stiffness-proportional damping acts on changing strains, and a rotation of the body changes none. In a step of
+h that rotates a body by R, the nodes at x move by (R - I) x. The velocity (R - I) x / h, taken as a strain
+rate, has the contraction
 
 .. math:: \frac{\cos a - 1}{h} \approx -\frac{a^2}{2 h} = -\frac{h \omega^2}{2}
 
-so that K v would stretch the body by :math:`r_K h \omega^2 / 2`, and the stiffness within a linearised step
-by :math:`h^2 \omega^2 / 2`. Iterated steps take the way of the nodes less the turning of their body.
+so K v would stretch the body by :math:`r_K h \omega^2 / 2`, and the stiffness within a linearised step by
+:math:`h^2 \omega^2 / 2`. Iterated steps use the displacement of the nodes without the rotation of their body.
 
-A step that is linearised once does so for bodies that nothing holds, of laws with a potential. It adds the
-force -lag K v to the right-hand side. K of stressed elements answers a rotation w of the body with the
-turning of its forces, K (w x r) = -w x f: to first order right, but taken where the body was, which brakes
-the spin of a free body by (h w)^2 per step. All other bodies keep K v as the reference simulator has it, and
-are dilated as above; see StepReport.dilation.
+A step that is linearised once does the same for bodies without fixed nodes and of laws with a potential. It
+adds the force -lag K v to the right-hand side. K of stressed elements responds to a rotation w of the body
+with the rotation of its forces, K (w x r) = -w x f. That is right to first order, but evaluated at the start
+of the step, which slows the spin of a free body by (h w)^2 per step. All other bodies use K v as the
+reference simulator does, and are dilated as above; see StepReport.dilation.
 
-From nodes x and velocities v at the start of a step of h the nonlinear step asks, at its end,
+From nodes x and velocities v at the start of a step of h, the nonlinear step requires at its end
 
 .. math:: M (v^+ - v) + h\, r_M M v^+ + h\, r_K K(x^+) v^+ = h\, f(x^+), \qquad x^+ = x + h v^+ .
 
-A step of `Stepper` is the first Newton iteration, about x. Where iterations have come to x_k, with
+A step of `Stepper` is the first Newton iteration, about x. Where iterations have reached x_k, with
 v_k = (x_k - x) / h, the next one solves for y = v^+ - v_k, about x_k:
 
 .. math:: ((1 + h r_M) M + h (h + r_K) K(x_k))\, y = h f(x_k) - M (v_k - v) - h\, r_M M v_k - h\, r_K K v_k .
 
-That is the step of the same stepper from x_k at rest under further forces, so that contacts, actuators and
-what cells keep between linear solves go through it as through any step. Contacts are solved anew in each.
-Each has about the square of the error of the one before, in [m] per size of the body; with damping per
-stiffness, whose K follows x without a derivative, a share of it that grows with r_K / h.
+This is a step of the same stepper from x_k at rest under additional forces, so that contacts, actuators and
+the stress that cells take from the last linear solve are handled as in any step. Contacts are solved anew in
+each iteration. The error of an iteration is about the square of the previous one, in [m] per size of the
+body; with stiffness-proportional damping, whose K follows x without a derivative, it is a share of the
+previous one that grows with r_K / h.
 
-In all of these r_K K takes the way x^+ - x less the turning of the body as a whole, see below: a
-turning is no strain. Only steps of one iteration damp K v^+ as it is, as the reference simulator does.
+In all of these, r_K K acts on the displacement x^+ - x without the rotation of the body as a whole. Only
+steps of one iteration damp K v^+ as it is, as the reference simulator does.
 
-What is stiff along itself and bends easily, as layers, fibres and rods, has the damping force
+Cells that are axially stiff and flexible in bending, such as layers, fibres and rods, have the damping force
 
 .. math:: \frac{r_K}{h} \bigl(f(x^+) - f(x)\bigr)
 
-instead, to first order the same, with x turned as the body. K v would take a turning of a part by the angle
-a within the step for a strain of a^2 / 2, which outweighs all bending; and here K has the derivative of all.
-What the law of rods damps takes the change of the strains from x to x^+ in the same way.
+instead, which is the same to first order, with x rotated with the body. K v would treat a rotation of a part
+by the angle a within the step as a strain of a^2 / 2, which outweighs all bending; and here K has the
+derivative of all terms. The damping of the rods' law uses the change of the strains from x to x^+ in the same
+way.
 """
 
 from __future__ import annotations
@@ -72,10 +74,12 @@ from softsim_core.physics.mechanics import (
 
 
 class FreeTurning:
-    """The bodies of a model, and those whose nodes are all free, of laws with a potential.
+    """Bodies of a model, divided into freely rotating ones and others.
+
+    A freely rotating body has no fixed nodes and only laws with a potential.
 
     Attributes:
-        bodies: Nodes of each of the latter, shape (k,).
+        bodies: Nodes of each freely rotating body, shape (k,).
         held: Nodes of each of the others, shape (k,).
     """
 
@@ -95,12 +99,12 @@ class FreeTurning:
         self.held = [own for body, own in every.items() if body in held]
 
     def lagging(self, state: State, control: Control, share: float) -> Array:
-        """The velocities (n, 3) that a step takes K by, with a `share` of those that are carried."""
+        """Return the velocities (n, 3) by which a step multiplies K, plus a `share` of `control.carried`."""
         result = self._without_turning(state.positions, state.velocities)
         return result if control.carried is None else np.asarray(result + share * control.carried)
 
     def turned(self, places: Array, onto: Array) -> Array:
-        """Places (n, 3) in [m] with bodies turned and moved as a whole to how they lie at others (n, 3)."""
+        """Return places (n, 3) in [m] with each body moved rigidly to fit its position in `onto` (n, 3)."""
         result = places.copy()
         for own in (*self.bodies, *self.held):
             centre, middle, rotation = self._fitted(own, places, onto)
@@ -108,12 +112,12 @@ class FreeTurning:
         return result
 
     def dilation(self, before: Array, after: Array) -> float:
-        """Largest a^2 / 2 of the held bodies, which turn by a between places (n, 3) in [m]."""
+        """Return the largest a^2 / 2 of the held bodies, which turn by a between places (n, 3) in [m]."""
         turns = [self._fitted(own, before, after)[2] for own in self.held]
         return max((0.5 * (3.0 - float(np.trace(turn))) for turn in turns), default=0.0)
 
     def _fitted(self, own: Array, places: Array, onto: Array) -> tuple[Array, Array, Array]:
-        """Centres of mass (3,) of a body at both places, and how it has turned: x R, for arms x (k, 3)."""
+        """Return a body's centres of mass (3,) at both places, and its rotation R: x R for arms x (k, 3)."""
         mass = self._mass[own, None]
         centre, middle = ((mass * each[own]).sum(axis=0) / mass.sum() for each in (places, onto))
         u, _, vt = np.linalg.svd((mass * (places[own] - centre)).T @ (onto[own] - middle))
@@ -121,7 +125,7 @@ class FreeTurning:
         return centre, middle, u @ vt
 
     def _without_turning(self, positions: Array, velocities: Array) -> Array:
-        """Velocities (n, 3) in [m/s] less the turning of free bodies about their centres of mass."""
+        """Return velocities (n, 3) in [m/s] without the rotation of free bodies about their centres."""
         if not self.bodies:
             return velocities
         result = velocities.copy()
@@ -149,19 +153,20 @@ _RIGID = ("rigid_positions", "rigid_rotations", "rigid_velocities")
 
 
 class IteratedStepper(StepperAround):
-    """See the module.
+    """Advance by up to `most` Newton iterations of an implicit Euler step.
 
     Args:
-        inner: Implicit Euler, linearised once.
-        most: Iterations at most, >= 1.
-        tolerance: No more are made once one has moved no node farther than this, in [m]. One that moves a
-            node farther than the one before did is taken back, and the last.
+        inner: Implicit Euler stepper, linearised once.
+        most: Largest number of iterations, >= 1.
+        tolerance: Iterations stop once one has moved no node farther than this, in [m]. An iteration that
+            moves a node farther than the one before did is taken back and is the last.
 
     Attributes:
         inner, most, tolerance: As given.
-        begun: Steps so far.
-        before, reached: The state at the start of the step, and the one that the newest iteration is about.
-        kept: That one as it was, with velocities as the step has them.
+        begun: Number of steps so far.
+        before: State at the start of the step.
+        reached: State about which the newest iteration is linearised.
+        kept: Copy of that state with the velocities of the step, to restore it.
     """
 
     def __init__(self, inner: Stepper, most: int = 1, tolerance: float = 0.0) -> None:
@@ -177,7 +182,7 @@ class IteratedStepper(StepperAround):
         self._led = np.setdiff1d(np.arange(len(model.joints)), others)
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
+        """Advance the state by one dt with up to `most` Newton iterations, in place."""
         if self.most > 1:
             motion = self.free_motion(state, control, parameters)
             while motion.wants_more():
@@ -193,7 +198,7 @@ class IteratedStepper(StepperAround):
         return report
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> IteratedFreeMotion:
-        """See Stepper."""
+        """Return the unconstrained motion of the first Newton iteration."""
         self._begin(state)
         motion = self.inner.free_motion(state, control, parameters)
         return IteratedFreeMotion(self, motion, state, control, parameters)
@@ -205,17 +210,17 @@ class IteratedStepper(StepperAround):
     def next_move(
         self, motion: IteratedFreeMotion, complete: Callable[[IteratedFreeMotion], object] | None = None
     ) -> float:
-        """How far in [m] another iteration would move a node at most; NaN once another step has begun.
+        """Return the largest node displacement of one more iteration in [m]; NaN once another step has begun.
 
         Args:
             motion: The last iteration.
-            complete: What has to be done to an iteration, such as to let contacts hold.
+            complete: Completes an iteration, for example by solving the contacts.
         """
         if motion.begun != self.begun:
             return math.nan
         trial = self._trial
         trial.copy_from(motion.state)
-        if (trial.base_positions != self.before.base_positions).any():  # moved since, and the body with it
+        if (trial.base_positions != self.before.base_positions).any():  # the base was moved since
             trial.base_positions[:] = self.before.base_positions
             self.model.place_regions(trial)
         start = trial.positions.copy()
@@ -225,20 +230,23 @@ class IteratedStepper(StepperAround):
         return farthest(start, trial.positions)
 
     def dilation(self, begun: int, state: State, parameters: Parameters) -> float:
-        """See StepReport: after the first iteration of the step `begun`, which led to a state."""
+        """Return the largest spurious strain that turning adds to a body in the first iteration.
+
+        NaN if the stepper has begun another step than number `begun` since.
+        """
         if begun != self.begun:
             return math.nan
         strain = self._turning.dilation(self.before.positions, state.positions)
         return strain * (1.0 + parameters.rayleigh_stiffness / self.model.dt)
 
     def _move_after(self, begun: int, state: State, control: Control, parameters: Parameters) -> float:
-        """The same after a step that was no more than one iteration."""
+        """Return `next_move` after a step of a single iteration."""
         if begun != self.begun:
             return math.nan
         return self.next_move(IteratedFreeMotion(self, None, state, control, parameters))
 
     def about(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """The step that is the next iteration about `state`."""
+        """Return the unconstrained step that is the next iteration about `state`."""
         model, h, before, reached, start = self.model, self.model.dt, self.before, self.reached, self._start
         reached.copy_from(state)
         self._set_rates(reached)
@@ -255,7 +263,7 @@ class IteratedStepper(StepperAround):
                 forces += h / (h + damping) * damping * answer
             forces += damping * self._strained(parameters, straining)
             viscous = viscosity_matrix(model, reached, parameters)
-            if viscous is not None:  # that of rods' laws takes the strains that have changed, see the module
+            if viscous is not None:  # damping of the rods' laws uses the strains' change
                 forces += damping / (h + damping) * (viscous @ straining.ravel()).reshape(-1, 3)
         dragging = viscous_forces(model, before.positions, reached.positions, parameters, h)
         if dragging is not None:
@@ -269,9 +277,9 @@ class IteratedStepper(StepperAround):
         return self.inner.free_motion(start, control, parameters)
 
     def _strain_rates(self, reached: State) -> Array:
-        """Velocities (n, 3) in [m/s] over the step, less the motion of bodies as a whole."""
+        """Return velocities (n, 3) in [m/s] over the step, without the rigid motion of the bodies."""
         begun = self.before.positions
-        if reached.base_shift[0] != self.before.base_shift[0]:  # bases are re-placed, not moved
+        if reached.base_shift[0] != self.before.base_shift[0]:  # bases are placed anew, not moved
             trial = self._trial
             trial.copy_from(self.before)
             trial.base_shift[:] = reached.base_shift
@@ -281,9 +289,9 @@ class IteratedStepper(StepperAround):
         return np.asarray((reached.positions - turned) / self.model.dt)
 
     def _strained(self, parameters: Parameters, straining: Array) -> Array:
-        """(f(x_k) - f(x)) / h + K v in [N/s] of layers, fibres and rods about `reached`, shape (n, 3).
+        """Return (f(x_k) - f(x)) / h + K v in [N/s] of layers, fibres and rods about `reached`, shape (n, 3).
 
-        K v is what the step takes off; f(x) turns with the bodies.
+        The step subtracts K v again; f(x) rotates with the bodies.
         """
         at, result = self.reached.positions, np.zeros_like(straining)
         begun = at - self.model.dt * straining
@@ -297,7 +305,7 @@ class IteratedStepper(StepperAround):
         return result
 
     def take(self, state: State, end: State, control: Control) -> None:
-        """Write the end of an iteration into `state`; rigid bodies are left as they are."""
+        """Write the end of an iteration into `state`, without the rigid bodies."""
         for name in _TAKEN:
             getattr(state, name)[:] = getattr(end, name)
         if MOVED in state.extra:
@@ -308,7 +316,7 @@ class IteratedStepper(StepperAround):
         state.joint_efforts[self._compliant] = springs[self._compliant]
 
     def _set_rates(self, state: State) -> None:
-        """Velocities by the way from the start of the step to the places of a state."""
+        """Set velocities from the displacements since the start of the step."""
         model, h, before = self.model, self.model.dt, self.before
         free = model.free_nodes
         state.velocities[free] = (state.positions[free] - before.positions[free]) / h
@@ -324,25 +332,25 @@ class IteratedStepper(StepperAround):
         return state.reduced_velocities[6 * len(self.model.frame_names) :]
 
     def _gains(self, state: State) -> Array:
-        """What the inertia of each joint has taken up since the start, in [N m] or [N], shape (j,)."""
+        """Return the inertial effort of each joint since the step's start in [N m] or [N], shape (j,)."""
         gained = self._joint_rates(state) - self._joint_rates(self.before)
         return np.asarray(self._inertia * gained / self.model.dt)
 
 
 class IteratedFreeMotion:
-    """See FreeMotion: one of an iteration, and what leads to the next.
+    """Unconstrained motion of one Newton iteration, from which the next one can start.
 
     Args:
-        stepper: What it belongs to.
-        motion: The step that the iteration is; None: one that is over.
-        state: What it is written into.
-        control, parameters: Of the step.
-        earlier: The iteration before; None: this is the first.
+        stepper: Stepper of the iteration.
+        motion: Unconstrained step of the iteration; None: the iteration is over.
+        state: State that it is written into.
+        control, parameters: Control and parameters of the step.
+        earlier: The previous iteration; None: this is the first.
 
     Attributes:
-        count: How many iterations there have been.
-        begun: Which step of the stepper it is.
-        moved: How far in [m] it has moved a node at most; set by `wants_more` and `strays`.
+        count: Number of iterations so far.
+        begun: Number of the stepper's step.
+        moved: Largest node displacement of the iteration in [m]; set by `wants_more`.
     """
 
     def __init__(
@@ -369,20 +377,21 @@ class IteratedFreeMotion:
 
     @property
     def defect(self) -> Array | None:
-        """See FreeMotion."""
+        """Row velocities in [m/s] that the approximate compliance left out, shape (r,); None: it is exact."""
         return None if self._motion is None else self._motion.defect
 
     def wants_more(self) -> bool:
-        """Whether a further iteration is to follow; `state` is where this one has led."""
+        """Return whether another iteration should follow; `state` is the end of this one."""
         if self.count >= self._stepper.most:
             return False
         self.moved = farthest(self._from, self.state.positions)
         return self.moved > self._stepper.tolerance
 
     def strays(self) -> bool:
-        """Whether it has led farther away; then `state` is again what it was before this iteration.
+        """Return whether this iteration moved farther than the last; then restore `state` from before it.
 
-        The second iteration may find little where a third one finds twice as much, and all further ones less.
+        The third iteration may move twice as far, because the second one may find little where the third
+        finds more. Further iterations must be shorter.
         """
         moved = farthest(self._from, self.state.positions)
         if moved <= max(self._last * (2.0 if self.count == 3 else 1.0), self._stepper.tolerance):
@@ -391,9 +400,9 @@ class IteratedFreeMotion:
         return True
 
     def again(self, state: State) -> IteratedFreeMotion:
-        """The next iteration, about where `state` is, written into it.
+        """Return the next iteration, about `state` and written into it.
 
-        As far as it is not what touches, and rigid bodies as the step found them.
+        Contacts are not included, and rigid bodies are as at the start of the step.
         """
         stepper, control = self._stepper, self._control
         stepper.kept.copy_from(state)
@@ -405,12 +414,12 @@ class IteratedFreeMotion:
         return IteratedFreeMotion(stepper, motion, state, control, self._parameters, self)
 
     def compliance(self, rows: Rows) -> Array:
-        """See FreeMotion."""
+        """Return the compliance H A^-1 H^T of actuators and rows in [1/kg], shape (c + r, c + r)."""
         assert self._motion is not None
         return self._motion.compliance(rows)
 
     def correct(self, impulses: Array) -> StepReport:
-        """See FreeMotion."""
+        """Add the effect of impulses [N s] on the rows to this iteration's free motion, in place."""
         assert self._motion is not None
         report = self._motion.correct(impulses)
         if self.count > 1:
@@ -431,5 +440,5 @@ class IteratedFreeMotion:
 
 
 def farthest(before: Array, after: Array) -> float:
-    """Largest distance in [m] between places (n, 3); NaN if one is."""
+    """Return the largest distance in [m] between places (n, 3); NaN if a place is NaN."""
     return float(np.sqrt(((after - before) ** 2).sum(axis=1).max(initial=0.0)))

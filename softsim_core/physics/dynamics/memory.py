@@ -15,34 +15,34 @@ from softsim_core.physics.mechanics import Control, Model, Parameters, State, he
 
 
 class Relaxation(Protocol):
-    """See fem.prony."""
+    """Viscoelastic memory of one group of cells, advanced as in fem.prony."""
 
     def hold(self, p: Array, memory: Array, held: Array, h: float) -> None:
-        """Put into `held` what is held in a step of h [s]; see fem.prony.held_stress."""
+        """Write the stress that is known in a step of h [s] into `held`; see fem.prony.held_stress."""
         ...
 
     def remember(self, p: Array, memory: Array, positions: Array, h: float) -> None:
-        """See fem.prony.remember."""
+        """Advance `memory` in place after a step of h [s] to node positions (n, 3)."""
         ...
 
 
 class PlainRelaxation:
-    """In NumPy, of any law."""
+    """Viscoelastic memory of a group of any law, in NumPy."""
 
     def __init__(self, group: ElementGroup) -> None:
         self._group = group
 
     def hold(self, p: Array, memory: Array, held: Array, h: float) -> None:
-        """See Relaxation."""
+        """Write the stress H that is known at the start of a step of h [s] into `held`."""
         held[:] = held_stress(self._group, p, memory, h)
 
     def remember(self, p: Array, memory: Array, positions: Array, h: float) -> None:
-        """See Relaxation."""
+        """Advance `memory` in place after a step of h [s] to node positions (n, 3)."""
         remember(self._group, p, memory, positions, h)
 
 
 def relaxation(group: ElementGroup, compiled: bool) -> Relaxation:
-    """That of a group, by kernels where the step is `compiled` and its law has them."""
+    """Return the relaxation of a group, by kernels where the step is `compiled` and its law has them."""
     if compiled and len(group.cells):
         from softsim_core.physics.dynamics.numba_backend.cells import RelaxingCells, compiled_law
 
@@ -52,22 +52,22 @@ def relaxation(group: ElementGroup, compiled: bool) -> Relaxation:
 
 
 def relaxing_groups(model: Model) -> list[tuple[int, ElementGroup]]:
-    """Groups of a relaxing law, with their places in the model."""
+    """Return the groups with a relaxing law, with their index in the model."""
     return [(k, group) for k, group in enumerate(model.groups) if isinstance(group.material, Relaxing)]
 
 
 def let_relax(model: Model, state: State, parameters: Parameters) -> None:
-    """All that fades has faded where a state is."""
+    """Reset the memory of all groups to the fully relaxed state at the present positions."""
     for k, group in relaxing_groups(model):
         p = group.values(parameters.materials)
         forget(group, p, state.extra[memory_name(k)], state.positions)
 
 
 class ViscousStepper(StepperAround):
-    """Tells the inner step what is held, and remembers what it did.
+    """Step that adds viscoelastic stress to the inner step, and updates the cells' memory afterwards.
 
     Args:
-        inner: The step of everything else.
+        inner: Step of everything else.
     """
 
     def __init__(self, inner: Stepper) -> None:
@@ -77,18 +77,18 @@ class ViscousStepper(StepperAround):
         ]
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
+        """Advance the state by one dt with viscoelastic stress, and update the cells' memory."""
         report = self._inner.step(state, control, self._prepared(state, parameters))
         for p, memory, _, relaxing in self._arrays(state, parameters):
             relaxing.remember(p, memory, state.positions, self.model.dt)
         return report
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """See Stepper."""
+        """Return the unconstrained step with viscoelastic stress; the cells' memory is unchanged."""
         return self._inner.free_motion(state, control, self._prepared(state, parameters))
 
     def _prepared(self, state: State, parameters: Parameters) -> Parameters:
-        """Write down what is held during a step; returns the parameters for it."""
+        """Write the known stress of the step into the state; return the parameters for the inner step."""
         for p, memory, held, relaxing in self._arrays(state, parameters):
             relaxing.hold(p, memory, held, self.model.dt)
         materials = [
@@ -106,20 +106,20 @@ class ViscousStepper(StepperAround):
 
 
 class KeepingStepper(StepperAround):
-    """Asks the actuators what they keep during a step, and has them take note of how it ended.
+    """Step that advances the internal state of actuators, such as the gas mass of a pressure line.
 
     Args:
-        inner: The step of everything else.
+        inner: Step of everything else.
     """
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
+        """Advance the state by one dt, then the internal state of the actuators."""
         report = self._inner.step(state, self._begun(state, control), parameters)
         self.actuators.end(state, control.targets, self.model.dt)
         return report
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """See Stepper."""
+        """Return the unconstrained step; the internal state of the actuators is unchanged."""
         return self._inner.free_motion(state, self._begun(state, control), parameters)
 
     def _begun(self, state: State, control: Control) -> Control:

@@ -1,4 +1,4 @@
-"""The report of a step: its contacts, its iterations, and the time of each of its stages."""
+"""Report of a step: its contacts, its iterations, and the time of each of its stages."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ PART_OF: Final = {
     "forces": "contact",
     "correct": "contact",
 }
-"""The stage that each is a part of; any other stands on its own."""
+"""Enclosing stage of each stage; any other stage is at the top level."""
 
 
 @dataclass(frozen=True, slots=True)
 class StageShare:
-    """A stage in the tree.
+    """A stage in the tree of stages.
 
     Attributes:
         name: Name of the stage.
-        level: How many stages it is inside.
-        total: Its time, in the unit it was given in.
-        own: Its time without that of its parts, >= 0.
+        level: Number of enclosing stages.
+        total: Time of the stage, in the unit it was given in.
+        own: Time of the stage without its parts, >= 0.
     """
 
     name: str
@@ -47,10 +47,10 @@ class StageShare:
 
 
 def stage_tree(times: Mapping[str, float]) -> list[StageShare]:
-    """Stages in the order of a tree: each before its parts, parts and wholes in the order given.
+    """Return the stages in tree order: each before its parts, siblings in the order given.
 
     Args:
-        times: Time of each stage by its name, all in one unit; a part whose whole is missing is one itself.
+        times: Time of each stage by its name, all in one unit; a part without its whole is at the top level.
     """
     return [share for name in times if PART_OF.get(name) not in times for share in _branch(name, 0, times)]
 
@@ -64,27 +64,28 @@ def _branch(name: str, level: int, times: Mapping[str, float]) -> Iterator[Stage
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactReport:
-    """What touched in the last step, and what else came closer than the contact margin, with forces of zero.
+    """Contacts of the last step, and pairs closer than the contact margin, with zero forces.
 
-    Of a step that was cut in parts, what touched in several of them is here once for each: forces are shares,
-    so that their sum is the mean in time, and points and gaps are those at the end of the part.
+    If the step was cut into parts, a contact of several parts is listed once for each. Its forces are
+    weighted by the duration of the part, so that their sum is the mean over time; points and gaps are those
+    at the end of the part.
 
     Attributes:
-        points: Middle of each contact in [m], shape (k, 3).
+        points: Midpoint of each contact in [m], shape (k, 3).
         forces: Force on the first surface of each pair in [N], world axes, shape (k, 3).
         normals: Unit vectors from the second surface of each pair to the first, shape (k, 3).
         gaps: Gap between the true shapes at the end of the step, beyond the contact distance, in [m], shape
-            (k,): between a vertex (or sphere) and the nearest place of the other surface, or between two
+            (k,): between a vertex (or sphere) and the nearest point of the other surface, or between two
             edges; where surfaces overlap, minus the depth. The smallest is the smallest gap of all surfaces
             that may meet.
         pairs: Numbers of the two surfaces, as in `Simulation.collision_surfaces`, shape (k, 2).
         bodies: Numbers of their bodies, as in `body_names`, shape (k, 2).
         body_names: Names of all bodies of the scene.
-        vertices: Collision vertices that carry each contact, three of either surface, shape (k, 6).
-        weights: Their shares in its force, those of either surface add up to 1, shape (k, 6).
-        residual: How far the forces are from the contact law, in [m].
-        sweeps: Sweeps of the contact solver.
-        passes: How often the contacts were linearised and solved.
+        vertices: Collision vertices of each contact, three of each surface, shape (k, 6).
+        weights: Shares of these vertices in the force, which add up to 1 for each surface, shape (k, 6).
+        residual: Violation of the contact law by the forces, in [m].
+        sweeps: Number of sweeps of the contact solver.
+        passes: Number of times that the contacts were linearised and solved.
     """
 
     points: Array
@@ -119,18 +120,18 @@ NOTHING = ContactReport(
 
 
 def nothing() -> ContactReport:
-    """The report where nothing touched."""
+    """Return the report of a step without contacts."""
     return NOTHING
 
 
 def mean_contacts(parts: Sequence[tuple[float, ContactReport]]) -> ContactReport:
-    """The contacts of a step that was cut in parts: those of each, with its share of the force.
+    """Return the contacts of a step that was cut into parts, each with its share of the force.
 
     Args:
-        parts: Share of dt of each part, and what touched in it, in order.
+        parts: Share of dt and contacts of each part, in order.
     """
     pressed = [report.forces.any(axis=1) for _, report in parts]
-    pressed[-1][:] = True  # what came near only is that of the end
+    pressed[-1][:] = True  # pairs without force are those of the end
     shown = [(share, report, own) for (share, report), own in zip(parts, pressed, strict=True) if own.any()]
     if not shown:
         return parts[-1][1]
@@ -150,34 +151,35 @@ def mean_contacts(parts: Sequence[tuple[float, ContactReport]]) -> ContactReport
 
 
 def undilated() -> float:
-    """The dilation of a step that takes no turning for a strain."""
+    """Return the dilation of a step in which rotations cause no strain, 0."""
     return 0.0
 
 
 def unknown() -> float:
-    """The error of a step that nobody can tell, in [m]."""
+    """Return the error of a step for which it is unknown, NaN in [m]."""
     return math.nan
 
 
 @dataclass(eq=False)
 class StepReport:
-    """What a step tells; it is complete once the step is done.
+    """Report of a step; it is complete once the step is done.
 
     Attributes:
-        top_speed: Largest component in [m/s] of the new velocities of free nodes, frames, slides and rigid
-            bodies, of these also the spin times the radius of gyration; NaN if any velocity is one.
-        times: Time of each stage in [ms]; see dynamics.stages.
-        inverted: Number of elements that are inside out or flat at the end of the step (det F <= 0).
+        top_speed: Largest component in [m/s] of the new velocities of free nodes, frames, sliding joints and
+            rigid bodies, for the latter also the spin times the radius of gyration; NaN if any velocity is
+            NaN.
+        times: Time of each stage in [ms]; see `PART_OF`.
+        inverted: Number of elements that are inverted or flat at the end of the step (det F <= 0).
         positive: Whether the factorisation found the matrix of the step positive definite.
-        linear_iterations: Of conjugate gradients, all right-hand sides together; 0: the matrix was factored.
-        parts: Equal or unequal parts that the step was done in; see dynamics.substeps.
-        iterations: Newton iterations that it took; see dynamics.iterations.
-        fallback: How much of the planned matrix was left out until one was positive definite: 0 nothing, 1
-            the stiffness of what actuators press on, 2 all that is negative in a cell, too, and the stress
-            that the last linear solve found. Scenes that always step so have none.
-        measure: Measures what touched, where everything was at the end of the step.
-        estimate: Finds `linearisation_error`.
-        dilate: Finds `dilation`.
+        linear_iterations: Conjugate gradient iterations for all right-hand sides; 0: the matrix was factored.
+        parts: Number of parts that the step was cut into; see dynamics.substeps.
+        iterations: Number of Newton iterations; see dynamics.iterations.
+        fallback: Part of the planned matrix that was left out to make it positive definite: 0 nothing, 1 the
+            stiffness of the surfaces that actuators press on, 2 also all negative parts of cells and the
+            stress that the last linear solve found. It is 0 in scenes whose steps never include these.
+        measure: Measures the contacts at the end of the step.
+        estimate: Computes `linearisation_error`.
+        dilate: Computes `dilation`.
     """
 
     top_speed: float = 0.0
@@ -194,27 +196,27 @@ class StepReport:
 
     @cached_property
     def contacts(self) -> ContactReport:
-        """What touched; measured when it is first asked for."""
+        """Contacts of the step; measured on first access."""
         return self.measure()
 
     @cached_property
     def linearisation_error(self) -> float:
-        """How far in [m] another Newton iteration would move a node at most.
+        """Largest node displacement in [m] of another Newton iteration.
 
-        About what the step is off the one that is not linearised, for as long as iterations converge quickly;
-        the error of stepping in time at all is no part of it. It costs one iteration when it is first asked
-        for, and nothing else: ask before forces, parameters or the state change. Of a step that was cut, it
-        is that of the last part. NaN: nobody knows, or another step has begun.
+        It is about the error of the step against the nonlinear one, as long as iterations converge quickly;
+        the error of the time discretisation is not included. The first access costs one iteration and changes
+        nothing: read it before forces, parameters or the state change. For a step that was cut, it is that of
+        the last part. NaN: unknown, or another step has begun.
         """
         return self.estimate()
 
     @cached_property
     def dilation(self) -> float:
-        """Strain by which the step stretches a turning body only because it is linearised once.
+        """Strain by which the step stretches a rotating body only because it is linearised once.
 
-        About omega^2 dt (dt + rayleigh_stiffness) / 2 for a body that turns at omega [rad/s], the largest of
-        all: of bodies that something holds, or whose law has no potential. 0 for others, and in steps of two
-        iterations or more; see dynamics.free_turning. As `linearisation_error` it is found when it is first
-        asked for, and is that of the last part of a step that was cut.
+        It is about omega^2 dt (dt + rayleigh_stiffness) / 2 for a body that rotates at omega [rad/s], the
+        largest of all bodies with fixed nodes or a law without potential. It is 0 for other bodies, and in
+        steps of two or more iterations; see dynamics.iterations.FreeTurning. Like `linearisation_error`, it
+        is computed on first access, and is that of the last part of a step that was cut.
         """
         return self.dilate()

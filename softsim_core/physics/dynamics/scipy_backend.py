@@ -1,4 +1,4 @@
-"""The time step in plain NumPy, with any linear solver: the reference for the compiled one."""
+"""Time step in plain NumPy, with any linear solver: the reference for the compiled step."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from softsim_core.physics.mechanics import (
 
 
 class ScipyStepper:
-    """Assemble, project on the generalised coordinates, factor with any linear solver, solve.
+    """Stepper in plain NumPy: assemble, project on the generalised coordinates, factor, solve.
 
     Args:
         model, actuators: What moves, and what moves it.
@@ -66,11 +66,11 @@ class ScipyStepper:
         return BlockPattern(len(self.model.rest), [group.cells for group in self.model.groups])
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
+        """Advance the state by one dt, in place."""
         return self._advance(state, control, parameters).report
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> ScipyFreeMotion:
-        """See Stepper."""
+        """Return the unconstrained step, ready for impulses on constraint rows."""
         before = self.model.empty_state()
         before.copy_from(state)
         return ScipyFreeMotion(self.model, self._unknowns, self._advance(state, control, parameters), before)
@@ -88,12 +88,12 @@ class ScipyStepper:
         change, targets = np.zeros(at.size), control.targets
         wanted = (targets - state.joint_positions)[at.prescribed] / h
         change[at.fixed] = wanted - state.reduced_velocities[at.fixed - at.first_reduced]
-        change[at.joints[self.actuators.joint]] = 0.0  # moves no frame
+        change[at.joints[self.actuators.joint]] = 0.0  # an actuator's joint moves no frame
         factors, fallback = None, 0
         if len(at.solved):
             solved_rows = matrix[at.solved]
             factors = self._matrices.factor(solved_rows[:, at.solved])
-            for stressed in (moved, None) if pressed else (None,):  # with less, until the matrix is positive
+            for stressed in (moved, None) if pressed else (None,):  # less, until the matrix is positive
                 if moved is not None and not factors.positive:
                     fallback = 2 if stressed is None else 1
                     matrix, rhs, mapping = self.system(state, control, parameters, stressed)
@@ -134,7 +134,7 @@ class ScipyStepper:
         return solved
 
     def _hold_actuators(self, solved: _Solved, change: Array, control: Control) -> Array:
-        """Find the multipliers t, add what they do to the change of velocity (d,); returns H^T t (d,)."""
+        """Solve for the multipliers t, add their effect to the velocity change (d,), return H^T t (d,)."""
         actuators, model, h, at, state = (
             self.actuators,
             self.model,
@@ -159,13 +159,13 @@ class ScipyStepper:
         return pulled
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """See Stepper."""
+        """Return the von Mises stress of each element in [Pa], shape (m,)."""
         return von_mises_stress(self.model.groups, state.positions, parameters.materials)
 
     def static_tangent(
         self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
     ) -> ScipyStaticTangent:
-        """See Stepper."""
+        """Return the static tangent at a state under node forces (n, 3) in [N]."""
         stiffness = node_stiffness(
             self.model, state, parameters, moved=state.extra.get(MOVED), pattern=self._pattern
         )
@@ -175,7 +175,10 @@ class ScipyStepper:
         return ScipyStaticTangent(self.model, self._unknowns, state, loads, stiffness, self._tangents)
 
     def _of_surfaces(self, pressed: Sequence[Array]) -> sp.csr_matrix:
-        """What actuators add on surfaces, see ActuatorGroup.surface_stiffness, shape (3 n, 3 n)."""
+        """Return the stiffness of the actuators' surfaces, shape (3 n, 3 n).
+
+        See ActuatorGroup.surface_stiffness.
+        """
         blocks = [pressed_blocks(each) for each in pressed]
         return BlockPattern(len(self.model.rest), self.actuators.surfaces()).matrix(blocks)
 
@@ -187,18 +190,19 @@ class ScipyStepper:
         moved: Array | None = None,
         pressed: Sequence[Array] = (),
     ) -> tuple[sp.csc_matrix, Array, sp.csr_matrix]:
-        """Matrix and right-hand side over free nodes, frames and joints (prescribed ones too).
+        """Return matrix and right-hand side over free nodes, frames and joints (prescribed ones included).
 
         Args:
             state: See Stepper.
             control: See Stepper.
             parameters: See Stepper.
-            moved: See fem.cells.cell_stiffness; with it, the matrix holds what taut actuators add, too.
-            pressed: What actuators add on surfaces, see ActuatorGroup.surface_stiffness; none: left out.
+            moved: See fem.cells.cell_stiffness; with it, the matrix includes the stiffness of taut actuators.
+            pressed: Stiffness of the actuators' surfaces, see ActuatorGroup.surface_stiffness; empty: left
+                out.
 
         Returns:
             A, sparse, shape (d, d), and b, shape (d,), with d = 3 free nodes + reduced coordinates; and the
-            node velocities from the velocities of all unknowns, sparse, shape (3 n, d).
+            map from the velocities of all unknowns to node velocities, sparse, shape (3 n, d).
         """
         model, h, at = self.model, self.model.dt, self._unknowns
         lag = h + parameters.rayleigh_stiffness
@@ -246,7 +250,7 @@ class ScipyStepper:
 
 
 class _Solved:
-    """A step that was solved: its matrix, and what the actuators found."""
+    """A solved step: its matrix, and the multipliers of the actuators."""
 
     def __init__(
         self,
@@ -263,20 +267,20 @@ class _Solved:
         self.report = StepReport()
 
     def spread(self, model: Model, at: Unknowns, rows: Rows) -> Array:
-        """H^T on all unknowns, shape (d, r)."""
+        """Return H^T on all unknowns, shape (d, r)."""
         on_nodes, on_reduced = sparse_rows(rows, len(model.rest), model.reduced_size)
         spread = (on_nodes @ self._mapping).toarray().T
         spread[at.first_reduced :] += on_reduced.toarray().T
         return np.asarray(spread)
 
     def compliance(self, at: Unknowns, spread: Array) -> Array:
-        """H A^-1 H^T, prescribed joints held, of rows H^T (d, r)."""
+        """Return H A^-1 H^T of rows H^T (d, r), with prescribed joints fixed."""
         if self._factors is None or not spread.shape[1]:
             return np.zeros((spread.shape[1],) * 2)
         return self._factors.schur(spread[at.solved].T)
 
     def answer(self, at: Unknowns, impulse: Array) -> Array:
-        """What an impulse on the unknowns (d,) changes of their velocities, prescribed joints held, (d,)."""
+        """Return the velocity change (d,) by an impulse on the unknowns, with prescribed joints fixed."""
         change = np.zeros(at.size)
         if self._factors is not None:
             change[at.solved] = self._factors.solve(impulse[at.solved])
@@ -284,7 +288,7 @@ class _Solved:
 
 
 class ScipyFreeMotion:
-    """See FreeMotion."""
+    """Unconstrained step of the SciPy stepper, and the responses to impulses on it."""
 
     defect: Array | None = None
 
@@ -297,13 +301,13 @@ class ScipyFreeMotion:
         self._spread = np.zeros((at.size, len(solved.actuators)))
 
     def compliance(self, rows: Rows) -> Array:
-        """See FreeMotion."""
+        """Return the compliance H A^-1 H^T of actuators and rows in [1/kg], shape (c + r, c + r)."""
         all_rows = joined([self._solved.rows, rows.checked()])
         self._spread = self._solved.spread(self._model, self._at, all_rows)
         return self._solved.compliance(self._at, self._spread)
 
     def correct(self, impulses: Array) -> StepReport:
-        """See FreeMotion."""
+        """Add the effect of impulses [N s] on the rows to the free motion, in place."""
         model, at, h, state, free = self._model, self._at, self._model.dt, self.state, self._free
         solved, before, impulse = self._solved, self.before, self._spread @ impulses
         change = solved.answer(at, impulse)
@@ -330,12 +334,12 @@ class ScipyFreeMotion:
 
 
 class ScipyStaticTangent:
-    """See StaticTangent.
+    """Static tangent of the SciPy stepper.
 
     Args:
-        model, at: What moves, and its unknowns.
+        model, at: The model and its unknowns.
         state, loads, stiffness: See assembly.static_tangent.
-        matrices: What factors the free nodes' part.
+        matrices: Factors the free nodes' part.
     """
 
     def __init__(
@@ -362,7 +366,7 @@ class ScipyStaticTangent:
         self.positive = self._factors is None or self._factors.positive
 
     def condensed(self, rows: Rows) -> Condensed:
-        """See StaticTangent."""
+        """Return the tangent with the free nodes eliminated, and the compliance of rows."""
         at, model = self._at, self._model
         on_nodes, on_reduced = sparse_rows(rows, len(model.rest), model.reduced_size)
         spread = (on_nodes @ self._mapping).toarray().T
@@ -375,6 +379,6 @@ class ScipyStaticTangent:
 
 
 def inverted_elements(model: Model, state: State) -> int:
-    """Number of cells with det F <= 0 somewhere; those of a state that is not finite are none."""
+    """Return the number of cells with det F <= 0 at a point; a state that is not finite has none."""
     with np.errstate(invalid="ignore"):
         return sum(int(inverted_cells(group, state.positions).sum()) for group in model.filling)

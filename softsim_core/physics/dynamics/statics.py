@@ -1,7 +1,7 @@
 """Static equilibrium: Newton's method with the exact tangent, line search and load steps; its derivatives.
 
-With S, Z and W of actuator_statics.condensed, u the free frames and joints on drives, p all other joints, and
-D the stiffness of the drives, a force f on the rows and a change dc of the commands move
+With S, Z and W of actuator_statics.condensed, u the free frames and the joints on drives, p all other joints,
+and D the stiffness of the drives, a force f on the rows and a change dc of the commands give
 
     du = S_uu^-1 (Z_u f + D dc_u - S_up dc_p),    dy = Z_u^T du + Z_p^T dc_p + W f
 
@@ -14,12 +14,13 @@ an iteration solves
     (J^T K J - G) dq = r,    K = -df/dx (exact),    G = (dJ^T/dq) f of the rigid regions
 
 and adds dq, all or part of it (see WAYS). Actuators add H^T t to f, their geometric stiffness to the tangent,
-and s - q + c t to what is solved; see actuator_statics. A load that is too far
-is approached in parts: joint targets and base shift move evenly, and the residual of the first state is taken
-away evenly; where that takes long, inertia restrains the steps instead (see StaticProblem.restrained). Where
-the first state could not stay whatever held it (bodies may be drawn far from rest), such steps come first, or
-it is let go before joints and base move. What comes out is checked: the last step is tiny, the equilibrium
-stable, and no element was turned inside out.
+and the equations s - q + c t to the system; see actuator_statics.
+
+A load that is too far away is approached in parts: joint targets and base shift change linearly, and the
+residual of the first state is removed linearly. Where that takes long, inertia restrains the steps instead
+(see StaticProblem.restrained). The first state may be unstable under any constant load, because bodies may be
+drawn far from rest; then restrained steps come first, or the model is released before joints and base move.
+The result is checked: the last step is tiny, the equilibrium is stable, and no element was inverted.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
@@ -50,13 +51,13 @@ from softsim_core.physics.mechanics import Control, Model, Parameters, RigidRegi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticResponse:
-    """Derivatives of an equilibrium; of its r rows, and of its b degrees of freedom of frames and joints.
+    """Derivatives of an equilibrium with r rows and b degrees of freedom of frames and joints.
 
     Attributes:
-        rows_by_command: Shift of each row a unit of each joint's command, shape (r, j).
-        rows_by_row: Shift of each row a unit of force on each row in [m/N], shape (r, r).
-        reduced_by_command: Change of frames and joints a unit of each joint's command, shape (b, j).
-        reduced_by_row: The same a unit of force on each row, shape (b, r).
+        rows_by_command: Shift of each row per unit of each joint's command, shape (r, j).
+        rows_by_row: Shift of each row per unit of force on each row in [m/N], shape (r, r).
+        reduced_by_command: Change of frames and joints per unit of each joint's command, shape (b, j).
+        reduced_by_row: Change of frames and joints per unit of force on each row, shape (b, r).
     """
 
     rows_by_command: Array
@@ -66,7 +67,7 @@ class StaticResponse:
 
 
 def response_of(model: Model, condensed: Condensed) -> StaticResponse:
-    """The response, from the condensed static tangent.
+    """Return the response, from the condensed static tangent.
 
     Raises:
         LinAlgError: frames or joints have no stiffness here.
@@ -89,33 +90,38 @@ def response_of(model: Model, condensed: Condensed) -> StaticResponse:
 
 
 SHORTEST_STEP = 1.0 / 256.0
-"""A line search below this fraction of a Newton step is given up."""
+"""Fraction of a Newton step below which a line search stops."""
 
 WAYS = {"whole": 12, "damped": 25, "distant": 12}
-"""Ways to an equilibrium, quickest first, and their most iterations: whole Newton steps; damped ones; steps
-with the distant tangent, which survive a crumpled start, then whole ones when near."""
+"""Iteration strategies, quickest first, and their largest number of iterations.
+
+They are whole Newton steps; damped ones; and steps with the distant tangent, which survive a crumpled start,
+followed by whole steps close to the equilibrium.
+"""
 
 NEAR = 0.1
-"""The distant tangent is left when a step is shorter than this part of an element's size."""
+"""Step length, as a share of an element's size, below which the exact tangent replaces the distant one."""
 
 HEAVIEST, LIGHTEST = 1.0, 1e-6
-"""Mass over step squared while a model is let go: in the beginning, and where it is left out, both over what
-a step of the model's has."""
+"""Masses over step squared while a model is released, relative to that of the model's step.
+
+The first is that at the beginning; below the second, the mass is left out.
+"""
 
 LET_GO = 300
-"""Most iterations in which a model is let go."""
+"""Largest number of iterations in which a model is released."""
 
 RESTRAINED = 200
-"""Most iterations whose steps inertia restrains."""
+"""Largest number of iterations with steps restrained by inertia."""
 
 FARTHEST = 2.0
-"""Such a step moves nothing farther than this many elements' sizes."""
+"""Largest displacement in a restrained step, in sizes of an element."""
 
 RESTRAINT = 1e-3
-"""Mass over step squared of the first of them, over what a step of the model's has."""
+"""Mass over step squared of the first restrained step, relative to that of the model's step."""
 
 LESS, MORE = 0.2, 8.0
-"""By which that mass changes after a step that was short enough, and after one that was much too long."""
+"""Factors of that mass after a step that was short enough, and after one that was much too long."""
 
 SINGULAR = "the tangent is singular (is every body attached?)"
 NO_FORCES = "the elements are crushed or stretched beyond what has forces and a tangent"
@@ -141,7 +147,7 @@ class StaticProblem:
         self.start = _copy(model, state)
         self.start.velocities[:] = 0.0
         self.start.reduced_velocities[:] = 0.0
-        # while the problem is solved, the position of an actuator's joint is its command
+        # while the problem is solved, the position of an actuator's joint represents its command
         self.start.joint_positions[actuators.joint] = actuators.commands_of(
             actuators.values(model, self.start), self._multipliers(self.start)
         )
@@ -157,14 +163,14 @@ class StaticProblem:
         self.first_residual = np.zeros(self.at.size + self.held)
         try:
             self.first_residual = self._residual(self.start, 0.0)[0]
-        except np.linalg.LinAlgError as error:  # of the rotations of elements
+        except np.linalg.LinAlgError as error:  # from the rotations of elements
             raise NotConvergedError(NO_FORCES, 0.0, 0, float("nan")) from error
         self.first_residual[self.at.size :] = 0.0
         if not np.isfinite(self.first_residual).all():
             raise NotConvergedError(NO_FORCES, 0.0, 0, float("nan"))
 
     def _levers(self) -> Array:
-        """What turns each unknown into a displacement: how far it moves its region's nodes in [m], else 1."""
+        """Return the displacement per unknown: that of its region's nodes (RMS, in [m]), 1 for nodes."""
         lever = np.append(np.ones(self.at.size), np.zeros(self.held))
         motion_subspace = self.model.motion_subspace(self.start)
         for region in self.model.regions:
@@ -174,7 +180,7 @@ class StaticProblem:
         return lever
 
     def newton(self, before: State, goal: float, tolerance: float) -> State:
-        """The equilibrium at the load fraction `goal`, from an earlier one: each way in turn."""
+        """Return the equilibrium at the load fraction `goal`, trying each strategy from an earlier one."""
         failure: NotConvergedError | None = None
         for way in WAYS:
             try:
@@ -217,7 +223,7 @@ class StaticProblem:
         raise self._failure(f"no convergence in {WAYS[way]} iterations", goal, residual)
 
     def _accept(self, state: State, before: State, factors: Any, goal: float, residual: Array) -> None:
-        """Refuse an equilibrium in which nothing would stay, or that was reached through matter."""
+        """Refuse an equilibrium that is unstable or that was reached by inverting elements."""
         if not factors.positive:
             self.met_unstable = True
             raise self._failure("only an unstable one", goal, residual)
@@ -225,13 +231,13 @@ class StaticProblem:
             raise self._failure("only one with elements turned inside out", goal, residual)
 
     def _inverted(self, state: State) -> Any:
-        """Which elements are inside out, shape (m,)."""
+        """Return which elements are inverted, shape (m,)."""
         flags = [inverted_cells(group, state.positions) for group in self.model.filling]
         return np.concatenate([np.zeros(0, dtype=bool), *flags])
 
     @property
     def starts_stable(self) -> bool:
-        """Whether the first state would stay if forces held it that do not change."""
+        """Whether the first state would be stable under constant forces that balance it."""
         forces = static_forces(self.model, self.start, self.parameters, self.control.forces)
         try:
             stiffness = node_stiffness(self.model, self.start, self.parameters)
@@ -240,11 +246,11 @@ class StaticProblem:
             return False
 
     def let_go(self, tolerance: float) -> State:
-        """The equilibrium that the whole load leads the first state to, however far it is from there.
+        """Return the equilibrium that the first state reaches under the whole load, however far away it is.
 
-        As steps in time, but each from rest: the mass over the square of a step stands in the distant
-        tangent, more of it where a step leads too far, else less and less, until Newton's method does the
-        rest.
+        The steps are like time steps, but each starts from rest: the mass over the square of a step is added
+        to the distant tangent. It is increased where a step leads too far and decreased otherwise, until
+        Newton's method converges.
 
         Source: Kelley and Keyes 1998, Convergence analysis of pseudo-transient continuation.
         """
@@ -271,12 +277,13 @@ class StaticProblem:
         raise self._failure("what was let go found no place to stay", goal, residual)
 
     def restrained(self, before: State, tolerance: float) -> State:
-        """The equilibrium under the whole load from an earlier one, by Newton steps that inertia restrains.
+        """Return the equilibrium under the whole load from an earlier one, by steps that inertia restrains.
 
-        The exact tangent, with the stress that the last step found, and the mass over the square of a step:
-        so much of it that the sum is positive, more where steps are long, less and less where they are short,
-        none in the end. Steps need not leave less of the residual than there was: what is flexible in bending
-        and axially stiff is first stretched by each turn, which stalls a line search.
+        The exact tangent, with the stress that the last step found, is increased by the mass over the square
+        of a step. The mass is large enough to make the sum positive; it is increased where steps are long,
+        decreased where they are short, and zero in the end. A step need not reduce the residual: each
+        rotation first stretches cells that are axially stiff and flexible in bending, which would stall a
+        line search.
 
         Source: Kelley and Keyes 1998, Convergence analysis of pseudo-transient continuation; Magisano,
         Leonetti, Garcea 2017, How to improve efficiency and robustness of the Newton method.
@@ -311,11 +318,11 @@ class StaticProblem:
         raise self._failure(f"no convergence in {RESTRAINED} restrained steps", goal, residual)
 
     def _inertia(self) -> sp.csr_matrix:
-        """Mass of the nodes over the square of the model's step in [N/m], shape (3 n, 3 n)."""
+        """Return the mass of the nodes over the square of the model's step in [N/m], shape (3 n, 3 n)."""
         return sp.diags(np.repeat(self.model.mass, 3) / self.model.dt**2, format="csr")
 
     def finish(self, state: State) -> float:
-        """Set the joint efforts of an equilibrium; returns the largest unbalanced force in [N]."""
+        """Set the joint efforts of an equilibrium and return the largest unbalanced force in [N]."""
         residual, _ = self._residual(state, 1.0)
         multipliers = self._multipliers(state)
         state.joint_efforts[self.at.prescribed] = -residual[self.at.fixed]
@@ -327,10 +334,10 @@ class StaticProblem:
         return self._unbalanced(residual)
 
     def _predicted(self, before: State, goal: float) -> State:
-        """Prescribed joints and bases at `goal`; all else follows them to first order.
+        """Return the state with prescribed joints and bases at `goal` and all else following to first order.
 
-        Nodes that share a short cell with what joints move turn with it as a whole, and add what they do
-        beside that: the cell would be torn if its one end turned and the other were moved straight.
+        Nodes that share a short cell with a moving region rotate with it rigidly, and add their own
+        displacement. The cell would be torn if one end rotated while the other moved straight.
         """
         at, model = self.at, self.model
         state = _copy(model, before)
@@ -349,7 +356,10 @@ class StaticProblem:
         return state
 
     def _driven(self, before: State, state: State) -> Array:
-        """What joints and bases move to first order in [m], (n, 3); places nodes of `beside` in `state`."""
+        """Return the first-order displacement by joints and bases in [m], (n, 3).
+
+        Place `beside` in `state`.
+        """
         model, first = self.model, 6 * len(self.model.frame_names)
         shifted = _copy(model, before)
         shifted.base_shift[0] = state.base_shift[0]
@@ -371,7 +381,10 @@ class StaticProblem:
         return np.asarray(self.first_targets + fraction * (self.control.targets - self.first_targets))
 
     def _residual(self, state: State, fraction: float) -> tuple[Array, Array]:
-        """Generalised forces and s - q + c t (d + c,) at a part of the load, node forces (n, 3) in [N]."""
+        """Return the residual (d + c,) at a load fraction, and the node forces (n, 3) in [N].
+
+        The residual has the generalised forces, then s - q + c t of the actuators.
+        """
         model, at = self.model, self.at
         forces = static_forces(model, state, self.parameters, self.control.forces)
         residual = np.zeros(at.size + self.held)
@@ -388,15 +401,15 @@ class StaticProblem:
         return residual - (1.0 - fraction) * self.first_residual, forces
 
     def _geometric(self, state: State) -> GeometricStiffness:
-        """Geometric stiffness of the actuators."""
+        """Return the geometric stiffness of the actuators."""
         return self.actuators.geometric_stiffness(self.model, state, self._multipliers(state))
 
     def _multipliers(self, state: State) -> Array:
-        """Multipliers of the actuators, shape (c,)."""
+        """Return the multipliers of the actuators, shape (c,)."""
         return np.asarray(state.joint_efforts[self.actuators.joint])
 
     def _factors(self, state: State, forces: Array, fraction: float, stiffness: sp.csr_matrix) -> Any:
-        """Factorised tangent of the residual on the unknowns that are solved for; see `node_stiffness`."""
+        """Return the factorised tangent of the residual on the solved unknowns; see `node_stiffness`."""
         at = self.at
         matrix = static_tangent(self.model, at, state, forces, stiffness)
         if self.held:
@@ -432,9 +445,9 @@ class StaticProblem:
         return step
 
     def _search(self, state: State, step: Array, factors: Any, fraction: float) -> bool:
-        """Take the part of a Newton step after which the next one, with the same tangent, is shorter.
+        """Take the largest part of a Newton step after which the next one, with the same tangent, is shorter.
 
-        This measure is in metres for every unknown, so a stiff drive does not drown the silicone.
+        The measure is in metres for every unknown, so that a stiff drive does not dominate soft material.
         Source: Deuflhard 2004, natural monotonicity.
         """
         before, size, part = _copy(self.model, state), self._size(step), 1.0
@@ -448,13 +461,13 @@ class StaticProblem:
         return False
 
     def _move(self, state: State, step: Array) -> None:
-        """Add a step of all unknowns; rotations turn by the exponential."""
+        """Add a step of all unknowns; rotations are updated by the exponential map."""
         first = self.at.first_reduced
         self.model.displace(state, step[:first].reshape(-1, 3), step[first : self.at.size])
         state.joint_efforts[self.actuators.joint] += step[self.at.size :]
 
     def _size(self, step: Array) -> float:
-        """Largest displacement of a step in [m]; NaN counts as endless."""
+        """Return the largest displacement of a step in [m]; NaN counts as infinite."""
         return float(np.nan_to_num(np.abs(step * self.lever), nan=np.inf).max(initial=0.0))
 
     def _unbalanced(self, residual: Array) -> float:
@@ -466,7 +479,7 @@ class StaticProblem:
 
 
 def _beside(model: Model) -> list[tuple[RigidRegion, IndexArray]]:
-    """Of each region, the nodes that share a short cell with it and belong to none."""
+    """Return, for each region, the free nodes that share a short cell with it."""
     free, found = np.zeros(len(model.rest), dtype=np.bool_), []
     free[model.free_nodes] = True
     for k, region in enumerate(model.regions):
@@ -480,7 +493,7 @@ def _beside(model: Model) -> list[tuple[RigidRegion, IndexArray]]:
 
 
 def _moved_along(points: Array, before: Array, after: Array) -> Array:
-    """Points (k, 3) moved as what takes nodes (n, 3) from `before` to `after` without straining them."""
+    """Return points (k, 3) moved by the rigid motion that fits nodes (n, 3) from `before` to `after` best."""
     if not len(points):
         return points
     first, last = before.mean(axis=0), after.mean(axis=0)
@@ -494,13 +507,13 @@ def _copy(model: Model, state: State) -> State:
 
 
 SMALLEST_PART = 1.0 / 1024.0
-"""A load step below this fraction of the load is given up."""
+"""Fraction of the load below which a load step is not reduced further."""
 
 SMALLER = 1.0 / 4.0
-"""A load step that does not lead to an equilibrium is tried again with this part of it."""
+"""Factor by which a load step that found no equilibrium is reduced."""
 
 PATIENCE = 60
-"""Iterations of load steps after which restrained steps are tried."""
+"""Number of iterations of load steps after which restrained steps are tried."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -508,9 +521,9 @@ class StaticSolution:
     """An equilibrium.
 
     Attributes:
-        state: The state at rest in it; joint efforts are what the drives must hold.
-        iterations: Linear solves spent, over all load steps.
-        load_steps: Parts in which the load was applied; 1 where Newton's method went straight to the answer.
+        state: The state at rest; joint efforts are those of the drives.
+        iterations: Number of linear solves over all load steps.
+        load_steps: Number of parts in which the load was applied; 1 if Newton's method converged at once.
         residual: Largest unbalanced force on an unknown in [N]; moments are divided by their lever arm.
     """
 
@@ -530,24 +543,24 @@ def solve_static(
     tolerance: float = 1e-11,
     solver: LinearSolver | None = None,
 ) -> StaticSolution:
-    """The stable equilibrium under a constant control that is reached from `state`.
+    """Return the stable equilibrium under a constant control that is reached from `state`.
 
-    Where there are several, it is not always the one that a load which grows slowly leads to.
+    If there are several, it is not always the one that a slowly growing load leads to.
 
     Args:
         model: The model.
-        state: Where to start; it is not changed. Velocities do not matter; held nodes stay where they are.
+        state: Initial state, unchanged. Velocities are ignored; fixed nodes stay in place.
         control: Joint targets in [rad] or [m], external node forces in [N], base shift in [m].
-        parameters: Material; damping has no part in an equilibrium.
-        actuators: What pulls and pushes at the command of joints; contacts have no part in it.
-        tolerance: The last Newton step moves nothing by more than this, in [m].
+        parameters: Material parameters; damping does not affect an equilibrium.
+        actuators: Actuators of the joints; None: there are none. Contacts are not included.
+        tolerance: Largest displacement of the last Newton step in [m].
         solver: The linear solver; None: the default.
 
     Raises:
         NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
     """
     chosen, acting = solver or linear_solver(), actuators or Actuators()
-    with np.errstate(all="ignore"):  # far off, numbers overflow: such steps are refused
+    with np.errstate(all="ignore"):  # far from an equilibrium numbers overflow: such steps are refused
         problem = StaticProblem(model, control, parameters, state, acting, chosen)
         try:
             current, steps = problem.newton(problem.start, 1.0, tolerance), 1
@@ -566,18 +579,19 @@ def solve_static(
 
 
 def _restrained(problem: StaticProblem, before: State, tolerance: float) -> State | None:
-    """The equilibrium under the whole load by restrained steps from a state; None: they lead to none."""
+    """Return the equilibrium under the whole load by restrained steps from a state; None: there is none."""
     try:
         return problem.restrained(before, tolerance)
-    except (NotConvergedError, np.linalg.LinAlgError):  # the latter of the rotations of elements
+    except (NotConvergedError, np.linalg.LinAlgError):  # the latter from the rotations of elements
         return None
 
 
 def _in_parts(problem: StaticProblem, tolerance: float, part: float) -> tuple[State, int]:
-    """The equilibrium under the whole load, of which a part is tried first, and how many parts it took.
+    """Return the equilibrium under the whole load, applied in parts, and the number of parts.
 
-    Where parts take long, restrained steps are tried once in the place of all that are left; not where an
-    unstable equilibrium was met: which way a column buckles would depend on round-off.
+    Where the parts take long, restrained steps are tried once for the whole remaining load. They are not
+    tried where an unstable equilibrium was met, because the direction in which a column buckles would depend
+    on rounding.
     """
     current, reached, steps, tried = problem.start, 0.0, 0, False
     soon = problem.iterations + PATIENCE

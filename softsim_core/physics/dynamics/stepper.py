@@ -1,4 +1,4 @@
-"""The interface of a time step, and of the objects that answer questions about it."""
+"""Interface of a time step, its unconstrained motion and its static tangent."""
 
 from __future__ import annotations
 
@@ -19,23 +19,24 @@ class Stepper(Protocol):
         A dv = b,   A = (1 + h r_M) M + h (h + r_K) K,   b = h (f - r_M M v - (h + r_K) K v)
         v+ = v + dv,   x+ = x + h v+
 
-    K is the derivative of the forces, the negative eigenvalues of each element taken as zero: a robot comes
-    to rest where it is in equilibrium; see Material.positive_tangent. The forces of a law without potential
-    have no symmetric one; there K is what the law says, such as the stiffness with frozen element rotations.
+    K is the derivative of the forces with the negative eigenvalues of each element set to zero; see
+    Material.positive_tangent. A robot therefore comes to rest where it is in equilibrium. A law without
+    potential has no symmetric derivative; there K is what the law defines, such as the stiffness with frozen
+    element rotations.
 
-    Actuators hold in the same step: multipliers t within their bounds add h H^T t to b, so that at its end,
-    to first order, s - q + c t = 0 or a bound is reached; see actuation.actuator.
+    Actuators are solved in the same step: multipliers t within their bounds add h H^T t to b, so that at its
+    end, to first order, s - q + c t = 0 or a bound is reached; see actuation.actuators.
 
-    A stepper is planned for one model, whose pattern, order and places it keeps: so the model is no argument
-    of a step. Everything that changes is in the state, the control and the parameters; what a stepper holds
-    between two steps is room to work in.
+    A stepper is planned for one model, whose pattern, order and places it stores; the model is therefore no
+    argument of a step. Everything that changes is in the state, the control and the parameters; between two
+    steps, a stepper stores only buffers.
 
     Source: Baraff and Witkin 1998.
 
     Attributes:
-        name: Of the implementation.
+        name: Name of the implementation.
         compiled: Whether a step is compiled code.
-        model, actuators: What moves, and what moves it.
+        model, actuators: The model and its actuators.
     """
 
     name: str
@@ -44,16 +45,16 @@ class Stepper(Protocol):
     actuators: Actuators
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """Advance `state` by one dt, in place; the caller decides by the report whether to keep it.
+        """Advance `state` by one dt, in place; the caller decides by the report whether to accept it.
 
         Raises:
-            ArrayError: a control for another model.
+            ArrayError: the control is for another model.
             FactorisationError: the matrix of the step is singular; `state` is unchanged.
         """
         ...
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """`step`, with what is needed to add forces on constraint rows to it.
+        """Advance as `step`, and return the motion, to which forces on constraint rows can be added.
 
         Raises:
             As `step`.
@@ -63,31 +64,31 @@ class Stepper(Protocol):
     def static_tangent(
         self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
     ) -> StaticTangent:
-        """The exact static tangent at `state` under node forces (n, 3) in [N] beside weight and elasticity.
+        """Return the exact static tangent at `state` under node forces (n, 3) in [N], weight and elasticity.
 
-        Cells that keep their stress take what the last step found: in a state on its way the pressure of its
-        volume may be far off. `pressed` is the stiffness of the actuators' surfaces, see ActuatorGroup;
-        without it, it is left out.
+        Cells that take their stress from the last linear solve use what the last step found, because the
+        volumetric pressure of a state that is not in equilibrium may be far off. `pressed` is the stiffness
+        of the actuators' surfaces, see ActuatorGroup; it is left out if empty.
 
-        The compiled implementation takes that of the law `polar` for `qr`, too, as an approximation; and
-        for a state on its way that is not stable, the tangent with negative eigenvalues of elements taken
-        as zero.
+        The compiled implementation uses the tangent of the law `corotational` for `corotational_qr`, too, as
+        an approximation. For an unstable state it uses the tangent with negative eigenvalues of elements set
+        to zero.
 
         Raises:
-            FactorisationError: it is singular with frames and joints held.
+            FactorisationError: the tangent is singular with frames and joints fixed.
         """
         ...
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """Von Mises stress of each element in [Pa], shape (m,); elements of one rigid region have none."""
+        """Return the von Mises stress of each element in [Pa], shape (m,); zero inside one rigid region."""
         ...
 
 
 class StepperAround:
-    """What a step around another one takes from it: all but the step itself.
+    """Base class of a step around another one; it forwards everything but the step itself.
 
     Args:
-        inner: The other one.
+        inner: The inner step.
     """
 
     def __init__(self, inner: Stepper) -> None:
@@ -96,31 +97,30 @@ class StepperAround:
         self.model, self.actuators = inner.model, inner.actuators
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """See Stepper; that of the inner one."""
+        """Return the unconstrained step of the inner stepper."""
         return self._inner.free_motion(state, control, parameters)
 
     def static_tangent(
         self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
     ) -> StaticTangent:
-        """See Stepper; that of the inner one."""
+        """Return the static tangent of the inner stepper."""
         return self._inner.static_tangent(state, parameters, forces, pressed)
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """See Stepper; that of the inner one."""
+        """Return the von Mises stress of each element in [Pa] from the inner stepper, shape (m,)."""
         return self._inner.von_mises(state, parameters)
 
 
 class FreeMotion(Protocol):
-    """A step as if nothing touched, and what impulses on constraint rows add to it.
+    """An unconstrained step, and the response to impulses on constraint rows.
 
-    It stands until its stepper computes something else: another step or a static tangent.
+    It is valid until its stepper computes something else: another step or a static tangent.
 
     Attributes:
-        state: The state at the end of the step; `correct` writes into it.
-        before: The state at its start.
-        report: Of the step.
-        violations: Constraint violations s - q + c t of the actuators that the step left to first order,
-            shape (c,).
+        state: State at the end of the step; `correct` writes into it.
+        before: State at its start.
+        report: Report of the step.
+        violations: First-order constraint violations s - q + c t of the actuators after the step, shape (c,).
     """
 
     state: State
@@ -130,14 +130,14 @@ class FreeMotion(Protocol):
 
     @property
     def defect(self) -> Array | None:
-        """After `correct`, where `compliance` is approximate: what it left out of the rows' speed.
+        """Row velocities in [m/s] that an approximate `compliance` left out, shape (r,); set by `correct`.
 
-        In [m/s], of all rows but those of actuators, shape (r,); None: it is exact.
+        The rows of actuators are not included. None: the compliance is exact.
         """
         ...
 
     def compliance(self, rows: Rows) -> Array:
-        """H A^-1 H^T of the step's matrix, prescribed joints held, in [1/kg], shape (c + r, c + r).
+        """Return H A^-1 H^T of the step's matrix in [1/kg], (c + r, c + r), with prescribed joints fixed.
 
         Args:
             rows: Constraint rows at the start of the step; H holds those of the c actuators, then these.
@@ -148,26 +148,26 @@ class FreeMotion(Protocol):
         ...
 
     def correct(self, impulses: Array) -> StepReport:
-        """Make `state` the free motion plus what `impulses` [N s] on the rows of the last `compliance` do.
+        """Set `state` to the free motion plus the response to `impulses` [N s] on the last `compliance` rows.
 
-        Shape (c + r,); those of actuators come on top of what the step found. It starts from the
-        free motion each time, whatever an earlier correction did. Rigid bodies are left as they are.
+        The impulses have shape (c + r,); those of actuators are added to what the step found. Each call
+        starts from the free motion, independent of earlier corrections. Rigid bodies are left unchanged.
 
         Returns:
-            What the corrected step tells; its times are those of the free motion.
+            Report of the corrected step, with the times of the free motion.
         """
         ...
 
 
 class Condensed(NamedTuple):
-    """The static tangent with the free nodes eliminated, and what forces on rows H do beside it.
+    """Static tangent with the free nodes eliminated, and the response to forces on rows H.
 
     Attributes:
-        stiffness: S = K_bb - K_bi K_ii^-1 K_ib, symmetric, shape (b, b) in [N/m], [N/rad], [N m/rad]; order
-            as Model numbers the degrees of freedom of frames and joints.
-        arriving: Z = H_b^T - K_bi K_ii^-1 H_i^T, what reaches frames and joints a unit of each row's force,
+        stiffness: S = K_bb - K_bi K_ii^-1 K_ib, symmetric, shape (b, b) in [N/m], [N/rad], [N m/rad]; in the
+            order of Model's degrees of freedom of frames and joints.
+        arriving: Z = H_b^T - K_bi K_ii^-1 H_i^T, force on frames and joints per unit of each row's force,
             shape (b, r).
-        compliance: W = H_i K_ii^-1 H_i^T with frames and joints held, in [m/N], shape (r, r).
+        compliance: W = H_i K_ii^-1 H_i^T with frames and joints fixed, in [m/N], shape (r, r).
     """
 
     stiffness: Array
@@ -176,18 +176,18 @@ class Condensed(NamedTuple):
 
 
 class StaticTangent(Protocol):
-    """The exact static tangent of a model at a state.
+    """Exact static tangent of a model at a state.
 
-    The stiffness of drives and soft fixings and the turning of the loads on rigid regions are in it,
-    actuators are not. It stands until its stepper computes something else.
+    It includes the stiffness of drives and soft fixings and the rotation of the loads on rigid regions, but
+    not the actuators. It is valid until its stepper computes something else.
 
     Attributes:
-        positive: Whether it is positive definite on the free nodes. Where it is not, an implementation that
-            needs it takes the negative eigenvalues of elements as zero.
+        positive: Whether it is positive definite on the free nodes. If not, an implementation that needs it
+            sets the negative eigenvalues of elements to zero.
     """
 
     positive: bool
 
     def condensed(self, rows: Rows) -> Condensed:
-        """Eliminate the free nodes: they follow frames and joints in equilibrium."""
+        """Eliminate the free nodes, which follow frames and joints in equilibrium, and return the rest."""
         ...

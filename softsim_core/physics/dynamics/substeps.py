@@ -1,12 +1,12 @@
-"""Steps that are cut in two, and again, where a body strains too much for one step.
+"""Steps that are halved, repeatedly, where a body strains too much for one step.
 
-A step is linearised once: that is right as long as no body changes its strain by much within it. A soft body
-that hits something may be crushed by half in a single step, and be torn apart by the next. So such a step is
-taken back and done again in halves, and as long as these are too rough, in halves of them.
+A step is linearised once, which is accurate as long as no body changes its strain much within it. A soft body
+that hits something may be crushed by half in a single step, and be torn apart by the next. Such a step is
+therefore taken back and repeated in halves, which are halved again where they are still too rough.
 
-Joints go half their way in the first half: actuators from what they were commanded before, since a coordinate
-may differ from its command at rest, all others from where they are. What the step reports as a force, joint
-efforts and contacts, is the mean in time over its parts, so that times dt it is the impulse of the step.
+Joints move half of their way in the first half: actuators from their previous command, since a coordinate may
+differ from its command at rest, all others from their position. The reported forces (joint efforts and
+contacts) are means over time, so that times dt they are the impulses of the step.
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ from softsim_core.physics.mechanics import COMMANDED, EFFORT_CHANGE, Control, Pa
 
 
 def strain_measure(group: ElementGroup, compiled: bool) -> Callable[[Array, Array], float]:
-    """Measures the largest change of strain of a group between positions (n, 3); see fem.cells."""
+    """Return a function of two position arrays (n, 3) that gives a group's largest change of strain.
+
+    See fem.cells.strain_change.
+    """
     if not compiled or not len(group.cells):
         return partial(strain_change, group)
     from softsim_core.physics.dynamics.numba_backend.cells import cell_batches, largest_strain_change
@@ -38,11 +41,14 @@ def strain_measure(group: ElementGroup, compiled: bool) -> Callable[[Array, Arra
 
 
 ROUGH: Final = 0.3
-"""Change of the Green strain at a point within one step, from which on the step is cut."""
+"""Change of the Green strain at a point within one step at which the step is cut."""
 
 
 def torn_by_rough_steps(groups: Sequence[ElementGroup]) -> list[ElementGroup]:
-    """Cells to be watched: neither linear ones that only rotate, which stand being crushed, nor fibres."""
+    """Return the cells to be watched.
+
+    Fibres, and linear cells that only rotate, are not watched, because they withstand being crushed.
+    """
     stand = RotatedHooke, Fibres
     return [
         each for each in groups if mean_volume_law(each) is not None or not isinstance(each.material, stand)
@@ -50,7 +56,7 @@ def torn_by_rough_steps(groups: Sequence[ElementGroup]) -> list[ElementGroup]:
 
 
 class _Part(NamedTuple):
-    """What a part of a step did: its share of dt, joint efforts (j,), contacts."""
+    """Result of a part of a step: its share of dt, joint efforts (j,), contacts."""
 
     share: float
     efforts: Array
@@ -58,13 +64,13 @@ class _Part(NamedTuple):
 
 
 class SubstepStepper(StepperAround):
-    """A step in as few equal parts as the strains allow, 1, 2, 4 and so on, around the one of a whole dt.
+    """Step in as few equal parts as the strains allow, 1, 2, 4 and so on.
 
     Args:
-        whole: The step of the model's dt.
+        whole: Step of the model's dt.
         of_part: Makes the same step with another dt in [s].
-        groups: The cells that are watched.
-        most: Parts at most.
+        groups: Cells that are watched.
+        most: Largest number of parts.
     """
 
     def __init__(
@@ -82,9 +88,9 @@ class SubstepStepper(StepperAround):
         self._parts: list[_Part] = []
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
+        """Advance the state by one dt in as many substeps as contacts need, and report the mean contacts."""
         change = state.extra.get(EFFORT_CHANGE)
-        if change is not None:  # actuators go on with what they did last, not with the mean
+        if change is not None:  # actuators continue from their last effort, not from the mean
             state.joint_efforts += change
             change[:] = 0.0
         self._parts.clear()
@@ -118,14 +124,14 @@ class SubstepStepper(StepperAround):
         return replace(second, times=dict(times), parts=first.parts + second.parts)
 
     def _note(self, state: State, control: Control, report: StepReport, depth: int) -> None:
-        """Keep what a part was commanded, and what it did."""
+        """Record the command, the efforts and the contacts of a part."""
         if COMMANDED in state.extra:
             state.extra[COMMANDED][:] = control.targets
         if depth:
             self._parts.append(_Part(0.5**depth, state.joint_efforts.copy(), report.contacts))
 
     def _is_smooth(self, before: State, after: State) -> bool:
-        """Whether no body has changed its strain by much."""
+        """Return whether no body has changed its strain much."""
         return all(change(before.positions, after.positions) < ROUGH for change in self._changes)
 
     def _stepper(self, depth: int) -> Stepper:
@@ -134,7 +140,7 @@ class SubstepStepper(StepperAround):
         return self._steppers[depth]
 
     def _halfway(self, state: State, control: Control) -> Control:
-        """What acts in the first half: motions go half the way, forces and springs act as they do."""
+        """Return the control of the first half: half of each motion; forces and springs unchanged."""
         begun = state.joint_positions.copy()
         for j in self.actuators.joint:
             begun[j] = state.extra[COMMANDED][j]

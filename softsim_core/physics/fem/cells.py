@@ -3,7 +3,7 @@ r"""Energy, forces, stiffness and stress of cells, and their sums and means at t
 .. math:: F = \sum_a x_a g_a^T, \quad f_a = -\sum_q w_q P g_a, \quad
     K_{ab} = -\partial f_a / \partial x_b = \sum_q w_q \, g_a \cdot (\partial P / \partial F) \cdot g_b
 
-Of a VolumetricMaterial in an element with a mean volume, a part of the bulk acts on the mean of theta over
+In an element with a mean volume, a part of the bulk of a VolumetricMaterial acts on the mean of theta over
 the cell, and the pressure at a point is :math:`p = a_p \theta + (a - a_p) \bar\theta`. Source: Simo, Taylor,
 Pister 1985, Variational and projection methods for the volume constraint.
 """
@@ -29,31 +29,37 @@ from softsim_core.physics.fem.materials import (
 
 
 def deformation_gradients(group: ElementGroup, positions: Array) -> Array:
-    """F at the quadrature points, shape (m, q, 3, 3), at node positions (n, 3) in [m]."""
+    """Return F at the quadrature points, shape (m, q, 3, 3), for node positions (n, 3) in [m]."""
     return np.asarray(np.swapaxes(positions[group.cells], 1, 2)[:, None] @ group.gradients)
 
 
 def strain_change(group: ElementGroup, before: Array, after: Array) -> float:
-    """Largest change of the Green strain at a point, by the Frobenius norm; NaN if a place (n, 3) is one."""
+    """Return the largest change of the Green strain at a point, by the Frobenius norm.
+
+    NaN if a position (n, 3) is NaN.
+    """
     old, new = deformation_gradients(group, before), deformation_gradients(group, after)
     change = np.swapaxes(new, -1, -2) @ new - np.swapaxes(old, -1, -2) @ old
     return 0.5 * float(np.sqrt(np.einsum("mqij,mqij->mq", change, change).max(initial=0.0)))
 
 
 def mean_volume_law(group: ElementGroup) -> VolumetricMaterial | None:
-    """The law of cells whose mean dilatation takes a part of the bulk; None: those of the group do not."""
+    """Return the law of a group whose cells have a mean volume, on which part of the bulk acts; else None."""
     law = group.material
     return law if group.element.mean_volume and isinstance(law, VolumetricMaterial) else None
 
 
 def takes_found_stress(group: ElementGroup) -> bool:
-    """Whether a time step takes the pressure or stress that its linear solve found; see `cell_stiffness`."""
+    """Return whether a time step uses the pressure or stress of the last linear solve.
+
+    See `cell_stiffness`.
+    """
     return mean_volume_law(group) is not None or isinstance(group.material, StrainMaterial)
 
 
 @singledispatch
 def cell_energy(group: ElementGroup, positions: Array, p: Array) -> Array:
-    """Elastic energy of each cell in [J], shape (m,).
+    """Return the elastic energy of each cell in [J], shape (m,).
 
     Args:
         group: The cells.
@@ -71,7 +77,10 @@ def cell_energy(group: ElementGroup, positions: Array, p: Array) -> Array:
 
 
 def point_stress(group: ElementGroup, positions: Array, p: Array) -> Array:
-    """First Piola stress at the quadrature points in [Pa], (m, q, 3, 3); arguments as for `cell_energy`."""
+    """Return the first Piola stress at the quadrature points in [Pa], shape (m, q, 3, 3).
+
+    The arguments are those of `cell_energy`.
+    """
     gradients, law, p = deformation_gradients(group, positions), mean_volume_law(group), p[:, None]
     if law is None:
         return group.material.stress(gradients, p)
@@ -81,7 +90,10 @@ def point_stress(group: ElementGroup, positions: Array, p: Array) -> Array:
 
 @singledispatch
 def cell_forces(group: ElementGroup, positions: Array, p: Array) -> Array:
-    """Forces of the cells on their nodes in [N], shape (m, a, 3); arguments as for `cell_energy`."""
+    """Return the forces of the cells on their nodes in [N], shape (m, a, 3).
+
+    The arguments are those of `cell_energy`.
+    """
     weighted = group.weights[..., None, None] * point_stress(group, positions, p)
     return np.asarray(-(group.gradients @ np.swapaxes(weighted, -1, -2)).sum(axis=1))
 
@@ -96,17 +108,19 @@ def cell_stiffness(
     moved: Array | None = None,
     mean_share: float = 1.0,
 ) -> Array:
-    """-df_a/dx_b of each cell in [N/m], shape (m, a, a, 3, 3).
+    """Return the stiffness -df_a/dx_b of each cell in [N/m], shape (m, a, a, 3, 3).
 
-    Exact, or `positive` for a time step, or for statics `distant` from an equilibrium; see Material.
+    It is exact by default, `positive` for a time step, or `distant` for statics far from an equilibrium; see
+    Material.
 
-    With `moved`, the displacement in [m] of all nodes by the last linear solve, shape (n, 3), cells with a
-    mean volume take the pressure that this solve found, to first order, instead of that of the positions it
-    led to. So one iteration is enough for a step, also where the material is nearly incompressible; nothing
-    is made positive then. Fibres and layers, which are stiff and thin, take the stress so; of a positive one
-    nothing that presses them. Source: Magisano, Leonetti, Garcea 2017, Advantages of the mixed format.
+    `moved` is the displacement of all nodes by the last linear solve in [m], shape (n, 3). With it, cells
+    with a mean volume take the pressure that this solve found, to first order, instead of the pressure at the
+    new positions. One iteration per step is then enough, even where the material is nearly incompressible. No
+    eigenvalues are clamped in this case. Fibres and layers, which are stiff and thin, take the stress of the
+    last solve in the same way; a positive stiffness leaves out its compressive part. Source: Magisano,
+    Leonetti, Garcea 2017, Advantages of the mixed format.
 
-    With a `mean_share` below 1, the answer to the mean volume has so much of its stiffness.
+    `mean_share` scales the stiffness of the mean volume.
     """
     law, gradients = mean_volume_law(group), deformation_gradients(group, positions)
     p, m, q, a = p[:, None], *group.gradients.shape[:3]
@@ -136,18 +150,18 @@ def cell_stiffness(
 
 
 def split_bulk(law: VolumetricMaterial, p: Array) -> tuple[Array, Array]:
-    """Bulk coefficients at the points and on the mean in [Pa], of parameters (..., k)."""
+    """Return the bulk coefficients at the points and on the mean in [Pa] for parameters (..., k)."""
     at_points = law.point_bulk(p)
     return at_points, np.asarray(law.bulk(p) - at_points)
 
 
 def mean_over(group: ElementGroup, at_points: Array) -> Array:
-    """Mean over the volume of each cell of values at its points (m, q), shape (m, 1)."""
+    """Return the mean over the volume of each cell of values at its points (m, q), shape (m, 1)."""
     return np.asarray((group.weights * at_points).sum(axis=1) / group.volumes)[:, None]
 
 
 def _pressure(group: ElementGroup, law: VolumetricMaterial, gradients: Array, p: Array) -> Array:
-    """a_p theta + (a - a_p) times its mean, in [Pa], shape (m, q)."""
+    """Return the pressure a_p theta + (a - a_p) mean(theta) in [Pa], shape (m, q)."""
     at_points, on_mean = split_bulk(law, p)
     dilatation = law.dilatation(gradients)
     return np.asarray(at_points * dilatation + on_mean * mean_over(group, dilatation))
@@ -156,7 +170,7 @@ def _pressure(group: ElementGroup, law: VolumetricMaterial, gradients: Array, p:
 def _extrapolated_pressure(
     group: ElementGroup, law: VolumetricMaterial, positions: Array, moved: Array, p: Array
 ) -> Array:
-    """The pressure before the nodes `moved`, and to first order what they changed of it, shape (m, q)."""
+    """Return the pressure before the displacement `moved` plus its first-order change in [Pa], (m, q)."""
     before = deformation_gradients(group, positions - moved)
     change = (law.dilatation_slope(before) * deformation_gradients(group, moved)).sum(axis=(-2, -1))
     at_points, on_mean = split_bulk(law, p)
@@ -164,13 +178,13 @@ def _extrapolated_pressure(
 
 
 def _volume_gradient(group: ElementGroup, law: VolumetricMaterial, gradients: Array) -> Array:
-    """Derivative of the volume integral of theta by the nodes in [m^2], shape (m, a, 3)."""
+    """Return the derivative of the volume integral of theta by the nodes in [m^2], shape (m, a, 3)."""
     weighted = group.weights[..., None, None] * law.dilatation_slope(gradients)
     return np.asarray((group.gradients @ np.swapaxes(weighted, -1, -2)).sum(axis=1))
 
 
 def mean_volume_answer(group: ElementGroup, positions: Array, p: Array, velocities: Array) -> Array:
-    """K v in [N/s] of the mean volume's part of the stiffness alone, at velocities (n, 3), shape (n, 3)."""
+    """Return K v in [N/s] of the mean volume's stiffness alone for velocities (n, 3), shape (n, 3)."""
     result, law = np.zeros_like(positions), mean_volume_law(group)
     if law is not None:
         p = p[:, None]
@@ -182,7 +196,7 @@ def mean_volume_answer(group: ElementGroup, positions: Array, p: Array, velociti
 
 
 def _blocks(group: ElementGroup, tangent: Array) -> Array:
-    """Stiffness blocks (m, a, a, 3, 3) in [N/m] of tangents dP/dF (m, q, 3, 3, 3, 3) in [Pa]."""
+    """Return stiffness blocks (m, a, a, 3, 3) in [N/m] for tangents dP/dF (m, q, 3, 3, 3, 3) in [Pa]."""
     m, q, a = group.gradients.shape[:3]
     weighted = (group.weights[..., None, None] * tangent.reshape(m, q, 9, 9)).reshape(m, q, 27, 3)
     right = weighted @ np.swapaxes(group.gradients, -1, -2)  # (i J k), b
@@ -192,7 +206,7 @@ def _blocks(group: ElementGroup, tangent: Array) -> Array:
 
 
 def _blocks_of_modes(group: ElementGroup, tangent: TangentModes) -> Array:
-    """As `_blocks`, of tangents at the points (m, q): some fifty products per pair of nodes less."""
+    """Return the blocks of `_blocks` from tangent modes, with some fifty products per pair of nodes less."""
     m, q, a = group.gradients.shape[:3]
     modes = tangent.modes.shape[-3]
     moved = tangent.modes.reshape(m, q, 3 * modes, 3) @ np.swapaxes(group.gradients, -1, -2)  # (k i), a
@@ -208,30 +222,33 @@ def _blocks_of_modes(group: ElementGroup, tangent: TangentModes) -> Array:
 
 @singledispatch
 def cauchy_stress(group: ElementGroup, positions: Array, p: Array) -> Array:
-    """Stress in world axes at the points in [Pa], (m, q, 3, 3); arguments as for `cell_energy`."""
+    """Return the stress in world axes at the points in [Pa], shape (m, q, 3, 3).
+
+    The arguments are those of `cell_energy`.
+    """
     stress = point_stress(group, positions, p)
     return group.material.cauchy_stress(deformation_gradients(group, positions), stress)
 
 
 def cell_von_mises(group: ElementGroup, positions: Array, p: Array) -> Array:
-    """Von Mises stress of each cell in [Pa], the mean over its volume, shape (m,)."""
+    """Return the von Mises stress of each cell in [Pa], the mean over its volume, shape (m,)."""
     return mean_over(group, von_mises(cauchy_stress(group, positions, p)))[:, 0]
 
 
 def inverted_cells(group: ElementGroup, positions: Array) -> Array:
-    """Which cells are flat or inside out somewhere, det F <= 0, shape (m,)."""
+    """Return which cells are flat or inverted at a point, det F <= 0, shape (m,)."""
     return np.asarray((np.linalg.det(deformation_gradients(group, positions)) <= 0.0).any(axis=1))
 
 
 def elastic_forces(
     groups: Sequence[ElementGroup], positions: Array, materials: Sequence[Mapping[str, float]]
 ) -> Array:
-    """Forces of all cells on the nodes in [N], shape (n, 3).
+    """Return the forces of all cells on the nodes in [N], shape (n, 3).
 
     Args:
         groups: All cells.
         positions: Node positions in [m], shape (n, 3).
-        materials: Parameters of each body's law by name, behind them those of layers and fibres.
+        materials: Parameters by name of each body's law, then of each layer's and of the fibres'.
     """
     forces = np.zeros_like(positions)
     for group in groups:
@@ -240,7 +257,7 @@ def elastic_forces(
 
 
 class BlockPattern:
-    """Where the blocks of all pairs of nodes of cells stand in a sparse matrix; whoever keeps it sums faster.
+    """Sparsity pattern of the blocks of all pairs of nodes of cells; reuse it to assemble faster.
 
     Args:
         count: Number of nodes n.
@@ -260,7 +277,7 @@ class BlockPattern:
         self._entry, self._columns, self._starts = entries.data, entries.indices, entries.indptr
 
     def matrix(self, blocks: Sequence[Array]) -> sp.csr_matrix:
-        """Blocks of these cells (m, a, a, 3, 3), added up, sparse, shape (3 n, 3 n)."""
+        """Return the sum of the cells' blocks (m, a, a, 3, 3), sparse, shape (3 n, 3 n)."""
         values = np.concatenate([np.zeros((0, 9)), *(each.reshape(-1, 9) for each in blocks)])
         size = len(self._starts) - 1
         sums = (self._sum @ values).ravel()[self._entry]
@@ -277,9 +294,10 @@ def stiffness_matrix(
     mean_share: float = 1.0,
     pattern: BlockPattern | None = None,
 ) -> sp.csr_matrix:
-    """Stiffness of all cells on the nodes in [N/m], sparse, shape (3 n, 3 n).
+    """Return the stiffness of all cells on the nodes in [N/m], sparse, shape (3 n, 3 n).
 
-    Arguments as above, and as for `cell_stiffness`; `pattern`, where it is kept, is that of the groups.
+    The arguments are those of `elastic_forces` and `cell_stiffness`; `pattern` is that of the groups,
+    computed here if it is None.
     """
     if pattern is None:
         pattern = BlockPattern(len(positions), [group.cells for group in groups])
@@ -294,9 +312,9 @@ def stiffness_matrix(
 def von_mises_stress(
     groups: Sequence[ElementGroup], positions: Array, materials: Sequence[Mapping[str, float]]
 ) -> Array:
-    """Von Mises stress of every cell in [Pa], in the order of their numbers; arguments as above.
+    """Return the von Mises stress of every cell in [Pa], in the order of their numbers, shape (m,).
 
-    Layers and fibres have none.
+    Layers and fibres are left out. The arguments are those of `elastic_forces`.
     """
     filling = [group for group in groups if group.fills]
     result = np.zeros(sum(len(group.cells) for group in filling))
@@ -306,9 +324,9 @@ def von_mises_stress(
 
 
 def to_nodes(element: Element) -> Array:
-    """Values at the nodes of a cell from those at its points, shape (a, q): the linear field nearest to them.
+    """Return the map from values at a cell's points to values at its nodes, shape (a, q).
 
-    With fewer than four points it is their mean.
+    It evaluates the linear field that fits the points best. With fewer than four points, it is their mean.
     """
     if len(element.points) < 4:
         return np.full((len(element.reference), len(element.points)), 1.0 / len(element.points))
@@ -323,15 +341,15 @@ def stress_at_nodes(
     positions: Array,
     materials: Sequence[Mapping[str, float]],
 ) -> Array:
-    """Stress in world axes in [Pa], shape (n, 3, 3): the mean over the cells around each node; zero without.
+    """Return the stress in world axes in [Pa], shape (n, 3, 3), as the mean over the cells around each node.
 
-    A stress that is linear in space comes out exactly at the nodes of quadratic cells; at their corners it
-    is one order more accurate than a mean over the points.
+    A node without cells has zero stress. A stress that is linear in space is exact at the nodes of quadratic
+    cells; at their corners it is one order more accurate than a mean over the points.
 
     Args:
         groups: The cells, without layers and fibres.
         positions: Node positions in [m], shape (n, 3).
-        materials: See fem.assembly.elastic_forces.
+        materials: See `elastic_forces`.
 
     Source: Hinton and Campbell 1974, Local and global smoothing of discontinuous finite element functions.
     """

@@ -1,4 +1,4 @@
-"""Cells of one element and one law at rest, and whether they lock."""
+"""Groups of cells that share an element and a law, at rest, and a check for locking."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from softsim_core.physics.fem.elements import Element, cell_axes, rest_quadratur
 from softsim_core.physics.fem.materials import Material
 
 LOCKING_RATIO = 0.49
-"""From this Poisson ratio on, linear tetrahedra are much too stiff."""
+"""From this Poisson ratio on, linear tetrahedra are much too stiff because they lock."""
 
 
 def locking_warning(element: Element, values: Mapping[str, float]) -> str | None:
-    """A sentence if cells of this kind lock with these parameters of a law, else None."""
+    """Return a warning if cells of this element lock with these parameters of a law, else None."""
     ratio = values.get("poisson_ratio", 0.0)
     if len(element.reference) != 4 or ratio < LOCKING_RATIO:
         return None
@@ -32,17 +32,16 @@ class ElementGroup:
     """Cells of all bodies that share an element and a law.
 
     Attributes:
-        element: What a cell is.
-        material: Their law.
+        element: Element of the cells.
+        material: Law of the cells.
         cells: Node indices, shape (m, a).
         weights: Rest volume at each quadrature point in [m^3], shape (m, q).
-        gradients: Shape gradients at rest in [1/m], in the axes that the law asks for, shape (m, q, a, 3).
+        gradients: Shape gradients at rest in [1/m], in the axes that the law requires, shape (m, q, a, 3).
         body: Index of each cell's body, shape (m,).
-        numbers: Number of each cell among those of all bodies in order, behind them reinforcements, (m,).
-        parameter_set: Index in Parameters.materials of each cell's values, shape (m,): that of its body, or
-            that of its layer or fibres.
-        fills: Whether the cells fill their bodies. Fibres and layers do not: they have no mass and no volume
-            of their own here.
+        numbers: Number of each cell, shape (m,): first the cells of all bodies in order, then reinforcements.
+        parameter_set: Index in Parameters.materials of each cell's values, shape (m,): that of its body, its
+            layer or its fibres.
+        fills: Whether the cells fill their bodies. Fibres and layers do not: they add no mass and no volume.
     """
 
     element: Element
@@ -64,29 +63,29 @@ class ElementGroup:
 
     @property
     def short(self) -> BoolArray:
-        """Which cells are far shorter than they are thick, as clamps of rods, shape (m,)."""
+        """Which cells are far shorter than they are thick, such as clamps of rods, shape (m,)."""
         return np.zeros(len(self.cells), dtype=np.bool_)
 
     def part(self, chosen: IndexArray) -> ElementGroup:
-        """The group of the chosen cells (k,) alone."""
+        """Return the group with the chosen cells (k,) only."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in self.per_cell})
 
     def ordered(self, inside: IndexArray) -> ElementGroup:
-        """The group with the nodes of each cell in another order, shape (m, a)."""
+        """Return the group with the nodes of each cell in another order, `inside`, shape (m, a)."""
         return replace(self, **self.of_nodes(inside))
 
     def of_nodes(self, inside: IndexArray) -> dict[str, Any]:
-        """What `ordered` changes, by name."""
+        """Return the arrays that `ordered` changes, by name."""
         return {
             "cells": np.take_along_axis(self.cells, inside, axis=1),
             "gradients": np.take_along_axis(self.gradients, inside[:, None, :, None], axis=2),
         }
 
     def values(self, parameters: Sequence[Mapping[str, float]]) -> Array:
-        """Values of the law's parameters for each cell, shape (m, k).
+        """Return the values of the law's parameters for each cell, shape (m, k).
 
         Args:
-            parameters: Those of each set by name; see Parameters.materials.
+            parameters: Values of each set by name; see Parameters.materials.
         """
         table = np.zeros((max(len(parameters), 1), len(self.material.parameters)))
         for s in np.unique(self.parameter_set).tolist():
@@ -102,7 +101,10 @@ def element_group(
     body: IndexArray,
     numbers: IndexArray,
 ) -> ElementGroup:
-    """A group of cells (m, a) on rest positions `points` (n, 3) in [m]; the rest as in ElementGroup."""
+    """Return a group of cells (m, a) on rest positions `points` (n, 3) in [m].
+
+    The other arguments are those of ElementGroup.
+    """
     corners = points[cells]
     weights, gradients = rest_quadrature(element, corners)
     if material.in_cell_axes:
@@ -113,13 +115,13 @@ def element_group(
 def fibre_group(
     cells: ElementGroup, material: Material, points: Array, axes: Array, parameter_set: IndexArray
 ) -> ElementGroup:
-    """Fibres in cells of bodies.
+    """Return a group of fibres that run through the cells of bodies.
 
     Args:
         cells: The cells that they run through.
-        material: Their law.
+        material: Law of the fibres.
         points: Rest positions in [m], shape (n, 3).
-        axes: At each point a rotation whose first column is their direction, shape (m, q, 3, 3).
+        axes: Rotation at each point; its first column is the direction of the fibres, shape (m, q, 3, 3).
         parameter_set: See ElementGroup.
     """
     gradients = np.ascontiguousarray(rest_quadrature(cells.element, points[cells.cells])[1] @ axes)
@@ -136,13 +138,16 @@ def layer_group(
     numbers: IndexArray,
     parameter_set: IndexArray,
 ) -> ElementGroup:
-    """Thin layers on faces (m, a) of bodies, of a thickness in [m], shape (m,); the rest as above."""
+    """Return a group of thin layers on faces (m, a) of bodies, with a thickness in [m], shape (m,).
+
+    The other arguments are those of `element_group` and ElementGroup.
+    """
     weights, gradients = surface_quadrature(element, points[faces], thickness)
     return ElementGroup(element, material, faces, weights, gradients, body, numbers, parameter_set, False)
 
 
 def empty_group(element: Element, material: Material) -> ElementGroup:
-    """A group without cells."""
+    """Return a group without cells."""
     none = np.zeros(0, dtype=np.int64)
     nodes = len(element.reference)
     return element_group(element, material, np.zeros((nodes, 3)), np.zeros((0, nodes), np.int64), none, none)

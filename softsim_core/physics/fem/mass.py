@@ -1,4 +1,4 @@
-"""Mass: what each node carries, and what couples nodes where it is not lumped."""
+"""Mass: the lumped mass of each node, and the coupling of nodes by a consistent mass matrix."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from softsim_core.physics.fem.group import ElementGroup
 
 
 def volume_shares(group: ElementGroup, count: int) -> Array:
-    """Volume in [m^3] that belongs to each of `count` nodes, shape (count,); mass is density times it.
+    """Return the volume in [m^3] that belongs to each of `count` nodes, shape (count,).
 
-    Each node has its element's share of the cell's volume. With linear tetrahedra these are the row sums of
+    Mass is density times it.
+
+    Each node has its element's share of the cell's volume. For linear tetrahedra these are the row sums of
     the consistent mass matrix: total mass and centre of mass are exact, and the inertia is too large by a
     part that falls with the square of the element size (22 % of a cube of 3x3x3 cells).
 
@@ -27,12 +29,14 @@ def volume_shares(group: ElementGroup, count: int) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MassCoupling:
-    """What the consistent mass matrix has beyond the lumped one, in each direction of space; its sum is zero.
+    """Difference between the consistent and the lumped mass matrix, per direction of space.
+
+    Its entries sum to zero.
 
     Attributes:
         cells: Node indices of cells of several kinds, shapes (m, a).
-        blocks: Of these cells in [kg], symmetric, shapes (m, a, a).
-        matrix: All of them added up, sparse, shape (n, n).
+        blocks: Difference for each of these cells in [kg], symmetric, shapes (m, a, a).
+        matrix: Sum over all cells, sparse, shape (n, n).
     """
 
     cells: tuple[IndexArray, ...]
@@ -40,16 +44,17 @@ class MassCoupling:
     matrix: sp.csr_matrix
 
     def scaled(self, factor: float) -> MassCoupling:
-        """So many times it."""
+        """Return this coupling times a factor."""
         return MassCoupling(
             self.cells, tuple(factor * each for each in self.blocks), (factor * self.matrix).tocsr()
         )
 
 
 def mass_coupling(groups: Sequence[ElementGroup], densities: Sequence[Array], count: int) -> MassCoupling:
-    """Of cells of several kinds and their densities in [kg/m^3], shapes (m,), on `count` nodes.
+    """Return the mass coupling of cells of several kinds on `count` nodes, with densities (m,) in [kg/m^3].
 
-    Exact for cells with straight edges; of others, each has the matrix of a straight one of its volume.
+    It is exact for cells with straight edges. A cell with curved edges gets the matrix of a straight one of
+    the same volume.
 
     Raises:
         ValueError: the mass matrix of an element is not known.

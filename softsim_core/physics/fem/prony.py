@@ -1,6 +1,6 @@
-r"""What cells of a relaxing law remember, and the stress that this adds to a step.
+r"""Memory of cells with a relaxing law, and the stress that it adds to a step.
 
-With the second Piola stress :math:`S = F^{-1} \partial \Psi_s / \partial F` of the law within, of one step h
+With the second Piola stress :math:`S = F^{-1} \partial \Psi_s / \partial F` of the inner law, for one step h
 and a term of share g and time tau, at each point:
 
 .. math:: s^+ = e^{-h/\tau} s + g e^{-h/2\tau} (S^+ - S), \quad
@@ -8,8 +8,8 @@ and a term of share g and time tau, at each point:
         + p \frac{\partial \theta}{\partial F}, \quad
     H = \sum \bigl(e^{-h/\tau} s - g e^{-h/2\tau} S\bigr)
 
-H is known when the step begins: it pulls on the nodes of a cell by a matrix that does not depend on where
-they are. What is left of the law is itself with other shares.
+H is known at the start of the step. Its forces on the nodes of a cell are linear in the positions, by a
+matrix that does not depend on them. The rest is the relaxing law itself with other shares.
 
 Source: Taylor, Pister, Goudreau 1970, Thermomechanical analysis of viscoelastic solids; Simo 1987.
 """
@@ -28,17 +28,20 @@ from softsim_core.physics.fem.group import ElementGroup
 from softsim_core.physics.fem.materials import SHARE, TIME, Material, Relaxing
 
 FLATTEST: Final = 0.05
-"""Where det F is smaller, a point keeps the stress that it had: F^-1 means nothing there."""
+"""Where det F is smaller, a point retains its previous stress, because F^-1 is meaningless there."""
 
 
 def memory_shape(group: ElementGroup) -> tuple[int, ...]:
-    """Shape of what the cells remember: s of each term and then S, at all points, as matrices (3, 3)."""
+    """Return the shape of the cells' memory: s of each term, then S, at all points, as matrices (3, 3)."""
     assert isinstance(group.material, Relaxing)
     return (*group.weights.shape, group.material.terms + 1, 3, 3)
 
 
 def during_step(law: Material, values: Mapping[str, float], h: float) -> dict[str, float]:
-    """Values of a law with the shares that it loses within half a step of h [s]; of others as they are."""
+    """Return the values of a law with the shares that it loses within half a step of h [s].
+
+    Values of laws that do not relax are returned unchanged.
+    """
     changed = dict(values)
     if isinstance(law, Relaxing):
         for i in range(1, law.terms + 1):
@@ -47,14 +50,17 @@ def during_step(law: Material, values: Mapping[str, float], h: float) -> dict[st
 
 
 def held_stress(group: ElementGroup, p: Array, memory: Array, h: float) -> Array:
-    """H at all points in [Pa], shape (m, q, 3, 3), of a step of h [s]; p (m, k) as the scene has them."""
+    """Return the stress H at all points in [Pa], shape (m, q, 3, 3), for a step of h [s].
+
+    `p` (m, k) are the scene's values, before `during_step`.
+    """
     shares, fades, halves = _of_points(group, p, h)
     held = (fades[..., None, None] * memory[..., :-1, :, :]).sum(axis=-3)
     return np.asarray(held - (shares * halves).sum(axis=-1)[..., None, None] * memory[..., -1, :, :])
 
 
 def remember(group: ElementGroup, p: Array, memory: Array, positions: Array, h: float) -> None:
-    """Take over in `memory` what a step of h [s] to positions (n, 3) has done."""
+    """Advance `memory` in place after a step of h [s] to positions (n, 3)."""
     shares, fades, halves = _of_points(group, p, h)
     stress = law_stress(group, p, positions, memory[..., -1, :, :])
     gained = (stress - memory[..., -1, :, :])[..., None, :, :]
@@ -64,13 +70,13 @@ def remember(group: ElementGroup, p: Array, memory: Array, positions: Array, h: 
 
 
 def forget(group: ElementGroup, p: Array, memory: Array, positions: Array) -> None:
-    """Let all that fades have faded, at positions (n, 3)."""
+    """Reset `memory` in place to the fully relaxed state at positions (n, 3)."""
     memory[..., -1, :, :] = law_stress(group, p, positions, memory[..., -1, :, :])
     memory[..., :-1, :, :] = 0.0
 
 
 def law_stress(group: ElementGroup, p: Array, positions: Array, otherwise: Array) -> Array:
-    """S at all points in [Pa], shape (m, q, 3, 3); where a cell is crushed what `otherwise` says."""
+    """Return S at all points in [Pa], shape (m, q, 3, 3); crushed points take `otherwise`."""
     law, gradients = group.material, deformation_gradients(group, positions)
     assert isinstance(law, Relaxing)
     crushed = ~(np.linalg.det(gradients) > FLATTEST)
@@ -81,7 +87,7 @@ def law_stress(group: ElementGroup, p: Array, positions: Array, otherwise: Array
 
 
 def held_stiffness(group: ElementGroup, held: Array) -> Array:
-    """What H (m, q, 3, 3) pulls: the numbers k_ab of blocks k_ab I in [N/m], shape (m, a, a).
+    """Return the stiffness of the stress H (m, q, 3, 3): k_ab of blocks k_ab I in [N/m], shape (m, a, a).
 
     The force on node a is - sum k_ab x_b.
     """
@@ -90,12 +96,12 @@ def held_stiffness(group: ElementGroup, held: Array) -> Array:
 
 
 def held_forces(stiffness: Array, cells: IndexArray, positions: Array) -> Array:
-    """Forces on the nodes of the cells in [N], shape (m, a, 3)."""
+    """Return the forces of the stress H on the nodes of the cells in [N], shape (m, a, 3)."""
     return np.asarray(-(stiffness @ positions[cells]))
 
 
 def fading(group: ElementGroup, p: Array, h: float) -> tuple[Array, Array, Array]:
-    """Shares, and what is left of a term after h [s] and after half of it, each (m, t)."""
+    """Return the shares, and the decay of a term over h [s] and over half of it, each (m, t)."""
     law = group.material
     assert isinstance(law, Relaxing)
     shares, times = law.prony(p)
@@ -103,6 +109,6 @@ def fading(group: ElementGroup, p: Array, h: float) -> tuple[Array, Array, Array
 
 
 def _of_points(group: ElementGroup, p: Array, h: float) -> tuple[Array, Array, Array]:
-    """The same for all points, each (m, 1, t)."""
+    """Return the arrays of `fading` for all points, each (m, 1, t)."""
     shares, fades, halves = fading(group, p, h)
     return shares[:, None], fades[:, None], halves[:, None]

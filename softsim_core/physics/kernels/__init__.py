@@ -1,4 +1,4 @@
-"""Kernels compiled by Numba: how, by whom, and where they are cached."""
+"""Kernels compiled by Numba: the compiler, the process that compiles, and the cache."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Numba's cache of compiled kernels on disk: a file is loaded only if it is whole and of this user.
+"""Numba's cache of compiled kernels on disk: a file is loaded only if it is intact and owned by this user.
 
 Numba unpickles its files and runs the machine code in them, so a damaged or foreign file could do anything.
 """
@@ -24,19 +24,19 @@ OTHERS_MAY_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 _DIGEST: Final = sha256().digest_size
 _FILE_MODE: Final = 0o644
-"""Of new files: not group-writable, whatever the umask is."""
+"""Mode of new files: not group-writable, whatever the umask is."""
 
 
 _READING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-"""A pipe in a file's place would wait for a writer."""
+"""Flags to read files without blocking, since a pipe in a file's place would wait for a writer."""
 
 
 class _RefusedFileError(Exception):
-    """A file of the cache is damaged, or of others; the text is the reason."""
+    """A cache file is damaged or owned by another user; the text is the reason."""
 
 
 class CheckedFiles(IndexDataCacheFile):
-    """The files of one kernel: each begins with a digest of what follows and of what it is for."""
+    """The files of one kernel: each begins with a digest of its content and of its identity."""
 
     def _load_index(self) -> Any:
         data = self._read(self._index_name)
@@ -55,7 +55,10 @@ class CheckedFiles(IndexDataCacheFile):
         self._write(name, data)
 
     def _read(self, name: str) -> bytes | None:
-        """Return what a file holds; None where there is none for this version of Numba and of the sources."""
+        """Return the content of a file.
+
+        None if there is none for this version of Numba and of the sources.
+        """
         path = self._data_path(name)
         try:
             data = _whole(_private(path))
@@ -76,20 +79,23 @@ class CheckedFiles(IndexDataCacheFile):
             file.write(sha256(data).digest() + data)
 
     def _identity(self, name: str) -> bytes:
-        """Return what a file is for; one of another Numba, of other sources or another kernel is not used."""
+        """Return the identity of a file.
+
+        Files of another Numba, other sources or another kernel are not used.
+        """
         return sha256(repr((self._version, self._source_stamp, name)).encode()).digest()
 
 
 class Place:
-    """The folder of a kernel's files, as Numba's caches ask for it.
+    """The folder of a kernel's files, in the form that Numba's caches expect.
 
-    Numba names its own folders after the path of the source, and what lies there is valid for one time of the
-    source. Here both follow from the content: copies of a package share what is compiled, and a file that is
-    written again with the same content compiles nothing.
+    Numba names its own folders after the path of the source, and their content is valid for one time stamp of
+    the source. Here both follow from the content: copies of a package share compiled kernels, and a file that
+    is rewritten with the same content causes no compilation.
 
     Args:
-        folder: Where the files lie.
-        content: What names the sources by their content.
+        folder: Folder of the files.
+        content: Name of the sources by their content.
         function: The kernel.
     """
 
@@ -99,7 +105,7 @@ class Place:
         self._line = function.__code__.co_firstlineno
 
     def from_function(self, function: Callable[..., Any], file: str) -> Place:
-        """Return the place of a function: this one, made where that can be done."""
+        """Return the place of a function: this one, created if possible."""
         with suppress(OSError):
             os.makedirs(self._folder, exist_ok=True)  # noqa: PTH103 (Numba's paths are strings)
         return self
@@ -109,16 +115,16 @@ class Place:
         return self._folder
 
     def ensure_cache_path(self) -> None:
-        """Make the folder, and see whether it can be written.
+        """Create the folder and check that it is writable.
 
         Raises:
-            OSError: it cannot.
+            OSError: it is not.
         """
         os.makedirs(self._folder, exist_ok=True)  # noqa: PTH103 (Numba's paths are strings)
         TemporaryFile(dir=self._folder).close()
 
     def get_source_stamp(self) -> str:
-        """Return what the files of these sources have in common."""
+        """Return the stamp that all files of these sources share."""
         return self._content
 
     def get_disambiguator(self) -> str:
@@ -127,12 +133,12 @@ class Place:
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache of one function, in checked files; a disk that takes nothing stops nobody.
+    """Numba's cache of one function, in checked files; an unwritable disk is no error.
 
     Args:
         function: The kernel.
-        folder: Where its files lie.
-        content: What names the sources by their content.
+        folder: Folder of its files.
+        content: Name of the sources by their content.
     """
 
     def __init__(self, function: Callable[..., Any], folder: Path, content: str) -> None:
@@ -147,7 +153,7 @@ class KernelCache(FunctionCache):
         )
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel where that can be done."""
+        """Save a compiled kernel if possible."""
         with suppress(OSError):
             super().save_overload(sig, data)
 
@@ -156,7 +162,7 @@ def _private(path: str) -> bytes:
     """Return the content of a regular file that only this user, or root, may write.
 
     Raises:
-        _RefusedFileError: it is no such file.
+        _RefusedFileError: it is not such a file.
         OSError: it cannot be read.
     """
     number = os.open(path, _READING)
@@ -164,7 +170,7 @@ def _private(path: str) -> bytes:
         seen = os.fstat(number)
         if not stat.S_ISREG(seen.st_mode):
             raise _RefusedFileError("is no regular file")
-        if hasattr(os, "geteuid"):  # else the system has other users, and other rights, than POSIX
+        if hasattr(os, "geteuid"):  # else users and permissions are not those of POSIX
             if seen.st_uid not in (0, os.geteuid()):
                 raise _RefusedFileError(f"belongs to the user {seen.st_uid}")
             if seen.st_mode & OTHERS_MAY_WRITE:
@@ -173,10 +179,10 @@ def _private(path: str) -> bytes:
 
 
 def _whole(content: bytes) -> bytes:
-    """Return what follows the digest.
+    """Return the content after the digest.
 
     Raises:
-        _RefusedFileError: it is not what the digest was made of.
+        _RefusedFileError: the digest does not match it.
     """
     data = content[_DIGEST:]
     if sha256(data).digest() != content[:_DIGEST]:
@@ -195,6 +201,6 @@ def _warn_once(text: str) -> None:
 
 
 def be_silent() -> None:
-    """Warn of no dropped file: for processes that compile for another one, which has warned."""
+    """Suppress warnings about dropped files: for processes that compile for another one, which has warned."""
     global _warned
     _warned = True

@@ -1,4 +1,4 @@
-"""Compiling the kernels of a package with Numba, cached under a hash of the package's sources."""
+"""Compilation of a package's kernels with Numba, cached under a hash of the package's sources."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from softsim_core.base import runtime_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_FLAGS = {"contract", "reassoc", "nsz", "arcp"}  # sums may be re-ordered; NaN and infinity keep their meaning
+_FLAGS = {"contract", "reassoc", "nsz", "arcp"}  # sums may be re-ordered; NaN and infinity stay exact
 
 
 def why_plain() -> str | None:
-    """Why kernels stay plain Python, and what to do; None: Numba compiles them."""
+    """Return why kernels stay plain Python, and the remedy; None: Numba compiles them."""
     try:
         numba = _numba()
     except ImportError:
@@ -30,9 +30,9 @@ def why_plain() -> str | None:
 
 
 def _numba() -> Any:
-    """Return Numba, set by the environment alone.
+    """Return Numba, configured by the environment alone.
 
-    Numba also reads `.numba_config.yaml` in the current folder, which could name a cache of anybody's code.
+    Numba also reads `.numba_config.yaml` in the current folder, which could name a cache with foreign code.
     """
     import numba
     from numba.core import config
@@ -44,9 +44,9 @@ def _numba() -> Any:
 
 
 def _is_own(folder: Path) -> bool:
-    """Whether a folder belongs to this user, who may write into it as not everybody may.
+    """Return whether a folder belongs to this user and only this user may write into it.
 
-    Systems without users of POSIX tell only whether it can be written.
+    On systems without POSIX users the check is only whether it is writable.
     """
     if not os.access(folder, os.W_OK):
         return False
@@ -55,7 +55,7 @@ def _is_own(folder: Path) -> bool:
 
 
 def _folder_of_the_user() -> Path:
-    """Return the folder for caches of this user; where he has none, the one of his running programs."""
+    """Return the folder for caches of this user; without one, the folder of the user's running programs."""
     try:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softsim"
         folder.mkdir(parents=True, exist_ok=True)
@@ -67,9 +67,9 @@ def _folder_of_the_user() -> Path:
 
 
 class OneSignature:
-    """A kernel that is called with arguments of the same types every time: they are looked at once only.
+    """A kernel whose argument types are always the same, so that they are checked only once.
 
-    With forty arrays that saves 25 us per call. Arguments of other types later on are not noticed.
+    With forty arrays this saves 25 us per call. Later calls do not detect arguments of other types.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -77,7 +77,7 @@ class OneSignature:
         self._code: Callable[..., Any] | None = None
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call it; the first call compiles it for these arguments, or takes that from the cache."""
+        """Call the kernel; the first call compiles it for these arguments, or loads it from the cache."""
         if self._code is None:
             self._code = self._function
             if hasattr(self._function, "for_python"):
@@ -89,14 +89,15 @@ class OneSignature:
 
 
 class Compiler:
-    """Compiles the kernels in the files of one folder; they stay plain Python for `why_plain`'s reasons.
+    """Compiler of the kernels in one folder; they stay plain Python for the reasons of `why_plain`.
 
-    The cache lies in a folder named after all sources of the package: Numba misses a change in a kernel that
-    another one calls. It lies beside the sources; where those are not the user's own, in a folder that is.
+    The cache is in a folder named after all sources of the package, since Numba misses a change in a kernel
+    that another one calls. It is beside the sources or, if the user does not own them, in a folder of the
+    user.
 
     Args:
         folder: The package; its sub-packages belong to it.
-        uses: Compilers of the packages whose kernels are called here.
+        uses: Compilers of the packages with kernels that are called here.
     """
 
     def __init__(self, folder: Path, uses: Sequence[Compiler] = ()) -> None:
@@ -121,15 +122,15 @@ class Compiler:
 
     @property
     def cache(self) -> Path | None:
-        """The folder of the cache; None where nothing is compiled."""
+        """The folder of the cache; None if nothing is compiled."""
         return None if self._numba is None else Path(self._cache)
 
     def kernel(self, function: F) -> F:
-        """Compile with cache, without the GIL; kernels live at module level, where the cache serves them.
+        """Compile with cache, without the GIL; kernels are at module level, where the cache works.
 
-        Called by another kernel it has no wrapper for Python, and called by Python none of its own kernels
-        has one: with forty arrays in its arguments that wrapper takes as long to compile as the kernel. None
-        has one for callers in C.
+        A kernel that another kernel calls has no wrapper for Python, and the kernels inside one that Python
+        calls have none either: with forty arrays in its arguments the wrapper takes as long to compile as the
+        kernel. No kernel has a wrapper for callers in C.
         """
         if self._numba is None:
             return function
@@ -149,7 +150,7 @@ class Compiler:
         return compiled
 
     def forget_old_kernels(self) -> None:
-        """Remove what earlier versions of the kernels left beside the present cache."""
+        """Remove files of earlier versions of the kernels beside the present cache."""
         for folder in self._beside.glob("kernels-*"):
             if folder.name != self.name:
                 shutil.rmtree(folder, ignore_errors=True)

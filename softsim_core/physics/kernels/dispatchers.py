@@ -1,4 +1,4 @@
-"""What Numba makes of a kernel: one that kernels call, and one for Python, which another process compiles."""
+"""Numba's dispatchers of a kernel: one for calls from kernels, and one for Python, compiled elsewhere."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from softsim_core.physics.kernels.worker import Wanted, compile_process
 
 
 class Inside(CPUDispatcher):
-    """A kernel as other kernels call it: a call from Python goes to the one with a wrapper for Python."""
+    """A kernel as other kernels call it; a call from Python goes to the one with a wrapper for Python."""
 
     with_wrapper: Callable[[], Any]
 
     def cache_in(self, folder: Path, content: str) -> None:
-        """Keep what is compiled in a folder, in checked files of these sources."""
+        """Cache compiled code in a folder, in checked files of these sources."""
         self._cache = KernelCache(self.py_func, folder, content)
 
     @cached_property
     def for_python(self) -> Any:
-        """The one that Python calls."""
+        """The dispatcher that Python calls."""
         return self.with_wrapper()
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the one for Python."""
+        """Call the dispatcher for Python."""
         return self.for_python(*arguments)
 
 
 class ForPython(CPUDispatcher):
-    """A kernel that Python calls: what is missing in its cache is compiled by another process."""
+    """A kernel that Python calls; another process compiles it if it is missing in the cache."""
 
     def cache_in(self, folder: Path, content: str) -> None:
-        """Do the same, where another process compiles."""
+        """Cache compiled code in a folder; another process compiles it."""
         self._cache = _CompiledElsewhere(self.py_func, folder, content)
 
 
@@ -49,12 +49,12 @@ class _CompiledElsewhere(KernelCache):
         found = super().load_overload(sig, target_context)
         if found is None and compile_process.compile(Wanted(self._module, self._name, tuple(sig))):
             found = super().load_overload(sig, target_context)
-            if found is None:  # a disk that is full keeps nothing
+            if found is None:  # a full disk stores nothing
                 compile_process.compile_here()
         return found
 
 
 def get_ready_to_load() -> None:
-    """Do what the first kernel that is loaded would wait for: Numba's tables of what it can compile."""
+    """Load Numba's tables of supported operations, so that the first kernel does not wait for them."""
     cpu_target.typing_context.refresh()
     cpu_target.target_context.refresh()

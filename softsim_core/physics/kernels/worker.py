@@ -1,9 +1,9 @@
-"""Kernels are compiled by a process of their own, and this one loads them; run as a program, it compiles.
+"""The process that compiles kernels for this one, which loads them; run as a program, this module compiles.
 
 A process that compiles kernels sums in another order than one that loads them: a kernel that another one
-calls is there twice, by itself and within its caller, and the first of the two is called. Both are right, and
-differ in the last bits. So nobody steps by what it has compiled itself: a simulation gives the same bytes in
-the process that needed the kernels first, and in all later ones.
+calls exists twice, by itself and within its caller, and the process calls the first of the two. Both are
+right, and differ in the last bits. So no process steps with kernels that it has compiled itself: a simulation
+gives the same bytes in the process that needed the kernels first, and in all later ones.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from typing import Any, BinaryIO, Final, NamedTuple
 from softsim_core.base import open_lock, python_command, start_process
 
 IDLE_S: Final = 10.0
-"""A process that has so long had nothing to compile ends: it holds half a gigabyte."""
+"""The process ends after this time in [s] without work, since it uses half a gigabyte of memory."""
 
 
 class Wanted(NamedTuple):
-    """A kernel for arguments of some types (those of Numba)."""
+    """A kernel for arguments of some types (Numba types)."""
 
     module: str
     name: str
@@ -36,7 +36,7 @@ class Wanted(NamedTuple):
 
 
 class CompileProcess:
-    """The process that compiles for this one; it begins when a kernel is missing in the cache."""
+    """The process that compiles for this one; it starts when a kernel is missing in the cache."""
 
     def __init__(self) -> None:
         self._one_at_a_time = Lock()
@@ -44,37 +44,40 @@ class CompileProcess:
         self._used = bool(sys.executable) and not getattr(sys, "frozen", False)
 
     def compile(self, wanted: Wanted) -> bool:
-        """Have a kernel compiled into the cache, and wait for it; False: it was not, whatever the reason."""
+        """Compile a kernel into the cache in the other process and wait.
+
+        False: it failed, whatever the reason.
+        """
         if not self._used:
             return False
         try:
             request = pickle.dumps((_import_paths(), pickle.dumps(wanted)))
-        except Exception:  # a type that no other process can know, such as one of a function's own
+        except Exception:  # a type unknown to other processes, such as one local to a function
             return False
         with self._one_at_a_time:
-            for _ in range(2):  # one that was idle may end while it is asked
+            for _ in range(2):  # an idle process may end during a request
                 try:
                     return self._answer(request)
                 except (OSError, EOFError):
                     self.close()
-                except BaseException:  # Ctrl-C: the answer to this comes later, and is not that to the next
+                except BaseException:  # Ctrl-C: the late answer would go to the next request
                     self.close()
                     raise
         return False
 
     def compile_here(self) -> None:
-        """Have all compiled in this process: it steps by nothing, or what is compiled is not kept."""
+        """Compile everything in this process: it takes no steps, or does not save compiled kernels."""
         self._used = False
 
     def close(self) -> None:
-        """End the process; what is in the cache stays."""
+        """End the process; the cache stays."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()
             process.communicate()
 
     def forget(self) -> None:
-        """Begin anew in a process that was forked: the one that compiles is that of another."""
+        """Start anew in a forked process: the compiling process belongs to its parent."""
         self._one_at_a_time, self._process = Lock(), None
 
     def _answer(self, request: bytes) -> bool:
@@ -95,7 +98,7 @@ if hasattr(os, "register_at_fork"):
 
 @contextmanager
 def alone(file: Path) -> Iterator[None]:
-    """Hold a file's lock, waiting for it; where the system has none, nothing is held."""
+    """Hold a file's lock, after waiting for it; without effect on systems without such locks."""
     try:
         import fcntl
     except ImportError:
@@ -117,8 +120,8 @@ def _import_paths() -> list[str]:
 
 
 def _compiled(paths: list[str], request: bytes) -> bool:
-    """Compile a kernel, or find that another process has done so meanwhile."""
-    sys.path[:] = paths  # those of a package that is new, too
+    """Compile a kernel, unless another process has done so meanwhile."""
+    sys.path[:] = paths  # also those of a new package
     wanted: Wanted = pickle.loads(request)
     kernel = getattr(import_module(wanted.module), wanted.name).for_python
     with alone(Path(kernel.stats.cache_path) / "compiling"):
@@ -127,7 +130,7 @@ def _compiled(paths: list[str], request: bytes) -> bool:
 
 
 def _heard(requests: BinaryIO, heard: SimpleQueue[tuple[list[str], bytes]]) -> None:
-    """Hear what is wanted, and end this process with the one that asks, in the middle of a kernel, too."""
+    """Yield requests, and end this process with the one that asks, even in the middle of a kernel."""
     with suppress(EOFError, OSError):
         while True:
             heard.put(pickle.load(requests))
@@ -135,7 +138,7 @@ def _heard(requests: BinaryIO, heard: SimpleQueue[tuple[list[str], bytes]]) -> N
 
 
 def main() -> None:
-    """Compile what the standard input wants until it ends, or wants nothing for a while; ends the process."""
+    """Compile requests from the standard input until it ends or stays idle for a while; ends the process."""
     import signal
 
     from softsim_core.physics.kernels.cache import be_silent
@@ -144,17 +147,17 @@ def main() -> None:
     compile_process.compile_here()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks, which ends this one
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what modules print is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of modules is no answer
     heard: SimpleQueue[tuple[list[str], bytes]] = SimpleQueue()
     Thread(target=_heard, args=(sys.stdin.buffer, heard), daemon=True).start()
     while True:
         try:
             request = heard.get(timeout=IDLE_S)
         except Empty:
-            os._exit(0)  # the thread that hears holds the input's lock, and Python would end with an error
+            os._exit(0)  # the reading thread has the input's lock, and Python would end with an error
         try:
             done = _compiled(*request)
-        except Exception:  # where it is compiled next, the reason is told
+        except Exception:  # the next compilation reports the reason
             done = False
         answers.write(pickle.dumps(done))
         answers.flush()

@@ -1,8 +1,8 @@
-"""A few coupled forces with bounds, exactly: the multipliers of actuators.
+"""Exact solution for a few coupled forces with bounds, such as the multipliers of actuators.
 
 The forces minimise f^T C f / 2 + gap . f within their bounds. Active sets find them in a few linear solves,
-and seldom run in circles; then faces of the bounds are walked instead, each minimum lower than the one
-before, which ends. What comes out is checked.
+and seldom cycle. If they do, faces of the bounds are visited instead, each with a lower minimum than the one
+before, which terminates. The result is checked.
 """
 
 from __future__ import annotations
@@ -12,32 +12,32 @@ import numpy as np
 from softsim_core.base import Array, BoolArray
 
 SOLVED = 1e-9
-"""Forces with a larger `bounded_residual` are no answer."""
+"""Largest `bounded_residual` of a solution."""
 
 WRONG_SIDE = 1e-12
-"""A remainder on the wrong side of a bound counts from this share of what adds up in its row."""
+"""Share of the terms in a row above which a remainder on the wrong side of a bound counts."""
 
 SMALLEST_PIVOT = 1e-15
-"""Pivots are at least this part of the diagonal, so that rows that say the same can be solved for."""
+"""Smallest pivot as a share of the diagonal, so that identical rows can be solved for."""
 
 FACES_PER_FORCE = 100
-"""Faces that are walked at most for each force; a handful is usual."""
+"""Largest number of faces visited for each force; a handful is usual."""
 
 
 def solve_bounded(compliance: Array, gap: Array, lower: Array, upper: Array) -> Array:
-    """Forces f in [N] with gap + C f = 0, or f at a bound that gap + C f pushes against, shape (c,).
+    """Return forces f in [N] with gap + C f = 0, or f at a bound that gap + C f pushes against, shape (c,).
 
     At the lower bound the remainder gap + C f is >= 0, at the upper one <= 0.
 
     Args:
         compliance: C in [m/N], symmetric and positive definite, shape (c, c).
-        gap: In [m] at zero forces, shape (c,).
-        lower: Lower bounds in [N], shape (c,); -inf is none.
-        upper: Upper bounds, shape (c,), inf is none; equal ones impose the force.
+        gap: Gap in [m] at zero forces, shape (c,).
+        lower: Lower bounds in [N], shape (c,); -inf for none.
+        upper: Upper bounds in [N], shape (c,); inf for none; equal bounds impose the force.
 
     Returns:
-        The forces; NaN where none meet the conditions to SOLVED: C is not positive definite, or a value is
-        not finite.
+        The forces; NaN if none satisfy the conditions to SOLVED, because C is not positive definite or a
+        value is not finite.
 
     Source: Hintermueller, Ito and Kunisch 2002, The primal-dual active set strategy; Stark and Parker 1995,
     Bounded-variable least squares (the walk over faces).
@@ -55,29 +55,29 @@ def solve_bounded(compliance: Array, gap: Array, lower: Array, upper: Array) -> 
 
 
 def bounded_residual(compliance: Array, gap: Array, lower: Array, upper: Array, forces: Array) -> float:
-    """How far forces (c,) are from the conditions of `solve_bounded`, in shares of what adds up in a row.
+    """Return how far forces (c,) violate the conditions of `solve_bounded`, relative to the terms in a row.
 
-    Row i adds up gap and the terms of C f, of size up to sqrt(C_ii C_jj) |f_j|: rounding leaves 1e-16 of it.
-    Infinite out of bounds, NaN where a force is.
+    The terms of row i are the gap and those of C f, of size up to sqrt(C_ii C_jj) |f_j|; rounding leaves
+    1e-16 of them. It is infinite out of bounds, NaN where a force is NaN.
     """
     if not ((forces >= lower) & (forces <= upper)).all():
         return float("nan" if np.isnan(forces).any() else "inf")
     remainder = gap + compliance @ forces
-    below = np.where(forces > lower, remainder, 0.0)  # pushes down, and there is room
+    below = np.where(forces > lower, remainder, 0.0)  # pushes down, and the bound is not reached
     above = np.where(forces < upper, -remainder, 0.0)
     worst = np.maximum(below, above)
     return float((worst / _sums(compliance, gap, forces)).max(initial=0.0))
 
 
 def _sums(compliance: Array, gap: Array, forces: Array) -> Array:
-    """Sizes in [m] of what adds up in each row, > 0, shape (c,)."""
+    """Return the magnitude in [m] of the terms in each row, > 0, shape (c,)."""
     root = np.sqrt(np.abs(compliance.diagonal()))
     sums = np.abs(gap).max(initial=0.0) + root * (root @ np.abs(forces))
     return np.asarray(np.maximum(sums, np.finfo(float).tiny))
 
 
 def _active_sets(compliance: Array, gap: Array, lower: Array, upper: Array) -> Array:
-    """Release what leaves its bounds, hold what turns back, all at once; may end without an answer."""
+    """Solve by active sets, releasing and holding rows all at once; may end without a solution."""
     held = lower < upper
     if held.all():
         forces = -np.linalg.solve(compliance, gap)
@@ -102,7 +102,10 @@ def _active_sets(compliance: Array, gap: Array, lower: Array, upper: Array) -> A
 
 
 def _faces(compliance: Array, gap: Array, lower: Array, upper: Array) -> Array:
-    """Minimum of one face of the bounds after another; the force pushed off most frees the next face."""
+    """Minimise over one face of the bounds after another.
+
+    The force pushed off its bound most is freed next.
+    """
     forces = np.clip(np.zeros(len(gap)), lower, upper)
     held = (lower < forces) & (forces < upper)
     settled = lower >= upper
@@ -111,7 +114,7 @@ def _faces(compliance: Array, gap: Array, lower: Array, upper: Array) -> Array:
         if _to_minimum(compliance, gap, (lower, upper), forces, held):
             settled = lower >= upper
         elif freed >= 0:
-            settled[freed] = True  # it goes nowhere: what pushed it is rounding
+            settled[freed] = True  # it does not move: the push was rounding
         remainder = gap + compliance @ forces
         push = np.where(forces <= lower, -remainder, remainder) / _sums(compliance, gap, forces)
         push[held | settled] = 0.0
@@ -125,7 +128,10 @@ def _faces(compliance: Array, gap: Array, lower: Array, upper: Array) -> Array:
 def _to_minimum(
     compliance: Array, gap: Array, bounds: tuple[Array, Array], forces: Array, held: BoolArray
 ) -> bool:
-    """Move `forces` (c,) to the minimum over those held, which leave `held` at a bound; whether any moved."""
+    """Move `forces` (c,) to the minimum over the held ones, which leave `held` at a bound.
+
+    Return whether any moved.
+    """
     lower, upper = bounds
     moved = False
     while held.any():
@@ -148,7 +154,7 @@ def _to_minimum(
 
 
 def _solve_positive(matrix: Array, right: Array) -> Array:
-    """Solution of a symmetric system, its eigenvalues (diagonal scaled to 1) at least SMALLEST_PIVOT."""
+    """Solve a symmetric system with eigenvalues (diagonal scaled to 1) of at least SMALLEST_PIVOT."""
     scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
     return np.asarray(

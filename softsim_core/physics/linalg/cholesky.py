@@ -1,12 +1,12 @@
 """Compiled supernodal multifrontal Cholesky factorisation, with forward and backward solves.
 
-A block of rows is factored, copied into strips of columns, and what it takes off all that comes later is
-computed strip by strip: of each pair of strips, both lie in the cache side by side. Panels that fit in the
-cache as they are need none of that, see cholesky.factor.
+A block of rows is factored and copied into strips of columns. Its contribution to all later rows is computed
+strip by strip, so that both strips of each pair are in the cache. Panels that fit in the cache need no
+strips, see cholesky.factor_part.
 
 Source: Goto and van de Geijn 2008, Anatomy of high-performance matrix multiplication.
 
-The layout is that of symbolic.Plan: a panel row holds [own columns | later unknowns | border | right-hand
+The layout is that of symbolic.Plan: a panel row has [own columns | later unknowns | border | right-hand
 side].
 """
 
@@ -29,14 +29,14 @@ STRIP = 2 * LANES
 """Columns of a strip; ROWS divides it."""
 
 FITS = 1 << 15
-"""Panels of at most so many numbers are factored without blocks: 256 kB."""
+"""Largest panel, in numbers, that is factored without blocks: 256 kB."""
 
 
 @kernel
 def copy_strips(
     panels: Array, start: int, width: int, count: int, length: int, strips: Array, goal: int
 ) -> None:
-    """`count` rows of `length` numbers, `width` apart, as strips one after another: row by row in each."""
+    """Copy `count` rows of `length` numbers, `width` apart, as consecutive strips, row by row in each."""
     for first in range(0, length, STRIP):
         many, place = min(STRIP, length - first), goal + first * count
         for k in range(count):
@@ -53,11 +53,11 @@ def subtract_strips(
     target: Array, place: int, stride: int, rows: int, strips: Array, left: int, first: int, right: int,
     length: int, count: int, upper: bool,
 ) -> None:  # fmt: skip
-    """target[i, j] -= the product of columns first + i and j of strips, over the `count` rows they hold.
+    """Subtract from target[i, j] the product of columns first + i and j of strips, over `count` rows.
 
     The target has rows i < `rows` of `length` numbers from `place` on; `rows` is rounded up to a multiple of
     ROWS. The strips with the columns of i begin at `left`, those with the columns of j at `right`. With
-    `upper`, i and j count alike, and only j >= i is wanted.
+    `upper`, i and j have the same numbering, and only j >= i is computed.
     """
     group = 0
     while group < rows:
@@ -75,7 +75,7 @@ def subtract_strips(
 
 @kernel
 def strips_length(width: int) -> int:
-    """Numbers that the strips of a block take, of panels so wide."""
+    """Return how many numbers the strips of a block need for panels of a width."""
     return BLOCK * (width + 2 * STRIP)
 
 
@@ -84,9 +84,10 @@ def subtract_block(
     panels: Array, begin: int, width: int, low: int, high: int, rows: int, later: int, side: int,
     stack: Array, top: int, strips: Array,
 ) -> None:  # fmt: skip
-    """What panel rows low .. high take off the later rows of the panel, up to `rows`, and its update.
+    """Subtract the product of panel rows low .. high from later rows.
 
-    The update lies in `stack` from `top`, in `side` rows of width - later numbers.
+    These are the later rows of the panel, up to `rows`, and the rows of its update. The update lies in
+    `stack` from `top`, in `side` rows of width - later numbers.
     """
     count, pitch, own = high - low, width - later, later - high
     beyond = (own + STRIP - 1) // STRIP * STRIP * count
@@ -100,7 +101,7 @@ def subtract_block(
 
 
 ZERO: Final = cast(int, np.int64(0))
-"""For kernels: of one that takes a literal, Numba compiles a version for each."""
+"""Zero for kernels: Numba would compile another version of a kernel for each literal argument."""
 
 
 @kernel
@@ -115,7 +116,7 @@ def subtract_products(
     count: int,
     length: int,
 ) -> None:
-    """Rows row .. row + ROWS of target -= source^T source over `count` rows, from the diagonal on."""
+    """Subtract source^T source over `count` rows from rows row .. row + ROWS of target, from the diagonal."""
     j = row - row % LANES
     start = place + row * stride
     while j + 2 * LANES <= length:
@@ -150,8 +151,8 @@ def add_update(
 ) -> None:  # fmt: skip
     """Add a child's update (an upper triangle in the stack) to its parent's panel and update.
 
-    The parent has `own` columns; its later unknowns start at panel column `later`; `goal` holds its update
-    from `top`, in rows of length `pitch`. Only targets from `low` to `high`, by panel column, get their rows.
+    The parent has `own` columns; its later unknowns start at panel column `later`; its update is in `goal`
+    from `top` on, in rows of length `pitch`. Only targets from `low` to `high`, by panel column, are updated.
     """
     side, length = tree.side[child], tree.width[child] - tree.later[child]
     begin = tree.update[child]
@@ -177,7 +178,7 @@ def add_update(
 
 @kernel
 def widest(tree: Tree, first: int, end: int) -> int:
-    """Width of the widest panel of supernodes first .. end that is factored in blocks; 0: none is."""
+    """Return the width of the widest panel of supernodes first .. end that is factored in blocks, else 0."""
     result = 0
     for s in range(first, end):
         if tree.panel[s + 1] - tree.panel[s] > FITS:
@@ -187,7 +188,7 @@ def widest(tree: Tree, first: int, end: int) -> int:
 
 @kernel
 def factor_part(tree: Tree, store: Factor, first_supernode: int, end: int) -> None:
-    """Factor the panels of supernodes first_supernode .. end, whose children are factored or among them."""
+    """Factor the panels of supernodes first_supernode .. end; their children are factored or among them."""
     panels, stack = store.panels, store.stack
     coefficients = np.zeros(ROWS * ROWS, panels.dtype)
     strips = np.empty(strips_length(widest(tree, first_supernode, end)), panels.dtype)
@@ -200,7 +201,7 @@ def factor_part(tree: Tree, store: Factor, first_supernode: int, end: int) -> No
             child = tree.children[c]
             add_update(tree, child, stack, own, later, width, panels, begin, stack, top, pitch, ZERO, width)
         rows = own + (-own) % ROWS
-        for i in range(own, rows):  # padding rows are those of the identity
+        for i in range(own, rows):  # padding rows are rows of the identity
             panels[begin + i * width + i] = 1.0
         fits = rows * width <= FITS
         block = rows if fits else BLOCK
@@ -218,7 +219,7 @@ def factor_part(tree: Tree, store: Factor, first_supernode: int, end: int) -> No
 
 @kernel
 def gather_schur(tree: Tree, store: Factor) -> None:
-    """Add what the factored panels leave of the dense unknowns to store.schur."""
+    """Add the factored panels' contribution to the dense unknowns to store.schur."""
     size = len(tree.columns)
     border, pitch = store.schur.reshape(-1), store.schur.shape[1]
     for c in range(tree.first_child[size], tree.first_child[size + 1]):
@@ -230,9 +231,9 @@ def gather_schur(tree: Tree, store: Factor) -> None:
 
 @kernel
 def factor(tree: Tree, store: Factor) -> None:
-    """Factor all panels and solve forward; those of the dense unknowns end in store.schur.
+    """Factor all panels and solve forward; the Schur complement of the dense unknowns is in store.schur.
 
-    All arrays of the store are of one type, float64 or float32.
+    All arrays of the store have one type, float64 or float32.
     """
     factor_part(tree, store, ZERO, len(tree.columns))
     gather_schur(tree, store)
@@ -240,7 +241,7 @@ def factor(tree: Tree, store: Factor) -> None:
 
 @kernel
 def solve_backward(tree: Tree, store: Factor) -> None:
-    """Fill store.solution of the free unknowns; its tail already holds the border's."""
+    """Compute store.solution of the free unknowns; its tail must already have the border's."""
     panels, solution, gathered = store.panels, store.solution, store.gathered
     for s in range(len(tree.columns) - 1, -1, -1):
         own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
@@ -262,7 +263,10 @@ def solve_backward(tree: Tree, store: Factor) -> None:
 def subtract_tiles(
     target: Array, place: int, stride: int, source: Array, a: int, b: int, pitch: int, count: int, length: int
 ) -> None:
-    """ROWS rows of `length` numbers: target[i, j] -= sum over `count` rows of source[a + i] source[b + j]."""
+    """Subtract the sum over `count` rows of source[a + i] source[b + j] from ROWS rows of target[i, j].
+
+    The rows have `length` numbers.
+    """
     j = 0
     while j + 2 * LANES <= length:
         tile_two(target, place + j, stride, source, a, b + j, pitch, count)
@@ -275,10 +279,10 @@ def subtract_tiles(
 def forward_rows(
     tree: Tree, store: Factor, spans: IndexArray, spread: Array, space: Array, product: Array
 ) -> None:
-    """Y = L^-1 H^T in place, the rows of the border H_b^T - A_bi A^-1 H^T; -Y^T Y, upper triangle.
+    """Compute Y = L^-1 H^T in place, the border's rows H_b^T - A_bi A^-1 H^T, and -Y^T Y (upper triangle).
 
-    A supernode's panel rows and its rows of Y are put side by side in `space`, where tiles find both. All are
-    of one type, float64 or float32.
+    A supernode's panel rows and its rows of Y are copied side by side to `space`, where tiles use both. All
+    arrays have one type, float64 or float32.
     """
     panels, rows, pitch = store.panels, spread.reshape(-1), spread.shape[1]
     goal = product.reshape(-1)
@@ -321,7 +325,10 @@ def forward_rows(
 
 @kernel
 def solve_columns(tree: Tree, store: Factor, spread: Array, count: int) -> None:
-    """L^-T of the first `count` columns of `spread` (unknowns, padded) in place; dense ones are solved."""
+    """Compute L^-T of the first `count` columns of `spread` (unknowns, padded) in place.
+
+    Dense ones are solved.
+    """
     first = 0
     for s in range(len(tree.columns)):
         first += tree.columns[s]

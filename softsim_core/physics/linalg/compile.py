@@ -1,4 +1,4 @@
-"""Compiling what only works with Numba: the kernels of linear algebra."""
+"""Compilation of the kernels of linear algebra, which need Numba."""
 
 from __future__ import annotations
 
@@ -17,10 +17,16 @@ kernel = compiler.kernel
 
 
 def inlined(function: F) -> F:
-    """Part of a kernel, copied into its callers: handing over whole groups of arrays is not free."""
+    """Return a part of a kernel that is copied into its callers.
+
+    Passing whole tuples of arrays to a function is not free.
+    """
     return cast(F, njit(inline="always")(function))
 
 
 def intrinsic(function: Callable[..., Any]) -> Any:
-    """A function that writes its own machine code (LLVM); kernels call it without the typing context."""
+    """Return a function that generates its own machine code (LLVM).
+
+    Kernels call it without the typing context.
+    """
     return numba_intrinsic(function)

@@ -1,8 +1,9 @@
-"""Conjugate gradients with a factor in single precision as preconditioner, by several threads.
+"""Conjugate gradients with a factor in single precision as preconditioner, on several threads.
 
-What the rows of a part add to unknowns above all parts is kept apart for each, and added part by part once
-all are done: sums have the same order for any number of threads. Large panels above the parts are read in
-pieces: blocks of rows, and of each the further columns (forward) or the rows (back) in strips.
+The contributions of each part's rows to unknowns above all parts are stored separately, and added part by
+part once all are done, so that sums have the same order for any number of threads. Large panels above the
+parts are read in pieces: blocks of rows, and for each block the further columns (forward) or the rows (back)
+in strips.
 
 Source: Hestenes and Stiefel 1952; Saad 2003, Iterative Methods for Sparse Linear Systems, chapter 9.
 """
@@ -43,25 +44,25 @@ MULTIPLY, FORWARD, COLUMNS, LINES, BACK = (cast(int, np.int64(kind)) for kind in
 """Kinds of phases."""
 
 BLOCK = 128
-"""Rows of a large panel that are solved before others take part; ROWS divides it."""
+"""Rows of a large panel that are solved before other threads take part; a multiple of ROWS."""
 
 WIDE = 512
-"""Columns that one task takes."""
+"""Number of columns per task."""
 
 DEEP = 16
-"""Rows that one task takes."""
+"""Number of rows per task."""
 
 LARGE = 1 << 16
-"""Numbers of a panel above which it is read in pieces: 256 kB, some 20 us."""
+"""Size of a panel, in numbers, above which it is read in pieces: 256 kB, some 20 us."""
 
 
 class Sharing(NamedTuple):
-    """What threads need of each other.
+    """Data that threads share.
 
     Attributes:
-        division: Of the preconditioner's tree.
-        beyond, single_beyond: What each part adds to unknowns above, by unknown, shape (p, 3 f); zero between
-            two products. Without unknowns above, (p, 0).
+        division: Division of the preconditioner's tree.
+        beyond, single_beyond: Contribution of each part to unknowns above, by unknown, shape (p, 3 f); zero
+            between two products. Without unknowns above, the shape is (p, 0).
         room: r, z, p and q of conjugate gradients, shape (4, 3 f).
         scale: See products.turn_back, shape (1,).
     """
@@ -74,7 +75,7 @@ class Sharing(NamedTuple):
 
 
 def sharing_of(division: Division, unknowns: int) -> Sharing:
-    """Room for a divided tree of so many unknowns."""
+    """Return the shared data for a divided tree with a number of unknowns."""
     shape = (len(division.first), unknowns if len(division.above) else 0)
     beyond, room = np.zeros(shape), np.zeros((4, unknowns))
     return Sharing(division, beyond, np.zeros(shape, np.float32), room, np.ones(1))
@@ -82,7 +83,7 @@ def sharing_of(division: Division, unknowns: int) -> Sharing:
 
 @kernel
 def nodes_of(tree: Tree, first: int, end: int) -> tuple[int, int]:
-    """First node of supernodes first .. end, and the end of them."""
+    """Return the first node of supernodes first .. end, and the end of their nodes."""
     return tree.first_column[first] // 3, (tree.first_column[end - 1] + tree.columns[end - 1]) // 3
 
 
@@ -91,7 +92,10 @@ def product_task(
     matrix: Matrix, by: Preconditioner, sharing: Sharing, line: SingleArray, kind: int, s: int, low: int,
     task: int,
 ) -> None:  # fmt: skip
-    """One task of a phase; `s`: the supernode, `low`: first row of its block; `line`: as Preconditioner's."""
+    """Run one task of a phase for supernode `s` with the block that starts at row `low`.
+
+    `line` is a buffer as that of Preconditioner.
+    """
     tree, parts, above = by.tree, sharing.division, sharing.division.above
     r, z, p, q = sharing.room[0], sharing.room[1], sharing.room[2], sharing.room[3]
     scale = sharing.scale[0]
@@ -130,14 +134,14 @@ def product_task(
 
 @kernel
 def panel_end(tree: Tree, s: int) -> int:
-    """Where the numbers of a panel row end: the right-hand side is none of them."""
+    """Return the end of the numbers of a panel row, without the right-hand side."""
     end: int = tree.later[s] + tree.side[s] - 1
     return end
 
 
 @kernel
 def block_end(tree: Tree, s: int, low: int) -> int:
-    """Where the block of a panel that begins at row `low` ends; rows are padded to ROWS."""
+    """Return the end of the block of a panel that begins at row `low`; rows are padded to ROWS."""
     own: int = tree.columns[s]
     return min(low + BLOCK, own + (-own) % ROWS)
 
@@ -146,7 +150,7 @@ def block_end(tree: Tree, s: int, low: int) -> int:
 def subtract_columns(
     tree: Tree, panels: SingleArray, s: int, low: int, first: int, end: int, line: SingleArray
 ) -> None:
-    """What the solved rows of a block take off columns first .. end of the line."""
+    """Subtract the contribution of a block's solved rows from columns first .. end of the line."""
     width = tree.width[s]
     for k in range(low, block_end(tree, s, low), ROWS):
         a = tree.panel[s] + k * width
@@ -160,7 +164,10 @@ def subtract_columns(
 def subtract_lines(
     tree: Tree, panels: SingleArray, s: int, first: int, last: int, low: int, line: SingleArray
 ) -> None:
-    """What the columns after a block, which begins at row `low`, take off its rows first .. last."""
+    """Subtract the contribution of the columns after a block from its rows first .. last.
+
+    The block begins at row `low`.
+    """
     width, beyond, end = tree.width[s], block_end(tree, s, low), panel_end(tree, s)
     for k in range(first, last, ROWS):
         a = tree.panel[s] + k * width
@@ -179,7 +186,7 @@ def subtract_lines(
 def solve_block_forward(
     panels: SingleArray, begin: int, width: int, low: int, high: int, line: SingleArray
 ) -> None:
-    """Replace rows low .. high of the line by L^-1 of it, in their own columns."""
+    """Replace rows low .. high of the line by L^-1 times them, in their own columns."""
     for k in range(low, high):
         row = begin + k * width
         value = line[k] / panels[row + k]
@@ -192,7 +199,7 @@ def solve_block_forward(
 def solve_block_back(
     panels: SingleArray, begin: int, width: int, low: int, high: int, line: SingleArray
 ) -> None:
-    """Replace rows low .. high of the line by L^-T of it, in their own columns."""
+    """Replace rows low .. high of the line by L^-T times them, in their own columns."""
     for k in range(high - 1, low - 1, -1):
         row = begin + k * width
         total = line[k]
@@ -206,7 +213,7 @@ def product_phase(
     matrix: Matrix, by: Preconditioner, sharing: Sharing, agenda: IndexArray, kind: int, s: int, low: int,
     count: int,
 ) -> None:  # fmt: skip
-    """Have a phase done."""
+    """Publish a phase, take part in it, and wait until it is done."""
     publish(agenda, kind, s, low, count)
     task = claim(agenda)
     while task >= 0:
@@ -218,7 +225,7 @@ def product_phase(
 
 @kernel
 def support_products(matrix: Matrix, by: Preconditioner, sharing: Sharing, agenda: IndexArray) -> None:
-    """What a thread does that helps with conjugate gradients."""
+    """Take tasks of conjugate gradients from the agenda until it closes, as a supporting thread."""
     line = np.zeros(len(by.line), np.float32)
     task = claim_or_leave(agenda)
     while task != CLOSED:
@@ -245,7 +252,7 @@ def multiply(matrix: Matrix, by: Preconditioner, sharing: Sharing, agenda: Index
 def precondition(
     matrix: Matrix, by: Preconditioner, sharing: Sharing, scale: float, agenda: IndexArray
 ) -> None:
-    """Write R L^-T L^-1 R^T r to z; r / `scale` fits into single precision."""
+    """Write R L^-T L^-1 R^T r to z; r / `scale` must fit into single precision."""
     tree, panels, column, line, parts = by.tree, by.panels, by.column, by.line, sharing.division
     sharing.scale[0] = scale
     product_phase(matrix, by, sharing, agenda, FORWARD, ZERO, ZERO, len(parts.first) + 1)
@@ -295,7 +302,7 @@ def precondition(
 
 @kernel
 def largest(x: Array) -> float:
-    """The largest magnitude; NaN if there is one."""
+    """Return the largest magnitude; NaN if there is one."""
     result = 0.0
     for i in range(len(x)):
         value: float = abs(x[i])
@@ -311,24 +318,24 @@ def conjugate_gradients(
     matrix: Matrix, by: Preconditioner, sharing: Sharing, b: Array, x: Array, tolerance: float, share: float,
     most: int, agenda: IndexArray,
 ) -> int:  # fmt: skip
-    """Solve A x = b by conjugate gradients from zero on.
+    """Solve A x = b by conjugate gradients, starting from zero.
 
-    It ends where the preconditioner takes what is left for a change of x of at most `tolerance`, or of at
-    most this `share` of the first guess, in the largest component.
+    It stops when the preconditioner estimates the remaining change of x, in the largest component, as at most
+    `tolerance` or at most this `share` of the first guess.
 
     Args:
         matrix: A.
-        by: What stands for its inverse.
-        sharing: Who shares the work, see Sharing.
-        b: Shape (3 f,).
-        x: Shape (3 f,), written.
-        tolerance: In the unit of x.
+        by: The preconditioner.
+        sharing: Data that threads share, see Sharing.
+        b: Right-hand side, shape (3 f,).
+        x: Solution, shape (3 f,), written.
+        tolerance: Absolute tolerance in the unit of x.
         share: Relative tolerance.
         most: Largest number of iterations.
-        agenda: Where others read what there is to do.
+        agenda: Agenda of tasks for the other threads.
 
     Returns:
-        The number of iterations; -1: not reached in `most`; -2: A or its preconditioner is not positive.
+        The number of iterations; -1: not converged in `most`; -2: A or its preconditioner is not positive.
     """
     room = sharing.room
     r, z, p, q = room[0], room[1], room[2], room[3]
@@ -349,7 +356,7 @@ def conjugate_gradients(
     for count in range(most):
         reached = largest(z)
         if reached <= limit:
-            for i in range(size):  # what the preconditioner knows of the rest costs nothing
+            for i in range(size):  # the preconditioned residual improves x at no cost
                 x[i] += z[i]
             return count
         if not left > 0.0:
@@ -382,13 +389,13 @@ def support_gradients(
     matrix: Matrix, by: Preconditioner, sharing: Sharing, b: Array, x: Array, tolerance: float, share: float,
     most: int, agenda: IndexArray,
 ) -> None:  # fmt: skip
-    """What a thread does that helps with `conjugate_gradients`."""
+    """Take tasks of `conjugate_gradients` from the agenda until it closes, as a supporting thread."""
     support_products(matrix, by, sharing, agenda)
 
 
 @kernel
 def copy_matrix(matrix: Matrix, tree: Tree, supernode: IndexArray, panels: Array) -> None:
-    """The matrix into the panels of its factor; `supernode` (f,): of each node, by unknown."""
+    """Copy the matrix into the panels of its factor; `supernode` (f,) is that of each node, by unknown."""
     for i in range(len(matrix.row)):
         s = supernode[i]
         width, first, end = tree.width[s], tree.first_column[s], tree.first_column[s] + tree.columns[s]
@@ -410,7 +417,7 @@ def copy_matrix(matrix: Matrix, tree: Tree, supernode: IndexArray, panels: Array
 
 @kernel
 def reach(tree: Tree, supernodes: IndexArray, width: int, spans: IndexArray) -> None:
-    """Columns 0 .. width for all supernodes above those given, none for others, shape (s, 2)."""
+    """Set columns 0 .. width for the given supernodes and all above them, none for others, shape (s, 2)."""
     spans[:] = 0
     for s in supernodes:
         while s >= 0 and spans[s, 1] == 0:

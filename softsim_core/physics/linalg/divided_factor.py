@@ -1,11 +1,11 @@
-"""Factorisation by several threads: independent parts of the elimination tree, then what is above.
+"""Factorisation on several threads: independent parts of the elimination tree, then the supernodes above.
 
-The parts are subtrees of about the same cost, neighbours taken together; what stands above them is done
-supernode by supernode, large ones in pieces. All that depends on the tree alone, not on the threads.
+The parts are subtrees of about the same cost, with neighbours joined. The supernodes above them are factored
+one by one, large ones in pieces. The division depends on the tree alone, not on the number of threads.
 
-Of a large panel above the parts, the updates of its children are added in strips of rows. Then, as in
-`blocks`, a block of rows is factored, its further columns in strips of columns, and what it takes off all
-that comes later in strips of rows.
+For a large panel above the parts, the updates of its children are added in strips of rows. Then, as in
+cholesky, a block of rows is factored, its further columns in strips of columns, and its contribution to all
+later rows is subtracted in strips of rows.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ PARTS = 24
 
 
 class Division(NamedTuple):
-    """See the module.
+    """Division of an elimination tree into independent parts and the supernodes above them.
 
     Attributes:
         first, end: Supernodes of each part, shape (p,); the costly parts come first.
         above: Supernodes above all parts, ascending, shape (a,).
-        first_row: Where the rows of each part begin in `row`; the last one ends them, shape (p + 1,).
+        first_row: First entry of each part in `row`, and the end of the last part, shape (p + 1,).
         row: Unknowns above that each part is coupled to.
     """
 
@@ -67,30 +67,33 @@ class Division(NamedTuple):
 
 
 WORTHWHILE = 3e8
-"""Flops of a factorisation, some 10 ms, above which several threads are worth waking."""
+"""Flops of a factorisation, some 10 ms, above which several threads are faster."""
 
 
 def undivided(plan: Plan) -> Division:
-    """The whole tree as one part."""
+    """Return the whole tree as one part."""
     none = np.zeros(0, np.int64)
     return Division(np.zeros(1, np.int64), np.array([len(plan.columns)]), none, np.zeros(2, np.int64), none)
 
 
 def factor_flops(plan: Plan) -> Array:
-    """Multiplications and additions of each supernode's elimination, shape (s,)."""
+    """Return the multiplications and additions of each supernode's elimination, shape (s,)."""
     own, coupled = plan.columns.astype(float), plan.side - 1.0
     return np.asarray(own * (own + 1.0) * (2.0 * own + 1.0) / 6.0 + own * coupled * (own + coupled))
 
 
 def divided(plan: Plan, worthwhile: float | None = None) -> Division:
-    """The parts of a plan's tree; of one with less to do, the whole. `worthwhile` None: WORTHWHILE."""
+    """Return the parts of a plan's tree, or the whole if its cost is at most `worthwhile`.
+
+    `worthwhile` None: WORTHWHILE.
+    """
     size = len(plan.columns)
     first, whole = np.arange(size), factor_flops(plan)
     if whole.sum() <= (WORTHWHILE if worthwhile is None else worthwhile):
         return undivided(plan)
     children: list[list[int]] = [[] for _ in range(size)]
     roots = []
-    for s, p in enumerate(plan.parent.tolist()):  # children come before their parents
+    for s, p in enumerate(plan.parent.tolist()):  # children precede their parents
         if p >= 0:
             whole[p] += whole[s]
             first[p] = min(first[p], first[s])
@@ -128,16 +131,18 @@ def divided(plan: Plan, worthwhile: float | None = None) -> Division:
 
 
 def _rows(plan: Plan, first: int, end: int) -> IndexArray:
-    """Unknowns of free nodes beyond supernodes first .. end that these are coupled to."""
+    """Return the unknowns of free nodes beyond supernodes first .. end that these are coupled to."""
     low = plan.first_column[end - 1] + plan.columns[end - 1]
     rows = np.unique(plan.row_index[plan.first_row[first] : plan.first_row[end]])
     return np.asarray(rows[(rows >= low) & (rows < 3 * len(plan.position))])
 
 
 def with_room_for(plan: Plan, division: Division, tile_rows: int) -> Plan:
-    """The plan with a stack in which the parts' updates lie apart; those above them use room that is left.
+    """Return the plan with a stack in which the parts' updates do not overlap.
 
-    What a part leaves for supernodes above it, or for the unknowns after all of them, stays where it is.
+    Those above use the remaining space.
+
+    Updates of a part for supernodes above it, or for the unknowns after all of them, stay in place.
     """
     needs, update, end = padded(plan.side, tile_rows) * (plan.width - plan.later), plan.update.copy(), 0
     left = [np.zeros(0, np.int64)]
@@ -159,14 +164,14 @@ WIDE = 8 * STRIP
 """Columns of a block that one task factors."""
 
 DEEP = 4 * STRIP
-"""Later rows that one task subtracts from."""
+"""Later rows from which one task subtracts."""
 
 
 class Room(NamedTuple):
-    """What the threads share while they factor one panel.
+    """Buffers that threads share while they factor one panel.
 
     Attributes:
-        coefficients: Of each ROWS rows of the block, see simd.solve_rows, shape (BLOCK / ROWS, ROWS^2).
+        coefficients: For each ROWS rows of the block, see simd.solve_rows, shape (BLOCK / ROWS, ROWS^2).
         strips: The block in strips of columns, see cholesky.copy_strips.
     """
 
@@ -175,14 +180,14 @@ class Room(NamedTuple):
 
 
 def room_for(tree: Tree, division: Division, kind: type[np.floating[Any]]) -> Room:
-    """Room for the factor of a divided tree in numbers of one type."""
+    """Return buffers for the factor of a divided tree in numbers of one type."""
     widest = int(tree.width[division.above].max(initial=0))
     return Room(np.zeros((BLOCK // ROWS, ROWS * ROWS), kind), np.zeros(strips_length(widest), kind))
 
 
 @kernel
 def gather_lines(tree: Tree, store: Factor, s: int, low: int, high: int) -> None:
-    """Lines low .. high of a panel and its update, counted by panel columns, take what the children leave."""
+    """Add the children's updates to lines low .. high of a panel and its update, counted by panel columns."""
     own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
     pitch, top = width - later, tree.update[s]
     lines = tree.side[s] + (-tree.side[s]) % ROWS
@@ -199,7 +204,7 @@ def gather_lines(tree: Tree, store: Factor, s: int, low: int, high: int) -> None
 def factor_triangle(
     panels: Numbers, begin: int, width: int, low: int, high: int, coefficients: Numbers
 ) -> None:
-    """Rows low .. high of a panel up to the column where they end."""
+    """Factor rows low .. high of a panel up to the column where they end."""
     end, row = high + (-high) % LANES, begin + low * width
     for i in range(low, high, ROWS):
         subtract_products(panels, begin, width, i, panels, row, width, i - low, end)
@@ -210,7 +215,7 @@ def factor_triangle(
 def factor_columns(
     panels: Numbers, begin: int, width: int, low: int, high: int, first: int, end: int, room: Room, goal: int
 ) -> None:
-    """Columns first .. end of rows low .. high, and these as strips from `goal` on."""
+    """Factor columns first .. end of rows low .. high, and copy them as strips from `goal` on."""
     row, strips, coefficients = begin + low * width, room.strips, room.coefficients
     for i in range(low, high, ROWS):
         place = begin + i * width + first
@@ -221,9 +226,9 @@ def factor_columns(
 
 @kernel
 def subtract_later(tree: Tree, store: Factor, s: int, low: int, high: int, row: int, strips: Numbers) -> None:
-    """What rows low .. high take off DEEP lines from `row` on: of the panel after them, or of its update.
+    """Subtract the contribution of rows low .. high from DEEP later lines from `row` on.
 
-    Lines count from `high` on up to the last row of the panel in whole tasks, then those of the update.
+    Lines are those of the panel from `high` on up to its last row, in whole tasks, then those of the update.
     """
     later, width, begin = tree.later[s], tree.width[s], tree.panel[s]
     rows, pitch, count = tree.columns[s] + (-tree.columns[s]) % ROWS, width - later, high - low
@@ -246,7 +251,7 @@ def subtract_later(tree: Tree, store: Factor, s: int, low: int, high: int, row: 
 def factor_task(
     tree: Tree, store: Factor, division: Division, room: Room, kind: int, s: int, low: int, task: int
 ) -> None:
-    """One task of a phase; `s`: the supernode, `low`: first row of its block."""
+    """Run one task of a phase for supernode `s` with the block that starts at row `low`."""
     if kind == PART:
         factor_part(tree, store, division.first[task], division.end[task])
     elif kind == GATHER:
@@ -276,7 +281,7 @@ def factor_phase(
         int,
     count: int,
 ) -> None:  # fmt: skip
-    """Have a phase done."""
+    """Publish a phase, take part in it, and wait until it is done."""
     publish(agenda, kind, s, low, count)
     task = claim(agenda)
     while task >= 0:
@@ -288,7 +293,7 @@ def factor_phase(
 
 @kernel
 def lead_factor(tree: Tree, store: Factor, division: Division, room: Room, agenda: IndexArray) -> None:
-    """See cholesky.factor: the thread that writes the agenda."""
+    """Factor the matrix in the panels as `cholesky.factor`, as the thread that writes the agenda."""
     factor_phase(tree, store, division, room, agenda, PART, ZERO, ZERO, len(division.first))
     panels = store.panels
     for a in range(len(division.above)):
@@ -299,7 +304,7 @@ def lead_factor(tree: Tree, store: Factor, division: Division, room: Room, agend
             factor_part(tree, store, s, s + 1)
             continue
         factor_phase(tree, store, division, room, agenda, GATHER, s, ZERO, (later + side + ROWS) // LINES + 1)
-        for i in range(own, rows):  # padding rows are those of the identity
+        for i in range(own, rows):  # padding rows are rows of the identity
             panels[begin + i * width + i] = 1.0
         for low in range(0, rows, BLOCK):
             high = min(rows, low + BLOCK)
@@ -314,7 +319,7 @@ def lead_factor(tree: Tree, store: Factor, division: Division, room: Room, agend
 
 @kernel
 def support_factor(tree: Tree, store: Factor, division: Division, room: Room, agenda: IndexArray) -> None:
-    """See cholesky.factor: a thread that helps."""
+    """Take tasks of a factorisation from the agenda until it closes, as a supporting thread."""
     task = claim_or_leave(agenda)
     while task != CLOSED:
         kind, s, low = order(agenda)

@@ -1,14 +1,13 @@
-"""Elimination orders that keep factors small: nested dissection, and what an order costs.
+"""Elimination orders for small factors: nested dissection, and the cost of an order.
 
-A graph is given by `starts` (n + 1,) and `neighbours`: those of node i stand from starts[i] up to
-starts[i + 1].
+A graph is given by `starts` (n + 1,) and `neighbours`: those of node i are at starts[i] up to starts[i + 1].
 
 Source: Liu 1990, The role of elimination trees in sparse factorization.
 
-Nodes that part the graph into two halves are eliminated last, and each half is parted in the same way. Where
-to part: distances along the graph to a few nodes far from one another stand for coordinates, the median of
-the difference of two of them cuts, and moves of single nodes make the separator smaller. Small parts are
-ordered by minimum degree among themselves, separators around them counted.
+Nodes that separate the graph into two halves are eliminated last, and each half is separated in the same way.
+For the separation, distances along the graph to a few nodes far from one another serve as coordinates, the
+median of the difference of two of them cuts, and moves of single nodes make the separator smaller. Small
+parts are ordered by minimum degree among themselves, with the separators around them counted.
 
 Sources: George 1973, Nested dissection of a regular finite element mesh; Fiduccia and Mattheyses 1982, and
 Hendrickson and Rothberg 1998, Improving the run time and quality of nested dissection ordering.
@@ -25,7 +24,7 @@ from softsim_core.physics.linalg.compile import kernel
 
 
 def graph_of(count: int, edges: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """The graph of `count` nodes with `edges` (e, 2), any order, repetitions and loops allowed."""
+    """Return the graph of `count` nodes with `edges` (e, 2), any order, repetitions and loops allowed."""
     pairs = edges[edges[:, 0] != edges[:, 1]]
     matrix = sp.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count)).tocsr()
     whole = (matrix + matrix.T).tocsr()
@@ -35,7 +34,10 @@ def graph_of(count: int, edges: IndexArray) -> tuple[IndexArray, IndexArray]:
 
 @kernel
 def elimination_tree(starts: IndexArray, neighbours: IndexArray, order: IndexArray) -> IndexArray:
-    """Parent of each position in the elimination tree, or -1; `order` (n,): nodes as they are eliminated."""
+    """Return the parent of each position in the elimination tree, or -1.
+
+    `order` (n,) lists the nodes in the order of elimination.
+    """
     count = len(order)
     position = np.empty(count, np.int64)
     for i in range(count):
@@ -55,7 +57,7 @@ def elimination_tree(starts: IndexArray, neighbours: IndexArray, order: IndexArr
 
 @kernel
 def postordered(parent: IndexArray) -> IndexArray:
-    """Positions such that children stand before their parents, and each subtree side by side, shape (n,)."""
+    """Return positions with children before their parents and each subtree contiguous, shape (n,)."""
     count = len(parent)
     first, following = np.full(count + 1, -1, np.int64), np.full(count, -1, np.int64)
     for i in range(count - 1, -1, -1):
@@ -81,7 +83,7 @@ def postordered(parent: IndexArray) -> IndexArray:
 def column_counts(
     starts: IndexArray, neighbours: IndexArray, order: IndexArray, parent: IndexArray
 ) -> IndexArray:
-    """Entries below the diagonal of each column of the factor, by position, shape (n,)."""
+    """Return the entries below the diagonal of each column of the factor, by position, shape (n,)."""
     count = len(order)
     position, seen = np.empty(count, np.int64), np.full(count, -1, np.int64)
     for i in range(count):
@@ -99,32 +101,32 @@ def column_counts(
 
 
 def factor_cost(graph: tuple[IndexArray, IndexArray], order: IndexArray) -> tuple[float, float]:
-    """What a Cholesky factor with 3 x 3 blocks takes in that order of nodes.
+    """Return the cost of a Cholesky factor with 3 x 3 blocks in that order of nodes.
 
     Returns:
-        Multiplications and additions, and the numbers that it has.
+        Its multiplications and additions, and its numbers.
     """
     counts = column_counts(*graph, order, elimination_tree(*graph, order)) + 1.0
     return 27.0 * float((counts**2).sum()), 9.0 * float(counts.sum())
 
 
 LEAF = 96
-"""Parts of at most so many nodes are ordered by minimum degree."""
+"""Largest number of nodes in a part that is ordered by minimum degree."""
 
 LANDMARKS = 5
-"""Nodes to which distances are taken."""
+"""Number of nodes to which distances are measured."""
 
 UNBALANCED = 0.62
-"""The larger half has at most this share of the nodes beside the separator."""
+"""Largest share of the nodes beside the separator in the larger half."""
 
 IMPROVED = 3
-"""Of the cuts between landmarks so many are improved, those with the smallest separators."""
+"""Number of cuts between landmarks that are improved: those with the smallest separators."""
 
 PATIENCE = 60
 """Moves without a smaller separator after which a pass ends; larger separators have more."""
 
 PASSES = 6
-"""Passes of moves at most; one that does not help ends them."""
+"""Largest number of passes of moves; a pass that does not help is the last."""
 
 SEPARATOR, OUTSIDE = 2, 3
 """Sides of nodes besides 0 and 1."""
@@ -135,10 +137,12 @@ def distances(
     starts: IndexArray, neighbours: IndexArray, inside: BoolArray, first: int, distance: IndexArray,
     queue: IndexArray,
 ) -> int:  # fmt: skip
-    """Steps along the graph from `first` to the nodes inside, -1 elsewhere; queue holds them, nearest first.
+    """Compute the steps along the graph from `first` to the nodes inside.
+
+    List these in `queue`, nearest first.
 
     Returns:
-        How many are reached.
+        The number of nodes reached.
     """
     distance[first], queue[0], done, size = 0, first, 0, 1
     while done < size:
@@ -157,7 +161,7 @@ def distances(
 def landmark_distances(
     starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, inside: BoolArray, queue: IndexArray
 ) -> IndexArray:
-    """Distances of all nodes of the graph from nodes that are far from one another, shape (LANDMARKS, n).
+    """Return the distances of all nodes from nodes that are far from one another, shape (LANDMARKS, n).
 
     The first row is -1 for `nodes` that cannot be reached from the others.
     """
@@ -183,7 +187,7 @@ def landmark_distances(
 
 @kernel
 def sort_by(measure: IndexArray, nodes: IndexArray, result: IndexArray) -> None:
-    """The nodes by rising `measure` (of each of them); of equal ones the earlier stands first."""
+    """Sort the nodes by ascending `measure` (of each of them), stably."""
     low, high = measure.min(), measure.max()
     ends = np.zeros(high - low + 2, np.int64)
     for value in measure:
@@ -197,7 +201,7 @@ def sort_by(measure: IndexArray, nodes: IndexArray, result: IndexArray) -> None:
 
 @kernel
 def cut(starts: IndexArray, neighbours: IndexArray, order: IndexArray, side: IndexArray) -> int:
-    """Part nodes in that order at the middle into sides and a separator; its size."""
+    """Cut nodes in that order at the middle into two sides and a separator; return the separator's size."""
     half, size = len(order) // 2, 0
     for i in range(len(order)):
         side[order[i]] = 0 if i < half else 1
@@ -215,7 +219,7 @@ def change_side(
     starts: IndexArray, neighbours: IndexArray, node: int, to: int, side: IndexArray, sizes: IndexArray,
     beside: IndexArray,
 ) -> None:  # fmt: skip
-    """Put a node on a side, or into the separator; `beside` (n, 3) counts each node's neighbours there."""
+    """Move a node to a side, or into the separator; `beside` (n, 3) counts each node's neighbours there."""
     before = side[node]
     sizes[before] -= 1
     sizes[to] += 1
@@ -229,7 +233,10 @@ def change_side(
 def best_move(
     separator: IndexArray, beside: IndexArray, sizes: IndexArray, moved: BoolArray, largest: float
 ) -> tuple[int, int]:
-    """Place in the separator, and side, of the node whose move makes it smallest; -1: none may move."""
+    """Return the separator node, and side, of the move that makes the separator smallest.
+
+    -1: none may move.
+    """
     best, found, to = 1 << 40, -1, 0
     for goal in range(2):
         room, uneven = sizes[goal] + 1 <= largest, 1 if sizes[goal] > sizes[1 - goal] else 0
@@ -246,7 +253,7 @@ def improve(
     starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, side: IndexArray, beside: IndexArray,
     moved: BoolArray,
 ) -> int:  # fmt: skip
-    """Make the separator among `nodes` smaller by moves of single nodes; returns its size."""
+    """Make the separator among `nodes` smaller by moves of single nodes; return its size."""
     separator, sizes = np.empty(len(nodes), np.int64), np.zeros(4, np.int64)
     for node in nodes:
         sizes[side[node]] += 1
@@ -296,7 +303,10 @@ def part_in_two(
     starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, far: IndexArray, side: IndexArray,
     beside: IndexArray, moved: BoolArray,
 ) -> None:  # fmt: skip
-    """Sides of `nodes`: the smallest separator of the cuts between two landmarks, the best ones improved."""
+    """Find the sides of `nodes` by the smallest separator of the cuts between two landmarks.
+
+    The best cuts are improved first.
+    """
     pairs, measure = LANDMARKS * (LANDMARKS - 1) // 2, np.empty(len(nodes), np.int64)
     orders, size = np.empty((pairs, len(nodes)), np.int64), np.empty(pairs, np.int64)
     k = 0
@@ -325,9 +335,10 @@ def part_in_two(
 def minimum_degree_inside(
     starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, place: IndexArray, result: IndexArray
 ) -> None:
-    """Order of a few `nodes` into `result`: the one with fewest neighbours first, those it leaves joined.
+    """Write an order of a few `nodes` into `result`, each time the node with the fewest neighbours.
 
-    `place` is -1 for all nodes of the graph, before and after.
+    The remaining neighbours of an eliminated node become neighbours of one another. `place` is -1 for all
+    nodes of the graph, before and after.
     """
     own, size = len(nodes), len(nodes)
     halo = np.empty(sum([starts[node + 1] - starts[node] for node in nodes]), np.int64)
@@ -374,7 +385,7 @@ def minimum_degree_inside(
 
 @kernel
 def nested_dissection(starts: IndexArray, neighbours: IndexArray) -> IndexArray:
-    """Nodes of a graph in the order of their elimination, shape (n,)."""
+    """Return the nodes of a graph in the order of their elimination, shape (n,)."""
     count = len(starts) - 1
     result, nodes = np.empty(count, np.int64), np.arange(count)
     inside, moved, queue = np.zeros(count, np.bool_), np.zeros(count, np.bool_), np.empty(count, np.int64)
@@ -402,7 +413,7 @@ def nested_dissection(starts: IndexArray, neighbours: IndexArray) -> IndexArray:
         ends = np.zeros(4, np.int64)
         for node in part:
             ends[side[node] + 1] += 1
-        if max(ends[1], ends[2]) == 0 or max(ends[1], ends[2]) == high - low:  # all are joined with all
+        if max(ends[1], ends[2]) == 0 or max(ends[1], ends[2]) == high - low:  # complete graph
             for i in range(low, high):
                 result[i] = nodes[i]
         else:
@@ -421,11 +432,11 @@ def nested_dissection(starts: IndexArray, neighbours: IndexArray) -> IndexArray:
 
 
 LARGE = 4000
-"""Graphs of more nodes are dissected without a look at minimum degree, which takes longer than it gains."""
+"""Number of nodes above which minimum degree is not tried, because it takes longer than it gains."""
 
 
 def elimination_order(graph: tuple[IndexArray, IndexArray]) -> IndexArray:
-    """Nodes of a graph (see elimination) as they are best eliminated: minimum degree or nested dissection."""
+    """Return the nodes of a graph in the better order of minimum degree and nested dissection."""
     dissected = nested_dissection(*graph)
     if not 0 < len(dissected) <= LARGE:
         return dissected
@@ -434,7 +445,7 @@ def elimination_order(graph: tuple[IndexArray, IndexArray]) -> IndexArray:
 
 
 def minimum_degree(graph: tuple[IndexArray, IndexArray]) -> IndexArray:
-    """Nodes of a graph in the order of SuperLU's multiple minimum degree."""
+    """Return the nodes of a graph in the order of SuperLU's multiple minimum degree."""
     starts, neighbours = graph
     count = len(starts) - 1
     pattern = sp.csr_matrix((np.full(len(neighbours), -1.0), neighbours, starts), shape=(count, count))

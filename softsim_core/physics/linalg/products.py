@@ -1,10 +1,10 @@
 """Products with a symmetric matrix and with the inverse of another one's factor, a range of rows at a time.
 
-The layout is a `symbolic.Plan` in which each node stands alone, so that all that writes into the panels of a
-factor writes into these as well.
+The layout is a `symbolic.Plan` in which each node is a supernode of its own, so that all kernels that write
+into the panels of a factor can write into these as well.
 
-The matrix stands in the panels of a `matrix_layout`. The factor, in single precision, is that of the matrix
-of another shape of the same body; what has turned since is turned back around its solution, node by node:
+The matrix is in the panels of a `matrix_layout`. The factor, in single precision, is that of the matrix of
+another shape of the same body. The rotation since then is undone around its solution, node by node:
 R L^-T L^-1 R^T.
 """
 
@@ -21,13 +21,13 @@ from softsim_core.physics.linalg.simd import ROWS
 from softsim_core.physics.linalg.symbolic import Plan, Tree, padded
 
 BLOCK = 3
-"""Unknowns of a node."""
+"""Number of unknowns of a node."""
 
 
 def matrix_layout(
     position: IndexArray, edges: IndexArray, border_edges: IndexArray, border_size: int, lanes: int
 ) -> Plan:
-    """The layout of a matrix: panel rows [own block | coupled later nodes | border | right-hand side].
+    """Return the layout of a matrix: panel rows [own block | coupled later nodes | border | right-hand side].
 
     Args:
         position: Place of each free node in the order of unknowns, shape (f,).
@@ -79,11 +79,11 @@ class Matrix(NamedTuple):
     """A symmetric matrix of f nodes in the panels of a `matrix_layout`.
 
     Attributes:
-        panels: Of the layout.
+        panels: Panels of the layout.
         row: Place of each node's first panel row, by unknown, shape (f,).
         width: Length of its rows, shape (f,).
         later: Panel column of its first later node, shape (f,).
-        start: Where the later nodes of each begin in `node`; the last one ends them, shape (f + 1,).
+        start: First later node of each node in `node`, and the end of the last, shape (f + 1,).
         node: Later nodes that each is coupled to, by unknown, in the order of its panel.
     """
 
@@ -96,14 +96,14 @@ class Matrix(NamedTuple):
 
 
 class Preconditioner(NamedTuple):
-    """See the module.
+    """Preconditioner R L^-T L^-1 R^T from the factor of another shape's matrix and the nodes' rotations R.
 
     Attributes:
-        tree: Of the factor.
-        panels: Of the factor, no right-hand side in them.
-        rotations: How each node has turned since, by unknown, shape (f, 3, 3).
-        column: Room for all unknowns.
-        line: Room for the widest panel row; each thread that solves has its own.
+        tree: Tree of the factor.
+        panels: Panels of the factor, without right-hand side.
+        rotations: Rotation of each node since the factor was computed, by unknown, shape (f, 3, 3).
+        column: Buffer for all unknowns.
+        line: Buffer for the widest panel row; each solving thread has its own.
     """
 
     tree: Tree
@@ -115,7 +115,10 @@ class Preconditioner(NamedTuple):
 
 @kernel
 def multiply_rows(matrix: Matrix, x: Array, y: Array, first: int, end: int, beyond: Array) -> None:
-    """Add what the rows of nodes first .. end make of A x to y; what goes to later nodes, to `beyond`."""
+    """Add to y the product of x and the rows of nodes first .. end.
+
+    What these rows add to later nodes goes to `beyond`.
+    """
     panels, row, width, later, start, nodes = matrix
     for i in range(first, end):
         pitch, own = width[i], row[i]
@@ -148,7 +151,7 @@ def multiply_rows(matrix: Matrix, x: Array, y: Array, first: int, end: int, beyo
 
 @kernel
 def turn_back(by: Preconditioner, scale: float, r: Array, first: int, end: int) -> None:
-    """Write R^T r of nodes first .. end to by.column; r / `scale` fits into single precision."""
+    """Write R^T r of nodes first .. end to by.column; r / `scale` must fit into single precision."""
     rotations, column = by.rotations, by.column
     for n in range(first, end):
         for i in range(3):
@@ -176,9 +179,9 @@ def solve_forward(
         int,
     beyond: SingleArray,
 ) -> None:  # fmt: skip
-    """Replace x by L^-1 x in some supernodes: each panel is read once, ROWS rows at a time.
+    """Replace x by L^-1 x in some supernodes, reading each panel once, ROWS rows at a time.
 
-    What they take off unknowns after the last of them is added to `beyond`.
+    Contributions to unknowns after the last of them are added to `beyond`.
     """
     limit = tree.first_column[end_supernode - 1] + tree.columns[end_supernode - 1]
     for s in range(first_supernode, end_supernode):
@@ -215,7 +218,7 @@ def solve_back(
     tree: Tree, panels: SingleArray, x: SingleArray, line: SingleArray, first_supernode: int, end_supernode:
         int,
 ) -> None:  # fmt: skip
-    """Replace x by L^-T x in some supernodes, those above are done: panels are read once, by ROWS rows."""
+    """Replace x by L^-T x in some supernodes, after those above, reading each panel once by ROWS rows."""
     for s in range(end_supernode - 1, first_supernode - 1, -1):
         own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
         first, low, coupled = tree.first_column[s], tree.first_row[s], tree.side[s] - 1
@@ -247,7 +250,7 @@ def solve_back(
 
 
 def matrix_of(panels: Array, layout: Plan) -> Matrix:
-    """The matrix in the panels of a `matrix_layout`."""
+    """Return the matrix in the panels of a `matrix_layout`."""
     count = len(layout.position)
     owner = np.repeat(np.arange(count), np.diff(layout.first_row))
     inside = layout.row_index < 3 * count

@@ -1,4 +1,4 @@
-"""Small dense kernels in explicit vector code, where LLVM does not find it by itself.
+"""Small dense kernels in explicit vector code, where LLVM does not vectorise by itself.
 
 Each is an intrinsic: a few vector instructions in a loop, generated for the host's vector width.
 """
@@ -16,7 +16,7 @@ from softsim_core.physics.linalg.compile import intrinsic
 
 
 def _has_wide_vectors() -> bool:
-    """Whether kernels are compiled for AVX-512: on this processor, or as NUMBA_CPU_FEATURES says."""
+    """Return whether kernels are compiled for AVX-512: on this processor, or as NUMBA_CPU_FEATURES says."""
     wanted = getattr(config, "CPU_FEATURES", None)
     if wanted is not None:
         return "+avx512f" in wanted
@@ -24,7 +24,7 @@ def _has_wide_vectors() -> bool:
 
 
 LANES = 8 if _has_wide_vectors() else 4
-"""Numbers a vector holds; rows of panels and updates are padded to multiples of it."""
+"""Numbers per vector; rows of panels and updates are padded to multiples of it."""
 
 ROWS = 4
 """Rows that one tile updates at once; LANES is a multiple of it."""
@@ -35,9 +35,9 @@ _FAST = ("contract", "reassoc", "nsz")
 
 
 class Vectors:
-    """Vector loads, stores and arithmetic on arrays of one type, in the words of one intrinsic.
+    """Vector loads, stores and arithmetic on arrays of one type, in the code of one intrinsic.
 
-    `array`: type of the arrays, float64 or float32; None: float64.
+    `array` is the type of the arrays, float64 or float32; None: float64.
     """
 
     def __init__(self, context: Any, builder: Any, lanes: int, array: Any = None) -> None:
@@ -48,15 +48,15 @@ class Vectors:
         self._zeros = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
 
     def data(self, array_type: Any, value: Any) -> Any:
-        """Address of a contiguous array's first number."""
+        """Return the address of a contiguous array's first number."""
         return self.context.make_array(array_type)(self.context, self.builder, value).data
 
     def at(self, base: Any, place: Any) -> Any:
-        """Address of number `place`."""
+        """Return the address of number `place`."""
         return self.builder.gep(base, [place])
 
     def load(self, address: Any) -> Any:
-        """Vector that starts at `address`, aligned like a single number."""
+        """Return the vector that starts at `address`, aligned like a single number."""
         return self.builder.load(self.builder.bitcast(address, self.type.as_pointer()), align=self.align)
 
     def store(self, vector: Any, address: Any) -> None:
@@ -64,54 +64,57 @@ class Vectors:
         self.builder.store(vector, self.builder.bitcast(address, self.type.as_pointer()), align=self.align)
 
     def splat(self, number: Any) -> Any:
-        """Vector of one number."""
+        """Return a vector of one number."""
         undefined = ir.Constant(self.type, ir.Undefined)
         one = self.builder.insert_element(undefined, number, ir.Constant(ir.IntType(32), 0))
         return self.builder.shuffle_vector(one, undefined, self._zeros)
 
     def multiply(self, a: Any, b: Any) -> Any:
-        """Product, lane by lane."""
+        """Return the product, lane by lane."""
         return self.builder.fmul(a, b, flags=_FAST)
 
     def add(self, a: Any, b: Any) -> Any:
-        """Sum, lane by lane."""
+        """Return the sum, lane by lane."""
         return self.builder.fadd(a, b, flags=_FAST)
 
     def subtract(self, a: Any, b: Any) -> Any:
-        """Difference, lane by lane."""
+        """Return the difference, lane by lane."""
         return self.builder.fsub(a, b, flags=_FAST)
 
     def root(self, a: Any) -> Any:
-        """Square root."""
+        """Return the square root."""
         kind = ir.FunctionType(self.type, [self.type])
         return self.builder.call(self.function(kind, f"llvm.sqrt.v{self.type.count}f64"), [a])
 
     def function(self, kind: Any, name: str) -> Any:
-        """A function of LLVM's own."""
+        """Return one of LLVM's own functions."""
         return cgutils.get_or_insert_function(self.builder.module, kind, name)
 
     def less(self, a: Any, b: Any) -> Any:
-        """Whether a < b or one is NaN, lane by lane."""
+        """Return whether a < b or one is NaN, lane by lane."""
         return self.builder.fcmp_unordered("<", a, b)
 
     def select(self, mask: Any, a: Any, b: Any) -> Any:
-        """A where the mask holds, else b, lane by lane."""
+        """Return a where the mask is set, else b, lane by lane."""
         return self.builder.select(mask, a, b)
 
     def shuffle(self, a: Any, b: Any, order: list[int]) -> Any:
-        """The numbers of a and b in a given order; those of b count on from those of a."""
+        """Return the numbers of a and b in a given order; the numbers of b are counted after those of a."""
         places = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order)
         return self.builder.shuffle_vector(a, b, places)
 
     def variable(self, vector: Any) -> Any:
-        """A slot that holds a vector across loop iterations (LLVM keeps it in a register)."""
+        """Return a slot that stores a vector across loop iterations (LLVM keeps it in a register)."""
         slot = cgutils.alloca_once(self.builder, self.type)
         self.builder.store(vector, slot)
         return slot
 
 
 def _tile(vectors: int) -> Any:
-    """Intrinsic that subtracts a product of rows from a tile of ROWS rows, vectors * LANES columns."""
+    """Return an intrinsic that subtracts a product of rows from a tile.
+
+    The tile has ROWS rows and vectors * LANES columns.
+    """
 
     @intrinsic
     def tile(
@@ -161,9 +164,9 @@ tile_one = _tile(1)
 
 @intrinsic
 def solve_rows(typing: Any, array: Any, place: Any, stride: Any, coefficients: Any, length: Any) -> Any:
-    """Forward substitution on ROWS rows of `array` at once, over `length` columns (a multiple of LANES).
+    """Substitute forward on ROWS rows of `array` at once, over `length` columns (a multiple of LANES).
 
-    coefficients: row i holds l_i0 .. l_i,i-1 and, at [i], 1 / l_ii; shape (ROWS * ROWS,).
+    Row i of `coefficients` has l_i0 .. l_i,i-1 and, at [i], 1 / l_ii; shape (ROWS * ROWS,).
     """
     signature = types.void(array, types.int64, types.int64, coefficients, types.int64)
 
@@ -194,7 +197,7 @@ def solve_rows(typing: Any, array: Any, place: Any, stride: Any, coefficients: A
 
 @intrinsic
 def add_to(typing: Any, target: Any, place: Any, source: Any, start: Any, count: Any) -> Any:
-    """target[place + j] += source[start + j] for j < count; the arrays must not overlap there."""
+    """Add source[start + j] to target[place + j] for j < count; the arrays must not overlap there."""
     signature = types.void(target, types.int64, source, types.int64, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -222,7 +225,7 @@ def add_to(typing: Any, target: Any, place: Any, source: Any, start: Any, count:
 def add_block(typing: Any, panels: Any, start: Any, stride: Any, blocks: Any, place: Any, pitch: Any) -> Any:
     """Add a 3 x 3 block to three panel rows: panels[start + i stride + j] += blocks[place + i pitch + j].
 
-    The block's rows have four numbers, the fourth zero: each row is one vector that adds nothing beyond it.
+    The block's rows have four numbers, the fourth zero, so that each row is one vector.
     """
     signature = types.void(panels, types.int64, types.int64, blocks, types.int64, types.int64)
 
@@ -244,7 +247,7 @@ def add_block(typing: Any, panels: Any, start: Any, stride: Any, blocks: Any, pl
 
 @intrinsic
 def dot_product(typing: Any, a: Any, i: Any, b: Any, j: Any, count: Any) -> Any:
-    """sum_k a[i + k] b[j + k], k < count."""
+    """Return sum_k a[i + k] b[j + k], k < count."""
     signature = types.float64(a, types.int64, b, types.int64, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -280,7 +283,7 @@ def dot_product(typing: Any, a: Any, i: Any, b: Any, j: Any, count: Any) -> Any:
 
 @intrinsic
 def steady_seconds(typing: Any) -> Any:
-    """Seconds on the steady clock (clock_gettime), as time.perf_counter reads it."""
+    """Return the seconds on the steady clock (clock_gettime), as time.perf_counter reads it."""
     signature = types.float64()
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:

@@ -1,8 +1,8 @@
-"""The seam of linear solvers (plan a pattern once, factor values, solve), and SciPy's SuperLU behind it.
+"""Interface of linear solvers (plan a pattern once, factor values, solve), and its implementation by SuperLU.
 
-Each stage is an object that the one before it gives, so that the order of calls is in the types. A solver
-that is registered by a name (see linalg.solvers) runs wherever a scene asks for it: in the step, in statics
-and in static tangents.
+Each stage is an object that the previous stage returns, so that the types enforce the order of calls. A
+solver that is registered by a name (see linalg.solvers) runs wherever a scene selects it: in the step, in
+statics and in static tangents.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ Rows: TypeAlias = "sp.csr_matrix | Array"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pattern:
-    """Where a symmetric matrix may hold entries: both triangles, column by column, rows ascending in each.
+    """Pattern of a symmetric matrix: both triangles, column by column, rows ascending in each.
 
     Attributes:
         size: Number of unknowns d.
-        dense: How many of them, the last ones, are coupled to many others (frames and joints): best
-            eliminated last, as a dense block.
-        starts: Where the entries of each column begin; the last one ends them, shape (d + 1,).
+        dense: Number of unknowns, at the end, coupled to many others (frames and joints); best eliminated
+            last, as a dense block.
+        starts: First entry of each column, and the end of the last column, shape (d + 1,).
         rows: Row of each entry, shape (k,).
     """
 
@@ -39,36 +39,36 @@ class Pattern:
     rows: IndexArray
 
     def matrix(self, values: Array) -> sp.csc_matrix:
-        """The matrix with `values` (k,) at the entries."""
+        """Return the matrix with `values` (k,) at the entries."""
         return sp.csc_matrix((values, self.rows, self.starts), shape=(self.size, self.size))
 
     def columns(self) -> IndexArray:
-        """Column of each entry, shape (k,)."""
+        """Return the column of each entry, shape (k,)."""
         return np.repeat(np.arange(self.size), np.diff(self.starts))
 
 
 class LinearSolver(Protocol):
-    """A way to solve symmetric linear systems with the same pattern again and again."""
+    """Solver of symmetric linear systems that share one pattern."""
 
     @property
     def name(self) -> str:
-        """By which scenes choose it."""
+        """Name used in scenes."""
         ...
 
     def plan(self, pattern: Pattern) -> SolverPlan:
-        """Everything that depends on the pattern only: an order, room to work in.
+        """Return everything that depends on the pattern only: an order and buffers.
 
         Raises:
-            SceneError: it cannot run here, a package is missing.
+            SceneError: the solver cannot run here because a package is missing.
         """
         ...
 
 
 class SolverPlan(Protocol):
-    """A solver that knows the pattern."""
+    """Linear solver planned for one pattern."""
 
     def factor(self, values: Array) -> Factors:
-        """Factor the matrix with `values` (k,) [any unit] in the order of the pattern's entries, all finite.
+        """Factor the matrix with finite `values` (k,) [any unit] in the order of the pattern's entries.
 
         Raises:
             FactorisationError: the matrix is singular: a pivot is zero.
@@ -77,32 +77,32 @@ class SolverPlan(Protocol):
 
 
 class Factors(Protocol):
-    """What answers for one matrix A; it stands until its plan factors another one."""
+    """Factors of one matrix A, valid until their plan factors another one."""
 
     @property
     def positive(self) -> bool:
-        """Whether A was found positive definite. Where it was not, the other answers may be NaN."""
+        """Whether A was found positive definite. If it was not, the other results may be NaN."""
         ...
 
     def solve(self, right: Array) -> Array:
-        """A^-1 B for B of shape (d,) or (d, k), same shape."""
+        """Return A^-1 B for B of shape (d,) or (d, k), same shape."""
         ...
 
     def schur(self, rows: Rows) -> Array:
-        """H A^-1 H^T of rows H (r, d), sparse or dense; symmetric, shape (r, r)."""
+        """Return H A^-1 H^T of rows H (r, d), sparse or dense; symmetric, shape (r, r)."""
         ...
 
 
 def spread_of(rows: Rows) -> Array:
-    """H^T (d, r) of rows H (r, d), dense."""
+    """Return H^T (d, r) of rows H (r, d), dense."""
     return np.asarray(rows.T if isinstance(rows, np.ndarray) else rows.T.toarray())
 
 
 class Factoriser:
-    """Factors sparse matrices with one solver; it plans anew only when the pattern changes.
+    """Factoriser of sparse matrices with one solver; it plans anew only when the pattern changes.
 
     Args:
-        solver: Which.
+        solver: The linear solver.
         dense: See Pattern.
     """
 
@@ -112,13 +112,13 @@ class Factoriser:
         self._plan: SolverPlan | None = None
 
     def factor(self, matrix: sp.spmatrix) -> Factors:
-        """Factors of a (nearly) symmetric matrix (d, d).
+        """Return the factors of a (nearly) symmetric matrix (d, d).
 
         Raises:
-            FactorisationError: it is singular, or holds a number that is not finite.
+            FactorisationError: it is singular, or has a number that is not finite.
         """
         columns = sp.csc_matrix(matrix)
-        columns.sum_duplicates()  # sorts each column as well
+        columns.sum_duplicates()  # also sorts each column
         if not np.isfinite(columns.data).all():
             raise FactorisationError("the matrix holds a number that is not finite")
         known = self._pattern
@@ -133,51 +133,53 @@ class Factoriser:
 
 
 class SuperLU:
-    """See LinearSolver; it runs everywhere."""
+    """Linear solver by SciPy's SuperLU; it needs no further package."""
 
     name = "superlu"
 
     def plan(self, pattern: Pattern) -> SuperLUPlan:
-        """See LinearSolver."""
+        """Return the plan for a pattern."""
         return SuperLUPlan(pattern)
 
 
 class SuperLUPlan:
-    """See SolverPlan; SuperLU orders each matrix anew."""
+    """Plan of SuperLU for one pattern; SuperLU computes a new order for each matrix."""
 
     def __init__(self, pattern: Pattern) -> None:
         self._pattern = pattern
 
     def factor(self, values: Array) -> SuperLUFactors:
-        """See SolverPlan."""
+        """Factor the matrix with `values` (k,) in the order of the pattern's entries."""
         return SuperLUFactors(factorised(self._pattern.matrix(values)))
 
 
 class SuperLUFactors:
-    """See Factors; they stand for good."""
+    """Factors of SuperLU; they remain valid after their plan factors another matrix."""
 
     def __init__(self, factors: Any) -> None:
         self._factors = factors
 
     @cached_property
     def positive(self) -> bool:
-        """See Factors: all pivots are positive and stand on the diagonal."""
+        """Whether all pivots are positive and on the diagonal, so that A is positive definite."""
         factors = self._factors
         return bool((factors.U.diagonal() > 0.0).all()) and bool((factors.perm_r == factors.perm_c).all())
 
     def solve(self, right: Array) -> Array:
-        """See Factors."""
+        """Return A^-1 B for B of shape (d,) or (d, k), same shape."""
         return np.asarray(self._factors.solve(right))
 
     def schur(self, rows: Rows) -> Array:
-        """See Factors."""
+        """Return H A^-1 H^T of rows H (r, d), symmetric, shape (r, r)."""
         spread = spread_of(rows)
         product = spread.T @ self._factors.solve(spread)
         return np.asarray(0.5 * (product + product.T))
 
 
 def factorised(matrix: sp.csc_matrix) -> Any:
-    """SuperLU factors of a (nearly) symmetric matrix: diagonal pivots, minimum degree order of A + A^T.
+    """Return SuperLU factors of a (nearly) symmetric matrix.
+
+    Pivots stay on the diagonal; the order is the minimum degree order of A + A^T.
 
     Raises:
         FactorisationError: the matrix is singular.

@@ -1,4 +1,4 @@
-"""The linear solvers that scenes can choose, by name."""
+"""Registry of the linear solvers that scenes can choose, by name."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from softsim_core.physics.linalg.solver_interface import LinearSolver, SuperLU
 from softsim_core.physics.linalg.supernodal import Iterative, Supernodal
 
 AUTO: Final = "auto"
-"""The name that leaves the choice to the suite."""
+"""Name that leaves the choice to the suite."""
 
 COMPILED: Final = Supernodal.name
-"""The solver that the compiled step is one with."""
+"""Solver that the compiled step includes."""
 
 ITERATIVE: Final = Iterative.name
 """Conjugate gradients in the compiled step."""
@@ -22,7 +22,7 @@ _solvers: Registry[LinearSolver] = Registry("linear solver", Supernodal(), Itera
 
 
 def register_linear_solver(solver: LinearSolver) -> None:
-    """Let scenes choose `solver` by its name, `solver: {linear_solver: NAME}`.
+    """Register `solver`, so that scenes can choose it by its name, `solver: {linear_solver: NAME}`.
 
     Raises:
         SceneError: the name is one of the package's own.
@@ -31,14 +31,14 @@ def register_linear_solver(solver: LinearSolver) -> None:
 
 
 def linear_solver(name: str = AUTO) -> LinearSolver:
-    """The solver of that name; "auto" is the one that runs everywhere and with every matrix.
+    """Return the solver of that name; "auto" is the one that runs everywhere and with every matrix.
 
     Raises:
-        SceneError: there is none; the sentence lists those that are known.
+        SceneError: there is none; the message lists the known ones.
     """
     return _solvers.get(_DEFAULT if name == AUTO else name)
 
 
 def linear_solver_names() -> tuple[str, ...]:
-    """All names that `linear_solver` knows besides "auto"."""
+    """Return all names that `linear_solver` knows besides "auto"."""
     return _solvers.names()

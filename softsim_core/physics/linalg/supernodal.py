@@ -1,7 +1,7 @@
-"""The compiled supernodal multifrontal Cholesky factorisation behind the protocol of linear solvers.
+"""Compiled supernodal multifrontal Cholesky factorisation as a LinearSolver.
 
-The compiled step fills the panels of the same plan without a sparse matrix in between. A matrix that is not
-positive definite has no Cholesky factor: SuperLU takes over for it.
+The compiled step fills the panels of the same plan without an intermediate sparse matrix. A matrix that is
+not positive definite has no Cholesky factor; it is factored by SuperLU.
 """
 
 from __future__ import annotations
@@ -24,12 +24,16 @@ from softsim_core.physics.linalg.solver_interface import (
 
 
 class Supernodal:
-    """See LinearSolver; it needs Numba."""
+    """Linear solver by a supernodal Cholesky factor; it needs Numba."""
 
     name = "supernodal"
 
     def plan(self, pattern: Pattern) -> SolverPlan:
-        """See LinearSolver."""
+        """Return the plan for a pattern.
+
+        Raises:
+            SceneError: the package numba is missing.
+        """
         try:
             return SupernodalPlan(pattern)
         except ModuleNotFoundError as error:
@@ -41,13 +45,16 @@ class Supernodal:
 
 
 class Iterative(Supernodal):
-    """What a scene names for conjugate gradients in the compiled step; single matrices are factored."""
+    """Name that selects conjugate gradients in the compiled step; single matrices are factored."""
 
     name = "iterative"
 
 
 class _Slots(NamedTuple):
-    """Where the entries of a pattern go: entry `panel_entry[i]` to panels[panel_place[i]], likewise schur."""
+    """Places of a pattern's entries.
+
+    Entry `panel_entry[i]` goes to panels[panel_place[i]]; the same holds for schur.
+    """
 
     panel_entry: IndexArray
     panel_place: IndexArray
@@ -56,7 +63,7 @@ class _Slots(NamedTuple):
 
 
 class SupernodalPlan:
-    """See SolverPlan: unknowns in blocks of three, padded where their number is no multiple of three."""
+    """Plan of the supernodal solver: unknowns in blocks of three, padded to a multiple of three."""
 
     def __init__(self, pattern: Pattern) -> None:
         from softsim_core.physics.linalg import cholesky
@@ -88,7 +95,10 @@ class SupernodalPlan:
     def _slots(
         self, layout: Any, rows: IndexArray, columns: IndexArray, stride: IndexArray
     ) -> tuple[_Slots, IndexArray]:
-        """Slots of the entries, and the panel place of the diagonal of each sparse unknown, pads included."""
+        """Return the slots of the entries, and the diagonals' panel places.
+
+        These are the places of each sparse unknown's diagonal, pads included.
+        """
 
         def panel_place(first: IndexArray, later: IndexArray) -> IndexArray:
             block, axis = np.divmod(first, 3)
@@ -109,7 +119,7 @@ class SupernodalPlan:
         return slots, panel_place(own, own)
 
     def factor(self, values: Array) -> Factors:
-        """See SolverPlan."""
+        """Factor the matrix with `values` (k,), by SuperLU if it is not positive definite."""
         store, slots = self.store, self.slots
         store.panels[:] = 0.0
         store.schur[:] = 0.0
@@ -127,16 +137,16 @@ class SupernodalPlan:
 
 
 class _NotPositive(SuperLUFactors):
-    """Factors of a matrix that Cholesky refused."""
+    """SuperLU factors of a matrix that is not positive definite."""
 
     @property
     def positive(self) -> bool:
-        """See Factors."""
+        """False: the matrix is not positive definite."""
         return False
 
 
 class SupernodalFactors:
-    """See Factors."""
+    """Supernodal Cholesky factors of a positive definite matrix."""
 
     positive = True
 
@@ -144,7 +154,7 @@ class SupernodalFactors:
         self._plan, self._last = plan, last
 
     def solve(self, right: Array) -> Array:
-        """See Factors."""
+        """Return A^-1 B for B of shape (d,) or (d, k), same shape."""
         columns = right.reshape(len(right), -1)
         spread, _ = self._forward(columns)
         plan, first = self._plan, 3 * self._plan.count
@@ -153,7 +163,7 @@ class SupernodalFactors:
         return np.asarray(spread[plan.place[plan.unknown], : columns.shape[1]].reshape(right.shape))
 
     def schur(self, rows: Rows) -> Array:
-        """See Factors: with A = L L^T it is Y^T Y with Y = L^-1 H^T."""
+        """Return H A^-1 H^T of rows H (r, d), shape (r, r): Y^T Y with A = L L^T and Y = L^-1 H^T."""
         spread, product = self._forward(spread_of(rows))
         count, first = rows.shape[0], 3 * self._plan.count
         inner = -product[:count, :count]
@@ -162,7 +172,7 @@ class SupernodalFactors:
         return np.asarray(np.triu(inner) + np.triu(inner, 1).T + 0.5 * (outer + outer.T))
 
     def _forward(self, columns: Array) -> tuple[Array, Array]:
-        """L^-1 of columns (d, k), by place and padded, and -Y^T Y (upper triangle)."""
+        """Return L^-1 of columns (d, k), by place and padded, and -Y^T Y (upper triangle)."""
         plan = self._plan
         tree, width = plan.tree, columns.shape[1] + (-columns.shape[1]) % plan.lanes
         spread = np.zeros((len(plan.place), width))
@@ -174,7 +184,7 @@ class SupernodalFactors:
         return spread, product
 
     def _spans(self, spread: Array) -> IndexArray:
-        """First and last column that reach each supernode, in whole vectors, shape (s, 2)."""
+        """Return the first and last column that reach each supernode, in whole vectors, shape (s, 2)."""
         plan, width = self._plan, spread.shape[1]
         tree, first = plan.tree, 3 * plan.count
         spans = np.zeros((len(tree.columns), 2), dtype=np.int64)
@@ -183,7 +193,7 @@ class SupernodalFactors:
         low = column - column % plan.lanes
         np.minimum.at(spans[:, 0], plan.supernode[place], low)
         np.maximum.at(spans[:, 1], plan.supernode[place], low + plan.lanes)
-        for s, p in enumerate(tree.parent.tolist()):  # children come before their parents
+        for s, p in enumerate(tree.parent.tolist()):  # children precede their parents
             if p >= 0:
                 spans[p, 0] = min(spans[p, 0], spans[s, 0])
                 spans[p, 1] = max(spans[p, 1], spans[s, 1])

@@ -1,9 +1,9 @@
 """Symbolic factorisation, once per model: elimination order, supernodes, and the place of every number.
 
 The unknowns are free nodes (blocks of three) followed by the border (frames, joints) and, as a last column,
-the right-hand side, so that factoring also solves forward. Each supernode keeps one dense panel: its columns
-as rows of L^T, contiguous over [own columns | later unknowns | border | right-hand side]. The border's own
-matrix is what the elimination leaves.
+the right-hand side, so that factoring also solves forward. Each supernode has one dense panel: its columns as
+rows of L^T, contiguous over [own columns | later unknowns | border | right-hand side]. The border's own
+matrix is the Schur complement of the elimination.
 
 Sources: Liu 1990 (elimination trees), Duff and Reid 1983 (multifrontal), Ashcraft and Grimes 1989 (relaxed
 supernodes).
@@ -28,7 +28,7 @@ from softsim_core.physics.linalg.ordering import (
 )
 
 RELAXATION = ((24, 0.6), (48, 0.4), (96, 0.25), (1 << 30, 0.08))
-"""Merge supernodes while the merged one has at most so many columns, and this share of zeros."""
+"""Pairs of a number of columns and a share of zeros up to which supernodes are merged."""
 
 
 @dataclass(slots=True, eq=False)
@@ -38,7 +38,7 @@ class Supernode:
     Attributes:
         columns: Free nodes eliminated here, by place in the elimination order.
         coupled: Scalars eliminated later, border included, that they are coupled to.
-        children: Supernodes whose update goes here.
+        children: Supernodes with an update for this one.
         zeros: Explicit zeros accepted so far by relaxation, in scalars.
     """
 
@@ -50,7 +50,7 @@ class Supernode:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The result: supernodes in elimination (post) order.
+    """Plan of an elimination: supernodes in elimination (post) order.
 
     Attributes:
         position: Elimination position of each free node, shape (f,).
@@ -93,7 +93,10 @@ class Plan:
     row_offset: IndexArray
 
     def panel_columns(self, supernodes: IndexArray, unknowns: IndexArray) -> IndexArray:
-        """Panel column of each scalar unknown (k,) in the supernode beside it (k,), -1 where absent."""
+        """Return the panel column of each unknown in its supernode, -1 if absent.
+
+        `supernodes` and `unknowns` (scalar unknowns) have shape (k,).
+        """
         return panel_columns(
             self.columns, self.first_column, self.later, self.first_row, self.row_index, supernodes, unknowns
         )
@@ -108,7 +111,7 @@ def plan(
     tile_rows: int,
     order: IndexArray | None = None,
 ) -> Plan:
-    """Plan the elimination of `count` free nodes.
+    """Return the plan of the elimination of `count` free nodes.
 
     Args:
         count: Number of free nodes f.
@@ -117,7 +120,7 @@ def plan(
         border_size: Number of border unknowns.
         lanes: Rows are padded to a multiple of it.
         tile_rows: The number of rows is padded to a multiple of it.
-        order: Free nodes in an order in which they are to be eliminated, shape (f,); None: a good one.
+        order: Free nodes in elimination order, shape (f,); None: a good one.
     """
     graph = graph_of(count, edges)
     order = elimination_order(graph) if order is None else order
@@ -134,7 +137,7 @@ def plan(
 
 @kernel
 def inherit(parent: IndexArray, border: BoolArray) -> None:
-    """What a position is coupled to of the border (n, b), its parent is coupled to as well."""
+    """Add the border unknowns (n, b) that a position is coupled to, to those of its parent."""
     for j in range(len(parent)):
         if parent[j] >= 0:
             for b in range(border.shape[1]):
@@ -146,7 +149,7 @@ def panel_columns(
     columns: IndexArray, first_column: IndexArray, later: IndexArray, first_row: IndexArray,
     row_index: IndexArray, supernodes: IndexArray, unknowns: IndexArray,
 ) -> IndexArray:  # fmt: skip
-    """See Plan.panel_columns."""
+    """Return the panel column of each unknown (k,) in the supernode beside it (k,), -1 if absent."""
     result = np.empty(len(unknowns), np.int64)
     for i in range(len(unknowns)):
         s = supernodes[i]
@@ -163,7 +166,7 @@ def panel_columns(
 def _fundamental(
     parent: IndexArray, counts: IndexArray, border: IndexArray
 ) -> tuple[list[Supernode], list[int]]:
-    """Fundamental supernodes and the parent of each (-1 for roots), of positions in postorder."""
+    """Return fundamental supernodes and the parent of each (-1 for roots), for positions in postorder."""
     children = np.bincount(parent[parent >= 0], minlength=len(parent))
     follows = np.zeros(len(parent), dtype=bool)
     if len(parent):
@@ -189,8 +192,8 @@ def _fundamental(
 
 
 def _amalgamate(supernodes: list[Supernode], parents: list[int]) -> tuple[list[Supernode], list[int]]:
-    """Merge children into parents where the zeros that costs are few; the roots' indices come second."""
-    for parent in supernodes:  # children come before their parents
+    """Merge children into parents where this adds few zeros; return the supernodes and the roots' indices."""
+    for parent in supernodes:  # children precede their parents
         for c in sorted(parent.children, key=lambda child: -len(supernodes[child].columns)):
             child = supernodes[c]
             own, own_parent = 3 * len(child.columns), 3 * len(parent.columns)
@@ -210,7 +213,7 @@ def _amalgamate(supernodes: list[Supernode], parents: list[int]) -> tuple[list[S
 
 
 def _postorder(supernodes: list[Supernode], roots: list[int]) -> list[int]:
-    """Children before parents, each subtree contiguous, widest update first (keeps the stack small)."""
+    """Return children before parents, each subtree contiguous, widest update first (for a small stack)."""
     result: list[int] = []
     stack = list(reversed(roots))
     while stack:
@@ -228,7 +231,7 @@ def _lay_out(
     roots: list[int],
     padding: tuple[int, int],
 ) -> Plan:
-    """Number everything and compute offsets, relative positions and the stack."""
+    """Number all supernodes and compute offsets, relative positions and the stack."""
     lanes, tile_rows = padding
     sequence = _postorder(supernodes, roots)
     number = {s: index for index, s in enumerate(sequence)}
@@ -284,10 +287,10 @@ def row_unknowns(
     starts: IndexArray, neighbours: IndexArray, nodes: IndexArray, position: IndexArray, border: BoolArray,
     columns: IndexArray, parent: IndexArray, first_row: IndexArray,
 ) -> IndexArray:  # fmt: skip
-    """Plan.row_index: rows of the nodes eliminated in each supernode, and those its children hand up.
+    """Return Plan.row_index: rows of the nodes eliminated in each supernode, and those passed up by children.
 
-    `nodes` (f,) of the graph in elimination order, `position` its inverse, and the `border` unknowns of each
-    supernode (s, b).
+    `nodes` (f,) are those of the graph in elimination order, `position` is its inverse, and `border` (s, b)
+    are the border unknowns of each supernode.
     """
     count, size = len(nodes), len(columns)
     result, seen = np.empty(first_row[-1], np.int64), np.full(count, -1, np.int64)
@@ -333,7 +336,7 @@ def runs_of(
     panels: tuple[IndexArray, IndexArray, IndexArray, IndexArray], parent: IndexArray, first_row: IndexArray,
     row_index: IndexArray, first_border: int, border: int,
 ) -> tuple[IndexArray, IndexArray]:  # fmt: skip
-    """Plan.first_run and Plan.runs; `panels` are Plan.columns, first_column, later and side."""
+    """Return Plan.first_run and Plan.runs; `panels` are Plan.columns, first_column, later and side."""
     columns, first_column, later, side = panels
     size = len(columns)
     first_run, runs, height = np.zeros(size + 1, np.int64), np.empty((len(row_index) + size, 3), np.int64), 0
@@ -365,7 +368,7 @@ def runs_of(
 
 
 def padded(length: Any, multiple: int) -> Any:
-    """The next multiple of `multiple` not below `length` (a number or an array)."""
+    """Return the smallest multiple of `multiple` that is not below `length` (a number or an array)."""
     return length + (-length) % multiple
 
 
@@ -373,17 +376,18 @@ def plan_stack(
     sequence: IndexArray, needs: IndexArray, parent: IndexArray, update: IndexArray, base: int = 0,
     waiting: IndexArray | None = None,
 ) -> int:  # fmt: skip
-    """Fill `update` of supernodes, the longest first: each at the first place that stays free for it.
+    """Fill `update` with the offsets of the updates, the longest first.
 
-    An update is needed from when its supernode is factored until its parent is.
+    Each update takes the lowest place that stays free while it is needed: from the factorisation of its
+    supernode to the factorisation of the parent.
 
     Args:
-        sequence: Supernodes in the order in which they are factored, shape (k,).
+        sequence: Supernodes in the order of factorisation, shape (k,).
         needs: Length of each update, shape (s,).
-        parent: Of each supernode, shape (s,).
+        parent: Parent of each supernode, shape (s,).
         update: Offsets, shape (s,).
-        base: The lowest offset.
-        waiting: Supernodes whose updates lie there already and wait for some of the sequence.
+        base: Lowest offset.
+        waiting: Supernodes whose updates already lie there and wait for some of the sequence.
 
     Returns:
         The end of the stack.
@@ -402,7 +406,7 @@ def plan_stack(
         beside = beside[np.argsort(low[beside], kind="stable")]
         free = np.maximum.accumulate(
             np.append(base, high[beside])
-        )  # from where on, before each and at the end
+        )  # start of the free space before each and at the end
         fits = np.flatnonzero(low[beside] - free[:-1] >= needs[placed[k]])
         low[k] = free[fits[0] if len(fits) else -1]
         high[k] = low[k] + needs[placed[k]]
@@ -415,7 +419,7 @@ Numbers: TypeAlias = NDArray[Any]
 
 
 class Tree(NamedTuple):
-    """See symbolic.Plan."""
+    """Arrays of a `Plan` for the compiled kernels; the fields have the meaning that they have there."""
 
     columns: IndexArray
     later: IndexArray
@@ -434,7 +438,7 @@ class Tree(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """A matrix with its right-hand side on its way to a Cholesky factor and a solution.
+    """Storage for a matrix with its right-hand side, its Cholesky factor and its solution.
 
     Attributes:
         panels, stack: Factor panels, and update matrices not yet used.
@@ -451,12 +455,12 @@ class Factor(NamedTuple):
 
 
 def tree_of(plan: Plan) -> Tree:
-    """The arrays of a plan for the kernels."""
+    """Return the arrays of a plan for the kernels."""
     return Tree(**{name: getattr(plan, name) for name in Tree._fields})
 
 
 def empty_factor(plan: Plan, dense: int, kind: type[np.floating[Any]] = np.float64) -> Factor:
-    """Room for a matrix with that plan and so many dense unknowns, in numbers of one type."""
+    """Return storage for a matrix with that plan and a number of dense unknowns, in numbers of one type."""
     return Factor(
         panels=np.zeros(plan.panel[-1], kind),
         stack=np.zeros(plan.stack_size, kind),
@@ -467,6 +471,6 @@ def empty_factor(plan: Plan, dense: int, kind: type[np.floating[Any]] = np.float
 
 
 def clear(factor: Factor) -> None:
-    """Make the matrix and its right-hand side zero."""
+    """Set the matrix and its right-hand side to zero."""
     factor.panels.fill(0.0)
     factor.schur.fill(0.0)

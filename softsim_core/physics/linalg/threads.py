@@ -1,13 +1,14 @@
 """Threads that share the work on large matrices: an agenda of tasks, and atomic counters.
 
-What the tasks are is planned once, whatever the number of threads, and who does a task changes nothing in
-it: results are the same bit by bit for any number of threads. The one who leads takes tasks like all others,
-and waits for tasks only that somebody has begun: helpers that come late, or never, delay nothing.
+The tasks are planned once, independent of the number of threads, and a task has the same result on any
+thread. Results are therefore the same bit by bit for any number of threads. The leading thread takes tasks
+like all others, and waits only for tasks that another thread has begun: helpers that come late, or never,
+delay nothing.
 
-An agenda serves one piece of work and is never used again, so that a helper that comes late finds it closed.
+An agenda serves one piece of work and is never reused, so that a late helper finds it closed.
 
-A forked process has none of its parent's threads: it gets its own when it first asks for help. They are
-sent home when the interpreter ends.
+A forked process has none of its parent's threads; it starts its own when it first asks for help. Threads end
+with the interpreter.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def _address(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> A
 
 @intrinsic
 def atomic_load(typing: Any, numbers: Any, place: Any) -> Any:
-    """numbers[place]; what its writer wrote before it is seen by what comes after this."""
+    """Return numbers[place]; everything that its writer wrote before is visible afterwards (acquire)."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         address = _address(context, builder, signature.args[0], args[0], args[1])
@@ -52,7 +53,7 @@ def atomic_load(typing: Any, numbers: Any, place: Any) -> Any:
 
 @intrinsic
 def atomic_store(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
-    """numbers[place] = value; whoever reads it sees what was written before."""
+    """Set numbers[place] = value; a reader of it sees everything that was written before (release)."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         address = _address(context, builder, signature.args[0], args[0], args[1])
@@ -64,7 +65,7 @@ def atomic_store(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
 
 @intrinsic
 def atomic_add(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
-    """numbers[place] += value; what it was before."""
+    """Add a value to numbers[place] and return what it was before."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         address = _address(context, builder, signature.args[0], args[0], args[1])
@@ -75,7 +76,7 @@ def atomic_add(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
 
 @intrinsic
 def atomic_exchange(typing: Any, numbers: Any, place: Any, expected: Any, value: Any) -> Any:
-    """numbers[place] = value if it was as expected; whether it was."""
+    """Set numbers[place] = value if it is as expected; return whether it was."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         address = _address(context, builder, signature.args[0], args[0], args[1])
@@ -87,7 +88,7 @@ def atomic_exchange(typing: Any, numbers: Any, place: Any, expected: Any, value:
 
 @intrinsic
 def give_way(typing: Any) -> Any:
-    """Let another thread have the core, if one waits for it (sched_yield)."""
+    """Yield the core to another waiting thread, if any (sched_yield)."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         kind = ir.FunctionType(ir.IntType(32), [])
@@ -98,31 +99,31 @@ def give_way(typing: Any) -> Any:
 
 
 _LINE = 8
-"""Numbers in a cache line: what threads write stands in lines of its own."""
+"""Numbers in a cache line; each thread-written counter has a line of its own."""
 
 _CLAIM, _DONE, _PHASE, _ORDER = 0, _LINE, 2 * _LINE, 3 * _LINE
 _BITS = 20
 _MOST = (1 << _BITS) - 1
 CLOSED, NONE = -2, -1
-"""Instead of a task: there will be no more, and there is none for now."""
+"""Values instead of a task: there will be no more tasks, and there is none for now."""
 
 PATIENCE_S = 0.05
-"""A helper that has found nothing to do for so long leaves."""
+"""Time in [s] after which a helper without a task leaves."""
 
 
 def open_agenda() -> IndexArray:
-    """An agenda without tasks."""
+    """Return an agenda without tasks."""
     return np.zeros(4 * _LINE, np.int64)
 
 
 def close_agenda(agenda: IndexArray) -> None:
-    """Send all helpers away."""
+    """Close an agenda, so that all helpers leave."""
     agenda[_CLAIM] = CLOSED
 
 
 @kernel
 def publish(agenda: IndexArray, kind: int, subject: int, detail: int, count: int) -> None:
-    """Begin a phase of `count` tasks; the one before has to be done."""
+    """Begin a phase of `count` tasks; the phase before must be done."""
     agenda[_ORDER], agenda[_ORDER + 1], agenda[_ORDER + 2], agenda[_ORDER + 3] = kind, subject, detail, count
     agenda[_PHASE] += 1
     atomic_store(agenda, _DONE, 0)
@@ -132,13 +133,13 @@ def publish(agenda: IndexArray, kind: int, subject: int, detail: int, count: int
 
 @kernel
 def order(agenda: IndexArray) -> tuple[int, int, int]:
-    """Kind, subject and detail of the phase; for those who have claimed a task of it."""
+    """Return kind, subject and detail of the phase; call it only after claiming a task of it."""
     return agenda[_ORDER], agenda[_ORDER + 1], agenda[_ORDER + 2]
 
 
 @kernel
 def claim(agenda: IndexArray) -> int:
-    """The number of a task that nobody else has, or NONE, or CLOSED."""
+    """Return the number of a task that no other thread has, or NONE, or CLOSED."""
     while True:
         word: int = atomic_load(agenda, _CLAIM)
         if word < 0:
@@ -152,20 +153,20 @@ def claim(agenda: IndexArray) -> int:
 
 @kernel
 def report(agenda: IndexArray) -> None:
-    """Tell that a claimed task is done."""
+    """Report that a claimed task is done."""
     atomic_add(agenda, _DONE, 1)
 
 
 @kernel
 def await_others(agenda: IndexArray) -> None:
-    """Wait until all tasks of the phase are done; none is left to claim."""
+    """Wait until all tasks of the phase are done; none must be left to claim."""
     while atomic_load(agenda, _DONE) < agenda[_ORDER + 3]:
         give_way()
 
 
 @kernel
 def claim_or_leave(agenda: IndexArray) -> int:
-    """The number of a task for a helper, or CLOSED: it has to leave."""
+    """Return the number of a task for a helper, or CLOSED if it has to leave."""
     task = claim(agenda)
     if task != NONE:
         return task
@@ -179,19 +180,19 @@ def claim_or_leave(agenda: IndexArray) -> int:
 
 
 VARIABLE = "OMP_NUM_THREADS"
-"""Environment variable of the threads of a process, as numeric libraries understand it."""
+"""Environment variable for the number of threads of a process, as numeric libraries use it."""
 
 MOST_THREADS = 8
-"""Chosen at most where nobody says a number: beyond, memory is the limit."""
+"""Largest default number of threads: beyond, memory bandwidth is the limit."""
 
 
 def usable_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def usable_threads() -> int:
-    """Threads of this process where a scene names no number: OMP_NUM_THREADS, or the cores it may use."""
+    """Return the default number of threads: OMP_NUM_THREADS, or the cores that this process may use."""
     named = os.environ.get(VARIABLE, "").split(",")[0].strip()
     if named.isascii() and named.isdigit() and int(named) > 0:
         return int(named)
@@ -199,10 +200,10 @@ def usable_threads() -> int:
 
 
 class Crew:
-    """Threads that carry out calls; it may be asked from any thread.
+    """Threads that carry out calls, which any thread may submit.
 
     Attributes:
-        resting: Nobody is asked.
+        resting: Whether calls are dropped.
     """
 
     def __init__(self) -> None:
@@ -212,7 +213,7 @@ class Crew:
         self.resting = False
 
     def ask(self, helpers: int, call: Callable[[], object]) -> None:
-        """Have so many threads make a call, as soon as they can; nobody waits for them."""
+        """Submit a call to a number of threads, without waiting for them."""
         if self.resting:
             return
         if len(self._threads) < helpers:
@@ -226,7 +227,7 @@ class Crew:
             self._calls.put(call)
 
     def leave(self) -> None:
-        """End all threads; the next one who asks gets new ones."""
+        """End all threads; the next call to `ask` starts new ones."""
         with self._hiring:
             threads, self._threads = self._threads, []
             for _ in threads:
@@ -235,7 +236,7 @@ class Crew:
                 thread.join()
 
     def forget(self) -> None:
-        """Of a process that was forked: the threads are its parent's."""
+        """Drop the parent's threads in a forked process."""
         self.__init__()  # type: ignore[misc]
 
     @staticmethod
@@ -252,7 +253,7 @@ if hasattr(os, "register_at_fork"):
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """No thread gets help meanwhile, so that one can measure what help is worth."""
+    """Give no thread help in this context, to measure the benefit of help."""
     before, _crew.resting = _crew.resting, True
     try:
         yield
@@ -261,11 +262,11 @@ def alone() -> Iterator[None]:
 
 
 class Teamwork:
-    """A piece of work that one thread leads and others support.
+    """Piece of work that one thread leads and others support.
 
     Args:
-        threads: All of them, >= 1.
-        lead, support: Kernels of the same arguments, of which the agenda is the last; it says who does what.
+        threads: Number of threads, the leading one included, >= 1.
+        lead, support: Kernels of the same arguments; the last one is the agenda, which assigns the tasks.
     """
 
     def __init__(self, threads: int, lead: Callable[..., Any], support: Callable[..., Any]) -> None:
@@ -274,9 +275,9 @@ class Teamwork:
         self._compiled = False
 
     def __call__(self, *arguments: Any) -> Any:
-        """What `lead` returns. A helper that comes late finds the agenda closed."""
+        """Run `lead` with helpers and return its result. A helper that comes late finds the agenda closed."""
         agenda = open_agenda()
-        if self._helpers and not self._compiled:  # not in a helper, while the leader does all the work
+        if self._helpers and not self._compiled:  # compile here, not in a helper while the leader works alone
             nothing_to_do = open_agenda()
             close_agenda(nothing_to_do)
             self._support(*arguments, nothing_to_do)

@@ -1,4 +1,4 @@
-"""What moves rigidly, by number: a free rigid body, a free frame, a joint, a joint's base, or the world."""
+"""A rigid carrier, by number: a free rigid body, a free frame, a joint, a joint's base, or the world."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from softsim_core.physics.mechanics.state import State
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Carrier:
-    """What carries something rigidly; all numbers -1: the world.
+    """The rigid frame that carries something; all numbers -1: the world.
 
     Attributes:
         rigid: Number of the free rigid body, or -1.
         frame: Number of the free frame, or -1.
         joint: Number of the joint that moves it, or -1.
-        base: Number of the joint whose base it is, or -1.
+        base: Number of the joint with it as base, or -1.
     """
 
     rigid: int = -1
@@ -29,7 +29,10 @@ class Carrier:
     base: int = -1
 
     def pose(self, model: Model, state: State) -> tuple[Array, Array]:
-        """Its origin (3,) in [m], of a free rigid body the centre of mass, and its rotation (3, 3)."""
+        """Return its origin (3,) in [m] and its rotation (3, 3).
+
+        The origin of a free rigid body is its centre of mass.
+        """
         if self.rigid >= 0:
             return state.rigid_positions[self.rigid], state.rigid_rotations[self.rigid]
         if self.frame >= 0:
@@ -41,7 +44,7 @@ class Carrier:
         return np.zeros(3), np.eye(3)
 
     def reduced(self, model: Model) -> list[int]:
-        """Reduced coordinates that move it."""
+        """Return the reduced coordinates that move it."""
         if self.frame >= 0:
             return list(range(6 * self.frame, 6 * self.frame + 6))
         if self.joint >= 0:
@@ -51,9 +54,9 @@ class Carrier:
         return []
 
     def twist(self, model: Model, state: State, point: Array) -> tuple[Array, Array]:
-        """Velocity (3,) in [m/s] of what it carries at a point (3,), and spin (3,) in [rad/s], world axes.
+        """Return the velocity (3,) in [m/s] of a carried point (3,), and the spin (3,) in [rad/s].
 
-        What moves bases from outside, such as a shift of all bases, is not in it.
+        Both are in world axes. They do not include prescribed motion of bases, such as a shift of all bases.
         """
         if self.rigid >= 0 or self.frame >= 0:
             first = 6 * self.frame

@@ -1,4 +1,4 @@
-"""What acts on a model while it runs: what is commanded in one step, and what a user tunes between steps."""
+"""The inputs of a running model: the commands of one step, and the parameters that a user tunes."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from softsim_core.base import Array, float_array
 
 
 class Transmissions(NamedTuple):
-    """What c actuators keep: s - q + c t = 0 while t is within its bounds; see actuation.actuator.
+    """Constraints of c actuators: s - q + c t = 0 while t is within its bounds; see actuation.actuators.
 
     Attributes:
         command: q, shape (c,).
         compliance: c >= 0, shape (c,).
         lower, upper: Bounds of the multipliers t, shapes (c,).
-        gain: By how much q grows per unit of what is commanded, shape (c,).
+        gain: Growth of q per unit of the command, shape (c,).
     """
 
     command: Array
@@ -27,23 +27,23 @@ class Transmissions(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Control:
-    """What acts during one step.
+    """Commands, forces and motions of one step.
 
     Attributes:
-        targets: Where each joint is commanded to be at the end of the step, in [rad] or [m], shape (j,).
+        targets: Commanded position of each joint at the end of the step, in [rad] or [m], shape (j,).
         forces: External forces on the nodes in [N], shape (n, 3).
-        base_shift: Shift in [m] of the joint bases at the end of the step. Bases are re-placed, not driven:
-            their velocity stays zero, and the body feels the move from the next step on.
+        base_shift: Shift in [m] of the joint bases at the end of the step. Bases are moved, not driven: their
+            velocity stays zero, and the body feels the move from the next step on.
         rigid_forces: Force in [N] at the centre of mass of each rigid body with mass and moment in [N m]
             about it, world axes, shape (r, 6); None: none.
-        carried: Velocities in [m/s] of the nodes, shape (n, 3), that damping per stiffness takes beside those
-            of the state; None: none.
-        transmissions: What actuators keep during the step, where some of them have a past; None: what their
-            targets alone say.
+        carried: Velocities in [m/s] of the nodes, shape (n, 3), that damping per stiffness uses in addition
+            to those of the state; None: none.
+        transmissions: Constraints of the actuators during the step, if some of them have a history; None: the
+            constraints follow from the targets alone.
 
     Raises:
-        ArrayError: an array of another number of axes or columns, or not of real numbers. Others are taken as
-            float64, row by row, as compiled kernels expect them.
+        ArrayError: an array has another number of axes or columns, or its values are not real numbers. Other
+            arrays are converted to float64, row by row, as compiled kernels expect.
     """
 
     targets: Array
@@ -65,7 +65,7 @@ class Control:
             keep(self, "carried", float_array(self.carried, (-1, 3), "carried"))
 
     def check(self, joints: int, nodes: int) -> None:
-        """Refuse what does not belong to a model of so many joints and nodes.
+        """Refuse arrays that do not fit a model with these numbers of joints and nodes.
 
         Raises:
             ArrayError: targets or forces of another length.
@@ -78,7 +78,7 @@ class Control:
 
 @dataclass(slots=True, eq=False)
 class Parameters:
-    """What a user may tune while the simulation runs.
+    """Parameters that a user may tune while the simulation runs.
 
     Attributes:
         materials: Parameters by name of each body's material law, then of each body's layers and fibres.

@@ -12,13 +12,13 @@ from typing import Final
 from softsim_core.base import CommandError, SceneError, listing
 
 SHORTEST_STEP_S = 1e-9
-"""Steps of a motion shorter than this in [s] are none: nothing is divided by them."""
+"""Shorter steps than this in [s] move nothing, since the step divides by them."""
 
 ROUND_OFF, LEAST = 1e-6, 1e-12
-"""A position beyond a limit by this part of the larger limit, or by LEAST of its unit, is at the limit."""
+"""Round-off at a limit, as a fraction of the larger limit; at least LEAST of its unit."""
 
 ARRIVED = 1e-9
-"""A motion whose way to stop is at most this in [rad] or [m] may end on its target."""
+"""A motion may end on its target if its stopping distance is at most this in [rad] or [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class JointLimits:
         lower: Smallest position in [rad] (revolute), [m] (prismatic), or the unit of an actuator's command.
         upper: Largest position, same unit, >= lower.
         speed: Largest speed in [rad/s] or [m/s], > 0.
-        acceleration: Largest change of speed in [rad/s^2] or [m/s^2], > 0; the servo bridge keeps it.
+        acceleration: Largest change of speed in [rad/s^2] or [m/s^2], > 0; `step` and `brake` apply it.
 
     Raises:
         SceneError: the interval is empty, or the speed or the acceleration is not positive.
@@ -49,25 +49,25 @@ class JointLimits:
             raise SceneError(f"joint acceleration limit must be > 0, not {self.acceleration}")
 
     def clamp(self, position: float) -> float:
-        """The nearest allowed position, same unit as the limits."""
+        """Return the nearest allowed position, same unit as the limits."""
         return min(max(position, self.lower), self.upper)
 
     def allows(self, position: float) -> bool:
-        """Whether a position lies within the limits, but for the round-off of whoever computed it."""
+        """Return whether a position lies within the limits, up to round-off."""
         largest = max((abs(limit) for limit in (self.lower, self.upper) if math.isfinite(limit)), default=0.0)
         return abs(position - self.clamp(position)) <= ROUND_OFF * largest + LEAST
 
     def step(self, current: float, velocity: float, target: float, dt: float) -> tuple[float, float]:
-        """One step of a motion that keeps every limit and comes to a stop on the clamped `target`.
+        """Advance a motion towards the clamped `target` by one step within all limits.
 
-        After each step there is room left to stop, at the limit of acceleration and whatever the lengths of
-        the steps to come: a target that stays is not passed by more than `ARRIVED`. One that jumps nearer
-        than the way to stop is passed, at full braking, and reached from the other side.
+        After each step the motion can still stop before the target at the limit of acceleration, whatever the
+        lengths of later steps: it passes a fixed target by at most `ARRIVED`. If the target jumps to within
+        the stopping distance, the motion brakes fully, passes it and returns.
 
         Args:
             current: Position in [rad] or [m].
             velocity: Speed of the step before in [rad/s] or [m/s].
-            target: Wanted position.
+            target: Target position.
             dt: Length of the step in [s]; one below `SHORTEST_STEP_S` changes nothing.
 
         Returns:
@@ -87,7 +87,7 @@ class JointLimits:
         return self._advance(current, min(max(wanted, velocity - change), velocity + change), dt)
 
     def brake(self, current: float, velocity: float, dt: float) -> tuple[float, float]:
-        """One step of coming to a stop at the acceleration limit; arguments and result as of `step`."""
+        """Brake for one step at the acceleration limit; arguments and result as in `step`."""
         if not dt > SHORTEST_STEP_S:
             return current, velocity
         speed = math.copysign(max(abs(velocity) - self.acceleration * dt, 0.0), velocity)
@@ -100,16 +100,16 @@ class JointLimits:
 
 
 def _stopping_speed(way: float, acceleration: float, dt: float) -> float:
-    """Largest speed v of a step of `dt` after which v^2 / (2 a), the way to stop, is left of `way` >= 0.
+    """Return the largest speed v of a step of `dt` from which the motion can stop within `way` >= 0.
 
-    Steps that brake fully cover at most v^2 / (2 a), in the limit of short ones. So v dt + v^2 / (2 a) = way,
-    whose root is written without a difference of near numbers.
+    Steps at full braking cover at most v^2 / (2 a), the limit for short ones. So v dt + v^2 / (2 a) = way,
+    with the root in a form without a difference of nearly equal numbers.
     """
     return 2.0 * way / (dt + math.sqrt(dt * dt + 2.0 * way / acceleration))
 
 
 def check_command(values: Sequence[float], joints: Sequence[str]) -> list[float]:
-    """A command of one finite number per joint, in joint order; refused whole otherwise.
+    """Return a checked command of one finite number per joint, in joint order.
 
     Args:
         values: Commanded positions in [rad] or [m], one per joint.
@@ -119,7 +119,7 @@ def check_command(values: Sequence[float], joints: Sequence[str]) -> list[float]
         The values as floats, shape (len(joints),), not yet clamped.
 
     Raises:
-        CommandError: wrong length, or a value that is not a finite number.
+        CommandError: the length is wrong or a value is not a finite number.
     """
     if len(values) != len(joints):
         raise CommandError(
@@ -135,29 +135,30 @@ def check_command(values: Sequence[float], joints: Sequence[str]) -> list[float]
 
 
 MOST_LATE_S: Final = 0.5
-"""A command given longer ago than this in [s], or so far ahead, is refused: clocks differ or it got stuck."""
+"""Largest difference in [s] between a command's time stamp and the clock; others are refused."""
 
 NOTHING: Final = 1e-9
 """A velocity or effort up to this, in [rad/s], [m/s], [N m] or [N], is round-off and counts as 0."""
 
 LONGEST_NAME: Final = 40
-"""So many characters of a foreign name are shown in a refusal."""
+"""Longest part of an unknown name in an error message, in characters."""
 
 
 def check_named_command(
     names: Sequence[str], positions: Sequence[float], joints: Sequence[str]
 ) -> dict[str, float]:
-    """Positions by joint of a command for some joints, in any order.
+    """Return positions by joint of a command for some joints, in any order.
 
-    A NaN stands for no command: that joint is left out.
+    NaN means no command: that joint is left out.
 
     Args:
         names: Joints of the command, each once.
-        positions: In [rad] or [m], one a name.
-        joints: Joints that there are.
+        positions: Positions in [rad] or [m], one per name.
+        joints: All joints.
 
     Raises:
-        CommandError: unknown or repeated names, another number of positions, or an infinite one.
+        CommandError: names are unknown or repeated, their number differs from that of the positions, or a
+            position is infinite.
     """
     if len(names) > len(joints):
         raise _refused(f"it names {len(names)} joints of {len(joints)} ({listing(joints)})")
@@ -177,10 +178,10 @@ def check_named_command(
 
 
 def check_positions_only(velocities: Sequence[float], efforts: Sequence[float]) -> None:
-    """Refuse a command that says more than positions, which nothing here obeys.
+    """Refuse a command with velocities or efforts; only positions are supported.
 
     Raises:
-        CommandError: it has velocities or efforts that are neither NaN nor 0 but for round-off.
+        CommandError: a velocity or effort is neither NaN nor 0, up to round-off.
     """
     if says_something(velocities) or says_something(efforts):
         raise _refused(
@@ -189,19 +190,19 @@ def check_positions_only(velocities: Sequence[float], efforts: Sequence[float]) 
 
 
 def says_something(values: Sequence[float]) -> bool:
-    """Whether any of the values of an optional field is neither NaN nor 0, but for round-off."""
+    """Return whether any value of an optional field is neither NaN nor 0, up to round-off."""
     return any(abs(value) > NOTHING for value in values)
 
 
 def check_age(given_s: float, now_s: float) -> None:
-    """Refuse a command given too long ago, or in the future; time 0 says nothing.
+    """Refuse a command given too long ago, or in the future; time 0 is not checked.
 
     Args:
         given_s: Its time stamp in [s].
-        now_s: The time of whoever obeys, on the clock of the stamps.
+        now_s: Time of the receiver, on the clock of the stamps.
 
     Raises:
-        CommandError: further from now than MOST_LATE_S.
+        CommandError: the times differ by more than MOST_LATE_S.
     """
     late = now_s - given_s
     if given_s != 0.0 and abs(late) > MOST_LATE_S:

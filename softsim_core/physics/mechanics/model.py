@@ -1,8 +1,8 @@
 """The mechanical model: a scene compiled to arrays, and its generalised coordinates.
 
 Nodes are free (three unknowns each) or belong to a rigid region that is fixed, moves with a joint, or is a
-free rigid frame. The degrees of freedom of frames and joints are the *reduced coordinates*: few, beside the
-sparse interior. Each has a motion subspace: at the point x a unit of its velocity moves the body by
+free rigid frame. The degrees of freedom of frames and joints are the *reduced coordinates*: few, compared
+with the sparse interior. Each has a motion subspace: per unit of its velocity, a point x of the body moves at
 `angular x (x - origin) + linear`.
 """
 
@@ -23,14 +23,14 @@ from softsim_core.physics.mechanics.rigid import RigidBodies
 from softsim_core.physics.mechanics.state import State
 
 FREE, FIXED = -1, -2
-"""Region numbers of nodes that are free, and of nodes that are fixed."""
+"""Region numbers of free nodes and of fixed nodes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """A joint compiled: base frame, axis and law; see JointDescription for units.
+    """A compiled joint: base frame, axis and law; see JointDescription for units.
 
-    `base_position` is where the base begins; where it is now, in [m], is in State.base_positions.
+    `base_position` is the base's position at the start; the current one, in [m], is in State.base_positions.
     `parent` is the index of the joint that carries the base, or -1. The joint of an actuator moves no frame:
     its position is the actuator's coordinate.
     """
@@ -49,14 +49,20 @@ class Joint:
     moves_frame: bool = True
 
     def frame(self, position: float, base: Array, base_shift: float) -> tuple[Array, Array]:
-        """Origin (3,) and rotation (3, 3) of the frame that the joint moves; `base` as in `base_origin`."""
+        """Return the origin (3,) and rotation (3, 3) of the frame that the joint moves.
+
+        `base`: see `base_origin`.
+        """
         origin = self.base_origin(base, base_shift)
         if self.revolute:
             return origin, self.base_rotation @ rotation_exp(position * self.axis)
         return origin + self.base_rotation @ (position * self.axis), self.base_rotation
 
     def base_origin(self, base: Array, base_shift: float) -> Array:
-        """Origin (3,) in [m] of a base at `base` (3,), shifted by `base_shift` [m] along the slide axis."""
+        """Return the origin (3,) in [m] of a base, shifted along the slide axis.
+
+        `base` (3,) is its origin without the shift, `base_shift` the shift in [m].
+        """
         return base + base_shift * (self.base_rotation @ self.slide_axis)
 
 
@@ -70,8 +76,8 @@ class RigidRegion:
         joint: Index of the joint, or -1 when the region is a free frame.
         nodes: Node indices, shape (k,).
         local: Node positions in the frame in [m], shape (k, 3).
-        reduced: Indices of the reduced coordinates that move it: six of a frame, or a joint's behind those of
-            the joints that carry it.
+        reduced: Indices of the reduced coordinates that move it: the six of a frame, or those of the joints
+            that carry it, its own joint last.
     """
 
     name: str
@@ -84,14 +90,14 @@ class RigidRegion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A scene compiled to arrays (immutable; what changes in time is State, what a user tunes is Parameters).
+    """A scene compiled to arrays (immutable; State has what changes in time, Parameters what a user tunes).
 
     Attributes:
         rest: Rest positions in [m], shape (n, 3).
         groups: The cells of all bodies, one group for each pair of element and material law, then those of
             layers and fibres.
         mass: Lumped node masses in [kg], shape (n,).
-        coupling: What consistent mass has beyond them; None: all mass is lumped.
+        coupling: Consistent mass beyond the lumped masses; None: all mass is lumped.
         spring: Stiffness in [N/m] that pulls a node to its rest position (soft fixings), shape (n,).
         gravity: Gravity in [m/s^2], shape (3,).
         dt: Time step in [s].
@@ -101,8 +107,8 @@ class Model:
             then spin).
         frame_rest: Rest origins in [m] (f, 3) and rotations (f, 3, 3) of the free frames.
         joints: Joints; joint j owns the reduced coordinate 6 len(frame_names) + j.
-        rigid: Rigid bodies with mass; they meet the rest in contacts only.
-        extra_state: Shapes of what State.extra holds, by name.
+        rigid: Rigid bodies with mass, which interact with the rest through contacts only.
+        extra_state: Shapes of the arrays in State.extra, by name.
     """
 
     rest: Array
@@ -121,19 +127,19 @@ class Model:
     coupling: MassCoupling | None = None
 
     def momentum(self, velocities: Array) -> Array:
-        """M v in [kg m/s], shape (n, 3), at velocities (n, 3) of the nodes."""
+        """Return M v in [kg m/s], shape (n, 3), at velocities (n, 3) of the nodes."""
         result = self.mass[:, None] * velocities
         return result if self.coupling is None else np.asarray(result + self.coupling.matrix @ velocities)
 
     @property
     def weight(self) -> Array:
-        """Weight of the nodes in [N], shape (n, 3)."""
+        """Return the weight of the nodes in [N], shape (n, 3)."""
         if self.coupling is None:
             return np.asarray(self.mass[:, None] * self.gravity)
         return self.momentum(np.tile(self.gravity, (len(self.mass), 1)))
 
     def with_inertia(self, factor: float, dt: float) -> Model:
-        """The same of so many times the inertia and the same weight, for steps of `dt` [s]."""
+        """Return the model with its inertia scaled, with the same weight, for steps of `dt` [s]."""
         return replace(
             self,
             dt=dt,
@@ -145,7 +151,7 @@ class Model:
 
     @property
     def reduced_size(self) -> int:
-        """Number of reduced coordinates: six a free frame, one per joint."""
+        """Number of reduced coordinates: six per free frame, one per joint."""
         return 6 * len(self.frame_names) + len(self.joints)
 
     @property
@@ -166,18 +172,18 @@ class Model:
         return tuple(group for group in self.groups if group.fills)
 
     def law(self, parameter_set: int) -> Material:
-        """The material law of a body, or of a layer or fibres; see Parameters.materials."""
+        """Return the material law of a body, or of a layer or fibres; see Parameters.materials."""
         return self._group(parameter_set).material
 
     def element(self, body: int) -> Element:
-        """What the cells of a body are."""
+        """Return the element of the cells of a body."""
         return self._group(body).element
 
     def _group(self, parameter_set: int) -> ElementGroup:
         return next(group for group in self.groups if (group.parameter_set == parameter_set).any())
 
     def rest_state(self) -> State:
-        """The state at which the scene is built: everything at rest, joints at their rest positions."""
+        """Return the state as built: everything at rest, joints at their rest positions."""
         state = self.empty_state()
         state.positions[:] = self.rest
         state.frame_positions[:], state.frame_rotations[:] = self.frame_rest
@@ -190,29 +196,35 @@ class Model:
         return state
 
     def empty_state(self, buffer: Array | None = None) -> State:
-        """A state of the right shape, all zeros, or what a buffer (s,) that it is to live in holds."""
+        """Return a state of the right shape, all zeros or in a given buffer.
+
+        The state uses the `buffer` (s,) with its contents.
+        """
         frames, rigid = len(self.frame_names), len(self.rigid.names)
         return State(len(self.rest), frames, len(self.joints), rigid, self.extra_state, buffer)
 
     def chain(self, joint: int) -> list[int]:
-        """A joint behind the joints that carry it, the outermost first."""
+        """Return the joints that carry a joint, the outermost first, then the joint itself."""
         carriers = [joint]
         while self.joints[carriers[0]].parent >= 0:
             carriers.insert(0, self.joints[carriers[0]].parent)
         return carriers
 
     def joint_frame(self, j: int, state: State) -> tuple[Array, Array]:
-        """Origin (3,) and rotation (3, 3) of the frame that joint j moves."""
+        """Return the origin (3,) and rotation (3, 3) of the frame that joint j moves."""
         position, shift = float(state.joint_positions[j]), float(state.base_shift[0])
         return self._carried(j, state, *self.joints[j].frame(position, state.base_positions[j], shift))
 
     def base_frame(self, j: int, state: State) -> tuple[Array, Array]:
-        """Origin (3,) and rotation (3, 3) of the base of joint j."""
+        """Return the origin (3,) and rotation (3, 3) of the base of joint j."""
         joint, shift = self.joints[j], float(state.base_shift[0])
         return self._carried(j, state, joint.base_origin(state.base_positions[j], shift), joint.base_rotation)
 
     def _carried(self, j: int, state: State, origin: Array, rotation: Array) -> tuple[Array, Array]:
-        """Where a frame is now that is at `origin` (3,), `rotation` (3, 3) while joint j's parent rests."""
+        """Return the current pose of a frame that joint j's parent carries.
+
+        The frame is at `origin` (3,), `rotation` (3, 3) while the parent is at rest.
+        """
         parent = self.joints[j].parent
         if parent < 0:
             return origin, rotation
@@ -224,13 +236,13 @@ class Model:
         return now_origin + turn @ (origin - rest_origin), turn @ rotation
 
     def region_frame(self, region: RigidRegion, state: State) -> tuple[Array, Array]:
-        """Origin (3,) and rotation (3, 3) of the frame a region follows."""
+        """Return the origin (3,) and rotation (3, 3) of the frame that a region follows."""
         if region.frame >= 0:
             return state.frame_positions[region.frame], state.frame_rotations[region.frame]
         return self.joint_frame(region.joint, state)
 
     def place_regions(self, state: State) -> None:
-        """Move the nodes of all regions, and their velocities, to where frames and joints say."""
+        """Set positions and velocities of the nodes of all regions from frames and joints."""
         moving = bool(state.reduced_velocities.any())
         motion_subspace = self.motion_subspace(state) if moving else None
         for region in self.regions:
@@ -244,7 +256,7 @@ class Model:
                     state.velocities[region.nodes] += motion * state.reduced_velocities[k]
 
     def motion_subspace(self, state: State) -> MotionSubspace:
-        """The motion of every reduced coordinate at a state."""
+        """Return the motion subspaces of all reduced coordinates at a state."""
         size, frames = self.reduced_size, len(self.frame_names)
         angular, linear, origin = np.zeros((size, 3)), np.zeros((size, 3)), np.zeros((size, 3))
         for f in range(frames):
@@ -262,7 +274,7 @@ class Model:
     def displace(self, state: State, nodes: Array, reduced: Array) -> None:
         """Move everything at once: free nodes by `nodes` (k, 3) in [m], frames and joints by `reduced` (b,).
 
-        Rotations turn by the exponential; the nodes of regions follow. Velocities stay.
+        Rotations use the exponential map; the nodes of regions follow. Velocities stay.
         """
         frames = len(self.frame_names)
         state.positions[self.free_nodes] += nodes
@@ -285,24 +297,27 @@ class Model:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSubspace:
-    """Of the reduced coordinates: angular (b, 3), linear (b, 3), origin (b, 3) in [m]; see the module."""
+    """Motion subspaces of the reduced coordinates: angular, linear, origin in [m], (b, 3) each.
+
+    See the module.
+    """
 
     angular: Array
     linear: Array
     origin: Array
 
     def jacobians(self, chosen: IndexArray, points: Array) -> Array:
-        """Velocities of `points` (p, 3) a unit velocity of each of some coordinates (k,), shape (p, k, 3)."""
+        """Return velocities of `points` (p, 3) per unit velocity of k coordinates, shape (p, k, 3)."""
         levers = points[:, None] - self.origin[chosen]
         turned = np.swapaxes([cross_matrix(each) for each in self.angular[chosen]], 1, 2)
         return np.asarray(np.einsum("pki,kij->pkj", levers, turned) + self.linear[chosen])
 
     def work(self, chosen: IndexArray, points: Array, forces: Array) -> Array:
-        """Work of `forces` (p, 3) on `points` (p, 3) a unit motion of each of some coordinates (k,), (k,)."""
+        """Return the work of `forces` (p, 3) on `points` (p, 3) per unit motion of k coordinates, (k,)."""
         force, moment = forces.sum(axis=0), np.cross(points, forces).sum(axis=0)
         moments = moment - np.cross(self.origin[chosen], force)
         return np.asarray(self.linear[chosen] @ force + np.einsum("ki,ki->k", self.angular[chosen], moments))
 
     def jacobian(self, k: int, points: Array) -> Array:
-        """Velocity of `points` (p, 3) a unit velocity of reduced coordinate k, shape (p, 3)."""
+        """Return velocities of `points` (p, 3) per unit velocity of reduced coordinate k, shape (p, 3)."""
         return np.asarray((points - self.origin[k]) @ cross_matrix(self.angular[k]).T + self.linear[k])

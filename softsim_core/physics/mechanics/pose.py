@@ -19,13 +19,13 @@ class Pose:
 
 
 def cross_matrix(vector: Array) -> Array:
-    """Matrix [v]x with [v]x w = v x w; `vector` of shape (3,), result (3, 3)."""
+    """Return the matrix [v]x with [v]x w = v x w; `vector` of shape (3,), result (3, 3)."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def cross_matrices(vectors: Array) -> Array:
-    """The same of vectors (..., 3), shape (..., 3, 3)."""
+    """Return the cross matrices of vectors (..., 3), shape (..., 3, 3)."""
     result = np.zeros((*vectors.shape, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         result[..., i, j], result[..., j, i] = -vectors[..., k], vectors[..., k]
@@ -33,7 +33,7 @@ def cross_matrices(vectors: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products of vectors (..., 3); np.cross takes several times as long for a few of them."""
+    """Return cross products of vectors (..., 3); np.cross takes several times as long for a few of them."""
     result = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         result[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
@@ -41,7 +41,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def rotation_exp(rotation_vector: Array) -> Array:
-    """Rotation matrix (3, 3) of a rotation vector (3,) in [rad] (Rodrigues)."""
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) in [rad] (Rodrigues)."""
     x, y, z = rotation_vector.tolist()
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-8:
@@ -60,7 +60,7 @@ def rotation_exp(rotation_vector: Array) -> Array:
 
 
 def rotation_log(rotation: Array) -> Array:
-    """Rotation vector (3,) in [rad], of length at most pi, of a rotation matrix (3, 3)."""
+    """Return the rotation vector (3,) in [rad], of length at most pi, of a rotation matrix (3, 3)."""
     x, y, z, w = quaternion_of(rotation)
     sine = float(np.sqrt(x * x + y * y + z * z))
     if sine < 1e-12:
@@ -69,7 +69,9 @@ def rotation_log(rotation: Array) -> Array:
 
 
 def nearest_rotation(before: Array, after: Array) -> Array:
-    """Rotation R (3, 3) with the least squares of after - R before; both of shape (n, 3), about their means.
+    """Return the rotation R (3, 3) with the least squares of after - R before.
+
+    Both have shape (n, 3) and are taken about their means.
 
     Source: Kabsch 1976, with the proper rotation of Umeyama 1991.
     """
@@ -79,7 +81,7 @@ def nearest_rotation(before: Array, after: Array) -> Array:
 
 
 def rotation_euler(angles: Array) -> Array:
-    """Rotation Rz(c) Ry(b) Rx(a) of angles (a, b, c) in [rad] about the fixed axes x, then y, then z."""
+    """Return the rotation Rz(c) Ry(b) Rx(a) of angles (a, b, c) in [rad] about the fixed axes x, y, z."""
     (ca, cb, cc), (sa, sb, sc) = np.cos(angles), np.sin(angles)
     return np.array(
         [
@@ -91,16 +93,22 @@ def rotation_euler(angles: Array) -> Array:
 
 
 def euler_of(rotation: Array) -> Array:
-    """Angles (a, b, c) in [rad] of `rotation_euler`, |b| <= pi/2, shape (3,); where b is that, c is 0."""
+    """Return the angles (a, b, c) in [rad] of `rotation_euler`, shape (3,).
+
+    |b| is at most pi/2; if it is equal to pi/2, c is 0.
+    """
     (xx, _, _), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
     flat = math.hypot(xx, yx)
-    if flat < 1e-9:  # x and z turn about one line: all of the turn is a
+    if flat < 1e-9:  # x and z turn about one line: a is the whole angle
         return np.array([math.atan2(-yz, yy), math.atan2(-zx, flat), 0.0])
     return np.array([math.atan2(zy, zz), math.atan2(-zx, flat), math.atan2(yx, xx)])
 
 
 def quaternion_of(rotation: Array) -> Array:
-    """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3), by its largest component."""
+    """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3).
+
+    The computation starts from its largest component.
+    """
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
     squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
     a, b, c = zy - yz, xz - zx, yx - xy
@@ -117,7 +125,7 @@ def quaternion_of(rotation: Array) -> Array:
 
 
 def rotation_of(quaternion_xyzw: Array) -> Array:
-    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w)."""
+    """Return the rotation matrix (3, 3) of a unit quaternion (x, y, z, w)."""
     x, y, z, w = np.asarray(quaternion_xyzw, dtype=float).tolist()
     return np.array(
         [

@@ -1,7 +1,7 @@
-"""Rigid bodies with mass: free motion, what an impulse does to them, and their rotation.
+"""Rigid bodies with mass: free motion, the response to impulses, and rotation.
 
-A body is a centre of mass, a rotation, and a velocity and spin in world axes. Nothing couples it to the rest
-but contacts. What a step carries on is momentum: without a moment the angular momentum in world axes stays.
+A body is a centre of mass, a rotation, and a velocity and spin in world axes. Only contacts couple it to the
+rest. A step conserves momentum: without a moment the angular momentum in world axes stays the same.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from softsim_core.physics.mechanics.pose import cross, cross_matrix, rotation_ex
 from softsim_core.physics.mechanics.state import State
 
 MOST_TURN = 0.25
-"""A body turns by at most this angle in [rad] in a part of a step."""
+"""Largest angle in [rad] that a body turns in a part of a step."""
 
 MOST_PARTS = 4000
-"""A spin that needs more parts has run away; the step is refused for its speed."""
+"""Most parts of a step; a spin that needs more has diverged, and the step is refused for its speed."""
 
 MOST_ITERATIONS = 20
-"""Of Newton's method for a part; three are usual."""
+"""Most iterations of Newton's method per part; three are usual."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +35,11 @@ class RigidBodies:
         rest_positions: Centres of mass at the start in [m], shape (r, 3).
         rest_rotations: Rotations at the start, shape (r, 3, 3).
         rest_velocities: Velocity in [m/s] and angular velocity in [rad/s] at the start, world axes, shape
-            (r, 6); zeros where not given.
-        inverse_inertia: In [1/(kg m^2)], body axes, shape (r, 3, 3).
+            (r, 6); zeros by default.
+        inverse_inertia: Inverse of the inertia in [1/(kg m^2)], body axes, shape (r, 3, 3).
         gyration: Radius of gyration in [m] about the axis of the mean moment, shape (r,).
-        even: Whether the inertia is the same about all axes, as of spheres and cubes: the spin stays.
+        even: Whether the inertia is the same about all axes, as for spheres and cubes: the spin stays
+            constant.
     """
 
     names: tuple[str, ...]
@@ -61,15 +62,17 @@ class RigidBodies:
             object.__setattr__(self, "rest_velocities", np.zeros((len(self.names), 6)))
 
     def predict(self, state: State, gravity: Array, dt: float, loads: Array | None = None) -> None:
-        """Add what gravity (3,) [m/s^2] and `loads` do in `dt` [s] to the velocities; positions stay.
+        """Add the effects of gravity (3,) [m/s^2] and `loads` over `dt` [s] to the velocities.
 
-        Velocities of a step that is under way, from here to `finish`, are its momentum over the mass, and its
-        angular momentum over the inertia at the start of the step: without a moment they stay, and impulses
-        add to them what `response` says, exactly.
+        Positions stay.
+
+        Velocities during a step, from here to `finish`, are the momentum divided by the mass, and the angular
+        momentum divided by the inertia at the start of the step: without a moment they stay the same, and the
+        effect of impulses on them is exactly `response`.
 
         Args:
-            state: At the start of the step.
-            gravity: In [m/s^2], shape (3,).
+            state: State at the start of the step.
+            gravity: Gravity in [m/s^2], shape (3,).
             dt: Length of the step in [s].
             loads: Force in [N] at the centre of mass and moment in [N m] about it, world axes, shape (r, 6).
         """
@@ -82,15 +85,16 @@ class RigidBodies:
             state.rigid_velocities[r, 3:] += dt * (rotation @ (self.inverse_inertia[r] @ moment))
 
     def advance(self, state: State, before: State, dt: float) -> None:
-        """Positions and rotations a `dt` after `before`, at the velocities of `state` (see `predict`).
+        """Set positions and rotations a `dt` after `before`, at the velocities of `state` (see `predict`).
 
-        The spin w in body axes follows the midpoint rule, which keeps energy and the length of the momentum,
-        and the rotation is the one near exp(dt (w + w+) / 2) that keeps its direction, too:
+        The spin w in body axes follows the midpoint rule, which conserves energy and the length of the
+        momentum. The rotation is the one near exp(dt (w + w+) / 2) that also conserves the direction of the
+        momentum:
 
             I (w+ - w) + dt m x I m = 0,   m = (w + w+) / 2,   R+ = C R exp(dt m),   R+ I w+ = R I w
 
-        C being the shortest rotation that does it, of third order in dt. A steady spin is exact, all else of
-        second order; where a body turns far in a step, the step is cut.
+        C is the shortest rotation that achieves this, of third order in dt. A steady spin is exact,
+        everything else of second order; if a body turns far in a step, the step is cut.
 
         Source: Simo and Wong 1991, Unconditionally stable algorithms for rigid body dynamics that exactly
         preserve energy and momentum (the conditions); Krysl 2005 (momentum in world axes).
@@ -105,7 +109,7 @@ class RigidBodies:
             state.rigid_rotations[r] = self._turned(r, rotation, spin, dt)
 
     def finish(self, state: State, before: State) -> None:
-        """Make the velocities of a step that is over those at its end: the same momentum in the new pose."""
+        """Convert velocities of a finished step to those at its end: the same momentum in the new pose."""
         for r, rotation in enumerate(state.rigid_rotations):
             if self.even[r]:
                 continue
@@ -114,7 +118,7 @@ class RigidBodies:
             state.rigid_velocities[r, 3:] = rotation @ (self.inverse_inertia[r] @ (rotation.T @ momentum))
 
     def _turned(self, r: int, rotation: Array, spin: Array, dt: float) -> Array:
-        """Rotation (3, 3) after `dt` without a moment, from a first spin (3,) in body axes."""
+        """Return the rotation (3, 3) after `dt` without a moment, from an initial spin (3,) in body axes."""
         inertia = self.inertia[r]
         held = inertia @ spin
         smallest = 1.0 / np.linalg.norm(self.inverse_inertia[r], 2)
@@ -130,7 +134,10 @@ class RigidBodies:
         return _orthonormal(rotation)
 
     def response(self, state: State, rows: Array) -> Array:
-        """Velocities and spins a unit of impulse on each row, world axes, for rows (k, 6 r), same shape."""
+        """Return velocities and spins per unit of impulse on each row.
+
+        They are in world axes, of the shape of rows (k, 6 r).
+        """
         result = np.zeros_like(rows)
         for r, rotation in enumerate(state.rigid_rotations):
             linear, angular = slice(6 * r, 6 * r + 3), slice(6 * r + 3, 6 * r + 6)
@@ -140,7 +147,7 @@ class RigidBodies:
 
 
 def _spin_after(inertia: Array, spin: Array, dt: float) -> Array:
-    """Spin (3,) after `dt` by the midpoint rule, in body axes (Newton's method)."""
+    """Return the spin (3,) after `dt` by the midpoint rule, in body axes (Newton's method)."""
     after = spin
     enough = 1e-15 * float(np.abs(inertia @ spin).max())
     for _ in range(MOST_ITERATIONS):
@@ -155,7 +162,7 @@ def _spin_after(inertia: Array, spin: Array, dt: float) -> Array:
 
 
 def _shortest(vector: Array, target: Array) -> Array:
-    """The shortest rotation (3, 3) of a vector (3,) into the direction of another one near it."""
+    """Return the shortest rotation (3, 3) of a vector (3,) into the direction of another one near it."""
     axis = cross(vector, target)
     sine = float(np.linalg.norm(axis))
     angle = np.arctan2(sine, vector @ target)
@@ -163,10 +170,10 @@ def _shortest(vector: Array, target: Array) -> Array:
 
 
 def no_rigid_bodies() -> RigidBodies:
-    """The rigid bodies of a scene without any."""
+    """Return the rigid bodies of a scene without any."""
     return RigidBodies((), np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)))
 
 
 def _orthonormal(rotation: Array) -> Array:
-    """The rotation with its rounding errors taken out: a Newton step to its polar factor (Higham 1986)."""
+    """Return the rotation without its rounding errors: a Newton step to its polar factor (Higham 1986)."""
     return np.asarray(1.5 * rotation - 0.5 * rotation @ (rotation.T @ rotation))

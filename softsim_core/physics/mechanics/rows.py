@@ -1,8 +1,8 @@
-"""Constraint rows: what a unit of each force does to nodes, frames and joints.
+"""Constraint rows: the effect of a unit of each force on nodes, frames and joints.
 
-Row r says: (its value's rate) = sum of coefficient . velocity over its entries, and its transpose spreads the
-row's force. An entry below `nodes` is a node (three coefficients); one from `nodes` on is a reduced
-coordinate (the first coefficient counts), see Model.
+Row r means: (the rate of its value) = sum of coefficient . velocity over its entries, and its transpose
+distributes the row's force. An entry below `nodes` is a node (three coefficients); one from `nodes` on is a
+reduced coordinate (only the first coefficient counts), see Model.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ class Rows(NamedTuple):
     """Rows in compressed form.
 
     Attributes:
-        start: Where the entries of row r begin; the last one ends them, shape (r + 1,).
+        start: First entry of each row, and the end of the last row, shape (r + 1,).
         place: Node, or `nodes` + reduced coordinate, of each entry, shape (k,).
-        coefficient: Shape (k, 3).
+        coefficient: Coefficients of each entry, shape (k, 3).
     """
 
     start: IndexArray
@@ -34,17 +34,17 @@ class Rows(NamedTuple):
         return len(self.start) - 1
 
     def checked(self) -> Rows:
-        """The same rows with the types that compiled kernels expect.
+        """Return the same rows with the types that compiled kernels expect.
 
         Raises:
-            ArrayError: shapes that do not fit together.
+            ArrayError: shapes do not fit together.
         """
         start, place = (np.ascontiguousarray(each, dtype=np.int64) for each in (self.start, self.place))
         return Rows(start, place, float_array(self.coefficient, (len(place), 3), "coefficient"))
 
 
 def joined(parts: list[Rows]) -> Rows:
-    """Rows one behind the other."""
+    """Return several sets of rows joined into one, in order."""
     if len(parts) == 1:
         return parts[0]
     ends = np.cumsum([0] + [len(part.place) for part in parts])
@@ -58,7 +58,7 @@ def joined(parts: list[Rows]) -> Rows:
 
 
 def sparse_rows(rows: Rows, nodes: int, reduced: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Rows as matrices on node coordinates (r, 3 nodes) and on reduced coordinates (r, reduced)."""
+    """Return rows as matrices on node coordinates (r, 3 nodes) and on reduced coordinates (r, reduced)."""
     owner = np.repeat(np.arange(rows.height), np.diff(rows.start))
     on_node = rows.place < nodes
     columns = 3 * rows.place[on_node, None] + np.arange(3)
@@ -70,5 +70,5 @@ def sparse_rows(rows: Rows, nodes: int, reduced: int) -> tuple[sp.csr_matrix, sp
 
 
 def no_rows() -> Rows:
-    """No constraint rows."""
+    """Return an empty set of constraint rows."""
     return Rows(np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))

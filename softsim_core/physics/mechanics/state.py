@@ -1,8 +1,8 @@
 """The state of a model: every quantity that changes in time, by name, and its form as bytes.
 
-The bytes are: a line that names format and version; the SHA-256 fingerprint of the scene; the length of the
-table (8 bytes, little endian) and the table, JSON `[[name, [length, ...]], ...]`; all arrays one behind the
-other as little-endian float64; the SHA-256 checksum of everything before it.
+The bytes are: a line with format and version; the SHA-256 fingerprint of the scene; the length of the table
+(8 bytes, little endian) and the table, JSON `[[name, [length, ...]], ...]`; all arrays in order as
+little-endian float64; the SHA-256 checksum of everything before it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from softsim_core.base import Array, SnapshotError, float_array, listing
 
 MAGIC = b"softsim snapshot, version 2\n"
-"""How a snapshot of this format begins."""
+"""First line of a snapshot of this format."""
 
 _FAMILY = b"softsim snapshot, version "
 _DIGEST = 32
@@ -25,7 +25,7 @@ _ORTHOGONAL = 1e-6
 
 
 def pack(fingerprint: bytes, arrays: Mapping[str, Array]) -> bytes:
-    """Bytes of named arrays of the scene with a fingerprint (32 bytes)."""
+    """Return the bytes of named arrays of the scene with a fingerprint (32 bytes)."""
     table = json.dumps([[name, array.shape] for name, array in arrays.items()]).encode()
     numbers = b"".join(np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays.values())
     body = MAGIC + fingerprint + len(table).to_bytes(8, "little") + table + numbers
@@ -33,12 +33,12 @@ def pack(fingerprint: bytes, arrays: Mapping[str, Array]) -> bytes:
 
 
 def unpack(data: bytes, fingerprint: bytes, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
-    """The arrays of `pack`, by name.
+    """Return the arrays of `pack`, by name.
 
     Args:
         data: The bytes.
-        fingerprint: That of the scene which is running.
-        shapes: Names and shapes that must be there, no others; -1 is any length.
+        fingerprint: Fingerprint of the running scene.
+        shapes: Names and shapes of all arrays; -1 is any length.
 
     Raises:
         SnapshotError: another format, another scene, damaged or cut bytes, a missing or unknown name, a wrong
@@ -72,7 +72,7 @@ def unpack(data: bytes, fingerprint: bytes, shapes: Mapping[str, tuple[int, ...]
 
 
 def need_rotations(name: str, rotations: Array) -> None:
-    """Refuse what are no rotation matrices, shape (k, 3, 3).
+    """Refuse matrices (k, 3, 3) that are not rotation matrices.
 
     Raises:
         SnapshotError: one of them is not orthogonal, or mirrors.
@@ -83,7 +83,7 @@ def need_rotations(name: str, rotations: Array) -> None:
 
 
 def _compare(held: Mapping[str, tuple[int, ...]], shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Refuse names and shapes that are not those of `shapes`."""
+    """Refuse names and shapes that differ from `shapes`."""
     for problem, names in (
         ("lacks", [name for name in shapes if name not in held]),
         ("holds unknown", [name for name in held if name not in shapes]),
@@ -99,47 +99,47 @@ def _compare(held: Mapping[str, tuple[int, ...]], shapes: Mapping[str, tuple[int
 
 
 WARM_START_COLUMNS = 4
-"""Numbers in a row of State.warm_start: what touches (a number), and its force in three directions in [N]."""
+"""Numbers in a row of State.warm_start: the number of a contact, and its force in three directions in [N]."""
 
 MOVED = "moved"
-"""Name in State.extra of how far the last step moved the nodes in [m], (n, 3), where elements use it."""
+"""Name in State.extra of the displacement of the nodes in the last step in [m], (n, 3), for elements."""
 ACCELERATION = "acceleration"
-"""Name in State.extra of the accelerations of the nodes in [m/s^2], (n, 3), where the step uses them."""
+"""Name in State.extra of the accelerations of the nodes in [m/s^2], (n, 3), if the step uses them."""
 REDUCED_ACCELERATION = "reduced_acceleration"
-"""Name in State.extra of those of frames and joints, shape (r,)."""
+"""Name in State.extra of the accelerations of frames and joints, shape (r,), if the step uses them."""
 HOLDING = "holding"
-"""Name in State.extra of whether contacts held what deforms in the last step, shape (1,), 0 or 1."""
+"""Name in State.extra of the flag that contacts held deformable bodies in the last step, (1,), 0 or 1."""
 COMMANDED = "commanded"
-"""Name in State.extra of what joints were commanded last, shape (j,), where steps may be cut in parts."""
+"""Name in State.extra of the last commands of joints, shape (j,), if steps may be cut in parts."""
 EFFORT_CHANGE = "effort_change"
-"""Name in State.extra of the joint efforts in the last part of a cut step less those of the step, (j,)."""
+"""Name in State.extra of the joint efforts in the last part of a cut step minus those of the step, (j,)."""
 
 KEPT = "actuators"
-"""Name in State.extra of what actuators keep from step to step, one behind the other, shape (k,)."""
+"""Name in State.extra of the stored values of all actuators, joined, shape (k,)."""
 
 
 def memory_name(group: int) -> str:
-    """Name in State.extra of what the cells of a relaxing law remember; see fem.prony."""
+    """Return the name in State.extra of the memory of a relaxing law's cells; see fem.prony."""
     return f"memory_{group}"
 
 
 def held_name(group: int) -> str:
-    """Name in State.extra of the stress that these hold during a step in [Pa]."""
+    """Return the name in State.extra of these cells' stress that is fixed during a step, in [Pa]."""
     return f"held_{group}"
 
 
 class State:
     """State of a simulation: named views of one buffer, changed in place.
 
-    Assigning to an attribute copies into the buffer, with the shape and type that are there.
+    Assigning to an attribute copies into the buffer, with the existing shape and type.
 
     Args:
-        nodes, frames, joints, rigid: How many there are.
+        nodes, frames, joints, rigid: Number of each.
         extra: Shapes of further arrays by name, see `extra`.
-        buffer: Where to live; None: in a buffer of its own, all zeros.
+        buffer: Buffer to use; None: a new one, all zeros.
 
     Attributes:
-        buffer: All numbers but the warm start, shape (s,).
+        buffer: All numbers except the warm start, shape (s,).
         positions: Node positions in [m], shape (n, 3); nodes of regions follow frames and joints.
         velocities: Node velocities in [m/s], shape (n, 3).
         frame_positions: Origins of the free frames in [m], shape (f, 3).
@@ -147,17 +147,17 @@ class State:
         reduced_velocities: Velocity and spin of the free frames, then joint velocities, shape (6 f + j,).
         joint_positions: Joint positions in [rad] or [m], shape (j,).
         joint_efforts: Torque in [N m] or force in [N] that each joint's drive applied in the last step, shape
-            (j,); an actuator's is its multiplier, such as a tension. Of a step that was cut in parts, their
-            mean in time.
-        base_positions: Origins of the joint bases in [m] while their parents rest, without the shift, shape
-            (j, 3).
+            (j,); an actuator's is its multiplier, such as a tension. For a step cut in parts, their mean in
+            time.
+        base_positions: Origins of the joint bases in [m] while their parents are at rest, without the shift,
+            shape (j, 3).
         base_shift: Shift in [m] of the joint bases along their slide axes, shape (1,).
         rigid_positions: Centres of mass of the rigid bodies in [m], shape (r, 3).
-        rigid_rotations: Their rotations, shape (r, 3, 3).
-        rigid_velocities: Their velocity in [m/s] and spin in [rad/s], world axes, shape (r, 6).
-        extra: What a scene keeps beside, such as the history of a material, by name.
-        warm_start: What the contact solver starts from: the forces of the last step, shape (k, 4); replaced
-            as a whole by each step. Not in the buffer.
+        rigid_rotations: Rotations of the rigid bodies, shape (r, 3, 3).
+        rigid_velocities: Velocity in [m/s] and spin in [rad/s] of the rigid bodies, world axes, shape (r, 6).
+        extra: Further arrays of the scene by name, such as the history of a material.
+        warm_start: Start values of the contact solver: the forces of the last step, shape (k, 4); replaced as
+            a whole by each step. Not in the buffer.
     """
 
     __slots__ = (
@@ -240,12 +240,12 @@ class State:
             getattr(self, name)[...] = value
 
     def copy_from(self, other: State) -> None:
-        """Take over the values of a state of the same scene, in place."""
+        """Copy the values of a state of the same scene, in place."""
         np.copyto(self.buffer, other.buffer)
         object.__setattr__(self, "warm_start", other.warm_start)
 
     def parts(self) -> dict[str, tuple[slice, tuple[int, ...]]]:
-        """Where each of `arrays` but the warm start lies in the buffer, and its shape."""
+        """Return start in the buffer and shape of each of `arrays` except the warm start."""
         place, first = {}, self.buffer.ctypes.data
         for name, array in self.arrays().items():
             if name != "warm_start":
@@ -254,14 +254,14 @@ class State:
         return place
 
     def arrays(self) -> dict[str, Array]:
-        """All of it by name: the views themselves, `extra.NAME` for what a scene keeps beside."""
+        """Return all arrays by name, as views; `extra.NAME` for the further arrays of the scene."""
         own = {
             name: getattr(self, name) for name in sorted(self.__slots__) if name not in ("buffer", "extra")
         }
         return {**own, **{f"extra.{name}": array for name, array in self.extra.items()}}
 
     def take(self, arrays: Mapping[str, Array]) -> None:
-        """Take over what `arrays` gave, or another state of the same scene."""
+        """Copy the result of `arrays`, or of another state of the same scene, in place."""
         for name, array in arrays.items():
             if name.startswith("extra."):
                 self.extra[name.removeprefix("extra.")][...] = array
@@ -270,5 +270,5 @@ class State:
 
 
 def no_warm_start() -> Array:
-    """State.warm_start when nothing touches."""
+    """Return the State.warm_start without contacts."""
     return np.zeros((0, WARM_START_COLUMNS))

@@ -1,4 +1,4 @@
-"""What a tetrahedral mesh is worth: counts, volume, element shapes; refuses what cannot be simulated."""
+"""Checks and figures of a tetrahedral mesh: counts, volume, element shapes; unusable meshes are refused."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ class MeshReport:
         volume: Sum of absolute volumes in [m^3].
         inverted: Number of tetrahedra with negative orientation.
         slivers: Number of tetrahedra with a dihedral angle below SLIVER_ANGLE_DEG.
-        duplicate_nodes: Number of nodes at exactly the place of an earlier node.
+        duplicate_nodes: Number of nodes at exactly the position of an earlier node.
         min_dihedral_deg: Smallest dihedral angle in [deg].
         max_dihedral_deg: Largest dihedral angle in [deg].
         min_radius_ratio: Worst 3 (inscribed radius) / (circumscribed radius); a regular tetrahedron has 1.
-        mean_radius_ratio: Mean of the same.
+        mean_radius_ratio: Mean of this ratio.
         min_edge: Shortest edge in [m].
         mean_edge: Mean over the distinct edges in [m].
         max_edge: Longest edge in [m].
-        warnings: Sentences about what was accepted but may cost accuracy.
+        warnings: Messages about accepted flaws that may reduce accuracy.
     """
 
     nodes: int
@@ -56,7 +56,7 @@ class MeshReport:
 
 
 def check_tets(mesh: TetMesh) -> MeshReport:
-    """Figures of a mesh; slivers, negative orientation and coincident nodes are accepted with a warning.
+    """Return figures of a mesh, with warnings for slivers, negative orientation and coincident nodes.
 
     Angles, radii and edges of quadratic cells are those of their corners.
 
@@ -123,7 +123,7 @@ def check_tets(mesh: TetMesh) -> MeshReport:
 
 
 def drop_unused_nodes(mesh: TetMesh) -> TetMesh:
-    """Return the mesh without nodes that no cell uses; warns where there are any.
+    """Return the mesh without nodes that no cell uses; warns if there are any.
 
     Faces and nodes of the mesh's groups that lie on such nodes go with them, and groups that are left empty.
     """
@@ -149,17 +149,17 @@ def drop_unused_nodes(mesh: TetMesh) -> TetMesh:
 
 
 def check_arrays(points: Array, cells: IndexArray, corners: int, name: str, kind: str | None = None) -> None:
-    """Refuse arrays that are no mesh.
+    """Refuse arrays that do not form a mesh.
 
     Args:
         points: Coordinates, must be finite and of shape (n, 3).
         cells: Indices, must be of shape (m, corners), m >= 1, and in 0..n-1.
         corners: Nodes of a cell: 4 or 10 for tetrahedra, 3 for triangles.
-        name: Where the mesh came from.
-        kind: What the cells are called in messages; None: triangles or tetrahedra.
+        name: Origin of the mesh, for messages.
+        kind: Name of the cells in messages; None: triangles or tetrahedra.
 
     Raises:
-        MeshError: names what is wrong and the first place where it is.
+        MeshError: names the error and its first place.
     """
     kind = kind or ("triangles" if corners == 3 else "tetrahedra")
     if points.ndim != 2 or points.shape[1] != 3:
@@ -190,13 +190,16 @@ def check_arrays(points: Array, cells: IndexArray, corners: int, name: str, kind
 
 
 def tet_volumes(points: Array, tets: IndexArray) -> Array:
-    """Signed volumes in [m^3], shape (m,): positive where (b - a) × (c - a) · (d - a) > 0."""
+    """Return signed volumes in [m^3], shape (m,): positive if (b - a) × (c - a) · (d - a) > 0."""
     corners = points[tets]
     return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0)
 
 
 def radius_ratios(points: Array, tets: IndexArray) -> Array:
-    """3 (inscribed) / (circumscribed radius), shape (m,): 1 for a regular tetrahedron, 0 for a flat one."""
+    """Return 3 (inscribed) / (circumscribed radius), shape (m,).
+
+    A regular tetrahedron has 1, a flat one 0.
+    """
     corners = points[tets]
     edges = corners[:, 1:] - corners[:, :1]
     volumes = np.abs(np.linalg.det(edges)) / 6.0
@@ -213,7 +216,7 @@ def radius_ratios(points: Array, tets: IndexArray) -> Array:
 
 
 def dihedral_angles_deg(points: Array, tets: IndexArray) -> Array:
-    """The six angles between faces in [deg], shape (m, 6)."""
+    """Return the six angles between faces in [deg], shape (m, 6)."""
     normals = _face_normals(points[tets])
     one, other = normals[:, _EDGES[:, 0]], normals[:, _EDGES[:, 1]]
     sine = np.linalg.norm(np.cross(one, other), axis=2)
@@ -222,7 +225,7 @@ def dihedral_angles_deg(points: Array, tets: IndexArray) -> Array:
 
 
 def _face_normals(corners: Array) -> Array:
-    """Area vectors of the four faces of each tetrahedron, shape (m, 4, 3), from corners (m, 4, 3)."""
+    """Return area vectors of the four faces of each tetrahedron, (m, 4, 3), from corners (m, 4, 3)."""
     faces = corners[:, _OPPOSITE_FACES]
     return np.asarray(0.5 * np.cross(faces[:, :, 1] - faces[:, :, 0], faces[:, :, 2] - faces[:, :, 0]))
 
@@ -238,7 +241,10 @@ def _refuse_unused_nodes(mesh: TetMesh) -> None:
 
 
 def _refuse_folded(mesh: TetMesh, volumes: Array, parts: Array) -> None:
-    """Parts: volumes of the linear tetrahedra within each cell, shape (m, p)."""
+    """Refuse folded cells.
+
+    `parts` are the volumes of the linear tetrahedra within each cell, shape (m, p).
+    """
     folded = np.flatnonzero((parts * volumes[:, None] <= 0.0).any(axis=1))
     if len(folded):
         raise MeshError(

@@ -1,6 +1,6 @@
 """Points that follow a tetrahedral mesh, and the placement of points.
 
-In a quadratic cell that is one of the eight linear tetrahedra between its nodes, see mesh.quadratic.
+In a quadratic cell they follow one of the eight linear tetrahedra between its nodes, see mesh.quadratic.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ _ON_FACE = 1.0e-5  # in element heights: a point on a face stays inside when rou
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Embedding:
-    """Points p = Σ w_k x_k of four nodes each, with weights frozen at the rest shape.
+    """Points p = Σ w_k x_k of four nodes each, with constant weights from the rest shape.
 
     Attributes:
         tets: The tetrahedron of each point, among the linear ones, shape (p,).
         weights: Barycentric weights, rows add up to 1, shape (p, 4); negative ones extrapolate.
         nodes: The nodes of that tetrahedron, shape (p, 4).
-        outside: How far outside its tetrahedron a point lies, in element heights, 0 inside, shape (p,).
+        outside: Distance of a point outside its tetrahedron, in element heights, 0 inside, shape (p,).
     """
 
     tets: IndexArray
@@ -35,7 +35,7 @@ class Embedding:
 
 
 def embed(points: Array, mesh: TetMesh) -> Embedding:
-    """Bind points to the tetrahedron that contains them; outside, to the one with the nearest centre.
+    """Bind points to the tetrahedron that contains them, or to the one with the nearest centre.
 
     With b = A⁻¹ (p - p0) (A: edge matrix) and d = max(-b1, -b2, -b3, b1 + b2 + b3 - 1), a tetrahedron
     contains the point if d <= 0 (up to 1e-5, so that a point on the boundary is never bound to an element
@@ -89,17 +89,17 @@ def embed(points: Array, mesh: TetMesh) -> Embedding:
 
 
 def _local(points: Array, tets: IndexArray, corners: Array, inverse: Array) -> Array:
-    """Local coordinates b of points (p, 3) in their tetrahedra (p,), shape (p, 3)."""
+    """Return the local coordinates b of points (p, 3) in their tetrahedra (p,), shape (p, 3)."""
     return np.asarray(np.einsum("pij,pj->pi", inverse[tets], points - corners[tets, 0]))
 
 
 def _excess(local: Array) -> Array:
-    """How far local coordinates (p, 3) lie outside the unit tetrahedron: d, shape (p,)."""
+    """Return the distance d of local coordinates (p, 3) outside the unit tetrahedron, shape (p,)."""
     return np.maximum((-local).max(axis=1), local.sum(axis=1) - 1.0)
 
 
 class PlacementLike(Protocol):
-    """What `place` needs; `softsim_core.scene.description.Placement` is one."""
+    """The interface that `place` needs; `softsim_core.scene.description.Placement` implements it."""
 
     @property
     def scale(self) -> float:
@@ -115,7 +115,9 @@ class PlacementLike(Protocol):
 
 
 def rotation_matrix(rotation_deg: Sequence[float]) -> Array:
-    """Rotation R = Rz(γ) Ry(β) Rx(α) for angles (α, β, γ) in [deg], exact at multiples of 90 degrees.
+    """Return the rotation R = Rz(γ) Ry(β) Rx(α) for angles (α, β, γ) in [deg].
+
+    It is exact at multiples of 90 degrees.
 
     Returns:
         Matrix, shape (3, 3); a point x becomes R x.
@@ -128,7 +130,7 @@ def rotation_matrix(rotation_deg: Sequence[float]) -> Array:
 
 
 def place(points: Array, placement: PlacementLike | None) -> Array:
-    """Points in [m] after a placement: R (scale x) + translation; None leaves them as they are.
+    """Return points in [m] after a placement: R (scale x) + translation; None leaves them unchanged.
 
     Args:
         points: Coordinates in file units, shape (n, 3).

@@ -1,4 +1,4 @@
-"""Boundary faces of linear and quadratic tetrahedra with all their nodes, and the hollows that they close."""
+"""Boundary faces of linear and quadratic tetrahedra with all their nodes, and the enclosed hollows."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _NODES = np.array(
         for face in FACES.tolist()
     ]
 )
-"""The same with the nodes on the edges 0-1, 1-2, 2-0 behind the corners."""
+"""The same faces with the nodes on the edges 0-1, 1-2, 2-0 after the corners."""
 
 
 def boundary_faces(mesh: TetMesh) -> IndexArray:
-    """Faces that belong to one cell only: corners, outward by the right-hand rule, then nodes on edges.
+    """Return faces that belong to one cell only: corners, outward by the right-hand rule, then edge nodes.
 
     Returns:
         Node indices, shape (k, 3) of linear cells, (k, 6) of quadratic ones.
@@ -41,7 +41,7 @@ def boundary_faces(mesh: TetMesh) -> IndexArray:
 
 
 def triangles_of(mesh: TetMesh, triangles: IndexArray, corners: IndexArray) -> BoolArray:
-    """Which triangles of the boundary, as `surface.boundary` has them, belong to some faces.
+    """Return which triangles of the boundary, in the form of `surface.boundary`, belong to some faces.
 
     Args:
         mesh: The mesh.
@@ -51,7 +51,7 @@ def triangles_of(mesh: TetMesh, triangles: IndexArray, corners: IndexArray) -> B
     Returns:
         Shape (k,).
     """
-    ends = np.repeat(np.arange(len(mesh.points))[:, None], 2, axis=1)  # of the edge that a node is on
+    ends = np.repeat(np.arange(len(mesh.points))[:, None], 2, axis=1)  # of the edge of a node
     if mesh.order == 2:
         ends[mesh.tets[:, 4:]] = mesh.tets[:, MIDDLES]
     wanted = {frozenset(face) for face in corners.tolist()}
@@ -60,7 +60,7 @@ def triangles_of(mesh: TetMesh, triangles: IndexArray, corners: IndexArray) -> B
 
 
 def cavities(mesh: TetMesh) -> list[IndexArray]:
-    """Faces of each hollow that the mesh encloses, turned so that they point out of the hollow."""
+    """Return the faces of each hollow that the mesh encloses, oriented out of the hollow."""
     faces = boundary_faces(mesh)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     graph = sp.coo_matrix((np.ones(len(edges)), edges.T), shape=(len(mesh.points),) * 2)
@@ -76,12 +76,12 @@ def cavities(mesh: TetMesh) -> list[IndexArray]:
 
 
 def turned(faces: IndexArray) -> IndexArray:
-    """The same faces, pointing to their other side."""
+    """Return the same faces with the opposite orientation."""
     return np.ascontiguousarray(faces[:, [0, 2, 1, 5, 4, 3][: faces.shape[1]]])
 
 
 def encloses(points: Array, faces: IndexArray, place: Array) -> bool:
-    """Whether a closed surface (its corners over points (n, 3)) goes around a place (3,).
+    """Return whether a closed surface (its corners over points (n, 3)) encloses a point (3,).
 
     Source: van Oosterom, Strackee 1983, The solid angle of a plane triangle.
     """

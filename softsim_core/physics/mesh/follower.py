@@ -1,4 +1,4 @@
-"""The visual surfaces of several bodies, as one surface that follows the nodes."""
+"""The visual surfaces of several bodies, joined into one surface that follows the nodes."""
 
 from __future__ import annotations
 
@@ -42,5 +42,5 @@ class SurfaceFollower:
         )
 
     def follow(self, nodal: Array) -> Array:
-        """Nodal values (n,) or vectors (n, 3) carried over to the vertices, shape (p,) or (p, 3)."""
+        """Return nodal values (n,) or vectors (n, 3) interpolated at the vertices, shape (p,) or (p, 3)."""
         return np.asarray(self._weights @ nodal)

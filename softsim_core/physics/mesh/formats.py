@@ -1,7 +1,7 @@
 """Readers of single mesh formats: STL and OBJ, GiD, Gmsh 4.1, VTU.
 
-meshio reads STL only with lower-case keywords and LF line ends and takes a cut-off binary file for text; of
-an OBJ file it refuses the common case of texture coordinates that are not one for each vertex.
+meshio reads STL only with lower-case keywords and LF line ends and reads a truncated binary file as text; of
+OBJ files it refuses the common case of texture coordinates that do not match the vertices one to one.
 
 Source: the Gmsh reference manual, section "MSH file format version 4.1".
 """
@@ -30,11 +30,11 @@ _STL_WORDS = ("solid", "facet", "outer", "endloop", "endfacet", "endsolid")
 
 
 def parse_stl(data: bytes, path: Path) -> tuple[Array, IndexArray]:
-    """Vertices and triangles of an STL file; corners at exactly the same place become one vertex.
+    """Return vertices and triangles of an STL file; corners at exactly the same position are merged.
 
-    A file that is long enough for its triangle count is binary, whatever its header says: four letters of a
-    text would count more than 10^8 triangles. Any other must be text beginning with "solid". Normals,
-    attribute bytes and what follows the last triangle are not used.
+    A file that is long enough for its triangle count is binary, whatever its header says: the first four
+    letters of a text, read as a count, exceed 10^8 triangles. Any other must be text beginning with "solid".
+    Normals, attribute bytes and data after the last triangle are not used.
 
     Args:
         data: The file's bytes.
@@ -44,7 +44,7 @@ def parse_stl(data: bytes, path: Path) -> tuple[Array, IndexArray]:
         Points in file units, shape (n, 3), in order of first appearance, and triangles, shape (k, 3).
 
     Raises:
-        MeshError: the file is neither, or is cut off.
+        MeshError: the file is neither, or is truncated.
     """
     count = int.from_bytes(data[80:84], "little")
     if 84 + _FACET.itemsize * count <= len(data):
@@ -63,7 +63,7 @@ def parse_stl(data: bytes, path: Path) -> tuple[Array, IndexArray]:
 
 
 def parse_obj(data: bytes, path: Path) -> tuple[Array, IndexArray]:
-    """Vertices and triangles of an OBJ file; faces with more corners are split into fans.
+    """Return vertices and triangles of an OBJ file; faces with more corners are split into fans.
 
     Args:
         data: The file's bytes.
@@ -73,7 +73,7 @@ def parse_obj(data: bytes, path: Path) -> tuple[Array, IndexArray]:
         Points in file units, shape (n, 3), and triangles, shape (k, 3).
 
     Raises:
-        MeshError: names the line and what was expected there.
+        MeshError: names the line and the expected content.
     """
     points: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
@@ -102,10 +102,10 @@ def parse_obj(data: bytes, path: Path) -> tuple[Array, IndexArray]:
 
 
 def merge_corners(corners: Array) -> tuple[Array, IndexArray]:
-    """Vertices and triangles of a triangle soup.
+    """Return vertices and triangles of a triangle soup.
 
     Args:
-        corners: Three rows a triangle, shape (3 k, 3).
+        corners: Three rows per triangle, shape (3 k, 3).
 
     Returns:
         Distinct points in order of first appearance, shape (n, 3), and triangles, shape (k, 3).
@@ -121,7 +121,7 @@ def merge_corners(corners: Array) -> tuple[Array, IndexArray]:
 
 
 def drop_degenerate(triangles: IndexArray, path: Path) -> IndexArray:
-    """Triangles without those that use a vertex twice; warns when there are any."""
+    """Return triangles without those that use a vertex twice; warns if there are any."""
     a, b, c = triangles.T
     degenerate = (a == b) | (b == c) | (c == a)
     if degenerate.any():
@@ -162,7 +162,10 @@ _Lines = Iterator[tuple[int, list[str]]]
 
 
 def is_gid(data: bytes) -> bool:
-    """Whether text begins like a GiD mesh: the first line that is no comment has MESH and dimension."""
+    """Return whether text begins like a GiD mesh.
+
+    The first line that is not a comment then has MESH and dimension.
+    """
     for line in data[:4096].splitlines():
         words = line.split()
         if words and not words[0].startswith(b"#"):
@@ -171,7 +174,7 @@ def is_gid(data: bytes) -> bool:
 
 
 def parse_gid(data: bytes, path: Path) -> tuple[Array, dict[str, IndexArray]]:
-    """Points and elements of a GiD text mesh; node numbers of the file become 0-based rows.
+    """Return points and elements of a GiD text mesh; node numbers of the file become 0-based rows.
 
     Args:
         data: The file's bytes.
@@ -182,7 +185,7 @@ def parse_gid(data: bytes, path: Path) -> tuple[Array, dict[str, IndexArray]]:
         "triangle", ...) its indices in file order.
 
     Raises:
-        MeshError: names the line and what was expected there.
+        MeshError: names the line and the expected content.
     """
     text = data.decode("utf-8", errors="replace")
     lines: _Lines = (
@@ -204,7 +207,7 @@ def parse_gid(data: bytes, path: Path) -> tuple[Array, dict[str, IndexArray]]:
         _expect(lines, "elements", path)
         found = elements.setdefault(kind, [])
         for line, values in _block(lines, "elements", path):
-            if len(values) not in (1 + per_element, 2 + per_element):  # a last number names the material
+            if len(values) not in (1 + per_element, 2 + per_element):  # the last number is the material
                 raise MeshError(
                     path, f"line {line}: an element of {kind} needs a number and {per_element} nodes"
                 )
@@ -314,10 +317,10 @@ class GmshBlock:
     """Elements of one kind of one entity.
 
     Attributes:
-        kind: Name of the kind, as meshio has it.
-        dimension: Of the entity: 0 for points to 3 for volumes.
-        cells: Indices of their nodes, in the order of this suite, shape (k, nodes).
-        groups: Names of the physical groups that the entity is in, or else their numbers.
+        kind: Name of the kind in meshio.
+        dimension: Dimension of the entity: 0 for points to 3 for volumes.
+        cells: Indices of their nodes, in the order of this package, shape (k, nodes).
+        groups: Names, or else numbers, of the physical groups with the entity.
     """
 
     kind: str
@@ -328,7 +331,7 @@ class GmshBlock:
 
 @dataclass(slots=True)
 class _Parts:
-    """What was read so far: names of groups, groups of entities, nodes, elements."""
+    """Parsed parts of the file: names of groups, groups of entities, nodes, elements."""
 
     names: dict[tuple[int, int], str] = field(default_factory=dict)
     groups: dict[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)
@@ -338,7 +341,7 @@ class _Parts:
 
 
 class _Numbers:
-    """The numbers of a section one after the other, from text or from bytes."""
+    """The numbers of a section in order, from text or from bytes."""
 
     def __init__(self, data: bytes, start: int, end: int, order: str | None) -> None:
         self._order, self._data, self._at = order, data, start
@@ -346,7 +349,7 @@ class _Numbers:
             self._text, self._at = np.array(data[start:end].split()).astype(np.float64), 0
 
     def take(self, kind: str, count: int) -> Array:
-        """The next `count` numbers, shape (count,)."""
+        """Return the next `count` numbers, shape (count,)."""
         if count < 0:
             raise ValueError("a negative number of entries")
         if self._order is None:
@@ -362,24 +365,24 @@ class _Numbers:
 
     @property
     def end(self) -> int:
-        """Where bytes were read to; 0 of text."""
+        """End of the bytes read so far; 0 for text."""
         return 0 if self._order is None else self._at
 
     def whole(self, kind: str, count: int) -> list[int]:
-        """The same as whole numbers."""
+        """Return the next numbers as integers."""
         return [int(each) for each in self.take(kind, count)]
 
 
 def is_gmsh_41(data: bytes) -> bool:
-    """Whether a .msh file is of this format."""
+    """Return whether a .msh file has this format."""
     return re.match(rb"\s*\$MeshFormat\s+4\.1\s", data) is not None
 
 
 def parse_gmsh(data: bytes, file: Path) -> tuple[Array, list[GmshBlock]]:
-    """Points in file units, shape (n, 3), and elements of a file of format 4.1.
+    """Return points in file units, shape (n, 3), and elements of a file of format 4.1.
 
     Raises:
-        MeshError: a section is missing, an element is of a kind that is not known or names no node of it.
+        MeshError: a section is missing, or an element has an unknown kind or an unknown node.
         ValueError: a section ends early.
     """
     header = re.match(rb"\s*\$MeshFormat\s+4\.1\s+([01])\s+8[ \t]*\r?\n", data)
@@ -456,7 +459,7 @@ def _elements(numbers: _Numbers, parts: _Parts, file: Path) -> int:
 
 
 def _blocks(parts: _Parts, file: Path) -> Iterator[GmshBlock]:
-    """Elements with indices of nodes in the place of Gmsh's tags."""
+    """Return the elements with indices of nodes instead of Gmsh's tags."""
     tags = np.concatenate(parts.tags)
     order = np.argsort(tags)
     for dimension, tag, kind, cells in parts.elements:
@@ -465,7 +468,7 @@ def _blocks(parts: _Parts, file: Path) -> Iterator[GmshBlock]:
             raise MeshError(file, "holds an element with a node that is not in it; the file is damaged")
         found = order[place]
         if kind == 11:
-            found = found[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]  # Gmsh has the last two edges the other way
+            found = found[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]  # Gmsh swaps the last two edges
         groups = (
             parts.names.get((dimension, abs(each)), str(abs(each)))
             for each in parts.groups.get((dimension, tag), ())
@@ -474,11 +477,11 @@ def _blocks(parts: _Parts, file: Path) -> Iterator[GmshBlock]:
 
 
 MOST_UNPACKED: Final = 1 << 30
-"""All arrays of a file together unpack to at most so many bytes."""
+"""Most bytes to which all arrays of a file together may unpack."""
 RATIO, FREE = 100, 64 << 20
-"""They also unpack to at most RATIO times the file's size and FREE bytes: meshes compress less than that."""
+"""They also unpack to at most RATIO times the file's size plus FREE bytes; meshes compress less than that."""
 _PER_POINT, _PER_CELL = 9 * 8, 256 * 8
-"""An array has at most so many bytes per declared point (a tensor), or per declared cell (its nodes)."""
+"""Most bytes of an array per declared point (a tensor), or per declared cell (its nodes)."""
 _MOST_DICTIONARY: Final = 1 << 28
 _COUNT = re.compile(rb"\bNumberOf(Points|Cells)\s*=\s*[\"']\s*(\d{1,18})\b")
 
@@ -488,11 +491,11 @@ def read_vtu(file: Path, data: bytes) -> Any:
 
     Args:
         file: The file.
-        data: What it holds.
+        data: Its contents.
 
     Raises:
         MeshError: its arrays unpack to more than it declares, or than is allowed.
-        Exception: meshio's own, where it is damaged.
+        Exception: meshio's own, if the file is damaged.
     """
     module: Any = importlib.import_module("meshio.vtu._vtu")
     allowance = _Allowance(file, data)
@@ -515,11 +518,11 @@ def read_vtu(file: Path, data: bytes) -> Any:
 
 
 class _Allowance:
-    """How much the arrays of a file may still unpack to.
+    """Number of bytes to which the arrays of a file may still unpack.
 
     Args:
         file: The file.
-        data: What it holds.
+        data: Its contents.
     """
 
     def __init__(self, file: Path, data: bytes) -> None:
@@ -532,7 +535,7 @@ class _Allowance:
         self._left = self._all = min(MOST_UNPACKED, RATIO * len(data) + FREE)
 
     def unpack(self, packed: bytes, decompressor: Any, before: int) -> bytes:
-        """Unpack a block of an array that has `before` bytes already; never more than is allowed.
+        """Unpack a block of an array that already has `before` bytes, at most to the allowed size.
 
         Raises:
             MeshError: it is larger.
@@ -578,5 +581,5 @@ def _vtu_blocks(text: str, header: Any, decompressor: Any, allowance: _Allowance
 
 
 def _characters(count: int) -> int:
-    """Length of the base64 text of so many bytes."""
+    """Return the length of the base64 text of a number of bytes."""
     return -(-count // 3) * 4

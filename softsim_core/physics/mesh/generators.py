@@ -1,4 +1,4 @@
-"""Meshes from numbers, and tetrahedra of hexahedra, wedges and pyramids."""
+"""Generated meshes, and tetrahedra of hexahedra, wedges and pyramids."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
 }
-"""Faces of each kind of cell that can be split, by VTK's numbers of its nodes, all turned the same way."""
+"""Faces of each kind of cell that can be split, by VTK's numbers of its nodes, all oriented alike."""
 
 _TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 _FLAT = 1.0e-12  # six times the volume of a part over the cube of the cell's size: below it, it is round-off
@@ -26,23 +26,23 @@ def split_cells(
 ) -> tuple[Array, dict[str, tuple[IndexArray, IndexArray]]]:
     """Split cells into tetrahedra that share whole faces with their neighbours.
 
-    The diagonal of a quadrilateral face is that of two triangles beside it, where there are some, and else
-    begins at the node of the smallest number. A cell is the cone over its faces from a node at which all
-    diagonals of its own faces meet, or, where there is none, from a new node at its centre. Cells with
-    several corners in one node (a wedge written as a hexahedron) become fewer tetrahedra.
+    A quadrilateral face next to two triangles takes their diagonal; otherwise its diagonal starts at the node
+    of the smallest number. A cell is the cone over its faces from a node at which all diagonals of its own
+    faces meet or, without such a node, from a new node at its centre. Cells with several corners in one node
+    (a wedge written as a hexahedron) become fewer tetrahedra.
 
     Args:
         points: Node positions, shape (n, 3).
         tets: Linear tetrahedra of the same mesh, shape (m, 4); may be empty.
         cells: Node indices by kind, a key of `FACES`, in VTK's order.
-        file: Where the mesh came from, for messages.
+        file: Origin of the mesh, for messages.
 
     Returns:
-        The points with new centres behind them, and of each kind its tetrahedra, shape (k, 4), and the cell
-        that each is a part of, shape (k,).
+        The points, with new centres after the others, and for each kind its tetrahedra, shape (k, 4), and the
+        cell of each, shape (k,).
 
     Raises:
-        MeshError: a cell is folded, so that a part of it has no or a negative volume.
+        MeshError: a cell is folded, so that a part of it has zero or negative volume.
 
     Source: Dompierre, Labbé, Vallet, Camarero, How to subdivide pyramids, prisms, and hexahedra into
         tetrahedra, 1999.
@@ -89,7 +89,7 @@ def _triangles(face: list[int], beside: set[tuple[int, ...]]) -> list[tuple[int,
 
 
 def _apexes(faces: list[list[int]], halves: list[list[tuple[int, int, int]]]) -> Iterator[int]:
-    """Nodes of a cell, smallest first, that are in all triangles of each face that they are in."""
+    """Return the nodes of a cell that are in all triangles of each of their faces, smallest first."""
     for node in sorted({node for face in faces for node in face}):
         own = (both for face, both in zip(faces, halves, strict=True) if node in face)
         if all(node in half for both in own for half in both):
@@ -99,7 +99,7 @@ def _apexes(faces: list[list[int]], halves: list[list[tuple[int, int, int]]]) ->
 def _refuse_folded(
     points: Array, rows: IndexArray, owners: IndexArray, kind: str, block: IndexArray, file: Path
 ) -> None:
-    """Refuse cells whose parts do not all have a volume of the same sign."""
+    """Refuse cells with parts of zero volume or of different signs."""
     corners = points[rows]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
     size = np.ptp(points[block], axis=1).max(axis=1)
@@ -122,11 +122,11 @@ _TIE = 1.0e-9  # relative; decides equal lengths the same way on every machine
 
 
 def stitch(points: Array, left: Sequence[int], right: Sequence[int]) -> list[tuple[int, int, int]]:
-    """Triangles of the strip between two lines of points, the shorter diagonal first.
+    """Return triangles of the strip between two lines of points, the shorter diagonal first.
 
     Args:
         points: Coordinates, shape (n, 2).
-        left: Indices of the points of one line, in the direction of travel, at its left hand.
+        left: Indices of the points of the line on the left in the direction of travel.
         right: Indices of the points of the other line, same direction; end points may be shared.
 
     Returns:
@@ -150,7 +150,7 @@ def stitch(points: Array, left: Sequence[int], right: Sequence[int]) -> list[tup
 
 
 def flip_to_delaunay(points: Array, triangles: Sequence[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-    """Interior edges flipped until opposite angles add up to at most 180 degrees (Lawson 1977)."""
+    """Return triangles after edge flips, with opposite angles of at most 180 degrees in sum (Lawson 1977)."""
     current = [tuple(triangle) for triangle in triangles]
     for _ in range(10 * len(current)):
         pair = _first_illegal_edge(points, current)
@@ -164,7 +164,7 @@ def flip_to_delaunay(points: Array, triangles: Sequence[tuple[int, int, int]]) -
 def _first_illegal_edge(
     points: Array, triangles: Sequence[tuple[int, ...]]
 ) -> tuple[int, int, int, int, int, int] | None:
-    """Triangles (one, other) and their edge a-b to flip, with apexes c (left of a-b) and d."""
+    """Return triangles (one, other) and their edge a-b to flip, with apexes c (left of a-b) and d."""
     owner: dict[tuple[int, int], tuple[int, int]] = {}
     for index, (a, b, c) in enumerate(triangles):
         for start, end, apex in ((a, b, c), (b, c, a), (c, a, b)):
@@ -183,7 +183,9 @@ def _angle(points: Array, a: int, apex: int, b: int) -> float:
 
 
 def smooth(points: Array, triangles: IndexArray, movable: Array, sweeps: int = 20) -> Array:
-    """Points moved towards the mean of their neighbours, each along its own projection (Laplace smoothing).
+    """Return points moved towards the mean of their neighbours, each along its own projection.
+
+    This is Laplace smoothing.
 
     Args:
         points: Coordinates, shape (n, 2).
@@ -210,7 +212,7 @@ _KUHN_PATHS = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
 
 
 def oriented(points: Array, tets: IndexArray) -> IndexArray:
-    """The same tetrahedra, the last two nodes swapped where the signed volume is negative, shape (m, 4)."""
+    """Return the tetrahedra (m, 4), the last two nodes swapped if the signed volume is negative."""
     corners = points[tets]
     edges = corners[:, 1:] - corners[:, :1]
     negative = np.linalg.det(edges) < 0.0
@@ -222,16 +224,16 @@ def oriented(points: Array, tets: IndexArray) -> IndexArray:
 def extrude(
     points: Array, triangles: IndexArray, labels: IndexArray, heights: Array
 ) -> tuple[Array, IndexArray]:
-    """Tetrahedra of a plane triangulation swept along z: three for the prism of each triangle and layer.
+    """Return tetrahedra of a plane triangulation swept along z: three per triangle and layer.
 
-    A prism is cut along the diagonals that rise from the lower to the higher label (the other way round in
-    every second layer), so prisms that share a face agree on it, and triangles that are mirror images of each
-    other with equal labels are cut into mirror images.
+    The prism of a triangle and layer is cut along the diagonals that rise from the lower to the higher label
+    (in every second layer, from the higher to the lower), so prisms that share a face agree on its diagonal,
+    and mirrored triangles with equal labels are cut into mirror images.
 
     Args:
         points: Coordinates in [m], shape (n, 2).
         triangles: Index triples, shape (k, 3).
-        labels: One integer a point, shape (n,); the three labels of a triangle differ.
+        labels: One integer per point, shape (n,); the three labels of a triangle differ.
         heights: Rising z of the layers in [m], shape (layers + 1,).
 
     Returns:
@@ -254,7 +256,9 @@ def box_mesh(
     origin: Sequence[float] = (0.0, 0.0, 0.0),
     name: str = "box",
 ) -> TetMesh:
-    """Structured box: every cell six tetrahedra around a space diagonal (Kuhn), mirrored from cell to cell.
+    """Return a structured box: six tetrahedra per cell around a space diagonal (Kuhn).
+
+    Neighbouring cells mirror each other.
 
     With even numbers of cells the mesh is its own mirror image in the three middle planes.
 

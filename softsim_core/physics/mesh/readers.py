@@ -1,4 +1,4 @@
-"""Reading and writing mesh files; whatever is wrong in one is a MeshError."""
+"""Readers and writers of mesh files; any error in a file is a MeshError."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ _MESHIO_MODULES = {
     ".su2": "su2",
 }
 SUFFIXES = (".gidmsh", ".stl", ".obj", *_MESHIO_MODULES)
-"""Suffixes that can be read, in lower case (upper case is read as well)."""
+"""Suffixes of the readable formats, in lower case (upper case is read as well)."""
 
 LONGEST_DETAIL = 150
-"""So many characters of a parser's own message are told."""
+"""Longest part of a parser's own message in an error, in characters."""
 
 _KINDS = (
     ("vertex",),
@@ -61,7 +61,7 @@ _KINDS = (
     ("tetra", "tetra10", *FACES),
 )
 _DIMENSIONS = {kind: dimension for dimension, kinds in enumerate(_KINDS) for kind in kinds}
-"""Of meshio's kinds of cells, as Gmsh counts them in the names of groups."""
+"""Dimensions of meshio's kinds of cells, as Gmsh counts them in the names of groups."""
 _GID_NAMES = {
     "tetrahedra": "tetra",
     "hexahedra": "hexahedron",
@@ -71,9 +71,9 @@ _GID_NAMES = {
 _NO_VOLUME = re.compile(r"vertex|line|triangle|quad|polygon|pixel|empty")
 """Beginnings of the names of kinds of cells that enclose no volume."""
 _VTK_KINDS = ("UNSTRUCTURED_GRID", "STRUCTURED_POINTS", "STRUCTURED_GRID", "RECTILINEAR_GRID")
-"""Data sets of legacy VTK files that can be read."""
+"""Readable data sets of legacy VTK files."""
 _MAGIC = ((b"ply\n", ".ply"), (b"ply\r", ".ply"), (b"$MeshFormat", ".msh"))
-"""First bytes of formats that can be told by them alone."""
+"""First bytes of formats that these bytes alone identify."""
 _NOT_READ = (
     (rb"ISO-10303-21;", "STEP"),
     (rb"glTF", "binary glTF"),
@@ -88,15 +88,15 @@ _Groups = tuple[dict[str, IndexArray], dict[str, IndexArray], dict[str, dict[str
 
 
 class _Contents(NamedTuple):
-    """What is in a mesh file.
+    """Contents of a mesh file.
 
     Attributes:
         points: Shape (n, 3).
         cells: Index blocks by meshio's name of their kind ("tetra", "triangle", "quad", ...).
-        surfaces: Corners (k, 3) of triangles by the name of the group that they are in.
-        groups: Nodes by the name of the group that points, lines, faces or cells of theirs are in, ascending.
-        cell_groups: Cells by the name of the group that they are in and by their kind: their numbers among
-            all of that kind, ascending.
+        surfaces: Corners (k, 3) of triangles by the name of their group.
+        groups: Nodes by the name of the group of their points, lines, faces or cells, ascending.
+        cell_groups: Cells by the name of their group and by their kind: their numbers among all of that kind,
+            ascending.
     """
 
     points: Array
@@ -117,12 +117,12 @@ def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None)
         placement: From file units and axes to [m] in the world; None: the file is in metres already.
 
     Returns:
-        The mesh, nodes and elements in file order, those that were split behind the others, named after the
+        The mesh, nodes and elements in file order, those of split cells after the others, named after the
         file.
 
     Raises:
-        MeshError: the file is missing, unreadable, damaged, of an unknown format, has no cells with a volume,
-            both linear and quadratic ones, or some of a kind that is not read.
+        MeshError: the file is missing, unreadable, damaged, of an unknown format, or has no cells with a
+            volume, both linear and quadratic ones, or some of a kind that is not read.
     """
     file = Path(path)
     with _one_error(file):
@@ -173,7 +173,9 @@ def _tet_mesh(contents: _Contents, file: Path) -> TetMesh:
 
 
 def read_surface(path: str | PathLike[str], placement: PlacementLike | None = None) -> SurfaceMesh:
-    """Triangles of a mesh file, or the boundary of its tetrahedra; faces with more corners are split.
+    """Return triangles of a mesh file, or the boundary of its tetrahedra.
+
+    Faces with more corners are split.
 
     Points that no triangle uses are left out. Triangles with two corners in one point are dropped with a
     warning.
@@ -248,7 +250,7 @@ def _read(file: Path) -> _Contents:
     if suffix == ".msh" and is_gmsh_41(data):
         return _gmsh_contents(*parse_gmsh(data, file))
     if suffix == ".ply" and not re.search(rb"^\s*end_header\s*$", data, re.MULTILINE):
-        raise MeshError(file, "has no line end_header; the file is cut off")  # meshio would read on for ever
+        raise MeshError(file, "has no line end_header; the file is cut off")  # meshio would never end
     contents = _read_with_meshio(file, _MESHIO_MODULES[suffix], data)
     _refuse_cut_off(data, suffix, contents.cells, file)
     return contents
@@ -265,7 +267,7 @@ def _refuse_other_formats(data: bytes, file: Path) -> None:
 
 
 def _suffix_of_content(data: bytes, file: Path) -> str | None:
-    """Return the suffix of the format that the first bytes show, or None where they show none.
+    """Return the suffix of the format that the first bytes identify, or None.
 
     Raises:
         MeshError: a VTK file of a kind that is not read, such as polygons.
@@ -291,7 +293,7 @@ def _suffix_of_content(data: bytes, file: Path) -> str | None:
 
 @contextlib.contextmanager
 def _one_error(file: Path) -> Iterator[None]:
-    """Any failure inside becomes one MeshError: parsers fail in their own ways on damaged files."""
+    """Raise any error inside as one MeshError, since parsers fail in many ways on damaged files."""
     try:
         yield
     except MeshError:
@@ -344,7 +346,7 @@ class _Member(NamedTuple):
 
 
 def _groups(mesh: Any) -> _Groups:
-    """The physical groups of a Gmsh file, by their names, or else their numbers; see `_named`."""
+    """Return the physical groups of a Gmsh file, by their names, or else their numbers; see `_named`."""
     names = {(dimension, tag): name for name, (tag, dimension) in mesh.field_data.items()}
     members: list[_Member] = []
     count: dict[str, int] = {}
@@ -359,7 +361,10 @@ def _groups(mesh: Any) -> _Groups:
 
 
 def _named(members: list[_Member]) -> _Groups:
-    """Of each group: corners of its triangles (k, 3), its nodes, and the numbers of its cells by kind."""
+    """Return for each group the corners of its triangles (k, 3), its nodes, and its cells by kind.
+
+    Cells are given by their numbers.
+    """
     faces: dict[str, list[IndexArray]] = {}
     nodes: dict[str, list[IndexArray]] = {}
     solids: dict[str, dict[str, list[IndexArray]]] = {}
@@ -380,7 +385,7 @@ def _named(members: list[_Member]) -> _Groups:
 
 
 def _refuse_cut_off(data: bytes, suffix: str, cells: _Cells, file: Path) -> None:
-    """Refuse files that end early where meshio does not notice: in the last section of VTK and Gmsh."""
+    """Refuse truncated files that meshio accepts: those that end in the last section of VTK and Gmsh."""
     if suffix == ".vtk":
         declared = re.findall(rb"^CELL_TYPES\s+(\d+)", data, re.MULTILINE)
         found = sum(len(block) for blocks in cells.values() for block in blocks)
@@ -393,7 +398,7 @@ def _refuse_cut_off(data: bytes, suffix: str, cells: _Cells, file: Path) -> None
 
 
 def _fans(faces: IndexArray) -> IndexArray:
-    """Triangles (a, b, c), (a, c, d), ... of faces with any number of corners, shape (k, 3)."""
+    """Return triangles (a, b, c), (a, c, d), ... of faces with any number of corners, shape (k, 3)."""
     corners = faces.shape[1]
     fans = [faces[:, [0, second, second + 1]] for second in range(1, corners - 1)]
     return np.stack(fans, axis=1).reshape(-1, 3)
@@ -411,8 +416,8 @@ _GMSH_TETRAHEDRON, _GMSH_QUADRATIC_TETRAHEDRON, _GMSH_POINT = 4, 11, 15
 def write_tets(path: str | PathLike[str], mesh: TetMesh) -> Path:
     """Write tetrahedra; the suffix chooses the format, both lossless.
 
-    `.msh` is Gmsh 2.2 as text, with the groups of the mesh as physical groups of points; anything else a
-    binary legacy VTK 2.0 unstructured grid (big-endian float64 and int32), without groups.
+    `.msh` is Gmsh 2.2 as text, with the groups of the mesh as physical groups of points; any other suffix is
+    a binary legacy VTK 2.0 unstructured grid (big-endian float64 and int32), without groups.
 
     Returns:
         The path.
@@ -439,7 +444,10 @@ def _vtk_text(mesh: TetMesh) -> list[bytes]:
 
 
 def _gmsh_text(mesh: TetMesh) -> list[bytes]:
-    """Points of the groups, then cells of one volume; Gmsh has the last two nodes the other way."""
+    """Return the text of the groups' points, then of the cells of one volume.
+
+    Gmsh swaps the last two nodes.
+    """
     kind = _GMSH_TETRAHEDRON if mesh.order == 1 else _GMSH_QUADRATIC_TETRAHEDRON
     cells = (mesh.tets if mesh.order == 1 else mesh.tets[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]) + 1
     nodes = (f"{k} {x!r} {y!r} {z!r}" for k, (x, y, z) in enumerate(mesh.points.tolist(), start=1))
@@ -461,7 +469,7 @@ def _gmsh_text(mesh: TetMesh) -> list[bytes]:
 
 
 def write_surface(path: str | PathLike[str], surface: SurfaceMesh, unit: str = "metres") -> Path:
-    """Write triangles as binary STL (float32), whose header names the unit of the points.
+    """Write triangles as binary STL (float32); the header names the unit of the points.
 
     Returns:
         The path.

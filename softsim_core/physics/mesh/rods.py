@@ -18,8 +18,8 @@ class SweptMesh:
     """A body with rectangular cross-sections along a curve.
 
     Attributes:
-        mesh: Its tetrahedra as they lie along the curve.
-        straight: Places of its nodes in [m] where it is straight, along x from the origin on, shape (n, 3).
+        mesh: Its tetrahedra along the curve.
+        straight: Positions of its nodes in [m] in straight form, along x from the origin on, shape (n, 3).
         ends: Nodes of its first and of its last cross-section.
     """
 
@@ -31,16 +31,19 @@ class SweptMesh:
 def swept_mesh(
     centres: Array, axes: Array, sizes: Array, length: float, across: tuple[int, int], order: int, name: str
 ) -> SweptMesh:
-    """Tetrahedra between cross-sections: boxes of six, mirrored from box to box; see generators.box_mesh.
+    """Return tetrahedra between cross-sections: boxes of six, mirrored from box to box.
+
+    See generators.box_mesh.
 
     Args:
-        centres: Of 2 m + 1 cross-sections in [m], ends and middles of m boxes in order, shape (2 m + 1, 3).
+        centres: Centres of 2 m + 1 cross-sections in [m], ends and middles of m boxes in order, shape
+            (2 m + 1, 3).
         axes: Rotation of each: tangent, first and second axis, as columns, shape (2 m + 1, 3, 3).
         sizes: Full extent of each along both axes in [m], shape (2 m + 1, 2).
-        length: In [m], where it is straight.
+        length: Length of the straight form in [m].
         across: Boxes along the first and the second axis.
-        order: 1, or 2 with nodes on the edges, which then lie on the curve, too.
-        name: For messages.
+        order: 1, or 2 with nodes on the edges, which then also lie on the curve.
+        name: Name of the mesh, for messages.
     """
     last = len(centres) - 1
     boxes = box_mesh((last, 2.0, 2.0), (last // 2, *across), (0.0, -1.0, -1.0), name)
@@ -57,13 +60,13 @@ NODES = 3
 """Nodes of a cross-section."""
 
 BESIDE = 20.0
-"""How far beside a rod a point may lie that it carries, in heights of the tetrahedra between its nodes."""
+"""Largest distance beside a rod of a carried point, in heights of the tetrahedra between its nodes."""
 
 _PRISM = np.array([[0, 1, 2, 3], [1, 4, 2, 3], [2, 4, 5, 3]])
 """Tetrahedra between a section, 0 to 2, and the next, 3 to 5."""
 
 _FINE = 64
-"""Pieces between two given points in which the length of a curve is measured."""
+"""Pieces between two given points for the length of a curve."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,12 +76,12 @@ class RodMesh:
     Attributes:
         points: Node positions in [m], shape (3 k, 3).
         cells: Nodes of each cell, section by section, shape (m, 9).
-        centres: Of the sections in [m], shape (k, 3).
+        centres: Centres of the sections in [m], shape (k, 3).
         axes: Rotation of each section: tangent, first and second axis, as columns, shape (k, 3, 3).
         outlines: Corners of each section along its first and second axis in [m], in a sense of rotation about
             the tangent, shape (k, v, 2).
-        spread: Where the nodes of each section stand along these axes in [m], shape (k, 3, 2).
-        name: For messages.
+        spread: Positions of the nodes of each section along these axes in [m], shape (k, 3, 2).
+        name: Name of the mesh, for messages.
     """
 
     points: Array
@@ -91,11 +94,11 @@ class RodMesh:
 
     @property
     def region_points(self) -> Array:
-        """Where a node is for a region that chooses nodes: the centre of its section, shape (3 k, 3)."""
+        """Position of each node when a region chooses nodes: the centre of its section, shape (3 k, 3)."""
         return np.repeat(self.centres, NODES, axis=0)
 
     def end_nodes(self, start: bool) -> IndexArray:
-        """Nodes of the first section, else of the last one, shape (3,)."""
+        """Return the nodes of the first or of the last section, shape (3,)."""
         return np.arange(NODES) + (0 if start else len(self.points) - NODES)
 
     @property
@@ -107,7 +110,7 @@ class RodMesh:
 
 
 def rod_mesh(centres: Array, axes: Array, spread: Array, outlines: Array, name: str = "rod") -> RodMesh:
-    """A mesh of k = 2 m + 1 sections; see RodMesh."""
+    """Return a mesh of k = 2 m + 1 sections; see RodMesh."""
     points = centres[:, None] + spread @ np.swapaxes(axes[..., 1:], 1, 2)
     first = 2 * NODES * np.arange((len(centres) - 1) // 2)
     cells = first[:, None] + np.arange(3 * NODES)
@@ -120,18 +123,18 @@ def along_curve(
     name: str = "rod",
     directions: tuple[Array | None, Array | None] = (None, None),
 ) -> tuple[Array, Array, float]:
-    """Places and tangents at even distances along the smooth curve through points, and its length.
+    """Return points and tangents at even distances along the smooth curve through points, and its length.
 
     The curve is a cubic spline; through two points, without directions at its ends, it is straight.
 
     Args:
-        points: What it goes through in [m], shape (p, 3), p >= 2.
-        count: How many places, ends included.
-        name: For messages.
-        directions: Unit tangents at the start and at the end, shape (3,); None: as the points say.
+        points: Points of the curve in [m], shape (p, 3), p >= 2.
+        count: Number of points to return, ends included.
+        name: Name of the mesh, for messages.
+        directions: Unit tangents at the start and at the end, shape (3,); None: they follow from the points.
 
     Returns:
-        Places in [m], shape (count, 3), unit tangents, shape (count, 3), and the length in [m].
+        Points in [m], shape (count, 3), unit tangents, shape (count, 3), and the length in [m].
 
     Raises:
         MeshError: two points in a row coincide, or are too near for the length of the whole.
@@ -161,7 +164,7 @@ def along_curve(
 
 
 def _increasing(pieces: Array, name: str) -> Array:
-    """Lengths up to each place of a line, of the lengths of its pieces: shape (p + 1,) of (p,)."""
+    """Return the lengths up to each point of a line, (p + 1,), from the lengths of its pieces, (p,)."""
     lengths = np.concatenate([[0.0], np.cumsum(pieces)])
     if not (np.diff(lengths) > 0.0).all():
         raise MeshError(name, f"has points of its centreline too near for its length of {lengths[-1]:.3g} m")
@@ -169,15 +172,15 @@ def _increasing(pieces: Array, name: str) -> Array:
 
 
 def carried_axes(tangents: Array, first_axis: Array, name: str = "rod") -> Array:
-    """Section axes that turn about the tangent as little as possible, shape (k, 3, 3); see RodMesh.axes.
+    """Return section axes with the least rotation about the tangent, shape (k, 3, 3); see RodMesh.axes.
 
     Args:
         tangents: Unit tangents at the sections, shape (k, 3).
-        first_axis: What the first axis of the first section is near to, shape (3,).
-        name: For messages.
+        first_axis: Approximate first axis of the first section, shape (3,).
+        name: Name of the mesh, for messages.
 
     Raises:
-        MeshError: that is along the tangent, or the curve turns back between two sections.
+        MeshError: `first_axis` is along the tangent, or the curve reverses between two sections.
     """
     across = first_axis - (first_axis @ tangents[0]) * tangents[0]
     if not np.linalg.norm(across) > 1e-6 * np.linalg.norm(first_axis):
@@ -198,7 +201,7 @@ def carried_axes(tangents: Array, first_axis: Array, name: str = "rod") -> Array
 
 
 def rod_surface(mesh: RodMesh) -> tuple[SurfaceMesh, Embedding]:
-    """The closed surface of a rod through the outlines of its sections, and how it follows the nodes."""
+    """Return the closed surface of a rod through its sections' outlines, and its embedding in the nodes."""
     sections, corners = mesh.outlines.shape[:2]
     local = np.concatenate([mesh.outlines, np.zeros((sections, 1, 2))], axis=1)
     rings = mesh.centres[:, None] + local @ np.swapaxes(mesh.axes[..., 1:], 1, 2)
@@ -226,7 +229,7 @@ def rod_surface(mesh: RodMesh) -> tuple[SurfaceMesh, Embedding]:
 
 
 def node_triangles(mesh: RodMesh) -> IndexArray:
-    """The closed surface through the nodes themselves, shape (t, 3)."""
+    """Return the closed surface through the nodes themselves, shape (t, 3)."""
     slim = RodMesh(mesh.points, mesh.cells, mesh.centres, mesh.axes, mesh.spread, mesh.spread, mesh.name)
     surface, _ = rod_surface(slim)
     sections = len(mesh.centres)

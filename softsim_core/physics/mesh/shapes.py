@@ -25,7 +25,7 @@ class Shape:
         sphere: Radius in [m]; collides as an exact sphere.
         box: Edge lengths along x, y, z in [m].
         cylinder: Radius and height (along z) in [m].
-        plane: Edge lengths along x and y in [m] of a rectangle that looks to +z.
+        plane: Edge lengths along x and y in [m] of a rectangle with its normal along +z.
         mesh: A closed surface; with mass, its frame's origin is moved to the centre of mass.
     """
 
@@ -48,9 +48,9 @@ class Shape:
 
 
 def surface_of(shape: Shape) -> SurfaceMesh:
-    """The surface of a shape in its own frame, outward; closed, except a plane.
+    """Return the surface of a shape in its own frame, outward; closed, except a plane.
 
-    A sphere and a cylinder are polyhedra with their vertices on the true surface; a sphere's is for pictures
+    A sphere and a cylinder are polyhedra with their vertices on the true surface; a sphere's is for display
     only.
 
     Raises:
@@ -71,11 +71,11 @@ def surface_of(shape: Shape) -> SurfaceMesh:
 
 
 def mass_properties(shape: Shape, surface: SurfaceMesh, mass: float) -> tuple[Array, Array]:
-    """Centre of mass and inertia of a solid of even density; exact for primitives.
+    """Return centre of mass and inertia of a solid of uniform density; exact for primitives.
 
     Args:
-        shape: Which shape it is.
-        surface: Its surface in [m], as `surface_of` gives it.
+        shape: The shape.
+        surface: Its surface in [m], from `surface_of`.
         mass: Mass in [kg], > 0.
 
     Returns:
@@ -97,7 +97,7 @@ def mass_properties(shape: Shape, surface: SurfaceMesh, mass: float) -> tuple[Ar
 
 
 def solid_properties(surface: SurfaceMesh, mass: float) -> tuple[Array, Array]:
-    """Centre of mass and inertia of what a closed surface encloses, by the divergence theorem.
+    """Return centre of mass and inertia of the volume in a closed surface, by the divergence theorem.
 
     Every triangle spans a tetrahedron with the mean of the points; signed volumes make their sum exact.
 
@@ -106,7 +106,7 @@ def solid_properties(surface: SurfaceMesh, mass: float) -> tuple[Array, Array]:
         mass: Mass in [kg], > 0.
 
     Returns:
-        As `mass_properties`.
+        As for `mass_properties`.
 
     Raises:
         MeshError: the surface is open, or winds inward.
@@ -133,7 +133,7 @@ def solid_properties(surface: SurfaceMesh, mass: float) -> tuple[Array, Array]:
 
 
 def sphere_surface(radius: float, refinements: int = _REFINEMENTS) -> SurfaceMesh:
-    """An icosahedron whose triangles are cut into four `refinements` times, vertices on the sphere."""
+    """Return an icosahedron with vertices on the sphere, each triangle cut into four `refinements` times."""
     golden = 0.5 * (1.0 + math.sqrt(5.0))
     signs = list(itertools.product((-1.0, 1.0), repeat=2))
     points = np.array(
@@ -157,7 +157,7 @@ def sphere_surface(radius: float, refinements: int = _REFINEMENTS) -> SurfaceMes
 
 
 def box_surface(lengths: tuple[float, float, float], divisions: int = 1) -> SurfaceMesh:
-    """A box with 2 divisions² triangles a face.
+    """Return a box with 2 divisions² triangles per face.
 
     Args:
         lengths: Edge lengths along x, y, z in [m].
@@ -180,7 +180,7 @@ def box_surface(lengths: tuple[float, float, float], divisions: int = 1) -> Surf
 
 
 def cylinder_surface(radius: float, height: float, segments: int = _SEGMENTS) -> SurfaceMesh:
-    """A prism with its vertices on the cylinder about z.
+    """Return a prism with its vertices on the cylinder about z.
 
     Args:
         radius: Radius in [m].
@@ -205,7 +205,7 @@ def cylinder_surface(radius: float, height: float, segments: int = _SEGMENTS) ->
 
 
 def _refined(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray]:
-    """Every triangle cut into four at the middles of its edges."""
+    """Return the surface with every triangle cut into four at the middles of its edges."""
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     distinct, index = np.unique(edges, axis=0, return_inverse=True)
     ab, bc, ca = (len(points) + index.reshape(-1, 3)).T

@@ -12,11 +12,11 @@ FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 def boundary(mesh: TetMesh) -> IndexArray:
-    """Faces that belong to one tetrahedron only.
+    """Return the faces that belong to one tetrahedron only.
 
     Args:
         mesh: Tetrahedra of either orientation. Each face of a quadratic one gives four triangles, which
-            follow it where it is curved.
+            follow its curved shape.
 
     Returns:
         Node indices of the triangles, outward by the right-hand rule, shape (k, 3), in element order.
@@ -34,7 +34,7 @@ def boundary(mesh: TetMesh) -> IndexArray:
 
 
 def alone(faces: IndexArray, mesh: str) -> BoolArray:
-    """Which faces, by their corners (k, 3), belong to one tetrahedron only, of a mesh of that name.
+    """Return which faces, by their corners (k, 3), belong to one tetrahedron only; the name is for messages.
 
     Raises:
         MeshError: a face is shared by more than two tetrahedra.
@@ -54,11 +54,11 @@ def closest_point(point: Array, corners: Array) -> Array:
     """Return the point of triangles that is nearest to a point.
 
     Args:
-        point: A place in [m], shape (3,).
+        point: A point in [m], shape (3,).
         corners: Corners of the triangles in [m], shape (k, 3, 3).
 
     Returns:
-        The nearest place on them, shape (3,).
+        The nearest point on them, shape (3,).
     """
     edges = corners[:, [1, 2, 0]] - corners
     lengths = np.maximum((edges**2).sum(axis=2), np.finfo(float).tiny)
@@ -74,20 +74,20 @@ def closest_point(point: Array, corners: Array) -> Array:
 
 
 def boundary_surface(mesh: TetMesh) -> SurfaceMesh:
-    """The boundary as a surface of its own, with only the points it uses, in node order."""
+    """Return the boundary as a separate surface, with only the points it uses, in node order."""
     triangles = boundary(mesh)
     used, renumbered = np.unique(triangles, return_inverse=True)
     return SurfaceMesh(mesh.points[used], renumbered.reshape(-1, 3).astype(np.int64), mesh.name)
 
 
 def triangle_normals(points: Array, triangles: IndexArray) -> Array:
-    """Normal times area in [m^2], shape (k, 3), of triangles (k, 3) over points (n, 3)."""
+    """Return normal times area in [m^2], shape (k, 3), of triangles (k, 3) over points (n, 3)."""
     corners = points[triangles]
     return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
 def vertex_normals(points: Array, triangles: IndexArray) -> Array:
-    """Unit normals at vertices: the area-weighted mean of the adjacent triangles' normals.
+    """Return unit normals at vertices: the area-weighted mean of the adjacent triangles' normals.
 
     Args:
         points: Vertex positions in [m], shape (n, 3).
@@ -97,7 +97,7 @@ def vertex_normals(points: Array, triangles: IndexArray) -> Array:
         Unit vectors, shape (n, 3); zero at vertices without a triangle.
     """
     area_vectors = np.repeat(triangle_normals(points, triangles), 3, axis=0)
-    sums = np.column_stack(  # without any triangle bincount counts in integers
+    sums = np.column_stack(  # without any triangle, bincount returns integers
         [
             np.bincount(triangles.reshape(-1), area_vectors[:, axis], minlength=len(points))
             for axis in range(3)
@@ -108,7 +108,7 @@ def vertex_normals(points: Array, triangles: IndexArray) -> Array:
 
 
 def is_closed(triangles: IndexArray) -> bool:
-    """Whether every directed edge is met exactly once in each direction: closed and wound consistently."""
+    """Return whether every directed edge occurs exactly once per direction: closed, wound consistently."""
     start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
     forward = np.column_stack([start, end])
     unique, counts = np.unique(forward, axis=0, return_counts=True)
@@ -116,12 +116,15 @@ def is_closed(triangles: IndexArray) -> bool:
 
 
 def euler_number(triangles: IndexArray) -> int:
-    """Vertices minus edges plus faces; 2 for a ball, 0 for a piece with one hole."""
+    """Return vertices minus edges plus faces; 2 for a ball, 0 for a piece with one hole."""
     edges = unique_pairs(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1))
     return len(np.unique(triangles)) - len(edges) + len(triangles)
 
 
 def enclosed_volume(points: Array, triangles: IndexArray) -> float:
-    """Volume in [m^3] inside a closed outward surface (divergence theorem); meaningless for an open one."""
+    """Return the volume in [m^3] inside a closed outward surface (divergence theorem).
+
+    It is meaningless for an open one.
+    """
     corners = points[triangles] - points.mean(axis=0)
     return float(np.linalg.det(corners).sum() / 6.0)

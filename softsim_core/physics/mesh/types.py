@@ -1,6 +1,6 @@
 """Meshes as immutable arrays in [m], of linear and quadratic tetrahedra.
 
-Nodes of a quadratic cell stand as in VTK: four corners, then the middles of `MIDDLES`.
+The nodes of a quadratic cell are in VTK's order: four corners, then the middles of `MIDDLES`.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ class TetMesh:
     Attributes:
         points: Node positions in [m], shape (n, 3).
         tets: Node indices, shape (m, 4), or (m, 10) with nodes on the edges, see mesh.quadratic; positively
-            oriented or not (the volume is taken absolute).
-        name: Where it came from, for messages.
-        surfaces: Faces by the names that the file gives them, by the indices of their corners, shapes (k, 3).
-        groups: Nodes by the names that the file gives to what they belong to: points, lines, faces or cells.
-        cell_groups: Cells by the names that the file gives to volumes: rows of `tets`, ascending.
-        around: How far outside, in heights of a cell, a point may lie that an actuator binds to it.
+            oriented or not (volumes are absolute).
+        name: Origin of the mesh, for messages.
+        surfaces: Faces by their names in the file, as indices of their corners, shapes (k, 3).
+        groups: Nodes by the names in the file of their points, lines, faces or cells.
+        cell_groups: Cells by the names of volumes in the file: rows of `tets`, ascending.
+        around: Largest distance outside, in heights of a cell, of a point that an actuator binds to it.
     """
 
     points: Array
@@ -44,12 +44,12 @@ class TetMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceMesh:
-    """A mesh of triangles, outward where closed.
+    """A mesh of triangles, outward if closed.
 
     Attributes:
         points: Vertex positions in [m], shape (n, 3).
         triangles: Vertex indices, shape (k, 3).
-        name: Where it came from, for messages.
+        name: Origin of the mesh, for messages.
     """
 
     points: Array
@@ -58,7 +58,7 @@ class SurfaceMesh:
 
 
 MIDDLES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
-"""The corners on whose edge each of the nodes 4 to 9 lies."""
+"""The two corners of the edge of each of the nodes 4 to 9."""
 
 _REFERENCE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _AT_CORNERS = np.array([[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]])
@@ -67,7 +67,7 @@ _AROUND = {(4, 9): (5, 6, 7, 8), (5, 7): (4, 6, 9, 8), (6, 8): (4, 5, 9, 7)}
 
 
 def _inner() -> IndexArray:
-    """The four parts of the octahedron for each diagonal, oriented as the cell, shape (3, 4, 4)."""
+    """Return the four parts of the octahedron for each diagonal, oriented as the cell, shape (3, 4, 4)."""
     nodes = np.concatenate([_REFERENCE, _REFERENCE[MIDDLES].mean(axis=1)])
     parts = np.array(
         [[[*pair, ring[k], ring[(k + 1) % 4]] for k in range(4)] for pair, ring in _AROUND.items()]
@@ -81,9 +81,9 @@ _DIAGONALS, _INNER = np.array(list(_AROUND)), _inner()
 
 
 def quadratic(mesh: TetMesh) -> TetMesh:
-    """The same cells with a node in the middle of each edge, behind the nodes that were there.
+    """Return the same cells with a node in the middle of each edge, after the existing nodes.
 
-    A new node is in the groups that both ends of its edge are in. A mesh of order 2 is returned as it is.
+    A new node is in the groups of both ends of its edge. A mesh of order 2 is returned unchanged.
     """
     if mesh.order == 2:
         return mesh
@@ -100,7 +100,7 @@ def quadratic(mesh: TetMesh) -> TetMesh:
 
 
 def linear(mesh: TetMesh) -> TetMesh:
-    """The cells on their corners alone, without the nodes on edges; a mesh of order 1 as it is."""
+    """Return the cells on their corners alone, without the nodes on edges; a mesh of order 1 unchanged."""
     if mesh.order == 1:
         return mesh
     used, numbers = np.unique(mesh.tets[:, :4], return_inverse=True)
@@ -114,10 +114,11 @@ def linear(mesh: TetMesh) -> TetMesh:
 
 
 def subdivided(mesh: TetMesh) -> TetMesh:
-    """Linear tetrahedra over the same nodes: eight for each quadratic cell, in its place; else as it is.
+    """Return linear tetrahedra over the same nodes: eight per quadratic cell, in its place.
 
     Four lie at the corners, and four around the shortest diagonal of the octahedron between them, all
-    oriented as the cell. Their boundary follows curved faces, with four triangles for each.
+    oriented as the cell. Their boundary follows curved faces, with four triangles for each. A linear mesh is
+    returned unchanged.
     """
     if mesh.order == 1:
         return mesh

@@ -1,4 +1,4 @@
-"""Sensing: what the sensors of a scene measure, each at its own rate, with noise from a seed of its own."""
+"""Sensing: the sensors of a scene, each with its own sample rate, noise and seed."""
 
 from lazy_loader import attach_stub
 

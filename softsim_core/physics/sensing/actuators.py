@@ -25,10 +25,10 @@ class CableSensorDescription(SimulatedSensorDescription):
 
     Attributes:
         joint: Name of the joint of kind `cable`.
-        length_noise: Standard deviation of a sample in [m].
-        tension_noise: The same in [N].
-        length_bias: In [m].
-        tension_bias: In [N].
+        length_noise: Standard deviation of a length sample in [m].
+        tension_noise: Standard deviation of a tension sample in [N].
+        length_bias: Bias of the length in [m].
+        tension_bias: Bias of the tension in [N].
     """
 
     kind: ClassVar[str] = "cable"
@@ -39,23 +39,23 @@ class CableSensorDescription(SimulatedSensorDescription):
     tension_bias: float = 0.0
 
     def check(self) -> None:
-        """See SimulatedSensorDescription."""
+        """Refuse negative or infinite noise and infinite bias."""
         self.need_noise(length_noise=self.length_noise, tension_noise=self.tension_noise)
         self.need_bias(length_bias=self.length_bias, tension_bias=self.tension_bias)
 
     def references(self) -> tuple[Reference, ...]:
-        """See SimulatedSensorDescription."""
+        """Return the cable's joint, the only part of the scene that the sensor names."""
         return (Reference("joint", self.joint, "cable"),)
 
 
 class ActuatorSensor(Sensor):
-    """Where an actuator is, as a coordinate that grows or shrinks with its joint, and what it acts with.
+    """Sensor of an actuator's coordinate, which grows or shrinks with its joint, and of its multiplier.
 
     Args:
         joint: Number of its joint.
-        sign: By how much the coordinate grows where the joint's position grows by one: 1 or -1.
-        zero: The coordinate at the joint's position 0.
-        noise, bias: Of coordinate and multiplier, shape (2,).
+        sign: Change of the coordinate per unit of the joint's position: 1 or -1.
+        zero: Coordinate at the joint's position 0.
+        noise, bias: Noise and bias of coordinate and multiplier, shape (2,).
     """
 
     def __init__(self, joint: int, sign: float, zero: float, noise: Array, bias: Array) -> None:
@@ -63,7 +63,7 @@ class ActuatorSensor(Sensor):
         self._joint, self._sign, self._zero = joint, sign, zero
 
     def measure(self, seen: Seen) -> Array:
-        """Coordinate, then multiplier, shape (2,)."""
+        """Return the coordinate, then the multiplier, shape (2,)."""
         state, j = seen.state, self._joint
         return np.array([self._zero + self._sign * state.joint_positions[j], state.joint_efforts[j]])
 
@@ -73,7 +73,7 @@ def _cable_sensor(described: CableSensorDescription, scenery: Scenery) -> Actuat
     assert isinstance(view, CableView)  # checked by the scene
     return ActuatorSensor(
         scenery.soft.joint(described.joint),
-        -1.0,  # what it is shortened by
+        -1.0,  # the joint's position shortens it
         view.length + view.value,
         np.array([described.length_noise, described.tension_noise]),
         np.array([described.length_bias, described.tension_bias]),
@@ -85,14 +85,14 @@ CABLE_SENSOR = SensorKind(CableSensorDescription, _cable_sensor)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChamberSensorDescription(SimulatedSensorDescription):
-    """Volume in [m^3] of a chamber's hollow and pressure in it against the air around in [Pa].
+    """Volume in [m^3] of a chamber's hollow and its gauge pressure in [Pa].
 
     Attributes:
         joint: Name of the joint of kind `chamber`.
-        volume_noise: Standard deviation of a sample in [m^3].
-        pressure_noise: The same in [Pa].
-        volume_bias: In [m^3].
-        pressure_bias: In [Pa].
+        volume_noise: Standard deviation of a volume sample in [m^3].
+        pressure_noise: Standard deviation of a pressure sample in [Pa].
+        volume_bias: Bias of the volume in [m^3].
+        pressure_bias: Bias of the pressure in [Pa].
     """
 
     kind: ClassVar[str] = "chamber"
@@ -103,12 +103,12 @@ class ChamberSensorDescription(SimulatedSensorDescription):
     pressure_bias: float = 0.0
 
     def check(self) -> None:
-        """See SimulatedSensorDescription."""
+        """Refuse negative or infinite noise and infinite bias."""
         self.need_noise(volume_noise=self.volume_noise, pressure_noise=self.pressure_noise)
         self.need_bias(volume_bias=self.volume_bias, pressure_bias=self.pressure_bias)
 
     def references(self) -> tuple[Reference, ...]:
-        """See SimulatedSensorDescription."""
+        """Return the chamber's joint, the only part of the scene that the sensor names."""
         return (Reference("joint", self.joint, "chamber"),)
 
 

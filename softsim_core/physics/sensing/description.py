@@ -1,4 +1,4 @@
-"""The description of a sensor in a scene, and how it becomes a sensor of the compiled scene."""
+"""The description of a sensor in a scene, and the kind that builds the sensor from it."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from softsim_core.physics.contact import CollisionSurface
 from softsim_core.physics.sensing.sensor import Place, Sensor
 
 ANY_BODY: Final = "body"
-"""What a reference may name: a body, deformable or rigid."""
+"""A reference may name a body, deformable or rigid."""
 SOFT_BODY: Final = "deformable body"
-"""A deformable body."""
+"""A reference may name a deformable body."""
 PLACE: Final = "frame"
-"""What moves rigidly: the world, an attachment, a joint with a frame, a rigid body."""
+"""A reference may name a rigid frame: the world, an attachment, a joint with a frame, a rigid body."""
 
 
 class Reference(NamedTuple):
-    """A name in a sensor's description: the field that holds it, the name, what it must be the name of.
+    """A name in a sensor's description: the field with the name, the name, and what it may name.
 
     `among` is ANY_BODY, SOFT_BODY, PLACE, or the kind of an actuator, such as "cable".
     """
@@ -35,13 +35,13 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedSensorDescription:
-    """A sensor of a simulated scene; each kind derives its own, a frozen dataclass.
+    """A sensor of a simulated scene; each kind derives its own frozen dataclass.
 
     Attributes:
         kind: Name of the kind, in files under the key `kind`.
         name: Unique among the sensors of a scene.
-        rate: Samples a second in [Hz], at most one a step; None: one a step.
-        seed: Of its noise, >= 0; another name gives other noise, too.
+        rate: Samples per second in [Hz], at most one per step; None: one per step.
+        seed: Seed of its noise, >= 0; the noise also depends on the name.
     """
 
     kind: ClassVar[str]
@@ -59,29 +59,29 @@ class SimulatedSensorDescription:
         self.check()
 
     def check(self) -> None:
-        """Refuse values of the kind's own fields that cannot be.
+        """Refuse invalid values of the kind's own fields.
 
         Raises:
-            FieldError: one of them.
+            FieldError: a field has an invalid value.
         """
 
     @property
     def owner(self) -> str:
-        """What messages call it."""
+        """The sensor's name in messages."""
         return f"sensor {self.name}"
 
     def references(self) -> tuple[Reference, ...]:
-        """The parts of the scene that it names."""
+        """Return the parts of the scene that the sensor names."""
         return ()
 
     def need_noise(self, **deviations: float) -> None:
-        """Refuse standard deviations, by the names of their fields, that are negative or not finite."""
+        """Refuse standard deviations that are negative or not finite, given by the names of their fields."""
         for field, value in deviations.items():
             if not 0.0 <= value < math.inf:
                 raise FieldError(self.owner, field, value, ">= 0")
 
     def need_bias(self, **biases: Vector | float) -> None:
-        """Refuse biases, by the names of their fields, that are not finite."""
+        """Refuse biases that are not finite, given by the names of their fields."""
         for field, value in biases.items():
             need_finite(self.owner, field, value if isinstance(value, tuple) else (value,))
 
@@ -92,16 +92,16 @@ def need_sensors(
     sensors: Sequence[SimulatedSensorDescription],
     known: Mapping[str, Sequence[str]],
 ) -> None:
-    """Refuse sensors that name what a scene has not, or are quicker than its steps.
+    """Refuse sensors that name parts the scene lacks, or that sample faster than its steps.
 
     Args:
         scene: Name of the scene, for messages.
         dt: Its time step in [s].
         sensors: Its sensors.
-        known: Names of what there is, by what a Reference may be among.
+        known: Names of the parts of the scene, per kind of reference (see Reference.among).
 
     Raises:
-        SceneError: one does.
+        SceneError: a sensor names a missing part or is too fast.
     """
     for sensor in sensors:
         for field, name, among in sensor.references():
@@ -119,14 +119,14 @@ def need_sensors(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scenery:
-    """What sensors are built into.
+    """The parts of a scene from which sensors are built.
 
     Attributes:
         soft: The model, and how points are bound to its deformable bodies.
-        body_names: Names of all bodies, by the numbers that contacts give them.
-        places: What moves rigidly, by the names that a scene gives it.
+        body_names: Names of all bodies, by their numbers in contacts.
+        places: Rigid frames, by their names in the scene.
         surfaces: Collision surfaces.
-        points: Where their vertices are at the start in [m], shape (v, 3).
+        points: Positions of their vertices at the start in [m], shape (v, 3).
         actuators: Every actuator at the start, by the name of its joint.
     """
 
@@ -138,7 +138,7 @@ class Scenery:
     actuators: Mapping[str, ActuatorView]
 
     def surfaces_of(self, body: str) -> list[CollisionSurface]:
-        """The collision surfaces of a body that have triangles."""
+        """Return the collision surfaces of a body that have triangles."""
         number = self.body_names.index(body)
         return [each for each in self.surfaces if each.owner == number and len(each.triangles)]
 
@@ -149,7 +149,7 @@ class SensorKind:
 
     Attributes:
         description: Type of its description.
-        build: From a description to a sensor.
+        build: Returns the sensor of a description.
     """
 
     description: type[SimulatedSensorDescription]
@@ -157,10 +157,10 @@ class SensorKind:
 
     @property
     def name(self) -> str:
-        """The name that scene files use."""
+        """The kind's name in scene files."""
         return self.description.kind
 
 
 def both(first: object, second: object) -> Array:
-    """Two triples, or numbers that stand for three equal ones, one behind the other, shape (6,)."""
+    """Return two triples joined, shape (6,); a number stands for three equal ones."""
     return np.concatenate([np.broadcast_to(np.asarray(each, dtype=float), 3) for each in (first, second)])

@@ -1,14 +1,15 @@
-r"""A force and torque sensor between a joint and what hangs on it, such as at the flange of an arm.
+r"""A force and torque sensor between a joint and all that hangs on it, such as at the flange of an arm.
 
-Newton's and Euler's laws of all that hangs there, deformable bodies of masses m at x, over a step of h:
+Newton's and Euler's laws for everything that hangs there, deformable bodies of masses m at x, over a step of
+length h:
 
 .. math:: f = \sum m \frac{v_k - v_{k-1}}{h} - \sum m g - \sum f_{out}, \quad
           \tau = \sum (x - p) \times (\dots)
 
-with contacts, pulls and drag among the forces from outside, about the origin p of the frame. A velocity of
-the step is how far something came in it over h, so its change is the acceleration at the start of the step:
-places and axes are taken there, and the whole is of second order in h. What is stressed inside, as cables and
-air, adds nothing to the sums; a cable that is pulled from elsewhere is part of what is told.
+The outer forces include contacts, pulls and drag; moments are about the origin p of the frame. A velocity of
+the step is the displacement in it divided by h, so its change is the acceleration at the start of the step:
+positions and axes are taken there, and the result is of second order in h. Internal stress, such as that of
+cables and air, adds nothing to the sums; a cable that is pulled from elsewhere counts in the measurement.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ from softsim_core.physics.sensing.sensor import Place, Seen, Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceTorqueDescription(SimulatedSensorDescription):
-    """What a joint does to all that hangs on it, as a sensor at a flange: force in [N], moment in [N m].
+    """Force in [N] and moment in [N m] of a joint on everything that hangs on it, as a sensor at a flange.
 
     Attributes:
-        on: The joint; it and joints that it carries hold the deformable bodies that count.
-        pose: The sensor's frame in that which the joint moves (its scale is not used).
-        force_noise: Standard deviation in [N] of each component.
-        moment_noise: The same in [N m].
-        force_bias: In [N].
-        moment_bias: In [N m].
+        on: The joint; the deformable bodies attached to it and to joints that it carries count.
+        pose: The sensor's frame in the frame that the joint moves (its scale is not used).
+        force_noise: Standard deviation in [N] of each component of the force.
+        moment_noise: Standard deviation in [N m] of each component of the moment.
+        force_bias: Bias of the force in [N].
+        moment_bias: Bias of the moment in [N m].
     """
 
     kind: ClassVar[str] = "force_torque"
@@ -54,23 +55,23 @@ class ForceTorqueDescription(SimulatedSensorDescription):
     moment_bias: Vector = (0.0, 0.0, 0.0)
 
     def check(self) -> None:
-        """See SimulatedSensorDescription."""
+        """Refuse negative or infinite noise and infinite bias."""
         self.need_noise(force_noise=self.force_noise, moment_noise=self.moment_noise)
         self.need_bias(force_bias=self.force_bias, moment_bias=self.moment_bias)
 
     def references(self) -> tuple[Reference, ...]:
-        """See SimulatedSensorDescription."""
+        """Return the frame that carries the sensor."""
         return (Reference("on", self.on, PLACE),)
 
 
 class ForceTorqueSensor(Sensor):
-    """See the module.
+    """Sensor of the force and moment between a joint and the bodies that hang on it.
 
     Args:
         nodes: Nodes of the bodies that hang on the joint, shape (k,).
-        bodies: Numbers of all bodies, rigid ones too, that hang on it.
-        place: The frame.
-        noise, bias: Of force and moment, shape (6,).
+        bodies: Numbers of all bodies that hang on it, including rigid ones.
+        place: The sensor's frame.
+        noise, bias: Noise and bias of force and moment, shape (6,).
     """
 
     def __init__(
@@ -80,10 +81,10 @@ class ForceTorqueSensor(Sensor):
         self._nodes, self._bodies, self._place = nodes, np.array(bodies, dtype=np.int64), place
 
     def measure(self, seen: Seen) -> Array:
-        """Force, then moment, shape (6,)."""
+        """Return the force, then the moment, shape (6,)."""
         model, state, before = seen.model, seen.state, seen.before
         change = model.momentum(state.velocities - before.velocities) / model.dt
-        free = (model.region_of_node == FREE)[:, None]  # bases may be re-placed, which is no motion
+        free = (model.region_of_node == FREE)[:, None]  # moving a base is no motion
         rates = np.where(free, (state.positions - before.positions) / model.dt, state.velocities)
         missing = change - model.weight - seen.forces + seen.drag * model.momentum(rates)
         points = before.positions[self._nodes]
@@ -122,7 +123,7 @@ def _built(described: ForceTorqueDescription, scenery: Scenery) -> ForceTorqueSe
 
 
 def _nodes_of_bodies(scenery: Scenery) -> dict[str, IndexArray]:
-    """Nodes of each deformable body."""
+    """Return the nodes of each deformable body."""
     first = scenery.soft.first_node
     ends = [*sorted(first.values())[1:], len(scenery.soft.model.rest)]
     names = sorted(first, key=lambda name: first[name])
@@ -130,13 +131,13 @@ def _nodes_of_bodies(scenery: Scenery) -> dict[str, IndexArray]:
 
 
 def _hangs(model: Model, nodes: IndexArray, joints: Sequence[int], owner: str) -> bool:
-    """Whether one of some joints holds nodes of a body.
+    """Return whether one of some joints is attached to nodes of a body.
 
     Raises:
-        SceneError: and something else holds it, too.
+        SceneError: one is, and something else is attached to the body as well.
     """
     held = model.region_of_node[nodes]
-    holding = {model.regions[r].joint for r in np.unique(held[held >= 0])} - {-1}  # free frames hold nothing
+    holding = {model.regions[r].joint for r in np.unique(held[held >= 0])} - {-1}  # not free frames
     if not holding.intersection(joints):
         return False
     if (held == FIXED).any() or model.spring[nodes].any() or holding.difference(joints):

@@ -4,8 +4,8 @@ Over a step from :math:`k-1` to :math:`k` of length h, with the velocity v of it
 
 .. math:: f = R^T \Bigl(\frac{v_k - v_{k-1}}{h} - g\Bigr)
 
-where R is its rotation in the middle of the step, half a step's spin back: the mean of the step, of second
-order in h for what turns evenly. The angular rate is the frame's spin in its own axes.
+where R is its rotation in the middle of the step, found by turning back half a step's spin. This is the mean
+over the step, of second order in h for even rotation. The angular rate is the frame's spin in its own axes.
 
 Source: Titterton, Weston 2004, Strapdown inertial navigation technology.
 """
@@ -32,22 +32,23 @@ from softsim_core.physics.sensing.sensor import Place, Seen, Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuDescription(SimulatedSensorDescription):
-    """Accelerometer and gyroscope on something that moves rigidly: specific force [m/s^2], rate [rad/s].
+    """Accelerometer and gyroscope on a rigid frame: specific force in [m/s^2] and angular rate in [rad/s].
 
-    The specific force is the acceleration less gravity: at rest it points up. It is the mean over the last
-    step, in the unit's own axes. A unit that works out its orientation tells it behind, as a quaternion
+    The specific force is the acceleration minus gravity: at rest it points up. It is the mean over the last
+    step, in the unit's own axes. A unit that also estimates its orientation appends it as a quaternion
     (x, y, z, w).
 
     Attributes:
-        on: What it sits on: an attachment (a free frame, or what its region is attached to), a joint with a
-            frame (the frame that it moves), a rigid body (with mass: its centre of mass), "world".
-        pose: Where it sits in that frame (its scale is not used).
-        accelerometer_noise: Standard deviation of a sample in [m/s^2].
-        gyroscope_noise: The same in [rad/s].
-        accelerometer_bias: In [m/s^2].
-        gyroscope_bias: In [rad/s].
-        orientation_noise: Standard deviation in [rad], about each axis, of the orientation in the world that
-            it tells; None: it tells none.
+        on: Frame that carries it: an attachment (a free frame, or the frame its region is attached to), a
+            joint with a frame (the frame that it moves), a rigid body (with mass: its centre of mass),
+            "world".
+        pose: Its placement in that frame (the scale is not used).
+        accelerometer_noise: Standard deviation of a specific force sample in [m/s^2].
+        gyroscope_noise: Standard deviation of an angular rate sample in [rad/s].
+        accelerometer_bias: Bias of the specific force in [m/s^2].
+        gyroscope_bias: Bias of the angular rate in [rad/s].
+        orientation_noise: Standard deviation in [rad], about each axis, of the measured orientation in the
+            world; None: it measures none.
     """
 
     kind: ClassVar[str] = "imu"
@@ -60,27 +61,27 @@ class ImuDescription(SimulatedSensorDescription):
     orientation_noise: float | None = None
 
     def check(self) -> None:
-        """See SimulatedSensorDescription."""
+        """Refuse negative or infinite noise and infinite bias."""
         self.need_noise(accelerometer_noise=self.accelerometer_noise, gyroscope_noise=self.gyroscope_noise)
         self.need_noise(orientation_noise=self.orientation_noise or 0.0)
         self.need_bias(accelerometer_bias=self.accelerometer_bias, gyroscope_bias=self.gyroscope_bias)
 
     def references(self) -> tuple[Reference, ...]:
-        """See SimulatedSensorDescription."""
+        """Return the frame that carries the sensor."""
         return (Reference("on", self.on, PLACE),)
 
 
 def inertial(
     before: Array, velocity: Array, spin: Array, rotation: Array, gravity: Array, dt: float
 ) -> tuple[Array, Array]:
-    """Return what a perfect unit in each of k frames measures over a step; see the module.
+    """Return the perfect measurement of a unit in each of k frames over a step; see the module.
 
     Args:
         before: Velocity of the origin in [m/s] before the step, shape (k, 3).
-        velocity: The same after it, shape (k, 3).
-        spin: Angular velocity after it in [rad/s], world axes, shape (k, 3).
-        rotation: Rotations after it, shape (k, 3, 3).
-        gravity: In [m/s^2], shape (3,) or (k, 3).
+        velocity: Velocity of the origin in [m/s] after the step, shape (k, 3).
+        spin: Angular velocity after the step in [rad/s], world axes, shape (k, 3).
+        rotation: Rotations after the step, shape (k, 3, 3).
+        gravity: Gravity in [m/s^2], shape (3,) or (k, 3).
         dt: Length of the step in [s].
 
     Returns:
@@ -92,12 +93,12 @@ def inertial(
 
 
 class Imu(Sensor):
-    """See the module.
+    """Sensor of specific force, angular rate and, optionally, orientation of a frame.
 
     Args:
         place: The frame.
-        noise, bias: Of specific force and angular rate, shape (6,).
-        turning: Noise of the orientation in [rad]; None: it tells none.
+        noise, bias: Noise and bias of specific force and angular rate, shape (6,).
+        turning: Noise of the orientation in [rad]; None: it measures none.
     """
 
     def __init__(self, place: Place, noise: Array, bias: Array, turning: float | None = None) -> None:
@@ -106,11 +107,11 @@ class Imu(Sensor):
 
     @property
     def random(self) -> bool:
-        """See Sensor."""
+        """Whether a sample has random noise, including that of the orientation."""
         return bool(self.noise.any() or self._turning)
 
     def measure(self, seen: Seen) -> Array:
-        """Specific force, angular rate, and the orientation where it is measured, shape (6,) or (10,)."""
+        """Return specific force, angular rate and, if measured, orientation, shape (6,) or (10,)."""
         model, place = seen.model, self._place
         (velocity, spin), (earlier, _) = (place.twist(model, each) for each in (seen.state, seen.before))
         now = place.pose(model, seen.state)[1]
@@ -119,7 +120,10 @@ class Imu(Sensor):
         return np.concatenate(motion if self._turning is None else (*motion, quaternion_of(now)))
 
     def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
-        """See Sensor; an orientation is turned a little further, about axes of the unit."""
+        """Return the sample with bias and noise.
+
+        The noise of the orientation is a small rotation about the unit's axes.
+        """
         told = super().disturbed(value[:6], generator)
         if self._turning is None or generator is None:
             return np.concatenate([told, value[6:]])

@@ -1,4 +1,4 @@
-"""Markers on bodies, as a camera sees them: places with noise, and now and then one is not seen."""
+"""Markers on bodies as a camera sees them: positions with noise and random dropouts."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from softsim_core.physics.sensing.sensor import Seen, Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkersDescription(SimulatedSensorDescription):
-    """Where markers on deformable bodies are in the world, in [m]; what is not seen is NaN.
+    """Positions of markers on deformable bodies in the world in [m]; NaN if not seen.
 
     Attributes:
-        points: Where they are at the start in [m], in the world.
-        body: The deformable body that carries all of them; None: each sits on the nearest one.
-        noise: Standard deviation of each coordinate in [m]; with a `camera`, of those across the line of
-            sight.
-        camera: Where a camera stands in [m], in the world; None: no direction is worse than another.
+        points: Positions at the start in [m], in the world.
+        body: The deformable body that carries all of them; None: each lies on the nearest one.
+        noise: Standard deviation of each coordinate in [m]; with a `camera`, of the coordinates across the
+            line of sight.
+        camera: Position of a camera in [m], in the world; None: the noise has no direction.
         depth_noise: Standard deviation along the line of sight of the camera in [m].
-        dropout: Probability that a marker is not seen in a sample, each by itself, 0 to 1.
+        dropout: Probability that a marker is not seen in a sample, independently of the others, 0 to 1.
     """
 
     kind: ClassVar[str] = "markers"
@@ -42,7 +42,12 @@ class MarkersDescription(SimulatedSensorDescription):
     dropout: float = 0.0
 
     def check(self) -> None:
-        """See SimulatedSensorDescription."""
+        """Refuse values that are not allowed, no points, and depth noise without a camera.
+
+        Raises:
+            FieldError: a field has a value that is not allowed.
+            SceneError: `depth_noise` is given without a camera.
+        """
         if not self.points:
             raise FieldError(self.owner, "points", "none", "at least one point")
         for point in (*self.points, *(() if self.camera is None else (self.camera,))):
@@ -56,15 +61,15 @@ class MarkersDescription(SimulatedSensorDescription):
             raise FieldError(self.owner, "dropout", self.dropout, "in 0 to 1")
 
     def references(self) -> tuple[Reference, ...]:
-        """See SimulatedSensorDescription."""
+        """Return the deformable body that carries the markers, if one is named."""
         return () if self.body is None else (Reference("body", self.body, SOFT_BODY),)
 
 
 class Markers(Sensor):
-    """See the module.
+    """Sensor of marker positions on deformable bodies.
 
     Args:
-        points: What carries the markers.
+        points: The marked points of the bodies.
         described: Noise, camera, dropout.
     """
 
@@ -74,17 +79,20 @@ class Markers(Sensor):
 
     @property
     def random(self) -> bool:
-        """See Sensor."""
+        """Whether a sample has random noise or dropout."""
         described = self._described
         return max(described.noise, described.depth_noise, described.dropout) > 0.0
 
     def measure(self, seen: Seen) -> Array:
-        """Places in [m], shape (k, 3)."""
+        """Return the positions in [m], shape (k, 3)."""
         carried = seen.state.positions[self._points.nodes]
         return np.asarray(np.einsum("pa,pai->pi", self._points.weights, carried))
 
     def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
-        """See Sensor."""
+        """Return the positions with noise, NaN where a marker is not seen.
+
+        With a camera, the noise along the line of sight has its own standard deviation.
+        """
         if generator is None:
             return value
         described, away = self._described, generator.standard_normal(value.shape)

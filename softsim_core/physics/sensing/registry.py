@@ -1,4 +1,4 @@
-"""The kinds of sensors there are: those of the package, and what users register."""
+"""The registered kinds of sensors: those of the package and those of users."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _kinds: Registry[SensorKind] = Registry(
 def register_sensor(
     description: type[SimulatedSensorDescription], build: Callable[[Any, Scenery], Sensor]
 ) -> None:
-    """Make a kind of sensors known under the `kind` of its description.
+    """Register a kind of sensor under the `kind` of its description.
 
     Args:
         description: A frozen dataclass derived from SimulatedSensorDescription; scene files give its fields.
-        build: From a description, and what is around, to the sensor.
+        build: Returns the sensor of a description and the scenery.
 
     Raises:
-        SceneError: the name is none, or one of the package's own.
+        SceneError: the name is empty or a kind of the package.
     """
     if not isinstance(description.kind, str) or not description.kind.isidentifier():
         raise SceneError(
@@ -42,14 +42,14 @@ def register_sensor(
 
 
 def sensor_kinds() -> tuple[str, ...]:
-    """Names of all kinds."""
+    """Return the names of all kinds."""
     return _kinds.names()
 
 
 def sensor_kind(name: str) -> SensorKind:
-    """The kind of a name.
+    """Return the kind with a name.
 
     Raises:
-        SceneError: there is none.
+        SceneError: no kind has it.
     """
     return _kinds.get(name)

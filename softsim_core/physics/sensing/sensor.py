@@ -1,8 +1,8 @@
-"""The seam of sensors: where one sits, what it reads of a step, the sample it makes, reproducible noise.
+"""The interface of sensors: their frame, the step's results that they read, and reproducible noise.
 
-A counter-based generator (Philox) with a key from a sensor's seed and name and a counter from the sample's
-number. So noise depends on no other sensor, is the same again after a reset, and goes on in the same way from
-a snapshot, without any state of its own.
+A counter-based generator (Philox) takes its key from a sensor's seed and name, and its counter from the
+sample's number. So noise depends on no other sensor, repeats after a reset, and continues in the same way
+from a snapshot, without any state of its own.
 
 Source: Salmon et al. 2011, Parallel random numbers: as easy as 1, 2, 3.
 """
@@ -26,9 +26,9 @@ class Place:
     """A frame in a carrier.
 
     Attributes:
-        carrier: What carries it.
+        carrier: The carrier of the frame.
         position: Its origin in the carrier's frame in [m], shape (3,).
-        rotation: Its rotation there, shape (3, 3).
+        rotation: Its rotation in the carrier's frame, shape (3, 3).
     """
 
     carrier: Carrier
@@ -36,18 +36,18 @@ class Place:
     rotation: Array = field(default_factory=lambda: np.eye(3))
 
     def within(self, placement: Placement) -> Place:
-        """The frame at a placement in this one (its scale is not used)."""
+        """Return the frame at a placement in this one (its scale is not used)."""
         shift = np.array(placement.translation, dtype=float)
         turn = rotation_euler(np.radians(placement.rotation_deg))
         return Place(self.carrier, self.position + self.rotation @ shift, self.rotation @ turn)
 
     def pose(self, model: Model, state: State) -> tuple[Array, Array]:
-        """Origin (3,) in [m] and rotation (3, 3) in the world."""
+        """Return the origin (3,) in [m] and the rotation (3, 3) in the world."""
         origin, rotation = self.carrier.pose(model, state)
         return origin + rotation @ self.position, rotation @ self.rotation
 
     def twist(self, model: Model, state: State) -> tuple[Array, Array]:
-        """Velocity (3,) of the origin in [m/s] and spin (3,) in [rad/s], world axes."""
+        """Return the velocity (3,) of the origin in [m/s] and the spin (3,) in [rad/s], world axes."""
         return self.carrier.twist(model, state, self.pose(model, state)[0])
 
 
@@ -66,7 +66,7 @@ class SampleNoise:
         self._state = self._bits.state
 
     def of_sample(self, number: int) -> np.random.Generator:
-        """The generator at the start of what a sample draws; the next call takes it back there."""
+        """Return the generator at the start of a sample's draws; each call sets it back there."""
         self._state["state"]["counter"][3] = number  # counts up from the other end
         self._bits.state = self._state
         return self._generator
@@ -74,13 +74,13 @@ class SampleNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """What sensors see at the end of a step.
+    """Inputs of the sensors at the end of a step.
 
     Attributes:
         model: The model.
-        before: The state at the start of the step; where none was done it is `state`.
-        state: The state now.
-        report: What the step told.
+        before: The state at the start of the step; before the first step, `state`.
+        state: The current state.
+        report: The step's report.
         forces: External forces on the nodes in the step in [N], shape (n, 3).
         drag: Damping per mass in the step in [1/s].
     """
@@ -94,16 +94,16 @@ class Seen:
 
     @property
     def contacts(self) -> ContactReport:
-        """What touched in the step."""
+        """The contacts of the step."""
         return self.report.contacts
 
 
 class Sensor(ABC):
-    """What one sensor measures.
+    """A sensor: its measurement, noise and bias.
 
     Args:
-        noise: Standard deviations of what it measures, in its units, of a shape that fits it.
-        bias: What it measures too much, likewise.
+        noise: Standard deviations of the measured values, in their units, of a shape that fits them.
+        bias: Bias of the measured values, likewise.
     """
 
     def __init__(self, noise: ArrayLike = 0.0, bias: ArrayLike = 0.0) -> None:
@@ -116,10 +116,10 @@ class Sensor(ABC):
 
     @abstractmethod
     def measure(self, seen: Seen) -> Array:
-        """The true value, of a shape that is always the same."""
+        """Return the true value, always of the same shape."""
 
     def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
-        """What it tells where `value` is true; without a generator nothing is random."""
+        """Return the sample for a true `value`; without a generator nothing is random."""
         told = value + self.bias
         if generator is not None:
             told = told + self.noise * generator.standard_normal(value.shape)

@@ -1,4 +1,4 @@
-"""All sensors of a scene: what each told last, and when it tells anew."""
+"""All sensors of a scene: their latest samples and sample times."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from softsim_core.physics.sensing.sensor import SampleNoise, Seen, Sensor
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorReading:
-    """What a sensor told last.
+    """The latest sample of a sensor.
 
     Attributes:
-        description: What the scene says of it.
-        value: What it measured, with its noise and bias; shape and units are those of its kind.
+        description: The sensor's description in the scene.
+        value: The sample with noise and bias; shape and units depend on the kind.
         time: Simulated time of the sample in [s].
         number: Number of the sample since the start.
     """
@@ -29,7 +29,7 @@ class SensorReading:
 
 
 class Sensors:
-    """What every sensor told last: `sensors["tip"].value`; iterating gives the names.
+    """The latest sample of every sensor: `sensors["tip"].value`; iterating gives the names.
 
     Args:
         built: Descriptions with their sensors.
@@ -42,7 +42,7 @@ class Sensors:
         self._told: dict[str, SensorReading] = {}
 
     def sample(self, step: int, seen: Seen, *, anew: bool = False) -> None:
-        """Have those measure that are due after so many steps since the start; `anew`: all of them."""
+        """Sample the sensors that are due after a number of steps since the start; `anew`: all of them."""
         for (description, sensor), noise in zip(self._built, self._noise, strict=True):
             number = self._number(description, step)
             if anew or number != self._number(description, step - 1):
@@ -52,14 +52,14 @@ class Sensors:
                 self._told[description.name] = SensorReading(description, value, step * self._dt, number)
 
     def _number(self, description: SimulatedSensorDescription, step: int) -> int:
-        """How many samples are due within so many steps, the one at the start left out."""
+        """Return the number of samples due within a number of steps, without the one at the start."""
         return step if description.rate is None else math.floor(step * self._dt * description.rate + 1e-6)
 
     def __getitem__(self, name: str) -> SensorReading:
-        """What a sensor told last.
+        """Return the latest sample of a sensor.
 
         Raises:
-            SceneError: there is none of that name.
+            SceneError: no sensor has the name.
         """
         if name not in self._told:
             raise SceneError(f"unknown sensor {name!r}; {known_names(name, self._told)}")

@@ -21,16 +21,16 @@ from softsim_core.physics.sensing.sensor import Seen, Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrainSensorDescription(SimulatedSensorDescription):
-    """The mean strain of a line through points of a body: its length now by that at the start, less 1.
+    """The mean strain of a line through points of a body: current length / length at the start - 1.
 
-    Beside the middle of a body that bends it is its curvature times the distance from there, so a bend
+    At a distance from the middle of a body that bends, it is the curvature times this distance: a bend
     sensor.
 
     Attributes:
         body: The deformable body that carries the points.
         points: At least two, in [m], in the world at the start, from one end to the other.
         noise: Standard deviation of a sample in [-].
-        bias: In [-].
+        bias: Bias in [-].
     """
 
     kind: ClassVar[str] = "strain"
@@ -40,7 +40,7 @@ class StrainSensorDescription(SimulatedSensorDescription):
     bias: float = 0.0
 
     def check(self) -> None:
-        """See SimulatedSensorDescription."""
+        """Refuse fewer than two points, equal neighbours, values that are not finite and negative noise."""
         if len(self.points) < 2:
             raise FieldError(self.owner, "points", len(self.points), "at least two points")
         for point in self.points:
@@ -51,17 +51,17 @@ class StrainSensorDescription(SimulatedSensorDescription):
         self.need_bias(bias=self.bias)
 
     def references(self) -> tuple[Reference, ...]:
-        """See SimulatedSensorDescription."""
+        """Return the deformable body that carries the points."""
         return (Reference("body", self.body, SOFT_BODY),)
 
 
 class StrainSensor(Sensor):
-    """See the module.
+    """Sensor of the mean strain of a line through points of a body.
 
     Args:
         points: The points of the line.
-        rest: Where the nodes are at the start in [m], shape (n, 3).
-        noise, bias: Of the strain.
+        rest: Positions of the nodes at the start in [m], shape (n, 3).
+        noise, bias: Noise and bias of the strain.
     """
 
     def __init__(self, points: Points, rest: Array, noise: float, bias: float) -> None:
@@ -70,7 +70,7 @@ class StrainSensor(Sensor):
         self._rest_length = self._length(rest)
 
     def measure(self, seen: Seen) -> Array:
-        """The strain, shape ()."""
+        """Return the strain, shape ()."""
         return np.asarray(self._length(seen.state.positions) / self._rest_length - 1.0)
 
     def _length(self, positions: Array) -> float:

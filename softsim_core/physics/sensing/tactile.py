@@ -6,9 +6,9 @@ around it; the pressure of a cell C of area A is
 
 .. math:: p_C = \frac1A \sum_v f_v \frac{\int_C \varphi_v}{\int \varphi_v}
 
-so the sum of pressure times area over all cells is the force on the patch, exactly. The integrals are over
-the patch at rest, seen along the z axis of its box. On a rigid body, whose triangles may be as large as a
-face, each contact presses on the cell that it lies in.
+so the sum of pressure times area over all cells is exactly the force on the patch. The integrals are over
+the patch at rest, seen along the z axis of its box. On a rigid body, where a triangle may be as large as a
+face, each contact presses on the cell in which it lies.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from softsim_core.physics.sensing.description import (
 from softsim_core.physics.sensing.sensor import Seen, Sensor
 
 _FINE = 4
-"""Triangles are cut into parts of at most a cell's edge by this, for the integrals."""
+"""Largest edge of the parts of a triangle in the integrals, as a fraction of a cell's edge."""
 _MOST_CUTS = 512
 _FLAT = 1e-12
 
@@ -42,10 +42,10 @@ class Grid:
     """Cells of equal size.
 
     Attributes:
-        low: Its corner of smallest coordinates in [m], shape (2,).
+        low: Corner of smallest coordinates in [m], shape (2,).
         edge: Edges of a cell in [m], shape (2,).
         rows: Cells along the second axis.
-        columns: Cells along the first one.
+        columns: Cells along the first axis.
     """
 
     low: Array
@@ -55,23 +55,23 @@ class Grid:
 
     @property
     def area(self) -> float:
-        """Of a cell in [m^2]."""
+        """Area of a cell in [m^2]."""
         return float(self.edge.prod())
 
     def cell(self, places: Array) -> IndexArray:
-        """Number of the cell, row by row, that each place (..., 2) is in, or nearest to, shape (...)."""
+        """Return the cell, numbered row by row, that each place (..., 2) is in or nearest to, shape (...)."""
         column, row = np.moveaxis(np.floor((places - self.low) / self.edge).astype(np.int64), -1, 0)
         return np.asarray(row.clip(0, self.rows - 1) * self.columns + column.clip(0, self.columns - 1))
 
 
 def grid_over(patch: IndexArray, seen: Array, rows: int, columns: int) -> Grid | None:
-    """A grid that covers a patch; None: the patch has no area in this plane.
+    """Return a grid that covers a patch; None: the patch has no area in this plane.
 
     Args:
         patch: Triangles, shape (m, 3).
-        seen: Where all vertices are in the plane in [m], shape (v, 2).
-        rows: Of the grid, along the second axis.
-        columns: Along the first axis.
+        seen: Positions of all vertices in the plane in [m], shape (v, 2).
+        rows: Rows of the grid, along the second axis.
+        columns: Columns of the grid, along the first axis.
     """
     corners = seen[patch]
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
@@ -81,17 +81,17 @@ def grid_over(patch: IndexArray, seen: Array, rows: int, columns: int) -> Grid |
 
 
 def spread_over(patch: IndexArray, seen: Array, grid: Grid) -> csr_array:
-    """Share of a force on each vertex that falls on each cell, by the cell's area.
+    """Return the share of a force on each vertex that falls on each cell, divided by the cell's area.
 
-    It is spread as the vertex's shape function on the triangles of the patch around it.
+    The force is spread by the vertex's shape function on the triangles of the patch around it.
 
     Args:
         patch: Triangles, shape (m, 3).
-        seen: Where all vertices are in the plane of the grid in [m], shape (v, 2).
-        grid: Covers the patch.
+        seen: Positions of all vertices in the plane of the grid in [m], shape (v, 2).
+        grid: Grid over the patch.
 
     Returns:
-        In [1/m^2], shape (rows columns, v).
+        Shares in [1/m^2], shape (rows columns, v).
     """
     corners = seen[patch]
     sides = np.abs(np.roll(corners, -1, axis=1) - corners)
@@ -112,13 +112,16 @@ def spread_over(patch: IndexArray, seen: Array, grid: Grid) -> csr_array:
 
 
 def _areas(corners: Array) -> Array:
-    """Areas of triangles (m, 3, 2) in a plane, shape (m,)."""
+    """Return the areas of triangles (m, 3, 2) in a plane, shape (m,)."""
     (x, y), (u, v) = (np.moveaxis(corners[:, k] - corners[:, 0], 1, 0) for k in (1, 2))
     return np.asarray(0.5 * np.abs(x * v - y * u))
 
 
 def _middles(count: int) -> Array:
-    """Centres of the `count` squared equal parts of a triangle, as shares of its corners, shape (q, 3)."""
+    """Return the centres of the `count` squared equal parts of a triangle.
+
+    They are given as weights of its corners, shape (q, 3).
+    """
     i, j = (each.ravel() for each in np.meshgrid(np.arange(count), np.arange(count), indexing="ij"))
     upward, downward = i + j < count, i + j < count - 1
     first = np.concatenate([i[upward] + 1.0 / 3.0, i[downward] + 2.0 / 3.0]) / count
@@ -131,18 +134,18 @@ _MOST_CELLS = 65_536
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TactileArrayDescription(SimulatedSensorDescription):
-    """Pressures in [Pa] on a grid over a patch of a body's collision surface, as contacts press on it.
+    """Contact pressures in [Pa] on a grid over a patch of a body's collision surface.
 
-    The patch are the triangles with all corners in `box` at the start. The grid covers it along the axes of
-    the box: columns along x, rows along y, each from the smallest coordinate on; it is seen along z.
+    The patch consists of the triangles with all corners in `box` at the start. The grid covers it along the
+    axes of the box: columns along x, rows along y, each from the smallest coordinate on; the view is along z.
 
     Attributes:
-        body: The body, deformable or rigid, that has a collision surface.
-        box: Where the patch is, in the world at the start.
+        body: The body with the collision surface, deformable or rigid.
+        box: Box around the patch, in the world at the start.
         rows: Cells along the y axis of the box, >= 1.
-        columns: Cells along its x axis, >= 1.
+        columns: Cells along the x axis of the box, >= 1.
         noise: Standard deviation of a cell in [Pa].
-        bias: Of all cells in [Pa].
+        bias: Bias of all cells in [Pa].
     """
 
     kind: ClassVar[str] = "tactile"
@@ -154,7 +157,7 @@ class TactileArrayDescription(SimulatedSensorDescription):
     bias: float = 0.0
 
     def check(self) -> None:
-        """See SimulatedSensorDescription."""
+        """Refuse a grid without cells or with too many, and noise or bias that is not allowed."""
         for field, value in (("rows", self.rows), ("columns", self.columns)):
             if value < 1:
                 raise FieldError(self.owner, field, value, ">= 1")
@@ -164,18 +167,18 @@ class TactileArrayDescription(SimulatedSensorDescription):
         self.need_bias(bias=self.bias)
 
     def references(self) -> tuple[Reference, ...]:
-        """See SimulatedSensorDescription."""
+        """Return the body that carries the array."""
         return (Reference("body", self.body, ANY_BODY),)
 
 
 class TactileArray(Sensor):
-    """An array on a surface that deforms: see the module.
+    """An array on a surface that deforms; see the module.
 
     Args:
-        spread: Share of a force on each collision vertex that each cell feels, see spread_over.
+        spread: Share of a force on each collision vertex that falls on each cell, see spread_over.
         grid: Its cells.
         body: Number of the body.
-        noise, bias: Of a cell in [Pa].
+        noise, bias: Noise and bias of a cell in [Pa].
     """
 
     def __init__(self, spread: csr_array, grid: Grid, body: int, noise: float, bias: float) -> None:
@@ -183,7 +186,7 @@ class TactileArray(Sensor):
         self._spread, self._grid, self._body = spread, grid, body
 
     def measure(self, seen: Seen) -> Array:
-        """Pressures in [Pa], shape (rows, columns)."""
+        """Return the pressures in [Pa], shape (rows, columns)."""
         vertices, weights, pressing = pressed(seen.contacts, self._body)
         forces = np.bincount(
             vertices.ravel(), (pressing[:, None] * weights).ravel(), minlength=self._spread.shape[1]
@@ -192,14 +195,14 @@ class TactileArray(Sensor):
 
 
 class RigidTactileArray(Sensor):
-    """An array on a surface that does not: each contact presses on the cell that it lies in.
+    """An array on a rigid surface: each contact presses on the cell in which it lies.
 
     Args:
         patch: Whether each collision vertex belongs to the patch, shape (v,).
-        places: Where they are in the plane of the grid in [m], shape (v, 2).
+        places: Positions of the vertices in the plane of the grid in [m], shape (v, 2).
         grid: Its cells.
         body: Number of the body.
-        noise, bias: Of a cell in [Pa].
+        noise, bias: Noise and bias of a cell in [Pa].
     """
 
     def __init__(
@@ -209,7 +212,7 @@ class RigidTactileArray(Sensor):
         self._patch, self._places, self._grid, self._body = patch, places, grid, body
 
     def measure(self, seen: Seen) -> Array:
-        """Pressures in [Pa], shape (rows, columns)."""
+        """Return the pressures in [Pa], shape (rows, columns)."""
         vertices, weights, pressing = pressed(seen.contacts, self._body)
         pressing = np.where((self._patch[vertices] | (weights == 0.0)).all(axis=1), pressing, 0.0)
         cells = self._grid.cell(np.einsum("kc,kci->ki", weights, self._places[vertices]))
@@ -219,7 +222,10 @@ class RigidTactileArray(Sensor):
 
 
 def pressed(contacts: ContactReport, body: int) -> tuple[IndexArray, Array, Array]:
-    """Contacts on a body: vertices of its surface (k, 3), their weights (k, 3), forces along normals (k,)."""
+    """Return the contacts on a body.
+
+    They are the vertices of its surface (k, 3), their weights (k, 3) and the forces along the normals (k,).
+    """
     along = np.maximum(np.einsum("ki,ki->k", contacts.forces, contacts.normals), 0.0)
     which, side = np.nonzero(contacts.bodies == body)
     corner = 3 * side[:, None] + np.arange(3)

@@ -1,4 +1,4 @@
-"""What contacts do to a body in all: a force and a moment."""
+"""The resultant of all contacts on a body: a force and a moment."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class WrenchSensorDescription(SimulatedSensorDescription):
     """The resultant of the contact forces on a body: force in [N] and moment in [N m].
 
     Attributes:
-        body: The body that is touched, deformable or rigid.
+        body: The body, deformable or rigid.
         other: The body that touches it; None: all others together.
-        on: The frame in whose axes, and about whose origin, the wrench is told: "world", an attachment, a
+        on: The frame that gives the axes, and the origin of moments, of the wrench: "world", an attachment, a
             joint with a frame (the frame that it moves), a rigid body.
-        force_noise: Standard deviation in [N] of each component.
-        moment_noise: The same in [N m].
-        force_bias: In [N].
-        moment_bias: In [N m].
+        force_noise: Standard deviation in [N] of each component of the force.
+        moment_noise: Standard deviation in [N m] of each component of the moment.
+        force_bias: Bias of the force in [N].
+        moment_bias: Bias of the moment in [N m].
     """
 
     kind: ClassVar[str] = "wrench"
@@ -46,24 +46,24 @@ class WrenchSensorDescription(SimulatedSensorDescription):
     moment_bias: Vector = (0.0, 0.0, 0.0)
 
     def check(self) -> None:
-        """See SimulatedSensorDescription."""
+        """Refuse negative or infinite noise and infinite bias."""
         self.need_noise(force_noise=self.force_noise, moment_noise=self.moment_noise)
         self.need_bias(force_bias=self.force_bias, moment_bias=self.moment_bias)
 
     def references(self) -> tuple[Reference, ...]:
-        """See SimulatedSensorDescription."""
+        """Return the touched body, the other body if one is named, and the frame of the wrench."""
         others = () if self.other is None else (Reference("other", self.other, ANY_BODY),)
         return (Reference("body", self.body, ANY_BODY), *others, Reference("on", self.on, PLACE))
 
 
 class WrenchSensor(Sensor):
-    """See the module.
+    """Sensor of the resultant contact force and moment on a body.
 
     Args:
         body: Number of the body.
-        other: Number of the one that touches it, or -1: any.
+        other: Number of the body that touches it, or -1: any.
         place: The frame.
-        noise, bias: Of force and moment, shape (6,).
+        noise, bias: Noise and bias of force and moment, shape (6,).
     """
 
     def __init__(self, body: int, other: int, place: Place, noise: Array, bias: Array) -> None:
@@ -71,7 +71,7 @@ class WrenchSensor(Sensor):
         self._body, self._other, self._place = body, other, place
 
     def measure(self, seen: Seen) -> Array:
-        """Force, then moment, shape (6,)."""
+        """Return the force, then the moment, shape (6,)."""
         touching = seen.contacts
         own = touching.bodies == self._body
         if self._other >= 0:

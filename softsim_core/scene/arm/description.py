@@ -1,4 +1,4 @@
-"""What the key `arm` of a scene's file says; typed, SI."""
+"""Description of an arm, the key `arm` of a scene's file; typed, SI."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from softsim_core.base import Placement, SceneName, need_finite
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolDescription:
-    """A robot of the suite on a link of an arm: what stands in its world hangs on the link.
+    """A robot of the suite on a link of an arm: everything in its world is attached to the link.
 
     Attributes:
         robot: Its name, or its YAML file, relative to the file that names it.
         on: Name of the link.
-        pose: Where the tool's world stands in the frame of the link (its scale is not used).
-        without: Names of its bodies, joints, attachments, rigid bodies, collisions and sensors that are left
-            out, such as the floor of its own scene.
+        pose: Pose of the tool's world in the frame of the link (its scale is not used).
+        without: Names of its bodies, joints, attachments, rigid bodies, collisions and sensors to leave out,
+            such as the floor of its own scene.
     """
 
     robot: SceneName
@@ -28,16 +28,16 @@ class ToolDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmDescription:
-    """A rigid robot in a file; its joints come first among the scene's, each exactly where commanded.
+    """A rigid robot in a file; its joints come first among the scene's, each exactly at its command.
 
     Attributes:
         urdf: The file: URDF, or xacro (`.xacro`), which is expanded.
         arguments: Values of a xacro file's arguments, by name.
-        pose: Where its root link stands in the world (its scale is not used).
+        pose: Pose of its root link in the world (its scale is not used).
         start: Positions in [rad] or [m] at which the scene is built, by joint; others are at 0, or as near as
             their limits allow.
-        touch: Whether the collision shapes of its links touch what is around; never each other.
-        tools: What it carries.
+        touch: Whether the collision shapes of its links touch other bodies; they never touch each other.
+        tools: The tools it carries.
     """
 
     urdf: Path

@@ -1,4 +1,4 @@
-"""An arm and the tools on its links as one robot, as if somebody had written it all into one file."""
+"""An arm and the tools on its links as one robot, as if all were written in one file."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ GROUP = "arm"
 """Group of the collision surfaces of an arm's links: they never touch each other."""
 
 _PARTS = ("bodies", "joints", "attachments", "rigid_bodies", "collisions", "sensors")
-"""Fields of a scene that hold what a tool is made of."""
+"""Fields of a scene that contain the parts of a tool."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mount:
-    """Where a link is while the scene is built, and what moves it.
+    """Pose of a link while the scene is built, and the joint that moves it.
 
     Attributes:
         joint: Name of the last joint that moves before it, or "world".
-        frame: The frame that this joint moves, in the world.
-        link: The frame of the link, in the world.
+        frame: World frame that this joint moves.
+        link: World frame of the link.
     """
 
     joint: str
@@ -49,15 +49,15 @@ class Mount:
 def arm_with_tools(
     name: str, arm: ArmDescription, load: Callable[[ToolDescription], RobotDescription]
 ) -> RobotDescription:
-    """The robot of an arm and its tools; its joints are the arm's, then those of the tools.
+    """Return the robot of an arm and its tools; its joints are the arm's, then those of the tools.
 
     Args:
-        name: Of the scene.
+        name: Name of the scene.
         arm: The arm.
-        load: Gives the robot of a tool.
+        load: Function that returns the robot of a tool.
 
     Raises:
-        SceneError: an unknown link or joint, a start beyond limits, or a tool that cannot hang there.
+        SceneError: an unknown link or joint, a start beyond limits, or a tool that cannot be mounted.
     """
     rigid = read_urdf(arm.urdf, arm.arguments)
     joints, mounts = _joints(rigid, arm)
@@ -74,7 +74,7 @@ def arm_with_tools(
 
 
 def _joints(rigid: RigidRobot, arm: ArmDescription) -> tuple[tuple[JointDescription, ...], dict[str, Mount]]:
-    """The joints that move, and the mounts of all links."""
+    """Return the joints that move, and the mounts of all links."""
     moving = [each.name for each in rigid.joints if each.kind != "fixed"]
     if unknown := [each for each in arm.start if each not in moving]:
         raise SceneError(f"arm: start names the joint {unknown[0]!r}; {known_names(unknown[0], moving)}")
@@ -110,7 +110,7 @@ def _joints(rigid: RigidRobot, arm: ArmDescription) -> tuple[tuple[JointDescript
 
 
 def _moved(joint: UrdfJoint, position: float) -> Motion:
-    """The frame that a joint moves, in its base frame."""
+    """Return the frame that a joint moves, in its base frame."""
     if joint.kind == "revolute":
         return Motion(rotation_exp(position * joint.axis), np.zeros(3))
     return Motion(np.eye(3), position * joint.axis)
@@ -119,7 +119,7 @@ def _moved(joint: UrdfJoint, position: float) -> Motion:
 def _links(
     rigid: RigidRobot, mounts: dict[str, Mount], touch: bool
 ) -> tuple[tuple[RigidBodyDescription, ...], tuple[CollisionDescription, ...]]:
-    """The shapes of the links, and the surfaces of those that touch."""
+    """Return the shapes of the links, and the collision surfaces of those that touch."""
     bodies, collisions = [], []
     for link, shapes in rigid.shapes.items():
         mount = mounts[link]
@@ -134,7 +134,7 @@ def _links(
 
 
 def _without(robot: RobotDescription, tool: ToolDescription) -> RobotDescription:
-    """A tool's robot less what the scene leaves out: what hung on a joint now hangs on what carried that."""
+    """Return a tool's robot without the excluded parts; what a removed joint carried moves to its carrier."""
     scene, left = robot.scene, set(tool.without)
     known = [part.name for kind in _PARTS for part in getattr(scene, kind)]
     if unknown := sorted(left - set(known)):
@@ -180,7 +180,7 @@ def _without(robot: RobotDescription, tool: ToolDescription) -> RobotDescription
 def _recarried(
     actuator: ActuatorDescription | None, carrier: Callable[[str | None], str | None]
 ) -> ActuatorDescription | None:
-    """An actuator with other joints in the place of those that carry parts of it."""
+    """Return an actuator with the joints that carry its parts replaced."""
     if actuator is None:
         return None
     return replace(actuator, **{name: carrier(on) for name, on in actuator.carriers().items()})
@@ -189,7 +189,7 @@ def _recarried(
 def _with_tool(
     robot: RobotDescription, tool: RobotDescription, mount: Mount, pose: Placement
 ) -> RobotDescription:
-    """A robot, and a tool whose world stands at a pose in the frame of a link."""
+    """Return a robot with a tool whose world is at a pose in the frame of a link."""
     there = placed(tool.scene, mount.link.after(Motion.to(pose)))
     hung = _hung(there, mount)
     parts: dict[str, Any] = {
@@ -217,7 +217,7 @@ def _with_tool(
 
 
 def _hung(tool: SceneDescription, mount: Mount) -> dict[str, Any]:
-    """The fields that change where a tool that stands where it is to hang has a link in the world's place."""
+    """Return the fields that change when a link carries a tool instead of the world."""
     on, joints, attachments, bodies = mount.joint, [], [], []
     for joint in tool.joints:
         parent = on if joint.moves_frame and joint.parent is None and on != "world" else joint.parent

@@ -1,4 +1,4 @@
-"""Rigid robots in URDF and Xacro files: links, shapes, joints, and the ROS packages they name.
+"""Rigid robots in URDF and Xacro files: links, shapes, joints, and ROS packages.
 
 Source: the URDF specification of ROS (wiki.ros.org/urdf/XML); parsed by ROS 2's own urdfdom_py.
 """
@@ -37,7 +37,7 @@ from softsim_core.scene.io import XACRO, allowed_program, may_hold_programs
 MANIFEST: Final = "package.xml"
 MOST_MANIFEST_BYTES: Final = 1_000_000
 MOST_ABOVE: Final = 6
-"""Folders above a file whose children are searched: of WORKSPACE/src/REPOSITORY/PACKAGE/urdf all five."""
+"""Number of searched folders above a file: all five of WORKSPACE/src/REPOSITORY/PACKAGE/urdf."""
 MOST_BELOW: Final = 3
 """Depth to which the children of a folder are searched."""
 MOST_FOLDERS: Final = 5000
@@ -49,11 +49,11 @@ _IGNORED: Final = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
 def package_folders(
     package: str, file: Path, allowed: Callable[[Path], bool] = lambda folder: True
 ) -> Iterator[Path]:
-    """Search a ROS package above a file, beside the folders above it, and where the environment says.
+    """Search a ROS package above a file, beside the folders above it, and in the environment's paths.
 
-    A folder is the package if its `package.xml` says so; above the file and below AMENT_PREFIX_PATH also if
-    it has the name. Children of / and of the home folder are not searched, nor those of a folder that other
-    users may write, such as /tmp.
+    A folder is the package if its `package.xml` has the name; above the file and below AMENT_PREFIX_PATH also
+    if the folder has the name. Children of / and of the home folder are not searched, nor those of a folder
+    that other users may write, such as /tmp.
 
     Args:
         package: Its name.
@@ -87,7 +87,7 @@ def _entries(variable: str) -> list[Path]:
 
 
 def _searched(file: Path) -> list[Path]:
-    """The folders above a file whose children are searched."""
+    """Return the folders above a file whose children are searched."""
     return [folder for folder in file.resolve().parents[:MOST_ABOVE] if _is_searchable(folder)]
 
 
@@ -96,14 +96,14 @@ def _is_searchable(folder: Path) -> bool:
 
 
 def _is_trusted(folder: Path) -> bool:
-    """Whether only this user and root may put something into a folder."""
+    """Return whether only this user and root may write into a folder."""
     status = folder.stat()
     own = not hasattr(os, "getuid") or status.st_uid in (0, os.getuid())
     return own and not status.st_mode & stat.S_IWOTH
 
 
 def _below(package: str, roots: Iterable[Path]) -> Iterator[Path]:
-    """The folders of that package among some folders and what is below them."""
+    """Yield the folders of a package among some folders and below them."""
     visited: set[Path] = set()
     for root in roots:
         for folder in _packages(root, MOST_BELOW, visited):
@@ -112,7 +112,7 @@ def _below(package: str, roots: Iterable[Path]) -> Iterator[Path]:
 
 
 def _packages(folder: Path, depth: int, visited: set[Path]) -> Iterator[Path]:
-    """The folders with a manifest: the folder itself, or folders below it. No package lies in another one."""
+    """Yield the folder if it has a manifest, else those below it that have one. Packages are not nested."""
     if folder in visited or len(visited) >= MOST_FOLDERS:
         return
     visited.add(folder)
@@ -124,7 +124,7 @@ def _packages(folder: Path, depth: int, visited: set[Path]) -> Iterator[Path]:
 
 
 def _children(folder: Path) -> list[Path]:
-    """The trusted folders in a folder by name, without hidden ones and links; none if it cannot be read."""
+    """Return the trusted folders in a folder by name, without hidden ones and links; none if unreadable."""
     try:
         with os.scandir(folder) as entries:
             names = [each.name for each in entries if each.is_dir(follow_symlinks=False)]
@@ -135,7 +135,7 @@ def _children(folder: Path) -> list[Path]:
 
 
 def _name_of(folder: Path) -> str:
-    """Return the name in the manifest of a folder; "" where there is no manifest that can be read."""
+    """Return the name in the manifest of a folder, or "" without a readable manifest."""
     try:
         with (folder / MANIFEST).open("rb") as stream:
             text = stream.read(MOST_MANIFEST_BYTES + 1)
@@ -147,11 +147,11 @@ def _name_of(folder: Path) -> str:
 
 
 def expanded(file: Path, arguments: Mapping[str, str], most_bytes: int) -> bytes:
-    """The URDF of a xacro file.
+    """Expand a xacro file to URDF.
 
-    Xacro computes what stands in `${...}` as Python does: such a file is a program, and runs only where
-    `scene.programs` allows it. `$(find PACKAGE)` is the first of its `package_folders`; beside the folders
-    above the file only where programs may run, since xacro runs what it includes.
+    Xacro evaluates `${...}` as Python: such a file is a program, and runs only where `scene.programs` allows
+    it. `$(find PACKAGE)` is the first of its `package_folders`. Folders beside those above the file are
+    searched only where programs may run, because xacro runs the files that it includes.
 
     Args:
         file: The file.
@@ -175,14 +175,14 @@ def expanded(file: Path, arguments: Mapping[str, str], most_bytes: int) -> bytes
         try:
             document = xacro.process_file(str(program), mappings=dict(arguments), verbosity=0)
             return bytes(document.toprettyxml(indent=" ", encoding="utf-8"))
-        except Exception as error:  # the library's own kinds, and whatever an expression raises
+        except Exception as error:  # the library's errors, and any error of an expression
             reason = " ".join(f"{type(error).__name__}: {error}".split())[:1000]
             raise ConfigError(file, "", f"xacro cannot expand it ({reason})") from error
 
 
 @contextmanager
 def _finding(substitution: Any, file: Path) -> Iterator[None]:
-    """While it lasts, xacro looks for packages as meshes of a URDF file are looked for."""
+    """Let xacro find packages in the same folders as the meshes of a URDF file, within the `with` block."""
 
     def find(package: str) -> str:
         folder = next(package_folders(package, file, may_hold_programs), None)
@@ -202,14 +202,14 @@ MOST_BYTES: Final = 10_000_000
 """A larger file is refused before it is parsed."""
 MOST_JOINTS: Final = 1000
 MESHES: Final = (".stl", ".obj", ".ply")
-"""File types of meshes that are read."""
+"""File types of supported meshes."""
 GREY: Final = (0.6, 0.62, 0.65, 1.0)
-"""Colour of what has none."""
+"""Default colour of shapes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkShape:
-    """A shape of a link: where it sits in the link's frame, red, green, blue, alpha; whether it touches."""
+    """A shape of a link: its pose in the link's frame, red, green, blue, alpha; whether it touches."""
 
     shape: Shape
     pose: Motion
@@ -219,7 +219,7 @@ class LinkShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UrdfJoint:
-    """A joint: its frame in the parent link's at position 0, which is that of the child link.
+    """A joint; at position 0 its frame in the parent link is the frame of the child link.
 
     Attributes:
         name, kind: Its name; "revolute", "prismatic" or "fixed".
@@ -243,9 +243,9 @@ class RigidRobot:
     """A tree of links.
 
     Attributes:
-        name: Of the robot.
-        root: The link that nothing carries.
-        shapes: Of each link.
+        name: Name of the robot.
+        root: The link without parent.
+        shapes: Shapes by link.
         joints: Parents before children.
     """
 
@@ -264,18 +264,18 @@ class RigidRobot:
 
 
 def read_urdf(file: Path, arguments: Mapping[str, str] | None = None) -> RigidRobot:
-    """A rigid robot of a URDF file, or of a xacro file, which is expanded.
+    """Read a rigid robot from a URDF file, or from a xacro file, which is expanded.
 
-    Joints that follow others (`mimic`) stay at 0, and meshes of other types than MESHES are left out: each
-    with a warning.
+    Joints that follow others (`mimic`) stay at 0, and meshes of types not in MESHES are left out, each with a
+    warning.
 
     Args:
         file: The file.
-        arguments: Those of a xacro file, by name.
+        arguments: Arguments of a xacro file, by name.
 
     Raises:
-        ConfigError: not a URDF file, one that is too large, what is not a tree of fixed, turning and sliding
-            joints, a shape or number that cannot be.
+        ConfigError: not a URDF file, a file that is too large, not a tree of fixed, revolute and prismatic
+            joints, or an invalid shape or number.
     """
     robot = _parsed(file, arguments or {})
     links = [link.name for link in robot.links]
@@ -303,7 +303,7 @@ def read_urdf(file: Path, arguments: Mapping[str, str] | None = None) -> RigidRo
 
 
 def _text(file: Path, arguments: Mapping[str, str]) -> bytes:
-    """The URDF of a file."""
+    """Return the URDF of a file."""
     if arguments and file.suffix != XACRO:
         raise ConfigError(file, "", f"takes no arguments ({listing(arguments)}); only xacro files do")
     try:
@@ -320,7 +320,7 @@ def _text(file: Path, arguments: Mapping[str, str]) -> bytes:
 
 
 def _parsed(file: Path, arguments: Mapping[str, str]) -> Any:
-    """The robot as the library reads it."""
+    """Parse the robot with the library."""
     text = _text(file, arguments)
     try:
         urdf = importlib.import_module("urdf_parser_py.urdf").URDF
@@ -328,10 +328,10 @@ def _parsed(file: Path, arguments: Mapping[str, str]) -> Any:
     except ImportError as error:
         problem = f"reading URDF needs urdfdom_py: {install_command('arm')} (or apt install "
         raise ConfigError(file, "", f"{problem}ros-jazzy-urdfdom-py)") from error
-    says, core.on_error = core.on_error, lambda message: None  # of tags of other programs
+    says, core.on_error = core.on_error, lambda message: None  # silence messages on tags of other programs
     try:
         robot = urdf.from_xml_string(text)
-    except Exception as error:  # the parser's own kinds, and what odd files make of it
+    except Exception as error:  # the parser's errors, and any error that invalid files cause
         reason = " ".join(str(error).split())[:160]
         raise ConfigError(file, "", f"is no URDF file ({type(error).__name__}: {reason})") from error
     finally:
@@ -342,7 +342,7 @@ def _parsed(file: Path, arguments: Mapping[str, str]) -> Any:
 
 
 def _ordered(joints: list[UrdfJoint], root: str) -> list[UrdfJoint]:
-    """Joints with parents before children, each chain in the order of the file."""
+    """Order joints with parents before children, each chain in the order of the file."""
     result: list[UrdfJoint] = []
     ready = [each for each in joints if each.parent == root]
     while ready and len(result) <= len(joints):
@@ -385,7 +385,7 @@ def _limits(joint: Any, file: Path) -> JointLimits:
 
 
 def _motion(pose: Any, file: Path, where: str) -> Motion:
-    """A pose of the file; None: the frame itself."""
+    """Convert a pose of the file; None: identity."""
     shift, angles = (np.zeros(3), np.zeros(3)) if pose is None else (_triple(pose.xyz), _triple(pose.rpy))
     if not np.isfinite([shift, angles]).all():
         raise ConfigError(file, where, "has a pose that is not finite")
@@ -393,12 +393,12 @@ def _motion(pose: Any, file: Path, where: str) -> Motion:
 
 
 def _triple(values: Any) -> Array:
-    """Three numbers of the file; None: zeros."""
+    """Convert three numbers of the file; None: zeros."""
     return np.zeros(3) if values is None else np.array(values, dtype=float)
 
 
 def _shapes(link: Any, colours: dict[str, Any], file: Path) -> Iterator[LinkShape]:
-    """The collision shapes of a link, or where it has none, what one sees of it."""
+    """Yield the collision shapes of a link, or its visual shapes if it has none."""
     colour = GREY
     for visual in link.visuals:
         material = visual.material
@@ -415,7 +415,7 @@ def _shapes(link: Any, colours: dict[str, Any], file: Path) -> Iterator[LinkShap
 
 
 def _shape(geometry: Any, file: Path, where: str) -> Shape | None:
-    """A shape; None: a mesh of a type that is not read."""
+    """Convert a shape; None: a mesh of an unsupported type."""
     try:
         if hasattr(geometry, "size"):
             x, y, z = (float(each) for each in geometry.size)
@@ -440,7 +440,7 @@ def _shape(geometry: Any, file: Path, where: str) -> Shape | None:
 
 
 def _mesh_file(name: str, file: Path, where: str) -> Path:
-    """A mesh that a URDF names: relative to it, absolute, or package://PACKAGE/PATH."""
+    """Return the mesh file that a URDF names: relative to it, absolute, or package://PACKAGE/PATH."""
     path, package = name.removeprefix("file://"), ""
     folders: Iterable[Path] = [file.parent]
     if name.startswith("package://"):

@@ -1,4 +1,4 @@
-"""Deformable bodies of a scene, compiled: cells by material, layers, fibres, rods."""
+"""Compilation of a scene's deformable bodies: cells by material, layers, fibres, rods."""
 
 from __future__ import annotations
 
@@ -52,9 +52,10 @@ class Body:
         mesh: Its tetrahedra, or the sections of a rod, with its own node numbers.
         boundary: Boundary triangles with the model's node numbers, shape (k, 3).
         surface: Visual surface at rest.
-        embedding: How the visual surface follows the body's nodes.
-        sections: How stiff the sections of a rod are; None: it is none.
-        unloaded: Where the nodes of its tetrahedra are without load in [m], shape (n, 3); None: as in `mesh`.
+        embedding: Weights with which the visual surface follows the body's nodes.
+        sections: Stiffness of the sections of a rod; None: it is no rod.
+        unloaded: Positions of the nodes of its tetrahedra without load in [m], shape (n, 3); None: as in
+            `mesh`.
         ends: Nodes of the ends of a slender body, with its own numbers; None: it has none.
     """
 
@@ -70,31 +71,31 @@ class Body:
 
     @property
     def cells(self) -> IndexArray:
-        """Nodes of its cells, with its own numbers, shape (m, a)."""
+        """Nodes of its cells, with its own node numbers, shape (m, a)."""
         return self.mesh.cells if isinstance(self.mesh, RodMesh) else self.mesh.tets
 
     @property
     def outside(self) -> SurfaceMesh:
-        """What others touch at rest: the boundary of its tetrahedra, or the surface of a rod."""
+        """Surface for contact at rest: the boundary of its tetrahedra, or the surface of a rod."""
         if isinstance(self.mesh, RodMesh):
             return self.surface
         return SurfaceMesh(self.mesh.points, self.boundary - self.nodes.start, self.name)
 
     @property
     def solid(self) -> TetMesh:
-        """Tetrahedra that points are bound to: its cells, or those between the nodes of a rod."""
+        """Tetrahedra to which points are bound: its cells, or those between the nodes of a rod."""
         return self.mesh.solid if isinstance(self.mesh, RodMesh) else self.mesh
 
     @property
     def region_points(self) -> Array:
-        """Where each node is at rest for regions that choose nodes, in [m]: of a rod its section's centre."""
+        """Rest position in [m] of each node for regions; for a rod, the centre of its section."""
         return self.mesh.region_points if isinstance(self.mesh, RodMesh) else self.mesh.points
 
 
 def material_parts(
     description: BodyDescription, body: Body
 ) -> Iterator[tuple[str, MaterialDescription, IndexArray]]:
-    """Owner in SceneDescription.materials, material and cells of the body, then of each of its regions.
+    """Yield owner in SceneDescription.materials, material and cells of the body, then of each of its regions.
 
     Raises:
         SceneError: a region has no cell, shares one with another region, or leaves none to the body.
@@ -140,7 +141,7 @@ def _cells_in(region: MaterialRegionDescription, description: BodyDescription, b
 
 
 class _Parts:
-    """Groups of one element and one law each, gathered part by part."""
+    """Element groups of one element and one law each, collected part by part."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], list[ElementGroup]] = {}
@@ -149,7 +150,7 @@ class _Parts:
         self._found.setdefault((group.element.name, group.material.name), []).append(group)
 
     def joined(self, first_number: int) -> tuple[ElementGroup, ...]:
-        """The groups, their cells numbered on from a number."""
+        """Return the groups, with cells numbered from `first_number`."""
         groups = []
         for parts in self._found.values():
             count = sum(len(part.cells) for part in parts)
@@ -172,10 +173,10 @@ class _Parts:
 def reinforcements(
     scene: SceneDescription, bodies: Sequence[Body], filling: Sequence[ElementGroup], rest: Array
 ) -> tuple[tuple[ElementGroup, ...], Array]:
-    """The groups of all layers and fibres, and the mass that layers give the nodes in [kg], shape (n,).
+    """Return the groups of all layers and fibres, and the nodal masses of layers in [kg], shape (n,).
 
     Args:
-        scene: Whose.
+        scene: The scene.
         bodies: Its bodies.
         filling: The groups that fill them.
         rest: Rest positions of all nodes in [m], shape (n, 3).
@@ -244,7 +245,7 @@ def _fibres(
 
 
 def _directions(fibres: FibresDescription, body: str, group: ElementGroup, rest: Array) -> Array:
-    """Unit vectors along the fibres at the points of a group, shape (m, q, 3)."""
+    """Return unit vectors along the fibres at the points of a group, shape (m, q, 3)."""
     if fibres.direction is not None:
         direction = np.array(fibres.direction, dtype=float)
         return np.broadcast_to(direction / np.linalg.norm(direction), (*group.weights.shape, 3))
@@ -264,7 +265,7 @@ def _directions(fibres: FibresDescription, body: str, group: ElementGroup, rest:
 
 
 def _distance(fibres: FibresDescription, points: Array) -> Array:
-    """Distance of points (m, 3) from the axis that fibres are wound around, in [m], shape (m,)."""
+    """Return the distance in [m] of points (m, 3) from the axis of wound fibres, shape (m,)."""
     axis = fibres.around
     assert axis is not None  # checked by the description
     along = np.array(axis.direction) / np.linalg.norm(axis.direction)
@@ -272,7 +273,7 @@ def _distance(fibres: FibresDescription, points: Array) -> Array:
 
 
 def _places(group: ElementGroup, rest: Array) -> Array:
-    """Where the points of a group's cells lie in [m], shape (m, q, 3); cells are taken as straight."""
+    """Return positions in [m] of the points of a group's cells, shape (m, q, 3), with straight cells."""
     nodes = group.element.reference
     from_nodes = np.linalg.pinv(np.column_stack([nodes, np.ones(len(nodes))]))
     points = group.element.points
@@ -281,7 +282,7 @@ def _places(group: ElementGroup, rest: Array) -> Array:
 
 
 def _axes(directions: Array) -> Array:
-    """Rotations whose first column is a direction (..., 3), shape (..., 3, 3)."""
+    """Return rotations whose first column is a direction (..., 3), shape (..., 3, 3)."""
     away = np.zeros_like(directions)
     np.put_along_axis(away, np.abs(directions).argmin(axis=-1)[..., None], 1.0, axis=-1)
     second = np.cross(directions, away)
@@ -290,23 +291,23 @@ def _axes(directions: Array) -> Array:
 
 
 SHEAR_SHARE = {"rectangle": 5.0 / 6.0, "ellipse": 0.9}
-"""Part of the area that carries shear."""
+"""Part of the area that carries shear, by shape of the section."""
 
 ROUND = 12
-"""Corners of the outline of an ellipse, for surfaces."""
+"""Number of corners of an ellipse's outline, for surfaces."""
 
 CLAMP_SHARE = 1e-3
 """Length of a compliant clamp over that of its rod."""
 
 STIFFER = 10.0
-"""How much stiffer the rigid parts of a clamp are than the rod of their length."""
+"""Stiffness of the rigid parts of a clamp over that of the rod at the same length."""
 
 _GAUSS = 0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnRod:
-    """A rod compiled: where its sections begin, and how stiff they are."""
+    """A compiled rod: start positions and stiffness of its sections."""
 
     mesh: RodMesh
     sections: RodSections
@@ -317,8 +318,8 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
 
     Args:
         rod: The rod.
-        name: Of its body, for messages.
-        values: Parameters of its material, which is of the law `rod`.
+        name: Name of its body, for messages.
+        values: Parameters of its material, which has the law `rod`.
 
     Raises:
         MeshError: its centreline or first axis cannot be used.
@@ -359,15 +360,15 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
 
 
 def draw_tetrahedra(rod: RodDescription, name: str, order: int) -> tuple[SweptMesh, Array]:
-    """Compile a rod that is tetrahedra of order 1 or 2: its mesh, and where its nodes are without load.
+    """Compile a rod of tetrahedra of order 1 or 2.
 
     Args:
         rod: The rod.
-        name: Of its body, for messages.
-        order: Of the tetrahedra.
+        name: Name of its body, for messages.
+        order: Order of the tetrahedra.
 
     Returns:
-        The mesh, and places in [m], shape (n, 3).
+        The mesh, and the node positions without load in [m], shape (n, 3).
 
     Raises:
         MeshError: its centreline or first axis cannot be used.
@@ -379,7 +380,7 @@ def draw_tetrahedra(rod: RodDescription, name: str, order: int) -> tuple[SweptMe
 
 
 def _laid(rod: RodDescription, name: str) -> tuple[Array, Array, float]:
-    """Centres and axes of the sections of a rod as it is drawn, and its length without load in [m]."""
+    """Return centres and axes of the sections of a rod as drawn, and its length without load in [m]."""
     turn = rotation_matrix(rod.placement.rotation_deg)
     ends = [
         None if each is None else turn @ np.array(each, dtype=float)
@@ -394,7 +395,7 @@ def _laid(rod: RodDescription, name: str) -> tuple[Array, Array, float]:
 def _with_clamp(
     sections: RodSections, clamp: RodClampDescription, end: int, length: float, moduli: Array, holding: Array
 ) -> RodSections:
-    """With a further cell at an end, 0 or -1, for what gives way there; see fem.rods."""
+    """Return sections with a further cell at an end (0 or -1) for a compliant clamp; see fem.rods."""
     gap, rigid = 0.5 * length, np.isinf(clamp.stiffness)
     beside = STIFFER * np.diagonal(sections.line[end, end] * np.sqrt(np.multiply.outer(moduli, moduli)))
     own = np.tile(np.diag(beside), (2, 1, 1))
@@ -418,13 +419,16 @@ def _with_clamp(
 
 
 def _sizes(section: RodSectionDescription, along: Array) -> Array:
-    """Full extent along both axes in [m] at parts of the length, shape (..., 2)."""
+    """Return the full extent in [m] along both axes at parts of the length, shape (..., 2)."""
     start, end = np.array(section.size), np.array(section.end_size or section.size)
     return np.asarray(start + along[..., None] * (end - start))
 
 
 def _moments(section: RodSectionDescription, along: Array) -> tuple[Array, Array, Array]:
-    """Area in [m^2], shape (...), second moments in [m^4] along both axes, (..., 2), and twist's, (...)."""
+    """Return area, second moments along both axes and torsion constant of a section at parts of the length.
+
+    They are in [m^2], [m^4] and [m^4], with shapes (...), (..., 2) and (...).
+    """
     outer = _sizes(section, along)
     area, second, twist = _solid(section.shape, outer)
     if section.wall is None:
@@ -438,7 +442,10 @@ def _moments(section: RodSectionDescription, along: Array) -> tuple[Array, Array
 
 
 def _solid(shape: str, size: Array) -> tuple[Array, Array, Array]:
-    """See `_moments`; torsion as Saint-Venant 1855."""
+    """Return area in [m^2], second moments in [m^4] and torsion constant in [m^4] of a solid section.
+
+    The shapes are (...), (..., 2) and (...). The torsion constant follows Saint-Venant 1855.
+    """
     first, second = size[..., 0], size[..., 1]
     if shape == "ellipse":
         area = 0.25 * math.pi * first * second
@@ -452,13 +459,13 @@ def _solid(shape: str, size: Array) -> tuple[Array, Array, Array]:
 
 
 def _gyration(section: RodSectionDescription, along: Array) -> Array:
-    """Radii of gyration along both axes in [m], shape (..., 2)."""
+    """Return the radii of gyration along both axes in [m], shape (..., 2)."""
     area, second, _ = _moments(section, along)
     return np.asarray(np.sqrt(second / area[..., None]))
 
 
 def _stiffness(section: RodSectionDescription, along: Array, moduli: Array) -> tuple[Array, Array]:
-    """Area in [m^2], shape (...), and stiffness over the moduli, shape (..., 6, 6); see RodSections."""
+    """Return area (...) in [m^2] and stiffness over the moduli (..., 6, 6); see RodSections."""
     area, second, twist = _moments(section, along)
     carrying = SHEAR_SHARE[section.shape] * area
     line = np.zeros((*along.shape, 6, 6))

@@ -1,4 +1,4 @@
-"""From a scene description to the mechanical model, its actuators, its sensors and its surfaces."""
+"""Compilation of a scene description to mechanical model, actuators, sensors and surfaces."""
 
 from __future__ import annotations
 
@@ -74,14 +74,14 @@ from softsim_core.scene.building.plausibility import implausible
 
 
 def surroundings(model: Model, bodies: tuple[Body, ...]) -> Surroundings:
-    """What actuators and sensors are built into."""
+    """Return the model and bodies to which actuators and sensors are bound."""
     return Surroundings(
         model, {body.name: body.solid for body in bodies}, {body.name: body.nodes.start for body in bodies}
     )
 
 
 def actuators(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -> Actuators:
-    """All actuators that joints of a scene have; kinds in the order of the registry.
+    """Return the actuators of all joints of a scene; kinds in the order of the registry.
 
     Raises:
         SceneError: an actuator does not fit its surroundings.
@@ -101,12 +101,12 @@ def actuators(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -
 
 
 ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
-"""Element of bodies that name none, by the nodes of a cell of their mesh."""
+"""Default element of bodies, by the number of nodes per cell of their mesh."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BuiltScene:
-    """A scene ready to run: model, tunable parameters at their first values, and what is in it."""
+    """A compiled scene: model, tunable parameters at their first values, bodies and actuators."""
 
     model: Model
     parameters: Parameters
@@ -120,11 +120,11 @@ def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]
     """Compile a scene.
 
     Args:
-        scene: What to compile.
+        scene: The scene.
         shaped: See `rest_bodies`.
 
     Raises:
-        SceneError: names or regions do not fit together.
+        SceneError: names or regions are inconsistent.
         MeshError: a mesh cannot be used.
     """
     bodies = rest_bodies(scene, shaped)
@@ -168,7 +168,7 @@ def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]
 
 
 def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> dict[str, tuple[int, ...]]:
-    """Shapes of what the scene's elements, actuators and its step keep beside places and velocities."""
+    """Return names and shapes of the state besides positions and velocities."""
     shapes: dict[str, tuple[int, ...]] = {}
     if any(map(takes_found_stress, model.groups)):
         shapes[MOVED] = model.rest.shape
@@ -186,9 +186,9 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
 
 
 def with_rest_frames(scene: SceneDescription) -> SceneDescription:
-    """Return the same scene with the frame of every free attachment given.
+    """Return the same scene with an explicit frame for every free attachment.
 
-    The bodies are read or drawn only where an attachment leaves its frame out.
+    The bodies are read or drawn only if an attachment has no explicit frame.
 
     Raises:
         SceneError, MeshError: see `build`.
@@ -207,7 +207,7 @@ def with_rest_frames(scene: SceneDescription) -> SceneDescription:
 def _frames(
     moving: Sequence[AttachmentDescription], region_of_node: IndexArray, rest: Array
 ) -> dict[str, Placement]:
-    """Place every free frame at rest, by name: as described, else in the mean of its nodes."""
+    """Return every free frame at rest by name: as described, else at the mean of its nodes."""
     frames = {}
     for number, attachment in enumerate(moving):
         if attachment.to == "free":
@@ -219,11 +219,11 @@ def _frames(
 def rest_bodies(
     scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]] = ()
 ) -> tuple[Body, ...]:
-    """The deformable bodies at rest, with their nodes numbered one body after the other.
+    """Return the deformable bodies at rest, with their nodes numbered one body after the other.
 
     Args:
-        scene: What they are described in.
-        shaped: Bodies of another scene, used again where the same mesh begins at the same node.
+        scene: The scene.
+        shaped: Bodies of another scene, reused where the same mesh begins at the same node.
 
     Raises:
         MeshError: a mesh cannot be used.
@@ -242,7 +242,7 @@ def rest_bodies(
 
 
 def _same_mesh(one: BodyDescription, other: BodyDescription) -> bool:
-    """Whether two bodies have one name and one mesh from files; those of arrays and rods are not compared."""
+    """Return whether two bodies have the same name and mesh file; arrays and rods are not compared."""
     if not (isinstance(one.mesh, MeshFile) and isinstance(other.mesh, MeshFile)):
         return False
     return (one.name, one.mesh, one.surface, one.order) == (
@@ -254,7 +254,7 @@ def _same_mesh(one: BodyDescription, other: BodyDescription) -> bool:
 
 
 def _rod(description: BodyDescription, start: int) -> Body:
-    """A body of cross-sections, whose nodes begin at `start`."""
+    """Build a body of cross-sections, with nodes numbered from `start`."""
     assert description.rod is not None  # checked by the description
     drawn = draw_rod(description.rod, f"rod {description.name}", description.material.values)
     surface, embedding = rod_surface(drawn.mesh)
@@ -265,7 +265,7 @@ def _rod(description: BodyDescription, start: int) -> Body:
 
 
 def _tetrahedra(description: BodyDescription, start: int) -> Body:
-    """A body of tetrahedra, whose nodes begin at `start`."""
+    """Build a body of tetrahedra, with nodes numbered from `start`."""
     mesh, unloaded, ends = description.mesh, None, None
     if description.rod is not None:
         order = 1 if len(element(description.element or "").reference) == 4 else 2
@@ -292,7 +292,7 @@ def _tetrahedra(description: BodyDescription, start: int) -> Body:
 
 
 def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[ElementGroup, ...]) -> Array:
-    """Masses of all nodes in [kg], shape (n,)."""
+    """Return the masses of all nodes in [kg], shape (n,)."""
     count = bodies[-1].nodes.stop if bodies else 0
     shares = sum((volume_shares(group, count) for group in groups), np.zeros(count))
     mass = np.zeros(count)
@@ -320,7 +320,7 @@ def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[Ele
 def _coupling(
     scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[ElementGroup, ...]
 ) -> MassCoupling | None:
-    """What bodies of consistent mass have beyond lumped mass; None: there are none."""
+    """Return the mass of consistent bodies beyond the lumped mass; None: there are no such bodies."""
     consistent = [each.mass_distribution == "consistent" for each in scene.bodies]
     if not any(consistent):
         return None
@@ -345,7 +345,7 @@ def _coupling(
 
 
 def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementGroup, ...]:
-    """The cells of all bodies, one group for each pair of element and law that occurs."""
+    """Return the cells of all bodies, one group for each pair of element and law that occurs."""
     unloaded = [body.mesh.points if body.unloaded is None else body.unloaded for body in bodies]
     points = np.concatenate([np.zeros((0, 3)), *unloaded])
     ends = np.cumsum([len(body.cells) for body in bodies])
@@ -416,7 +416,7 @@ def _joint(joint: JointDescription, names: tuple[str, ...]) -> Joint:
 def _assign_nodes(
     scene: SceneDescription, bodies: tuple[Body, ...], joints: tuple[Joint, ...], rest: Array
 ) -> tuple[IndexArray, Array, list[AttachmentDescription]]:
-    """RigidRegion number and fixing spring of each node, and the attachments that move, in region order."""
+    """Return region number and fixing spring of each node, and the moving attachments in region order."""
     region_of_node = np.full(len(rest), FREE, dtype=np.int64)
     spring = np.zeros(len(rest))
     owner: dict[int, str] = {}
@@ -454,7 +454,7 @@ def _assign_nodes(
 def chosen_nodes(
     body: Body, chosen: AttachmentDescription | AddedMassDescription, points: Array
 ) -> IndexArray:
-    """Nodes in a region of a body whose nodes are at `points` (n, 3) for it, at an end, or in a group."""
+    """Return the nodes in a region, at an end or in a group of a body with nodes at `points` (n, 3)."""
     if chosen.end is not None:
         assert body.ends is not None  # checked by the description
         return np.asarray(body.nodes.start + body.ends[chosen.end == "end"])
@@ -506,7 +506,7 @@ def _regions(
 
 
 def sensors(scene: SceneDescription, built: BuiltScene, collisions: CollisionModel | None) -> Sensors:
-    """All sensors of a scene; none has told anything yet.
+    """Return all sensors of a scene before their first measurement.
 
     Raises:
         SceneError: one does not fit the scene.
@@ -528,7 +528,7 @@ def sensors(scene: SceneDescription, built: BuiltScene, collisions: CollisionMod
 
 
 def _places(scene: SceneDescription, built: BuiltScene) -> dict[str, Place]:
-    """What moves rigidly, by name; of equal names an attachment comes before a joint, that before a body."""
+    """Return rigidly moving parts by name; attachments have priority over joints, joints over bodies."""
     frames = {name: Carrier(frame=f) for f, name in enumerate(built.model.frame_names)}
     horns = {joint.name: Carrier(joint=j) for j, joint in enumerate(scene.joints) if joint.moves_frame}
     bases = {

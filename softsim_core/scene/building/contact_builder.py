@@ -1,4 +1,4 @@
-"""Rigid bodies and collision surfaces of a scene, compiled."""
+"""Compilation of a scene's rigid bodies and collision surfaces."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class RigidBody:
         name: Its name.
         surface: Its surface in its own frame in [m]; the origin is the centre of mass of a free body.
         colour: Red, green, blue, alpha in 0..1.
-        position, rotation: Where it starts: in the world, or in the frame of what carries it.
+        position, rotation: Start pose in the world, or in the frame of its carrier.
         free: Number among the free rigid bodies, or -1.
-        on: What carries it; see RigidBodyDescription.
+        on: Its carrier; see RigidBodyDescription.
         radius: Radius in [m] of an exact sphere, else 0.
     """
 
@@ -51,10 +51,10 @@ class RigidBody:
 
 
 def rigid_objects(scene: SceneDescription) -> tuple[RigidBody, ...]:
-    """All rigid bodies of a scene, in scene order.
+    """Return all rigid bodies of a scene, in scene order.
 
     Raises:
-        MeshError: a mesh cannot be used, or is open where a mass needs it closed.
+        MeshError: a mesh cannot be used, or is open although a mass requires a closed one.
     """
     result, count = [], 0
     for description in scene.rigid_bodies:
@@ -72,7 +72,7 @@ def rigid_objects(scene: SceneDescription) -> tuple[RigidBody, ...]:
 
 
 def rigid_bodies(scene: SceneDescription) -> RigidBodies:
-    """The rigid bodies with mass of a scene."""
+    """Return the rigid bodies with mass of a scene."""
     chosen = [each for each in scene.rigid_bodies if each.mass is not None]
     if not chosen:
         return no_rigid_bodies()
@@ -88,7 +88,7 @@ def rigid_bodies(scene: SceneDescription) -> RigidBodies:
 
 
 def _surface_and_mass(description: RigidBodyDescription) -> tuple[SurfaceMesh, Array, Array]:
-    """Surface, centre of mass (3,) in its frame, and inertia (3, 3) about it; zeros without mass."""
+    """Return surface, centre of mass (3,) in its frame, and inertia (3, 3) about it; zeros without mass."""
     from softsim_core.physics.mesh import mass_properties, surface_of
 
     surface = surface_of(description.shape)
@@ -101,7 +101,7 @@ def _surface_and_mass(description: RigidBodyDescription) -> tuple[SurfaceMesh, A
 
 
 _DIRECTIONS = 256
-"""Directions at most in which the width of a body is measured."""
+"""Largest number of directions in which the width of a body is measured."""
 
 
 def contacts(
@@ -111,12 +111,12 @@ def contacts(
     bodies: tuple[Body, ...],
     rigid: tuple[RigidBody, ...],
 ) -> CollisionModel | None:
-    """The collision surfaces of a scene, or None where no two can meet.
+    """Return the collision surfaces of a scene, or None where no two can meet.
 
     Args:
-        scene: As it is described.
+        scene: The scene's description.
         limits: Its contact distances and tolerance.
-        model: Compiled from it.
+        model: The model compiled from it.
         bodies: Its deformable bodies.
         rigid: Its rigid bodies.
 
@@ -191,7 +191,7 @@ def contacts(
 def contact_limits(
     scene: SceneDescription, bodies: Sequence[Body], rigid: Sequence[RigidBody]
 ) -> ContactLimits:
-    """Return the contact distances and tolerance of a scene, defaults related to its thinnest moving body."""
+    """Return contact distances and tolerance of a scene; defaults depend on its thinnest moving body."""
     settings = scene.contact
     if None not in (settings.alarm_distance, settings.contact_distance, settings.tolerance):
         return settings.limits()
@@ -203,7 +203,7 @@ def thicknesses(
 ) -> dict[str, float]:
     """Return the least width in [m] of each body that may touch others, by name.
 
-    Left out are rigid bodies that the world carries, such as a floor, and flat ones.
+    Rigid bodies on the world, such as a floor, and flat bodies are not included.
     """
     touching = {each.body for each in scene.collisions}
     widths = {each.name: _least_width(each.outside.points) for each in bodies if each.name in touching}
@@ -214,7 +214,7 @@ def thicknesses(
 
 
 def _least_width(points: Array) -> float:
-    """Least width of points (n, 3) across a face of their convex hull; 0 where they lie in a plane."""
+    """Return the least width of points (n, 3) across a face of their convex hull; 0 if they are coplanar."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -224,9 +224,9 @@ def _least_width(points: Array) -> float:
 
 
 def _friction(scene: SceneDescription) -> Array:
-    """Coulomb coefficient of each pair of collision surfaces, shape (s, s).
+    """Return the Coulomb coefficient of each pair of collision surfaces, shape (s, s).
 
-    Of several entries that fit a pair, the last one counts.
+    If several entries fit a pair, the last one is used.
     """
     settings, collisions = scene.contact, scene.collisions
     friction = np.full((len(collisions),) * 2, settings.friction)
@@ -241,7 +241,7 @@ def _friction(scene: SceneDescription) -> Array:
 
 
 def _on_body(description: CollisionDescription, body: Body) -> tuple[SurfaceMesh, IndexArray, Array]:
-    """A surface that a deformable body carries, and the nodes and weights of its vertices, (v, 4) each."""
+    """Return a surface on a deformable body, and nodes and weights of its vertices, (v, 4) each."""
     if description.surface is not None:
         whole = read_surface(description.surface.file, description.surface.placement)
     elif description.faces is not None:
@@ -259,7 +259,7 @@ def _on_body(description: CollisionDescription, body: Body) -> tuple[SurfaceMesh
 
 
 def triangles_in(faces: str | None, body: Body) -> IndexArray:
-    """Triangles of a deformable body's boundary: all, or those of a group of faces of its file, shape (k, 3).
+    """Return boundary triangles of a deformable body, all or a group of faces of its file, shape (k, 3).
 
     Raises:
         SceneError: the mesh has no such group, or faces of it lie inside.
@@ -283,7 +283,7 @@ def triangles_in(faces: str | None, body: Body) -> IndexArray:
 
 
 def _chosen(description: CollisionDescription, surface: SurfaceMesh) -> SurfaceMesh:
-    """The triangles with all corners in one of the boxes, and only the points they use."""
+    """Return the triangles with all corners in one of the boxes, and only the points they use."""
     if description.surface is not None:
         surface = read_surface(description.surface.file, description.surface.placement)
     triangles = surface.triangles
@@ -306,7 +306,7 @@ def _chosen(description: CollisionDescription, surface: SurfaceMesh) -> SurfaceM
 def _carrier(
     thing: RigidBody, vertices: slice, points: Array, scene: SceneDescription, model: Model
 ) -> VertexCarrier:
-    """What carries the vertices of a rigid body's surface."""
+    """Return the carrier of the vertices of a rigid body's surface."""
     if thing.free >= 0:
         return VertexCarrier(vertices, points, rigid=thing.free)
     local = thing.position + points @ thing.rotation.T
@@ -326,17 +326,17 @@ def need_apart(
     when: str,
     owners: Container[int] | None = None,
 ) -> None:
-    """Refuse a state in which bodies overlap.
+    """Raise an error if bodies overlap.
 
     Args:
         contacts: The scene's surfaces.
-        state: Where they are.
-        scene: Its name counts.
+        state: Their state.
+        scene: The scene; its name is used in messages.
         when: For the message, such as "at the start".
         owners: Numbers of bodies, one of which must overlap; None: any.
 
     Raises:
-        SceneError: two do.
+        SceneError: two bodies overlap.
     """
     points, surfaces = contacts.points(state), contacts.surfaces
     near = contacts.near(points, contacts.settings.alarm_distance)

@@ -1,4 +1,4 @@
-"""Values of a scene that are hardly meant: most often a length, density or modulus in another unit."""
+"""Detection of implausible values in a scene: most often a length, density or modulus in another unit."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from softsim_core.scene.building.bodies import Body
 from softsim_core.scene.building.contact_builder import RigidBody, thicknesses
 
 SIZES = (1e-3, 3.0)
-"""Extents of bodies that are not warned of, in [m]."""
+"""Plausible extents of bodies in [m]."""
 
 DENSITIES = (50.0, 25_000.0)
-"""Densities that are not warned of, in [kg/m^3]: from foam to the heaviest metals."""
+"""Plausible densities in [kg/m^3]: from foam to the heaviest metals."""
 
 MODULI = (100.0, 1e12)
-"""Moduli that are not warned of, in [Pa]: from the softest gels to diamond."""
+"""Plausible moduli in [Pa]: from the softest gels to diamond."""
 
 ROUNDED = 1.001
-"""A distance may exceed a thickness by this factor: that of a round body is measured on its facets."""
+"""Factor by which a distance may exceed a thickness, which for round bodies is measured on facets."""
 
 
 def implausible(
@@ -31,13 +31,13 @@ def implausible(
     groups: Sequence[ElementGroup],
     rigid: Sequence[RigidBody],
 ) -> list[str]:
-    """Messages on values that are hardly meant.
+    """Return messages on implausible values.
 
     Args:
-        scene: As it is described.
+        scene: The scene's description.
         bodies: Its deformable bodies.
         groups: Their cells.
-        rigid: Its rigid bodies. What the world carries, such as a floor, may be of any size.
+        rigid: Its rigid bodies. Those on the world, such as a floor, may have any size.
     """
     found = [(f"body {each.name}", each.mesh.points) for each in bodies]
     found += [
@@ -111,7 +111,7 @@ def _moduli(scene: SceneDescription) -> list[str]:
 def _contact_distances(
     scene: SceneDescription, bodies: Sequence[Body], rigid: Sequence[RigidBody]
 ) -> list[str]:
-    """Distances that the scene names and that are too large for a body's thickness: defaults never are.
+    """Return messages on explicit distances that are too large for a body's thickness.
 
     The alarm distance is a margin of the search, so it may be somewhat larger than a body is thick.
     """

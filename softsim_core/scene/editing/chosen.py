@@ -1,4 +1,4 @@
-"""Which nodes the parts of a proposed scene choose: what a person sees at once while a region is moved."""
+"""Nodes that the parts of a proposed scene choose, for immediate display while a region is moved."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Chosen:
     """The nodes that a part chooses.
 
     Attributes:
-        part: Which part, as in `regions_of` without a number: "attachments/base", "joints/air".
+        part: The part, as in `regions_of` without a number: "attachments/base", "joints/air".
         body: Name of the body.
-        nodes: Their numbers within the body, ascending, shape (k,).
-        points: Where they are at rest in [m], shape (k, 3).
-        problem: Why the scene cannot run so; "": it can, as far as this part is concerned.
+        nodes: Ascending node numbers within the body, shape (k,).
+        points: Rest positions of the nodes in [m], shape (k, 3).
+        problem: Reason why the scene cannot run with this part; "": there is none.
     """
 
     part: str
@@ -44,20 +44,20 @@ class Chosen:
 
 
 class RestShapes:
-    """Bodies of proposed scenes at rest; a body is made anew only where its shape has changed."""
+    """Bodies of proposed scenes at rest; a body is rebuilt only if its shape has changed."""
 
     def __init__(self) -> None:
         self._made: dict[str, tuple[tuple[Any, ...], Body]] = {}
 
     def take(self, description: BodyDescription, body: Body) -> None:
-        """Know a body that has been made already."""
+        """Store a body that has already been built."""
         start = body.nodes.start
         nodes = slice(0, body.nodes.stop - start)
         own = replace(body, nodes=nodes, boundary=body.boundary - start)
         self._made[description.name] = (_shape(description), own)
 
     def body(self, description: BodyDescription) -> Body:
-        """A body, with its nodes numbered from 0.
+        """Return a body, with its nodes numbered from 0.
 
         Raises:
             MeshError: its mesh cannot be used.
@@ -73,7 +73,7 @@ class RestShapes:
 
 
 def chosen_by(scene: SceneDescription, shapes: RestShapes) -> list[Chosen]:
-    """What every attachment, added mass, collision surface and chamber of a scene chooses.
+    """Return the nodes of every attachment, added mass, collision surface and chamber of a scene.
 
     Raises:
         MeshError: a mesh cannot be used.
@@ -119,7 +119,7 @@ def _of_attachments(
 
 
 def _seen_by(scene: SceneDescription, attachment: AttachmentDescription, points: Array) -> Array:
-    """Points (n, 3) in the frame in which an attachment's region is given."""
+    """Transform points (n, 3) into the frame in which an attachment's region is given."""
     for joint in scene.joints:
         if joint.name == attachment.relative_to:
             turn = rotation_euler(np.radians(joint.base.rotation_deg))
@@ -138,7 +138,7 @@ def _chosen(part: str, body: Body, find: Callable[[], Any]) -> Chosen:
 
 
 def _touching(body: Body, boxes: Any, faces: str | None) -> IndexArray:
-    """Corners of triangles of a body's boundary: in one of some boxes, of a group of faces, or all."""
+    """Return corners of boundary triangles of a body: in one of some boxes, of a group of faces, or all."""
     triangles, points = triangles_in(faces, body), body.mesh.points
     if not boxes:
         return np.unique(triangles)
@@ -151,7 +151,7 @@ def _touching(body: Body, boxes: Any, faces: str | None) -> IndexArray:
 
 
 def _hollow(body: Body, joint: JointDescription) -> IndexArray:
-    """Nodes around a chamber."""
+    """Return the nodes around a chamber."""
     described, mesh = joint.actuator, body.mesh
     assert isinstance(described, ChamberDescription)
     if not isinstance(mesh, TetMesh):
@@ -168,7 +168,7 @@ def _on_a_line(points: Array) -> bool:
 
 
 def _shape(description: BodyDescription) -> tuple[Any, ...]:
-    """All that the nodes of a body depend on."""
+    """Return all values that the nodes of a body depend on."""
     material = description.material.values if description.rod is not None else None
     return (
         description.mesh,

@@ -1,8 +1,8 @@
-"""A scene's file while it is edited: its text with comments kept, undo and redo.
+"""A scene's file during editing: its text with comments, undo and redo.
 
-ruamel.yaml reads and writes the text with its comments, in its own layout. Of what it writes only those lines
-are taken that the edits change; all others are the file's own, byte for byte. What comes out is read again
-and compared with the edits carried out on plain data.
+ruamel.yaml reads and writes the text with its comments, in its own layout. Only the lines that the edits
+change are taken from its output; all other lines stay as they are, byte for byte. The result is read again
+and compared with the same edits on plain data.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from softsim_core.scene.editing.edits import Edit, Maker, carried_out
 from softsim_core.scene.io import load_yaml, parse_yaml, relative_to_file
 
 MOST_CHARACTERS: Final = 400_000
-"""A longer file is not edited."""
+"""A longer file cannot be edited."""
 
 FLOW_VALUES: Final = 8
-"""A new mapping or list with at most so many values in it stands on one line."""
+"""Largest number of values of a new mapping or list that is written on one line."""
 
 
 def edited(text: str, edits: Sequence[Edit], file: Path) -> str:
-    """A file's text after some edits.
+    """Return a file's text after some edits.
 
     Raises:
-        ConfigError: an edit fits nowhere, the file is too long, or an alias shares what is edited.
+        ConfigError: an edit fits nowhere, the file is too long, or an alias shares the edited part.
     """
     if len(text) > MOST_CHARACTERS:
         raise ConfigError(file, "", f"is longer than {MOST_CHARACTERS} characters; edit it by hand")
@@ -43,7 +43,7 @@ def edited(text: str, edits: Sequence[Edit], file: Path) -> str:
 
 
 def rebased(text: str, file: Path, files: Collection[Path]) -> str:
-    """A file's text for another folder: relative paths in it that lead to one of `files` become absolute.
+    """Return a file's text for another folder: relative paths that lead to one of `files` become absolute.
 
     Raises:
         ConfigError: as `edited`.
@@ -65,7 +65,7 @@ def rebased(text: str, file: Path, files: Collection[Path]) -> str:
 
 
 def _changed(text: str, file: Path, change: Callable[[Any, Maker], None]) -> str:
-    """A text after a change, which is carried out on plain data, too, and has to come to the same."""
+    """Apply a change to the text and to plain data, and check that both agree."""
     expected = _unshared(parse_yaml(text, file))
     change(expected, _Plain())
     writer = _Writer(text, file)
@@ -83,7 +83,7 @@ def _changed(text: str, file: Path, change: Callable[[Any, Maker], None]) -> str
 
 
 class _Plain:
-    """Makes parts of plain data, of which nothing is shared."""
+    """Maker of plain data, in which nothing is shared."""
 
     def made(self, value: Any) -> Any:
         return _unshared(value)
@@ -116,13 +116,13 @@ class _Writer:
             ) from error
 
     def written(self) -> str:
-        """The tree as text."""
+        """Return the tree as text."""
         stream = io.StringIO()
         self._yaml.dump(self.tree, stream)
         return stream.getvalue()
 
     def made(self, value: Any) -> Any:
-        """Plain data as nodes: small ones on one line."""
+        """Convert plain data to nodes: small ones on one line."""
         if isinstance(value, Mapping):
             pairs = {self._quoted(key): self.made(each) for key, each in value.items()}
             node = self._comments.CommentedMap(pairs)
@@ -137,7 +137,7 @@ class _Writer:
         return node
 
     def own(self, at: Any, key: Any) -> Any:
-        """What is under a key; where an alias or a merge key shares it, a copy takes its place."""
+        """Return the value of a key; if an alias or a merge key shares it, replace it by a copy first."""
         found: Any = at[key]
         is_map = isinstance(at[key], dict)
         if (is_map or isinstance(at[key], list)) and _holders(self.tree, found) > 1:
@@ -148,14 +148,14 @@ class _Writer:
         return found
 
     def _quoted(self, value: Any) -> Any:
-        """Text that would be read as something else in quotes; other values as they are."""
+        """Quote text that would be read as another type; return other values unchanged."""
         if isinstance(value, str) and _is_misread(value):
             return self._strings.DoubleQuotedScalarString(value)
         return value
 
 
 def _holders(tree: Any, wanted: Any) -> int:
-    """In how many places of a tree something stands."""
+    """Return the number of places of an object in a tree."""
     count, seen, left = 0, set[int](), [tree]
     while left:
         at = left.pop()
@@ -170,7 +170,7 @@ def _holders(tree: Any, wanted: Any) -> int:
 
 
 def _is_misread(text: str) -> bool:
-    """Whether YAML 1.1 takes bare text for something else: a number, a truth value, a date, nothing."""
+    """Return whether YAML 1.1 reads bare text as another type: a number, a truth value, a date, nothing."""
     yaml = importlib.import_module("yaml")
     loader = yaml.SafeLoader("")
     tag: str = loader.resolve(yaml.ScalarNode, text, (True, False))
@@ -178,7 +178,7 @@ def _is_misread(text: str) -> bool:
 
 
 def _float(representer: Any, value: float) -> Any:
-    """A number as YAML 1.1 takes it for one: with a point in it."""
+    """Represent a number as YAML 1.1 requires it: with a decimal point."""
     mantissa, mark, exponent = repr(value).partition("e")
     if not mark:
         return representer.represent_float(value)
@@ -187,14 +187,14 @@ def _float(representer: Any, value: float) -> Any:
 
 
 def _count(value: Any) -> int:
-    """How many single values some plain data hold."""
+    """Return the number of single values in plain data."""
     if isinstance(value, Mapping):
         return sum(map(_count, value.values()))
     return sum(map(_count, value)) if isinstance(value, list | tuple) else 1
 
 
 def taken_over(text: str, before: str, after: str) -> str:
-    """The changes from `before` to `after` carried over to `text`, which says what `before` says."""
+    """Apply the changes from `before` to `after` to `text`, which has the same content as `before`."""
     own, base, new = (each.splitlines(keepends=True) for each in (text, before, after))
     if own and not own[-1].endswith("\n"):
         own[-1] += "\n"
@@ -209,7 +209,7 @@ def taken_over(text: str, before: str, after: str) -> str:
         last = len(own) if end == len(base) else place[end]
         replaced = own[first:last]
         while not replaced and lines and first > done and _is_beside(own[first - 1], lines[0]):
-            first -= 1  # what is added stands before the remarks on what follows
+            first -= 1  # insert before the comments on the following lines
         moved = own[first:last] if not replaced else _remarks_after(replaced, lines)
         result += [*own[done:first], *lines, *moved]
         done = last
@@ -217,7 +217,7 @@ def taken_over(text: str, before: str, after: str) -> str:
 
 
 def _hunks(base: list[str], new: list[str], place: Mapping[int, int]) -> list[tuple[int, int, list[str]]]:
-    """Where `new` differs: begin and end in `base`, both by lines with a `place`, and what stands there."""
+    """Return differences of `new`: begin and end in `base`, at lines with a `place`, and new lines."""
     found: list[tuple[int, int, int, int]] = []
     for tag, a, b, c, d in SequenceMatcher(None, base, new, autojunk=False).get_opcodes():
         if tag == "equal":
@@ -234,7 +234,7 @@ def _hunks(base: list[str], new: list[str], place: Mapping[int, int]) -> list[tu
 
 
 def _remarks_after(replaced: list[str], lines: list[str]) -> list[str]:
-    """Remarks at the end of lines that go: they are about what follows, and stay."""
+    """Return comments at the end of removed lines: they belong to the following lines, and stay."""
     kept: list[str] = []
     for line in reversed(replaced):
         if not (_is_remark(line) or not line.strip()) or (lines and line == lines[-1]):
@@ -244,7 +244,7 @@ def _remarks_after(replaced: list[str], lines: list[str]) -> list[str]:
 
 
 def _is_beside(line: str, added: str) -> bool:
-    """Whether a line is a remark, or empty, and stands further out than what is added after it."""
+    """Return whether a line is empty or a comment, with less indentation than the lines added after it."""
     return not line.strip() or (_is_remark(line) and _indent(line) < _indent(added))
 
 
@@ -264,14 +264,14 @@ def _reads_as(text: str, expected: Any, file: Path) -> bool:
 
 
 def _unshared(value: Any) -> Any:
-    """Plain data without parts in common."""
+    """Return plain data without shared parts."""
     if isinstance(value, Mapping):
         return {key: _unshared(each) for key, each in value.items()}
     return [_unshared(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 MOST_UNDONE: Final = 500
-"""So many changes can be undone."""
+"""Number of changes that can be undone."""
 
 
 class Proposal(NamedTuple):
@@ -282,18 +282,18 @@ class Proposal(NamedTuple):
 
 
 class SceneDocument:
-    """The text of a scene's YAML file, changed by edits; nothing is written here.
+    """The text of a scene's YAML file with edits; nothing is written to disk here.
 
-    Every change is checked as a file is that is loaded: one that describes no scene is refused and changes
-    nothing.
+    Every change is checked like a loaded file. A change that does not yield a scene is rejected and has no
+    effect.
 
     Args:
         file: The file.
-        text: What it holds now.
+        text: Its present content.
 
     Attributes:
         file: The file.
-        saved: What it holds, as far as it is known here.
+        saved: Its content as far as it is known here.
 
     Raises:
         ConfigError: the text describes no scene.
@@ -307,12 +307,12 @@ class SceneDocument:
 
     @property
     def text(self) -> str:
-        """The file as it is proposed."""
+        """The proposed text of the file."""
         return self._states[self._at].text
 
     @property
     def robot(self) -> RobotDescription:
-        """The scene of that text."""
+        """The robot described by the proposed text."""
         return self._states[self._at].robot
 
     @property
@@ -322,16 +322,16 @@ class SceneDocument:
 
     @property
     def undoable(self) -> int:
-        """How many changes can be undone."""
+        """Number of changes that can be undone."""
         return self._at
 
     @property
     def redoable(self) -> int:
-        """How many changes that were undone can be done again."""
+        """Number of undone changes that can be redone."""
         return len(self._states) - 1 - self._at
 
     def proposed(self, edits: Sequence[Edit]) -> Proposal:
-        """What `change` would make of it.
+        """Return the result of `change` without applying it.
 
         Raises:
             ConfigError: as `change`.
@@ -343,20 +343,21 @@ class SceneDocument:
         return Proposal(text, robot)
 
     def change(self, edits: Sequence[Edit], stroke: str = "") -> None:
-        """Carry out edits, which are undone together.
+        """Apply edits, which are undone together.
 
         Args:
-            edits: What to change, in this order.
-            stroke: Changes in a row with the same stroke, such as those of a handle that is dragged, are
-                undone together; empty: this one is undone alone.
+            edits: The changes, in this order.
+            stroke: Consecutive changes with the same stroke, such as those of a dragged handle, are undone
+                together;
+                empty: this one is undone alone.
 
         Raises:
-            ConfigError: they fit nowhere, or what they make is no scene; nothing has changed.
+            ConfigError: they fit nowhere, or the result is no scene; nothing has changed.
         """
         self.take(self.proposed(edits), stroke)
 
     def take(self, proposal: Proposal, stroke: str = "") -> None:
-        """Go on with what `proposed` returned."""
+        """Make a result of `proposed` the current proposal."""
         if proposal.text == self.text:
             return
         goes_on = bool(stroke) and stroke == self._stroke and self._at == len(self._states) - 1 > 0
@@ -366,15 +367,15 @@ class SceneDocument:
         self._at, self._stroke = len(self._states) - 1, stroke
 
     def note_saved(self, file: Path | None = None) -> None:
-        """The proposal was written into its file, or into another one, which is edited from now on."""
+        """Record that the proposal was saved to its file, or to another one, which is edited from now on."""
         self.file, self.saved = file or self.file, self.text
 
     def undo(self) -> bool:
-        """Take the last change back; whether there was one."""
+        """Undo the last change; return whether there was one."""
         return self._move(-1)
 
     def redo(self) -> bool:
-        """Do what was undone last again; whether there was something."""
+        """Redo the last undone change; return whether there was one."""
         return self._move(1)
 
     def _move(self, steps: int) -> bool:

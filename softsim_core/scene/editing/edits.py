@@ -1,4 +1,4 @@
-"""Single edits of a scene's file: a value put somewhere, or a key or an item taken out."""
+"""Single edits of a scene's file: set a value, or remove a key or an item."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ EDITED_KEYS: Final = (
     "poses",
     "keys",
 )
-"""Keys at the top of a scene's file that edits may change; name, board and the like are the file's own."""
+"""Top-level keys of a scene's file that edits may change; name, board and the like may not be edited."""
 
 MOST_STEPS: Final = 12
 MOST_DEPTH: Final = 8
-"""Values are nested no deeper."""
+"""Largest nesting depth of values."""
 
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """A value put in the place of another one, or where there is none; see `carried_out`.
+    """Set a value, whether or not one exists; see `carried_out`.
 
     Attributes:
-        steps: From the scene to the value; an `Item` that a list does not have is added at its end.
-        value: Plain data as a file holds them.
+        steps: From the scene to the value; an `Item` that a list does not contain is appended to it.
+        value: Plain data as in a file.
     """
 
     steps: Steps
@@ -46,7 +46,7 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Remove:
-    """A key of a mapping, or an item of a list, taken out.
+    """Remove a key of a mapping, or an item of a list.
 
     Attributes:
         steps: From the scene to it.
@@ -59,28 +59,28 @@ Edit: TypeAlias = "Put | Remove"
 
 
 class Maker(Protocol):
-    """What makes parts of a tree."""
+    """Factory of the parts of a tree."""
 
     def made(self, value: Any) -> Any:
-        """Plain data as a part of the tree."""
+        """Convert plain data to a part of the tree."""
 
     def own(self, at: Any, key: Any) -> Any:
-        """What a mapping or list holds under a key, and nothing else does: no alias shares it."""
+        """Return the value of a key in a mapping or list, unshared by any alias."""
 
 
 def carried_out(tree: Any, edit: Edit, maker: Maker) -> None:
-    """Change a file's data, in place.
+    """Apply an edit to a file's data, in place.
 
-    What stays keeps its own objects, and with them its comments: mappings are changed key by key and lists
-    item by item, not replaced.
+    Unchanged parts stay the same objects, which preserves their comments: mappings are changed key by key and
+    lists item by item, not replaced.
 
     Args:
-        tree: Mapping of the file, plain or of a reader that keeps comments.
-        edit: What to change.
-        maker: Makes what goes into the tree.
+        tree: Mapping of the file, plain or of a reader that preserves comments.
+        edit: The change.
+        maker: Factory of the new parts of the tree.
 
     Raises:
-        ConfigError: the steps lead through something else, or to nothing that could be taken out.
+        ConfigError: the steps lead through another type, or to nothing that could be removed.
     """
     steps = edit.steps
     _check_steps(steps)
@@ -104,21 +104,21 @@ def _check_steps(steps: Steps) -> None:
 
 
 def _check_value(value: Any, where: str, depth: int) -> None:
-    """Refuse what no file holds, and numbers that are none."""
+    """Reject values that no file can contain, and NaN."""
     if depth > 0 and isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
         for key, each in value.items():
             _check_value(each, f"{where}.{key}", depth - 1)
     elif depth > 0 and isinstance(value, list | tuple):
         for number, each in enumerate(value):
             _check_value(each, f"{where}[{number}]", depth - 1)
-    elif not (value is None or isinstance(value, str | bool | int | float)) or value != value:  # not a number
+    elif not (value is None or isinstance(value, str | bool | int | float)) or value != value:  # NaN
         raise ConfigError(
             "edit", where, "is no value that a file can hold; give text, numbers, lists or mappings"
         )
 
 
 def _below(at: Any, step: str | Item, following: str | Item, where: str, maker: Maker) -> Any:
-    """What lies a step further; made where there is nothing yet."""
+    """Return the value one step further; create it if it does not exist."""
     if isinstance(step, Item):
         index = index_of(at, step.name, where)
         if index is None:
@@ -158,7 +158,7 @@ def _remove(at: Any, last: str | Item, where: str) -> None:
 
 
 def laid(old: Any, new: Any, maker: Maker) -> Any:
-    """`old` changed in place to hold `new`; what cannot be changed so is replaced."""
+    """Change `old` in place to the content of `new`; replace it if that is impossible."""
     if isinstance(old, dict) and isinstance(new, Mapping):
         for key in [key for key in old if key not in new]:
             del old[key]
@@ -175,7 +175,7 @@ def laid(old: Any, new: Any, maker: Maker) -> Any:
 
 
 def index_of(items: Any, name: str, where: str) -> int | None:
-    """Place of the item of this name in a list; None: there is none.
+    """Return the index of the item of this name in a list; None: there is none.
 
     Raises:
         ConfigError: it is no list.
@@ -192,7 +192,7 @@ def _need_mapping(at: Any, where: str) -> None:
 
 
 def _written(steps: Sequence[str | Item]) -> str:
-    """Steps as people write them: joints.cable.limits."""
+    """Format steps as in joints.cable.limits."""
     names = (step.name if isinstance(step, Item) else step for step in steps[:MOST_STEPS])
     path: KeyPath = tuple(shortened(name) for name in names)
     return key_path(path)

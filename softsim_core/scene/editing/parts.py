@@ -17,7 +17,7 @@ from softsim_core.scene.editing.edits import Edit, Put, Remove
 from softsim_core.scene.io import Item, Steps
 
 DIGITS: Final = 7
-"""Places and sizes are written to so many digits after the point, in [m]."""
+"""Digits after the decimal point of written positions and sizes in [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +25,11 @@ class Region:
     """A box or a sphere that chooses nodes of a body.
 
     Attributes:
-        part: What it belongs to, such as "attachments/base".
+        part: Its owner, such as "attachments/base".
         body: Name of the body.
-        shape: Where it is, in the coordinates of `frame`.
-        steps: Where it is written; of a list without names the steps to the list.
-        index: Its place in that list; None: it is written by itself.
+        shape: The shape, in the coordinates of `frame`.
+        steps: Steps to it in the file; for a list without names the steps to the list.
+        index: Its index in that list; None: it is not in a list.
         frame: Frame of its coordinates in the world (scale not used).
     """
 
@@ -53,16 +53,16 @@ class Region:
         return np.asarray(turned + np.array(self.frame.translation))
 
     def in_world(self, points: Array) -> Array:
-        """Points (..., 3) in its coordinates, in the world."""
+        """Transform points (..., 3) from its coordinates to the world."""
         return np.asarray(points @ _turn(self.frame.rotation_deg).T + np.array(self.frame.translation))
 
     def contains(self, place: Array) -> bool:
-        """Whether a place (3,) in the world in [m] lies in it."""
+        """Return whether a world position (3,) in [m] lies in it."""
         local = _turn(self.frame.rotation_deg).T @ (place - np.array(self.frame.translation))
         return bool(len(nodes_in(self.shape, local[None])))
 
     def at(self, center: Array) -> Box | Sphere:
-        """The same shape with its centre (3,) elsewhere in the world, in [m]."""
+        """Return the same shape with its centre (3,) at another position in the world, in [m]."""
         local = _turn(self.frame.rotation_deg).T @ (center - np.array(self.frame.translation))
         if isinstance(self.shape, Sphere):
             return Sphere(center=_vector(local), radius=self.shape.radius)
@@ -70,9 +70,10 @@ class Region:
 
 
 def regions_of(scene: SceneDescription) -> dict[str, Region]:
-    """All boxes and spheres of a scene, by the part that each belongs to.
+    """Return all boxes and spheres of a scene, by the part that each belongs to.
 
-    Parts with several, such as collision surfaces, have their number behind a hash: "collisions/skin#1".
+    The number of a region in a part with several, such as a collision surface, follows a hash:
+    "collisions/skin#1".
     """
     frames = {joint.name: joint.base for joint in scene.joints}
     found: list[Region] = []
@@ -99,7 +100,7 @@ def regions_of(scene: SceneDescription) -> dict[str, Region]:
 
 
 def reshaped(scene: SceneDescription, region: Region, shape: Box | Sphere) -> Put:
-    """The edit that gives a region of a scene another shape of the same kind."""
+    """Return the edit that replaces a region's shape by another one of the same kind."""
     if region.index is None:
         return Put(region.steps, plain_shape(shape))
     if region.steps[-1] == "boxes":
@@ -115,7 +116,7 @@ def reshaped(scene: SceneDescription, region: Region, shape: Box | Sphere) -> Pu
 
 
 def plain_masses(scene: SceneDescription, body: str) -> list[dict[str, Any]]:
-    """What parts of a body carry, as a file says it.
+    """Return the added masses of a body in the form of a file.
 
     Raises:
         SceneError: there is no such body.
@@ -135,7 +136,7 @@ def plain_masses(scene: SceneDescription, body: str) -> list[dict[str, Any]]:
 
 
 def plain_shape(shape: Box | Sphere) -> dict[str, Any]:
-    """A box or a sphere as a file says it."""
+    """Return a box or a sphere in the form of a file."""
     if isinstance(shape, Sphere):
         return {"center": plain_vector(shape.center), "radius": round(shape.radius, DIGITS)}
     plain: dict[str, Any] = {"center": plain_vector(shape.center), "size": plain_vector(shape.size)}
@@ -145,12 +146,12 @@ def plain_shape(shape: Box | Sphere) -> dict[str, Any]:
 
 
 def plain_vector(values: Any) -> list[float]:
-    """Three numbers in [m] as a file says them."""
+    """Return three numbers in [m] in the form of a file."""
     return [round(float(value), DIGITS) + 0.0 for value in values]
 
 
 def shape_of(plain: Mapping[str, Any]) -> Box | Sphere:
-    """The box or sphere of what `plain_shape` made."""
+    """Return the box or sphere of a result of `plain_shape`."""
     if "radius" in plain:
         return Sphere(center=_vector(plain["center"]), radius=float(plain["radius"]))
     turned = _vector(plain.get("rotation_deg", (0.0, 0.0, 0.0)))
@@ -172,7 +173,7 @@ Edits = tuple[Edit, ...]
 def add_attachment(
     robot: RobotDescription, body: str, shape: Box | Sphere, to: Literal["world", "free"]
 ) -> tuple[str, Edits]:
-    """A region that is held still, or that is a rigid frame; returns its part and the edits."""
+    """Return part name and edits that add a fixed region, or a region that is a rigid frame."""
     names = [each.name for each in robot.scene.attachments]
     name = _free("fixed" if to == "world" else "rigid", names)
     item: dict[str, Any] = {"name": name, "body": body, "to": to, _key(shape): plain_shape(shape)}
@@ -184,7 +185,10 @@ def add_attachment(
 def add_cable(
     robot: RobotDescription, body: str, pull_point: Vector, points: Sequence[Vector], most: float
 ) -> tuple[str, Edits]:
-    """A cable from a place in the world through points of a body; it can be shortened by `most` in [m]."""
+    """Return part name and edits that add a cable from a world position through points of a body.
+
+    The cable can be shortened by `most` in [m].
+    """
     cable = {
         "body": body,
         "points": [plain_vector(point) for point in points],
@@ -197,7 +201,10 @@ def add_cable(
 def add_chamber(
     robot: RobotDescription, body: str, most: float, inside: Vector | None = None
 ) -> tuple[str, Edits]:
-    """The hollow of a body as a chamber of up to `most` in [Pa]; of several hollows that around `inside`."""
+    """Return part name and edits that make a body's cavity a chamber of up to `most` in [Pa].
+
+    Of several cavities, the one around `inside` is used.
+    """
     chamber: dict[str, Any] = {"body": body, "control": "pressure"}
     if inside is not None:
         chamber["inside"] = plain_vector(inside)
@@ -206,7 +213,7 @@ def add_chamber(
 
 
 def add_collision(robot: RobotDescription, body: str, box: Box | None = None) -> tuple[str, Edits]:
-    """A surface of a body that touches others: that in a box, or all of it."""
+    """Return part name and edits that add a contact surface of a body, in a box or all of it."""
     name = _free(f"{body}_skin", [each.name for each in robot.scene.collisions])
     item: dict[str, Any] = {"name": name, "body": body}
     if box is not None:
@@ -216,7 +223,7 @@ def add_collision(robot: RobotDescription, body: str, box: Box | None = None) ->
 
 
 def add_mass(robot: RobotDescription, body: str, shape: Box | Sphere, mass: float) -> tuple[str, Edits]:
-    """Mass in [kg] that the nodes of a region carry."""
+    """Return part name and edits that add a mass in [kg] to the nodes of a region."""
     masses = plain_masses(robot.scene, body)
     added = {"mass": mass, _key(shape): plain_shape(shape)}
     steps = ("bodies", Item(body), "added_masses")
@@ -224,7 +231,7 @@ def add_mass(robot: RobotDescription, body: str, shape: Box | Sphere, mass: floa
 
 
 def route(robot: RobotDescription, name: str, points: Sequence[Vector]) -> Edits:
-    """Other points of a cable, in the world in [m]."""
+    """Return the edits that set the points of a cable, in the world in [m]."""
     cable = _cable(robot, name)
     at = ("joints", Item(name), "cable")
     edits: list[Edit] = [Put((*at, "points"), [plain_vector(point) for point in points])]
@@ -235,7 +242,7 @@ def route(robot: RobotDescription, name: str, points: Sequence[Vector]) -> Edits
 
 
 def routed_points(robot: RobotDescription, name: str) -> list[Vector]:
-    """The points of a cable in the world in [m], from the pulled end on.
+    """Return the points of a cable in the world in [m], beginning at the pulled end.
 
     Raises:
         SceneError: it is no cable, or its file cannot be read.
@@ -244,10 +251,10 @@ def routed_points(robot: RobotDescription, name: str) -> list[Vector]:
 
 
 def remove(robot: RobotDescription, part: str) -> Edits:
-    """A part taken out, as `regions_of` and the like name it: "attachments/base", "collisions/skin#1".
+    """Return the edits that remove a part, named as in `regions_of`: "attachments/base", "collisions/skin#1".
 
     Raises:
-        SceneError: no such part, or one that is not taken out so.
+        SceneError: no such part, or one that cannot be removed in this way.
     """
     scene = robot.scene
     path, _, number = part.partition("#")
@@ -273,7 +280,7 @@ def remove(robot: RobotDescription, part: str) -> Edits:
 
 
 def _add_joint(robot: RobotDescription, kind: str, contents: dict[str, Any]) -> tuple[str, Edits]:
-    """A joint of an actuator at the end of the list; every pose has it at 0."""
+    """Return name and edits that append an actuator's joint; every pose has it at 0."""
     name = _free(kind, robot.joint_names)
     edits: list[Edit] = [Put(("joints", Item(name)), {"name": name, "kind": kind, **contents})]
     edits += [Put(("poses", pose), [*values, 0.0]) for pose, values in robot.poses.items()]
@@ -281,7 +288,7 @@ def _add_joint(robot: RobotDescription, kind: str, contents: dict[str, Any]) -> 
 
 
 def _remove_joint(robot: RobotDescription, name: str) -> Edits:
-    """The joint, its number in every pose, and the keys that drive nothing else."""
+    """Return the edits that remove the joint, its number in every pose, and keys for this joint alone."""
     place = robot.joint_names.index(name)
     edits: list[Edit] = [Remove(("joints", Item(name)))]
     for pose, values in robot.poses.items():
@@ -304,7 +311,7 @@ def _cable(robot: RobotDescription, name: str) -> CableDescription:
 
 
 def _free(name: str, taken: Iterable[str]) -> str:
-    """The name, or the first with a number behind it that is not taken."""
+    """Return the name, or the first one with a number appended that is not taken."""
     used = set(taken)
     return name if name not in used else next(other for n in count(2) if (other := f"{name}_{n}") not in used)
 

@@ -1,4 +1,4 @@
-"""Scenes that others may ask a running process for: by known names only, and whose code may run."""
+"""Catalogue of scenes that others may request from a running process: known names only, with code rules."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from softsim_core.scene.io.loaders import load_python, load_yaml
 from softsim_core.scene.io.programs import ANY_PROGRAM, ProgramRule, limited_to
 
 MOST_NAMES: Final = 10
-"""A message lists at most so many names."""
+"""Largest number of names in a message."""
 
 MOST_FILES: Final = 200
-"""Of a folder at most so many scenes are known."""
+"""Largest number of known scenes per folder."""
 
 MOST_ENTRIES: Final = 20000
-"""Of a folder at most so many entries are looked at."""
+"""Largest number of entries read per folder."""
 
 LONGEST_NAME: Final = 60
-"""So many characters of a name are shown in a message."""
+"""Largest number of characters of a name in a message."""
 
 HEAD_BYTES: Final = 65536
 _MARKS: Final = {
     True: re.compile(rb"^def create_scene\(", re.MULTILINE),
     False: re.compile(rb"^(arm|bodies|rigid_bodies|extends)\s*:", re.MULTILINE),
 }
-"""What tells a scene from another file of an allowed folder: in Python files, and in YAML files."""
+"""Text that marks a scene in an allowed folder, for Python files and for YAML files."""
 
 
 class SceneCatalog:
-    """The scenes that can be asked for over ROS, by a bag or from a page: names, never paths.
+    """The scenes that can be requested over ROS, by a bag or from a page: names, never paths.
 
-    Known are the scenes of the config roots, those that the start command named, and those that lie in a
-    folder whose code it allowed; what else lies where it was given is not looked at. A Python scene is a
-    program, and so is a xacro file that a scene names: they run where the scene belongs to the installation,
-    was named by the start command, or lies in a folder whose code is allowed.
+    Known scenes are those of the config roots, those named by the start command, and those in a folder whose
+    code it allowed; other files in the folder of a named scene are ignored. A Python scene is a program, and
+    so is a xacro file that a scene names. Programs run only if the scene belongs to the installation, was
+    named by the start command, or lies in a folder whose code is allowed.
 
     Args:
         named: Names and files of the scenes that the start command named.
-        code_folders: Folders whose Python scenes may run, with all below them.
-        start_folder: Where the process was started; None: the working directory.
+        code_folders: Folders whose Python scenes may run, including everything below.
+        start_folder: Folder in which the process was started; None: the working directory.
 
     Attributes:
         start_folder: That folder, into which copies are written; None: it was removed.
@@ -63,7 +63,7 @@ class SceneCatalog:
         self.start_folder = _working_directory() if start_folder is None else start_folder.absolute()
 
     def scenes(self) -> dict[str, Path]:
-        """Names and files of every known scene, sorted by name."""
+        """Return names and files of every known scene, sorted by name."""
         known = known_scenes()
         for name, file in self._named.items():
             known.setdefault(name, file)
@@ -72,11 +72,11 @@ class SceneCatalog:
         return dict(sorted(known.items()))
 
     def names(self) -> tuple[str, ...]:
-        """Names of the scenes that can be loaded."""
+        """Return the names of the scenes that can be loaded."""
         return tuple(name for name, file in self.scenes().items() if self.rule_of(file).allows(file))
 
     def find(self, name: str) -> Path:
-        """The file of a known scene.
+        """Return the file of a known scene.
 
         Raises:
             ConfigError: no scene of that name is known, or its code may not run.
@@ -100,7 +100,7 @@ class SceneCatalog:
         return known[name].absolute()
 
     def load(self, name: str, overrides: Mapping[str, Any] | None = None) -> RobotDescription:
-        """A known scene, with overrides as `load_scene` takes them.
+        """Load a known scene, with overrides as `load_scene` takes them.
 
         Raises:
             ConfigError: as `find`, and any problem in the file.
@@ -110,31 +110,31 @@ class SceneCatalog:
             return load_python(file, overrides) if file.suffix == ".py" else load_yaml(file, overrides)
 
     def rule_of(self, file: Path) -> ProgramRule:
-        """Which programs run with a known scene: all that it names, if its own file is trusted."""
+        """Return which programs run with a known scene: all that it names, if its own file is trusted."""
         rule = ProgramRule(self._code_folders)
         return ANY_PROGRAM if file.absolute() in self._named.values() or rule.trusts(file) else rule
 
 
 def folders_of(text: str) -> list[str]:
-    """The folders of a list that is written as $PATH is; empty text is none."""
+    """Split a list of folders that is written like $PATH; empty text is an empty list."""
     return [each for each in text.split(os.pathsep) if each]
 
 
 def shortened(text: str, most: int = LONGEST_NAME) -> str:
-    """Text of others for a message: without control characters, of at most `most` characters."""
+    """Return foreign text for a message: without control characters, of at most `most` characters."""
     plain = "".join(each if each.isprintable() else "?" for each in text[: most + 1])
     return plain if len(plain) <= most else f"{plain[: most - 3]}..."
 
 
 def names_up_to(most: int, names: Iterable[str]) -> str:
-    """Names for a message: the first ones, and how many there are besides."""
+    """Return names for a message: the first ones, and the number of further ones."""
     every = [shortened(name) for name in names]
     more = f" and {len(every) - most} more" if len(every) > most else ""
     return f"{listing(every[:most])}{more}"
 
 
 def _working_directory() -> Path | None:
-    """The working directory; None where it was removed."""
+    """Return the working directory; None if it was removed."""
     try:
         return Path.cwd()
     except OSError:
@@ -142,7 +142,7 @@ def _working_directory() -> Path | None:
 
 
 def code_folder(path: str | os.PathLike[str]) -> Path:
-    """A folder whose code is allowed.
+    """Return a folder whose code is allowed.
 
     Raises:
         ConfigError: there is none.
@@ -157,7 +157,7 @@ def code_folder(path: str | os.PathLike[str]) -> Path:
 
 
 def _add(known: dict[str, Path], folder: Path, files: Iterable[Path]) -> None:
-    """Add the scenes among some files of a folder, where their names are free."""
+    """Add the scenes among some files of a folder if their names are free."""
     try:
         entries = itertools.islice(files, MOST_ENTRIES)
         found = sorted(each for each in entries if each.suffix in SUFFIXES and each.name[0] != "_")
@@ -170,7 +170,7 @@ def _add(known: dict[str, Path], folder: Path, files: Iterable[Path]) -> None:
 
 
 def _is_scene(file: Path) -> bool:
-    """Whether an ordinary file looks like a scene from its beginning."""
+    """Return whether the beginning of an ordinary file looks like a scene."""
     try:
         if not file.is_file():
             return False

@@ -1,4 +1,4 @@
-"""Files of robots and scenes: how they are found, which values name files, what is generated."""
+"""Files of robots and scenes: search paths, values that name files, and generated text."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from softsim_core.scene.arm import ArmDescription
 Kind: TypeAlias = Literal["robots", "scenes"]
 KINDS: tuple[Kind, ...] = ("robots", "scenes")
 SUFFIXES = (".yaml", ".yml", ".py")
-"""File types a scene may have, in order of preference."""
+"""File types of scenes, in order of preference."""
 
 
 def config_roots() -> list[Path]:
-    """Existing `configs` folders, best first: the entries of $SOFTSIM_CONFIG_PATH, then `installed_roots`."""
+    """Return existing `configs` folders, best first: $SOFTSIM_CONFIG_PATH, then `installed_roots`."""
     own = [root for root in _paths_of("SOFTSIM_CONFIG_PATH") if root.is_dir()]
     return list(dict.fromkeys([*own, *installed_roots()]))
 
 
 def installed_roots() -> list[Path]:
-    """Existing `configs` folders that came with the suite, best first.
+    """Return existing `configs` folders of the installation, best first.
 
     `configs/` beside the package (a checkout, also through symlinked packages);
     `share/softsim_bringup/configs` under every prefix of $AMENT_PREFIX_PATH;
@@ -48,10 +48,10 @@ def installed_roots() -> list[Path]:
 
 
 def config_file(relative: str | os.PathLike[str]) -> Path:
-    """A file below one of the config roots, such as `meshes/tripod_low.vtk`.
+    """Return a file below one of the config roots, such as `meshes/tripod_low.vtk`.
 
     Raises:
-        ConfigError: no root holds it.
+        ConfigError: no root contains it.
     """
     roots = config_roots()
     for root in roots:
@@ -63,7 +63,7 @@ def config_file(relative: str | os.PathLike[str]) -> Path:
 
 
 def known_scenes(kind: Kind | None = None) -> dict[str, Path]:
-    """Names and files of the robots and scenes that can be loaded by name, sorted by name.
+    """Return names and files of the robots and scenes that can be loaded by name, sorted by name.
 
     Args:
         kind: Only robots or only scenes; None lists both (a robot hides a scene of the same name).
@@ -80,23 +80,23 @@ def known_scenes(kind: Kind | None = None) -> dict[str, Path]:
 
 
 def find_config(name_or_path: str | os.PathLike[str], kind: Kind | None = None) -> Path:
-    """The file of a robot or scene.
+    """Return the file of a robot or scene.
 
     Args:
         name_or_path: A path to a .yaml, .yml or .py file, or a name ("tripod", "parts/servo").
-        kind: Where a name is looked up; None: robots, then scenes.
+        kind: Kind of file to which a name refers; None: robots, then scenes.
 
     Returns:
         Absolute path of an existing file.
 
     Raises:
-        ConfigError: nothing found, or a path that is not a scene file; names what is known.
+        ConfigError: nothing found, or a path that is not a scene file; lists the known names.
     """
     text = os.fspath(name_or_path)
     try:
         path = Path(text).expanduser()
         is_file = path.is_file()
-    except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a zero in it
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a null byte
         raise ConfigError(f"{text:.60}", "", f"is neither a name nor a path ({error!s:.100})") from error
     if path.suffix in SUFFIXES and is_file:
         return path.absolute()
@@ -116,14 +116,14 @@ def _paths_of(variable: str) -> list[Path]:
 
 
 KEYS_OF_FILES: dict[str, Any] = {"extends": SceneName, "arm": ArmDescription}
-"""Keys at the top of a scene's file that are no field of its description, with their types."""
+"""Top-level keys of a scene's file that are no field of its description, with their types."""
 
 
 def file_names(data: Any, kind: Any = RobotDescription) -> Iterator[str]:
-    """Texts that name files in what a file gives for a description.
+    """Yield the texts that name files in the data of a description.
 
     Args:
-        data: Plain data, whole or a part; what does not fit its type is left to who makes descriptions of it.
+        data: Plain data, whole or a part; data that do not fit the type are ignored here.
         kind: Type of the description.
     """
     if kind in (Path, SceneName):
@@ -144,7 +144,7 @@ def file_names(data: Any, kind: Any = RobotDescription) -> Iterator[str]:
 
 
 def named_files(value: Any) -> set[Path]:
-    """Every file that a description names: all paths in it, wherever they stand."""
+    """Return every file that a description names: all paths in it, at any depth."""
     if isinstance(value, Path):
         return {value}
     if is_dataclass(value) and not isinstance(value, type):
@@ -159,7 +159,7 @@ def named_files(value: Any) -> set[Path]:
 
 
 def _keys(kind: type) -> Iterator[tuple[str, Any]]:
-    """Keys of a description in a file, each with its type, or with several where it is of several kinds."""
+    """Yield the keys of a description in a file, each with its type, or with several possible types."""
     if kind is RobotDescription:
         yield from KEYS_OF_FILES.items()
     if kind is SimulatedSensorDescription:
@@ -182,21 +182,21 @@ _hints = functools.cache(typing.get_type_hints)
 
 
 LONGEST: Final = 500
-"""Characters of a line of a comment at most."""
+"""Largest number of characters in a comment line."""
 
 
 def comment(*lines: str) -> str:
-    """Lines of a comment of YAML, Python or CSV files, whatever the texts hold."""
+    """Return the lines of a comment in YAML, Python or CSV files; the texts may contain anything."""
     return "".join(f"# {on_one_line(line)[:LONGEST]}\n" for line in lines)
 
 
 def on_one_line(text: str) -> str:
-    """Text without line breaks and other characters that are not printable."""
+    """Return text without line breaks and other characters that are not printable."""
     return "".join(each if each.isprintable() else " " for each in text)
 
 
 def scalar(text: str) -> str:
-    """Text as YAML reads it back where a value or a key stands, on one line."""
+    """Return text quoted for YAML as a value or a key on one line."""
     yaml = importlib.import_module("yaml")
     style = None if text.isprintable() else '"'
     dumped: str = yaml.safe_dump([text], default_flow_style=True, default_style=style, width=float("inf"))

@@ -1,4 +1,4 @@
-"""Values of the keys of scene files: single values, materials, sensors."""
+"""Conversion of values in scene files: single values, materials, sensors."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from softsim_core.scene import DEFAULT_LAW, MaterialDescription, law_parameters
 from softsim_core.scene.io.yaml_source import KeyPath, SourcedMapping
 
 Hook = Callable[[Any, Any], Any]
-"""What makes of plain data, and of the type that is wanted, a value."""
+"""Function that converts plain data to a value of the requested type."""
 
 
 class RefusedValue(Exception):  # noqa: N818  # no user meets it: it becomes a ConfigError
-    """A value that does not fit its key; `below` is the rest of the key path."""
+    """A value does not fit its key; `below` is the rest of the key path."""
 
     def __init__(self, problem: str, below: KeyPath = ()) -> None:
         self.problem, self.below = problem, below
@@ -30,7 +30,7 @@ class RefusedValue(Exception):  # noqa: N818  # no user meets it: it becomes a C
 
 
 def shown(value: Any) -> str:
-    """A value as a message shows it."""
+    """Format a value for a message."""
     if value is None:
         return "empty"
     if isinstance(value, Mapping):
@@ -40,7 +40,7 @@ def shown(value: Any) -> str:
 
 
 def as_number(value: Any, _: Any) -> float:
-    """A number, and not NaN."""
+    """Convert to a number that is not NaN."""
     if isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_):
         try:
             number = float(value)
@@ -59,49 +59,49 @@ def _number_hint(value: Any) -> str:
     except ValueError:
         return ""
     mantissa, _, exponent = repr(number).partition("e")
-    if exponent:  # YAML 1.1 wants a point and a signed exponent
+    if exponent:  # YAML 1.1 requires a point and a signed exponent
         mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
         exponent = f"e{exponent}" if exponent[0] in "+-" else f"e+{exponent}"
     return f", which YAML reads as text; write {mantissa}{exponent}"
 
 
 def as_whole_number(value: Any, _: Any) -> int:
-    """A whole number."""
+    """Convert to a whole number."""
     if isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_):
         return int(value)
     raise RefusedValue(f"must be a whole number, not {shown(value)}")
 
 
 def as_boolean(value: Any, _: Any) -> bool:
-    """True or false."""
+    """Convert to true or false."""
     if isinstance(value, bool):
         return value
     raise RefusedValue(f"must be true or false, not {shown(value)}")
 
 
 def as_text(value: Any, _: Any) -> str:
-    """A text."""
+    """Convert to text."""
     if isinstance(value, str):
         return value
     raise RefusedValue(f"must be text, not {shown(value)}" + ("" if value is None else "; quote it"))
 
 
 def as_path(value: Any, _: Any) -> Path:
-    """A path, whether or not there is such a file."""
+    """Convert to a path, which need not exist."""
     if isinstance(value, str | Path) and str(value):
         return Path(value)
     raise RefusedValue(f"must be a file path, not {shown(value)}")
 
 
 def as_instance(value: Any, cls: type) -> Any:
-    """An object as it is, which no file can give."""
+    """Return an existing object; files cannot contain one."""
     if isinstance(value, cls):
         return value
     raise RefusedValue(f"comes from Python scenes only, not {shown(value)}")
 
 
 def as_one_of(literal: Any) -> Hook:
-    """One of the values of a Literal."""
+    """Return a hook that accepts the values of a Literal."""
     allowed = typing.get_args(literal)
 
     def structure(value: Any, _: Any) -> Any:
@@ -114,14 +114,14 @@ def as_one_of(literal: Any) -> Hook:
 
 
 def as_threads(value: Any, _: Any) -> Any:
-    """A number of threads, or auto."""
+    """Convert to a number of threads, or auto."""
     if value != "auto" and (isinstance(value, bool) or not isinstance(value, int)):
         raise RefusedValue(f"must be auto or a whole number, not {value!r}")
     return value
 
 
 def refuse_unknown(value: Mapping[Any, Any], known: list[str], read_before: Sequence[str] = ()) -> None:
-    """Refuse a mapping with a key that is not known; the message lists those that were read before, too."""
+    """Reject a mapping with an unknown key; the message also lists the keys that were read before."""
     for key in value:
         if key not in known:
             allowed = known_names(key, [*known, *read_before], "known keys:", whole=True)
@@ -129,7 +129,7 @@ def refuse_unknown(value: Mapping[Any, Any], known: list[str], read_before: Sequ
 
 
 def material_structure(value: Any, _: Any) -> MaterialDescription:
-    """A material from the keys of its law, or from the name of a preset and what differs from it."""
+    """Build a material from the keys of its law, or from the name of a preset and its changes."""
     if isinstance(value, str):
         value = {"preset": value}
     if not isinstance(value, Mapping):
@@ -172,7 +172,7 @@ def material_structure(value: Any, _: Any) -> MaterialDescription:
 
 
 def _prony(value: Any) -> tuple[tuple[float, float], ...]:
-    """Shares and times of Prony terms."""
+    """Convert shares and times of Prony terms."""
     if not isinstance(value, list | tuple):
         raise RefusedValue(f"must be a list of terms with share and time, not {shown(value)}", ("prony",))
     terms = []
@@ -197,7 +197,7 @@ def _prony(value: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _preset_law(preset: Any, law: Any) -> str:
-    """The law of a preset's constants."""
+    """Return the law of a preset's constants."""
     if not isinstance(preset, str):
         raise RefusedValue(f"must be the name of a material, not {shown(preset)}", ("preset",))
     if law is not None and not isinstance(law, str):
@@ -217,10 +217,10 @@ KIND = "kind"
 
 
 def sensor_structure(structure: Callable[[Any, type], Any]) -> Callable[[Any, type], Any]:
-    """How the description of a sensor is made of plain data.
+    """Return the hook that builds the description of a sensor from plain data.
 
     Args:
-        structure: Makes a description of a type of plain data.
+        structure: Function that builds a description of a type from plain data.
     """
 
     def made(value: Any, base: type) -> Any:

@@ -57,7 +57,7 @@ def load_scene(
 
 
 ORIGIN = Path("overrides")
-"""What messages name instead of a file."""
+"""Name in messages in place of a file."""
 
 
 class Item(NamedTuple):
@@ -67,11 +67,11 @@ class Item(NamedTuple):
 
 
 Steps: TypeAlias = "tuple[str | Item, ...]"
-"""From the scene to one of its parts: ("joints", Item("servo_0"), "base")."""
+"""Steps from the scene to one of its parts: ("joints", Item("servo_0"), "base")."""
 
 
 def override_at(steps: Sequence[str | Item], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values for the fields of one part, as `load_scene` takes them."""
+    """Return overrides of one part's fields, as `load_scene` takes them."""
     data: Any = dict(values)
     for step in reversed(steps):
         data = [{"name": step.name, **data}] if isinstance(step, Item) else {step: data}
@@ -79,7 +79,7 @@ def override_at(steps: Sequence[str | Item], values: Mapping[str, Any]) -> dict[
 
 
 def read_overrides(text: str) -> dict[str, Any]:
-    """Overrides from YAML text; empty text is none.
+    """Read overrides from YAML text; empty text means none.
 
     Raises:
         ConfigError: no YAML, or no mapping.
@@ -88,7 +88,7 @@ def read_overrides(text: str) -> dict[str, Any]:
 
 
 def write_overrides(overrides: Mapping[str, Any]) -> str:
-    """Overrides as YAML text, which `read_overrides` reads and a scene's file may hold; "" for none."""
+    """Return overrides as YAML text for `read_overrides` or a scene's file; "" for none."""
     if not overrides:
         return ""
     yaml = importlib.import_module("yaml")
@@ -96,7 +96,7 @@ def write_overrides(overrides: Mapping[str, Any]) -> str:
 
 
 def laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """`above` laid over `below` by the rules of scenes: mappings and lists of named items merge."""
+    """Return `above` merged over `below` by the rules of scenes: mappings and lists of named items merge."""
     merged: dict[str, Any] = _plain(merge(sourced(below, ORIGIN), sourced(above, ORIGIN)))
     return merged
 
@@ -112,23 +112,23 @@ def _plain(value: Any) -> Any:
 def load_yaml(
     file: str | Path, overrides: Mapping[str, Any] | None = None, text: str | None = None
 ) -> RobotDescription:
-    """The robot or scene of a YAML file.
+    """Load the robot or scene of a YAML file.
+
+    A key `arm` stands for the robot of a URDF file with tools of the suite on its links. The rest of the file
+    is merged over it; see scene.arm.
 
     Args:
-        file: The file. Its key `extends` may name another one to lay this one over: mappings merge, lists
-            of items with a `name` merge by that name, other values replace. Mesh files are relative to the
-            file that names them.
-        overrides: Laid over the result by the same rules, before validation.
-        text: Stands for what the file itself holds, which is not read then; None: nothing does.
-
-    A key `arm` stands for the robot of a URDF file with tools of the suite on its links, over which the rest
-    of the file is laid; see scene.arm.
+        file: The file. Its key `extends` may name another one over which this one is merged: mappings merge,
+            lists of items with a `name` merge by that name, other values replace. Mesh files are relative to
+            the file that names them.
+        overrides: Merged over the result by the same rules, before validation.
+        text: Used in place of the file's content, which is then not read; None: the file is read.
 
     Returns:
         Validated description with absolute mesh paths; `source` is the file.
 
     Raises:
-        ConfigError: any problem, in one sentence: file, key path, value, what is allowed.
+        ConfigError: any problem, as one message: file, key path, value, what is allowed.
     """
     path = Path(file).expanduser().absolute()
     return _loaded(
@@ -139,7 +139,7 @@ def load_yaml(
 def _loaded(
     path: Path, data: SourcedMapping, overrides: Mapping[str, Any] | None = None, below: tuple[Path, ...] = ()
 ) -> RobotDescription:
-    """The scene of a file that holds `data`, as `load_yaml`; `below` are the files of arms that carry it."""
+    """Build the scene of a file with content `data`; `below` are the files of arms that carry it."""
     if overrides:
         data = merge(data, sourced(overrides, Path(f"overrides of {path.name}")))
     if "arm" in data:
@@ -148,7 +148,7 @@ def _loaded(
 
 
 def _over_arm(data: SourcedMapping, path: Path, chain: tuple[Path, ...]) -> SourcedMapping:
-    """The data of a file laid over the arm that it describes."""
+    """Return the data of a file merged over the arm that it describes."""
     file, place, described = data.file_of("arm") or path, data.places.get("arm"), data.pop("arm")
     if not isinstance(described, SourcedMapping):
         raise ConfigError(file, "arm", "must be a mapping of urdf and others", place)
@@ -186,11 +186,11 @@ MODULES: Final = {
     "softsim_core.scene.parts": "softsim_core.robots.parts",
     "softsim_core.scene.values": "softsim_core.base.values",
 }
-"""Modules that cannot be imported by their former names any more, and where they are."""
+"""Former names of modules that cannot be imported any more, with their present names."""
 
 
 def new_place(error: ImportError) -> str | None:
-    """One sentence for a person whose import failed because something has moved; None: nothing has."""
+    """Return a message for a failed import of something that has moved; None: nothing has moved."""
     wanted = re.search(r"cannot import name '(\w+)' from '([\w.]+)'", str(error))
     name, module = wanted.groups() if wanted else ("", error.name or "")
     full = f"{module}.{name}" if name else module
@@ -207,19 +207,19 @@ def new_place(error: ImportError) -> str | None:
 def load_python(
     file: str | Path, overrides: Mapping[str, Any] | None = None, arguments: Mapping[str, Any] | None = None
 ) -> RobotDescription:
-    """The scene that a Python file builds.
+    """Load the scene that a Python file builds.
 
     Args:
         file: A file that defines `create_scene(scene)`; it gets a `Scene` to add to. It may import modules
-            that lie beside it. Relative mesh paths are relative to the file.
-        overrides: Laid over the result by the rules of `load_yaml`, before validation.
+            in its own folder. Relative mesh paths are relative to the file.
+        overrides: Merged over the result by the rules of `load_yaml`, before validation.
         arguments: Passed to `create_scene` by name; its further parameters need defaults.
 
     Returns:
         Validated description with absolute mesh paths; `source` is the file.
 
     Raises:
-        ConfigError: an error in the file (with its line), or a scene that does not validate. Ctrl-C passes.
+        ConfigError: an error in the file (with its line), or an invalid scene. KeyboardInterrupt passes.
     """
     path = Path(file).expanduser().absolute()
     scene = Scene(name=path.stem)
@@ -246,7 +246,7 @@ def load_python(
 
 
 def _module(path: Path, program: Path) -> ModuleType:
-    """The module of a scene's file, whose code is read from the program that was allowed."""
+    """Run the code of a scene's file from the allowed program, and return its module."""
     try:
         source = program.read_bytes()
     except OSError as error:
@@ -261,9 +261,10 @@ def _module(path: Path, program: Path) -> ModuleType:
 
 @contextmanager
 def _beside(path: Path) -> Iterator[None]:
-    """What lies beside the file can be imported, as it is now.
+    """Within the `with` block, let modules beside the file be imported in their present version.
 
-    Python keeps what it compiled by whole seconds: a module saved twice in one would be taken as it was.
+    Python compares whole seconds to detect changes: a module saved twice within one second would not be
+    compiled again.
     """
     folder = str(path.parent)
     sys.path.insert(0, folder)
@@ -278,7 +279,7 @@ def _beside(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _errors_of(path: Path) -> Iterator[None]:
-    """Any failure inside becomes one ConfigError that names the last line of `path` that was running."""
+    """Convert any failure inside to one ConfigError that names the last executed line of `path`."""
     try:
         yield
     except ConfigError as error:
@@ -297,7 +298,7 @@ def _errors_of(path: Path) -> Iterator[None]:
 
 
 def _guarded(controller: Controller, path: Path) -> Controller:
-    """The controller; a failure becomes one SceneError with file and line, the suite's errors pass."""
+    """Wrap a controller so that a foreign error becomes one SceneError with file and line."""
 
     def guard(hook: Callable[..., None] | None) -> Callable[..., None] | None:
         if hook is None:
@@ -321,7 +322,7 @@ def _guarded(controller: Controller, path: Path) -> Controller:
 
 
 def _told(error: BaseException) -> str:
-    """What went wrong, for a person: where something that was imported is now, else the error itself."""
+    """Return a message for an error: the new place of an import that has moved, else the error itself."""
     moved = new_place(error) if isinstance(error, ImportError) else None
     return moved or f"{type(error).__name__}: {str(error) or 'no message'}"
 

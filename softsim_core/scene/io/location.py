@@ -1,4 +1,4 @@
-"""Where a part of a scene is written: file and line."""
+"""Location of a scene's parts in files: file and line."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from softsim_core.scene.io.loaders import Item, Steps
 from softsim_core.scene.io.yaml_source import relative_to_file
 
 MOST_PLACES: Final = 5000
-"""Of larger files not every part is found."""
+"""In larger files, only some parts are found."""
 
 Place: TypeAlias = tuple[str, int]
-"""A file, and a line in it from 1 on."""
+"""A file, and a line in it, counted from 1."""
 
 
 def places_of(file: Path) -> dict[str, Place]:
-    """Where every part of a scene's file is written, by its steps: "joints/servo_0/base"; "" is the scene.
+    """Return the location of every part of a file by its steps: "joints/servo_0/base"; "" is the scene.
 
     Args:
-        file: The scene's file; those that it extends belong to it. Of a Python file only the scene itself is
-            found, at its `create_scene`.
+        file: The scene's file; the files that it extends are included. In a Python file only the scene itself
+            is found, at its `create_scene`.
     """
     if file.suffix == ".py":
         return {"": (str(file), _line_of_function(file))}
@@ -41,7 +41,7 @@ def places_of(file: Path) -> dict[str, Place]:
 
 
 def place_of(places: Mapping[str, Place], steps: Steps) -> Place | None:
-    """The place that says most of a part, of what `places_of` found; None: nothing was found."""
+    """Return the most specific location of a part in a result of `places_of`; None: nothing was found."""
     names = [step.name if isinstance(step, Item) else step for step in steps]
     for count in range(len(names), -1, -1):
         if (place := places.get("/".join(names[:count]))) is not None:
@@ -50,15 +50,15 @@ def place_of(places: Mapping[str, Place], steps: Steps) -> Place | None:
 
 
 def locate(file: Path, steps: Steps) -> tuple[Path, int]:
-    """File and line, from 1 on, where a part stands.
+    """Return file and line, counted from 1, of a part.
 
     Args:
         file: The scene's file.
         steps: From the scene to the part.
 
     Returns:
-        The file that says most of it: this one, or one that it extends. A Python file at its `create_scene`;
-        line 1 where nothing of it is found.
+        The file with the most specific location: this one, or one that it extends. For a Python file the line
+        of its `create_scene`; line 1 if nothing is found.
     """
     found = place_of(places_of(file), steps)
     assert found is not None  # the scene itself is always found
@@ -66,7 +66,7 @@ def locate(file: Path, steps: Steps) -> tuple[Path, int]:
 
 
 def _note(node: Any, path: str, file: Path, found: dict[str, Place]) -> None:
-    """Add the parts of a node of YAML's that are not found yet: keys of mappings, named items of lists."""
+    """Add the parts of a YAML node that are not found yet: keys of mappings, named items of lists."""
     if len(found) > MOST_PLACES:
         return
     if getattr(node, "id", "") == "sequence":
@@ -83,13 +83,13 @@ def _note(node: Any, path: str, file: Path, found: dict[str, Place]) -> None:
 
 
 def _values(node: Any) -> dict[str, tuple[Any, Any]]:
-    """Keys and values of a mapping node, by the keys' text; of another node none."""
+    """Return keys and values of a mapping node, by the keys' text; empty for another node."""
     pairs = node.value if getattr(node, "id", "") == "mapping" else []
     return {key.value: (key, value) for key, value in pairs if isinstance(key.value, str)}
 
 
 def _root(file: Path) -> Any:
-    """The root node of a YAML file; None where it cannot be read."""
+    """Return the root node of a YAML file; None if it cannot be read."""
     yaml = importlib.import_module("yaml")
     try:
         return yaml.compose(file.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)

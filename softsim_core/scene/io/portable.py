@@ -31,12 +31,12 @@ from softsim_core.scene.io.yaml_source import SourcedMapping, parse_yaml
 def unstructure_scene(
     robot: RobotDescription, file: Path | None = None, *, given_only: bool = False
 ) -> SourcedMapping:
-    """A robot and its scene as plain data, in the form of the YAML files (without controllers and source).
+    """Return a robot and its scene as plain data in the form of YAML files, without controllers and source.
 
     Args:
         robot: Any robot; meshes given as arrays stay arrays.
-        file: The file that relative paths are relative to.
-        given_only: Leave out what is as by default.
+        file: The file to which paths are relative.
+        given_only: Leave out default values.
     """
     data = _plain(robot, file, given_only)
     assert isinstance(data, SourcedMapping)
@@ -44,7 +44,7 @@ def unstructure_scene(
 
 
 def sourced(value: Any, file: Path | None) -> Any:
-    """Plain data with its mappings marked as coming from `file`."""
+    """Return plain data with its mappings marked as coming from `file`."""
     return _plain(value, file)
 
 
@@ -82,18 +82,18 @@ def _is_default(field: Field[Any], value: Any) -> bool:
 
 
 ORIGIN = Path("scene")
-"""What messages name instead of a file."""
+"""Name in messages in place of a file."""
 
 _DRIVEN = ("name", "dt", "joints", "poses", "commands", "start", "keys", "board")
-"""Keys that are enough to drive a robot."""
+"""Keys that are sufficient to drive a robot."""
 
 
 def write_description(robot: RobotDescription, *, given_only: bool = False) -> str:
-    """A robot and its scene as YAML text; meshes made in Python are named by their size.
+    """Return a robot and its scene as YAML text; meshes made in Python are replaced by their size.
 
     Args:
         robot: The robot.
-        given_only: Leave out values that are as by default, for people; else it holds every value.
+        given_only: Leave out default values, for readability; otherwise every value is written.
     """
     yaml = importlib.import_module("yaml")
     data = _for_yaml(unstructure_scene(robot, given_only=given_only))
@@ -101,10 +101,10 @@ def write_description(robot: RobotDescription, *, given_only: bool = False) -> s
 
 
 def read_description(text: str) -> RobotDescription:
-    """The robot and scene of `write_description`; no file is looked for, no code runs.
+    """Read the robot and scene of a `write_description` text; no file is searched, no code runs.
 
-    A law or an actuator that only the scene's own code knows is unknown here, and a scene may take more
-    memory than allowed (see size): then it is a robot with its joints alone, or with nothing but its name.
+    A law or an actuator that only the scene's own code defines is unknown here, and a scene may need more
+    memory than allowed (see size). The result is then a robot with only its joints, or with only its name.
 
     Raises:
         ConfigError: no YAML, or a description without a name.
@@ -124,7 +124,7 @@ def read_description(text: str) -> RobotDescription:
 
 
 def without_contents(name: str) -> RobotDescription:
-    """A robot of which nothing but the name is known.
+    """Return a robot of which only the name is known.
 
     Raises:
         FieldError: the name cannot be a robot's.
@@ -135,7 +135,7 @@ def without_contents(name: str) -> RobotDescription:
 
 
 def _frame_joint(joint: Any) -> Any:
-    """A joint without the actuator that only the scene's own code knows."""
+    """Return a joint without the actuator that only the scene's own code defines."""
     kinds = {*FRAME_KINDS, *described_kinds()}
     if not isinstance(joint, Mapping) or joint.get("kind", "revolute") in kinds:
         return joint
@@ -144,7 +144,7 @@ def _frame_joint(joint: Any) -> Any:
 
 
 def _for_yaml(value: Any) -> Any:
-    """What YAML can hold."""
+    """Convert to types that YAML supports."""
     if isinstance(value, Mapping):
         return {key: _for_yaml(item) for key, item in value.items()}
     if isinstance(value, list):

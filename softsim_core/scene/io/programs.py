@@ -1,4 +1,4 @@
-"""Files that run code when they are read, and which may: one rule, asked where such a file is opened."""
+"""Rule for files that run code when they are read, checked where such a file is opened."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from softsim_core.scene.io.files import installed_roots
 
 XACRO: Final = ".xacro"
 PROGRAMS: Final = (".py", XACRO)
-"""Suffixes of programs. What stands in `${...}` of a xacro file is Python."""
+"""Suffixes of programs. The text in `${...}` of a xacro file is Python."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProgramRule:
-    """Which programs may run.
+    """Rule for programs that may run.
 
     Attributes:
-        folders: Those in these folders and below, and the installation's; None: all, since what a person
-            named leads where that person wants.
+        folders: Programs in these folders and below, and in the installation, may run; None: all may run,
+            because the user named the file explicitly.
     """
 
     folders: tuple[Path, ...] | None = None
 
     def trusts(self, file: Path) -> bool:
-        """Whether a file, its links and `..` followed, lies where programs may run."""
+        """Return whether a file, with links and `..` resolved, lies where programs may run."""
         if self.folders is None:
             return True
         place = file.resolve()
         return any(place.is_relative_to(each.resolve()) for each in (*installed_roots(), *self.folders))
 
     def allows(self, file: Path) -> bool:
-        """Whether a file may be read: it is no program, or one that may run."""
+        """Return whether a file may be read: it is no program, or one that may run."""
         return file.suffix not in PROGRAMS or self.trusts(file)
 
 
@@ -46,7 +46,7 @@ _rule: ContextVar[ProgramRule] = ContextVar("program rule", default=ANY_PROGRAM)
 
 @contextmanager
 def limited_to(rule: ProgramRule) -> Iterator[None]:
-    """Within the `with` block, in this thread, no program runs but those that the rule allows."""
+    """Within the `with` block, allow this thread to run only programs that the rule allows."""
     token = _rule.set(rule)
     try:
         yield
@@ -60,7 +60,7 @@ def may_hold_programs(folder: Path) -> bool:
 
 
 def allowed_program(file: Path) -> Path:
-    """The file to open where a program is about to be read and run: exactly the one that was checked.
+    """Return the file to open for a program that is about to run: exactly the one that was checked.
 
     Raises:
         ConfigError: it may not run.

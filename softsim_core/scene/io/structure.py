@@ -1,4 +1,4 @@
-"""Plain data to typed descriptions: strict; every refusal names the path of its key.
+"""Strict conversion of plain data to typed descriptions; every error names the path of its key.
 
 It is imported on first use: the core works without it.
 """
@@ -51,10 +51,10 @@ from softsim_core.scene.io.yaml_source import KeyPath, Place, SourcedMapping, ke
 
 @functools.lru_cache(maxsize=2)
 def scene_converter(find_files: bool) -> Any:
-    """The converter of cattrs.
+    """Return the converter of cattrs.
 
     Args:
-        find_files: Look for the files that are named; else their paths stay as they are written.
+        find_files: Search the named files; otherwise their paths stay as written.
 
     Raises:
         ImportError: there is no cattrs, or an old one.
@@ -124,7 +124,7 @@ def scene_converter(find_files: bool) -> Any:
         return structure
 
     def joint_hook(cls: Any) -> Hook:
-        """A joint; the description of its actuator stands under the key named after its kind."""
+        """Build a joint; the description of its actuator is under the key named after its kind."""
         plain = dataclass_hook(cls)
 
         def structure(value: Any, _: Any) -> Any:
@@ -176,7 +176,7 @@ def scene_converter(find_files: bool) -> Any:
         return converter.structure(value, Path if isinstance(value, str | Path) else tuple[Vector, ...])
 
     def servo(value: Any, _: Any) -> Any:
-        """A servo with an id is on a bus."""
+        """Build a servo; one with an id is on a bus."""
         on_bus = isinstance(value, Mapping) and "id" in value
         return converter.structure(value, BusServo if on_bus else ServoCalibration)
 
@@ -206,7 +206,7 @@ def _noun(item_type: Any) -> str:
 
 
 def _located(path: Path, key: str, data: Mapping[str, Any], what: str) -> Path:
-    """Absolute path of an existing file that `key` of a mapping names."""
+    """Return the absolute path of an existing file that `key` of a mapping names."""
     origin = data.file_of(key) if isinstance(data, SourcedMapping) else None
     file = relative_to_file(path, origin)
     if not file.is_file():
@@ -219,12 +219,12 @@ T = typing.TypeVar("T")
 
 
 def structure_scene(data: SourcedMapping, file: str | Path, *, find_files: bool = True) -> RobotDescription:
-    """A typed robot and its scene from the data of a file.
+    """Build a typed robot and its scene from the data of a file.
 
     Args:
         data: Mapping as read from YAML, or `unstructure_scene`'s.
-        file: Named in messages where a value does not know its own file.
-        find_files: Look for the files that are named; else their paths stay as they are written.
+        file: Named in messages if a value does not know its own file.
+        find_files: Search the named files; otherwise their paths stay as written.
 
     Raises:
         ConfigError: the first problem: file, key path, value and what is allowed.
@@ -240,15 +240,15 @@ def structured(
     find_files: bool = True,
     at: str | None = None,
 ) -> T:
-    """A typed description from the data of a file.
+    """Build a typed description from the data of a file.
 
     Args:
         data: Mapping as read from YAML.
         cls: Dataclass of the description.
-        file: Named in messages where a value does not know its own file.
-        check: What the description must hold besides; it raises what is wrong.
-        find_files: Look for the files that are named; else their paths stay as they are written.
-        at: Key of the file under which the data stand; None: they are the whole file.
+        file: Named in messages if a value does not know its own file.
+        check: Additional check of the description, which raises an error.
+        find_files: Search the named files; otherwise their paths stay as written.
+        at: Key of the file that contains the data; None: they are the whole file.
 
     Raises:
         ConfigError: the first problem: file, key path, value and what is allowed.
@@ -295,7 +295,7 @@ def _first_problem(error: BaseException) -> tuple[KeyPath, str]:
 
 
 def _origin(data: SourcedMapping, path: KeyPath) -> tuple[Path | None, Place | None]:
-    """The file that wrote a key, and the place of it, or of the nearest key above that has one."""
+    """Return the file that wrote a key, and its location or that of the nearest key above with one."""
     file, node, place = data.file, typing.cast(Any, data), None
     for step in path:
         if isinstance(node, SourcedMapping) and isinstance(step, str):

@@ -1,4 +1,4 @@
-"""YAML text to plain data: safe, no key twice, and every mapping remembers which file wrote each key."""
+"""Safe YAML parser: duplicate keys are errors, and mappings record which file wrote each key."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Any, Final, TypeAlias
 from softsim_core.base import ConfigError, listing
 
 MOST_CHARACTERS: Final = 4_000_000
-"""A longer text is refused before it is parsed."""
+"""A longer text is rejected before it is parsed."""
 
 MOST_VALUES: Final = 200_000
-"""So many values a text may hold, each alias counted as all that it stands for."""
+"""Largest number of values in a text; each alias counts as the values that it stands for."""
 
 MOST_EXTENDED: Final = 32
-"""So many files may stand one over the other."""
+"""Largest depth of files that extend each other."""
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 """Steps from the top of a file to a value: ("bodies", 0, "material")."""
@@ -32,8 +32,8 @@ class SourcedMapping(dict[str, Any]):
     """A mapping read from a file; `file_of(key)` names the file, None for values that come from no file.
 
     Attributes:
-        file: The file that most of it comes from.
-        places: Where its keys stand, of those that are known.
+        file: The file from which most of it comes.
+        places: Locations of its keys, as far as they are known.
     """
 
     def __init__(
@@ -45,11 +45,11 @@ class SourcedMapping(dict[str, Any]):
         self._files: dict[str, Path | None] = {}
 
     def file_of(self, key: str) -> Path | None:
-        """The file that wrote this key."""
+        """Return the file that wrote this key."""
         return self._files.get(key, self.file)
 
     def put(self, key: str, value: Any, file: Path | None, place: Place | None = None) -> None:
-        """Set a value that another file wrote, at a place in it."""
+        """Set a value that another file wrote, with its location."""
         self[key] = value
         self._files[key] = file
         self.places.pop(key, None)
@@ -58,7 +58,7 @@ class SourcedMapping(dict[str, Any]):
 
 
 def key_path(path: Iterable[str | int]) -> str:
-    """Key path as people write it: ("bodies", 0, "name") is bodies[0].name."""
+    """Format a key path: ("bodies", 0, "name") is bodies[0].name."""
     text = ""
     for step in path:
         text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
@@ -66,9 +66,10 @@ def key_path(path: Iterable[str | int]) -> str:
 
 
 def read_yaml(file: Path) -> SourcedMapping:
-    """The mapping a YAML file holds; anchors, aliases and merge keys (<<) are resolved.
+    """Read the mapping of a YAML file; anchors, aliases and merge keys (<<) are resolved.
 
-    A text that was parsed lately is not parsed again: parsing takes longer than all the rest of a scene.
+    The result of a recently parsed text is reused, because parsing takes longer than everything else in
+    loading a scene.
 
     Raises:
         ConfigError: unreadable file, YAML syntax, a key given twice or not text, no mapping at the top.
@@ -80,7 +81,7 @@ def read_yaml(file: Path) -> SourcedMapping:
         raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise ConfigError(file, "", f"is not UTF-8 text (byte {error.start})") from error
-    data: SourcedMapping = pickle.loads(_parsed(text, file))  # a copy of its own, to be changed
+    data: SourcedMapping = pickle.loads(_parsed(text, file))  # an own copy, which may be changed
     return data
 
 
@@ -90,7 +91,7 @@ def _parsed(text: str, file: Path) -> bytes:
 
 
 def parse_yaml(text: str, file: Path) -> SourcedMapping:
-    """The mapping that YAML text holds, as `read_yaml`; `file` is what wrote its keys.
+    """Parse YAML text to a mapping, as `read_yaml`; `file` is recorded as the origin of its keys.
 
     Raises:
         ConfigError: YAML syntax, a key given twice or not text, no mapping at the top, or more than
@@ -121,7 +122,7 @@ def parse_yaml(text: str, file: Path) -> SourcedMapping:
 
 
 def _values_in(node: Any, counted: dict[int, int]) -> int:
-    """How many values a node of YAML's stands for; one that contains itself is counted once."""
+    """Return the number of values of a YAML node; one that contains itself is counted once."""
     if id(node) not in counted:
         counted[id(node)] = 1
         parts = node.value if isinstance(node.value, list) else []
@@ -131,7 +132,7 @@ def _values_in(node: Any, counted: dict[int, int]) -> int:
 
 
 class _Reader:
-    """Turns PyYAML's node graph into data; shared nodes (aliases) stay shared."""
+    """Converter of PyYAML's node graph to data; shared nodes (aliases) stay shared."""
 
     def __init__(self, yaml: Any, loader: Any, file: Path) -> None:
         self._yaml, self._loader, self._file = yaml, loader, file
@@ -161,7 +162,7 @@ class _Reader:
     def _scalar(self, node: Any, path: KeyPath) -> Any:
         try:
             return self._loader.construct_object(node)
-        except ValueError as error:  # 2026-13-45 looks like a date to YAML
+        except ValueError as error:  # YAML takes 2026-13-45 for a date
             raise ConfigError(
                 self._file, key_path(path), f"{node.value!r} cannot be read ({error}); quote text"
             ) from error
@@ -175,7 +176,7 @@ class _Reader:
                     merged = SourcedMapping({**source, **merged}, self._file, places)  # the first wins
                 continue
             key = self.value(key_node, path) if isinstance(key_node, self._yaml.ScalarNode) else None
-            if isinstance(key, bool):  # YAML 1.1 reads the bare words on, off, yes, no as truth values
+            if isinstance(key, bool):  # YAML 1.1: bare on, off, yes, no are truth values
                 key = key_node.value
             line, column = key_node.start_mark.line + 1, key_node.start_mark.column + 1
             if not isinstance(key, str):
@@ -205,7 +206,7 @@ class _Reader:
 
 
 def merge(base: SourcedMapping, over: SourcedMapping, path: KeyPath = ()) -> SourcedMapping:
-    """`over` laid over `base`: mappings merge, lists of named items merge by `name`, the rest is replaced.
+    """Merge `over` over `base`: mappings merge, lists of named items merge by name, others are replaced.
 
     A material that names a preset replaces the one below it; other keys change that preset, if it is one.
 
@@ -254,7 +255,7 @@ def _by_name(items: list[SourcedMapping], path: KeyPath) -> dict[str, SourcedMap
 
 
 def _refuse_nameless(items: list[Any], path: KeyPath) -> None:
-    """Refuse items without a name: those of the file below are found by theirs."""
+    """Reject items without a name, because items of the file below are found by their names."""
     for index, item in enumerate(items):
         if isinstance(item, SourcedMapping) and "name" not in item:
             first = next(iter(item), "")
@@ -274,7 +275,7 @@ def _is_named_list(value: Any) -> bool:
 
 
 def read_extended(file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
-    """A YAML file merged over the file its key `extends` names (relative to it), and so on.
+    """Read a YAML file merged over the file that its key `extends` names (relative to it), recursively.
 
     Raises:
         ConfigError: as `read_yaml`; a missing base file; files that extend each other in a circle.
@@ -283,7 +284,7 @@ def read_extended(file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
 
 
 def extended(data: SourcedMapping, file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
-    """What a YAML file holds, merged over the file its key `extends` names, as `read_extended`."""
+    """Return the content of a YAML file merged over the file that its key `extends` names."""
     if "extends" not in data:
         return data
     target, place = data.pop("extends"), data.places.get("extends")
@@ -304,10 +305,10 @@ def extended(data: SourcedMapping, file: Path, below: tuple[Path, ...] = ()) -> 
 
 
 def relative_to_file(path: str | Path, file: Path | None) -> Path:
-    """Absolute path of something a file names relative to itself (None: to the working directory).
+    """Return the absolute path of a file named relative to `file` (None: to the working directory).
 
     Raises:
-        ConfigError: it cannot be a path: an unknown user's, too long, or with a zero in it.
+        ConfigError: it cannot be a path: an unknown user's, too long, or with a null byte in it.
     """
     try:
         path = Path(path).expanduser()

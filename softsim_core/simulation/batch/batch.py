@@ -34,12 +34,12 @@ from softsim_core.simulation import Simulation
 
 
 class Share:
-    """See the module.
+    """The copies of a robot that one process steps.
 
     Args:
-        robot: What each is a copy of.
+        robot: The robot that each is a copy of.
         backend: See Simulation.
-        leader: The first copy, where it is built already.
+        leader: The first copy, if it is already built; the others share what it has planned.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Share:
         self._failed: set[int] = set()
 
     def fill(self, states: Array) -> None:
-        """Make a copy for each row of `states` (k, s), which its state lives in from now on."""
+        """Make one copy for each row of `states` (k, s); the copy stores its state in that row."""
         for row in states:
             copy = Simulation(self._robot, self._backend, self._leader) if self._copies else self._leader
             copy.keep_state_in(row)
@@ -60,13 +60,18 @@ class Share:
             self._states.append(row)
 
     def command(self, chosen: Sequence[int], values: Array) -> list[Array]:
-        """See Simulation.command, of each chosen copy its row of `values`; what each accepted."""
+        """Set the joint targets of each chosen copy to its row of `values`, and return the accepted commands.
+
+        Raises:
+            CommandError: a row has the wrong length, is not finite, or is out of range in a scene that
+                refuses.
+        """
         return [self._copies[k].command(row) for k, row in zip(chosen, values, strict=True)]
 
     def step(self, chosen: Sequence[int], steps: int) -> dict[int, str]:
-        """Advance each chosen copy by so many steps; of those that diverged, why.
+        """Advance each chosen copy by a number of steps, and return the reason for each copy that diverged.
 
-        They stay at their last good state, and are passed over until they are reset.
+        A diverged copy stays at its last good state and is skipped until it is reset.
         """
         failed = {}
         for k in chosen:
@@ -82,22 +87,26 @@ class Share:
         return failed
 
     def reset(self, chosen: Sequence[int]) -> None:
-        """See Simulation.reset."""
+        """Return each chosen copy to the start of its scene and clear its failure."""
         for k in chosen:
             self._copies[k].reset()
         self._failed.difference_update(chosen)
 
     def restore(self, chosen: Sequence[int], snapshot: bytes) -> None:
-        """See Simulation.restore."""
+        """Restore a snapshot in each chosen copy and clear its failure.
+
+        Raises:
+            SnapshotError: not a snapshot of this scene, of another version, or damaged.
+        """
         for k in chosen:
             self._copies[k].restore(snapshot)
         self._failed.difference_update(chosen)
 
     def rebuild(self, k: int, robot: RobotDescription) -> None:
-        """Make a copy one of a scene that differs in numbers; it begins anew.
+        """Rebuild a copy from a scene that differs only in numbers; the copy starts anew.
 
         Raises:
-            BatchError: it differs in more; the copy stays what it was.
+            BatchError: the scene differs in more than numbers; the copy is not changed.
             SceneError, MeshError, MaterialError: the scene cannot be built.
         """
         copy = Simulation(robot, self._backend, self._leader)
@@ -109,19 +118,19 @@ class Share:
         if k:
             copy.keep_state_in(self._states[k])
             self._copies[k] = copy
-        else:  # the others go on sharing what the first one has planned
+        else:  # the other copies continue to share the plan of the first one
             copy.keep_state_in(self._states[0])
             self._copies[0] = copy
         self._failed.discard(k)
 
     def call(self, k: int, name: str, arguments: Sequence[Any], named: Mapping[str, Any]) -> Any:
-        """What a method of a copy gives, or one of its attributes."""
+        """Call a method of a copy and return its result, or return one of its attributes."""
         found = getattr(self._copies[k], name)
         return found(*arguments, **named) if callable(found) else found
 
 
 def failure(error: Exception) -> Exception:
-    """An error as it may be sent to another process: one of the suite's own, or a sentence."""
+    """Return an error that can be sent to another process; foreign errors become BatchError."""
     if isinstance(error, SoftSimError) and error.args and len(error.args) == 1:
         own = BatchError(str(error))
         own.__cause__ = None
@@ -134,24 +143,24 @@ Chosen = Sequence[int] | IndexArray | None
 
 
 class Batch:
-    """Copies of a scene: what was built and planned is shared, and the room to work in; nothing that changes.
+    """Copies of a scene that share geometry, plans and workspace; each has its own state.
 
-    Each copy gives the same bytes as a Simulation that got the same commands, whatever the number of workers
-    and of copies. A step holds Python's lock for a fifth of its time to two thirds (with contact), so copies
-    run on several cores in processes, not in threads; states lie in memory that all of them see.
+    Each copy produces the same bytes as a Simulation with the same commands, whatever the number of workers
+    and copies. A step holds Python's global lock for one fifth to two thirds of its time (with contact), so
+    several cores are used by processes, not by threads. The states lie in memory that all processes share.
 
     Args:
-        scene: What each is a copy of.
-        copies: How many, >= 1.
-        workers: On how many cores; 1: all here, without another process.
+        scene: The scene that each is a copy of.
+        copies: Number of copies, >= 1.
+        workers: Number of cores; 1: all copies run in this process.
         backend: See Simulation.
 
     Attributes:
-        states: State.buffer of each copy, to be read, shape (N, s); see `array`.
-        failed: Why copies have diverged, by their numbers. They stand still until they are reset.
+        states: State.buffer of each copy, read-only, shape (N, s); see `array`.
+        failed: Reason of divergence by number of the copy. A diverged copy stands still until it is reset.
 
     Raises:
-        BatchError: a wrong number, or a scene that cannot be handed to another process.
+        BatchError: a wrong number, or a scene that cannot be sent to another process.
         SceneError, MeshError, MaterialError: the scene cannot be built.
     """
 
@@ -209,7 +218,7 @@ class Batch:
         self.close()
 
     def close(self) -> None:
-        """End the worker processes; the copies cannot be stepped any more where there were some."""
+        """End the worker processes. Copies that ran in them cannot be stepped any more."""
         if self._remote:
             self._closing()
 
@@ -224,12 +233,12 @@ class Batch:
         return self._joints
 
     def array(self, name: str) -> Array:
-        """What State calls `name`, of all copies, a view to be read, shape (N, ...); see State for units.
+        """Return the part `name` of State of all copies, a read-only view of shape (N, ...).
 
-        What the scene keeps beside is called `extra.NAME`.
+        Additional quantities of the scene are called `extra.NAME`. See State for units.
 
         Raises:
-            BatchError: there is nothing of that name.
+            BatchError: there is no part of that name.
         """
         if name not in self._parts:
             raise BatchError(f"a state has no {name!r}; known: {', '.join(self._parts)}")
@@ -237,18 +246,18 @@ class Batch:
         return self.states[:, part].reshape(len(self), *shape)
 
     def command(self, values: ArrayLike, chosen: Chosen = None) -> Array:
-        """Set where the joints go; see Simulation.command.
+        """Set the joint targets of chosen copies; see Simulation.command.
 
         Args:
-            values: A row of positions in [rad] or [m] for each chosen copy, shape (k, j).
-            chosen: Which copies.
+            values: One row of positions in [rad] or [m] per chosen copy, shape (k, j).
+            chosen: Numbers of the copies.
 
         Returns:
             The accepted commands, shape (k, j).
 
         Raises:
-            CommandError: another shape, not finite, or refused by the scene; copies before it have taken
-                theirs.
+            CommandError: another shape, not finite, or refused by the scene; copies before the refused one
+                have accepted theirs.
         """
         numbers = self._numbers(chosen)
         rows = float_array(np.asarray(values), (len(numbers), len(self._joints)), "values")
@@ -262,10 +271,10 @@ class Batch:
         return accepted
 
     def step(self, steps: int = 1, chosen: Chosen = None) -> list[int]:
-        """Advance chosen copies by so many steps.
+        """Advance chosen copies by a number of steps.
 
         Returns:
-            Those that have diverged now; `failed` says why.
+            Numbers of the copies that diverged in this call; `failed` contains the reasons.
         """
         numbers = self._numbers(chosen)
         new: dict[int, str] = {}
@@ -275,13 +284,13 @@ class Batch:
         return sorted(new)
 
     def reset(self, chosen: Chosen = None) -> None:
-        """Back to the start of the scene, with the parameters as they are; see Simulation.reset."""
+        """Return chosen copies to the scene's start with their present parameters; see Simulation.reset."""
         numbers = self._numbers(chosen)
         self._all("reset", numbers, lambda _: ())
         self._recovered(numbers)
 
     def restore(self, snapshot: bytes, chosen: Chosen = None) -> None:
-        """Go on from a snapshot, of a copy or of a Simulation of the same scene; parameters come with it.
+        """Restore a snapshot, with its parameters, of a copy or of a Simulation of the same scene.
 
         Raises:
             BatchError, SnapshotError: see Simulation.restore.
@@ -291,13 +300,13 @@ class Batch:
         self._recovered(numbers)
 
     def rebuild(self, number: int, scene: SceneDescription | RobotDescription) -> None:
-        """Make a copy one of a scene that differs in numbers, such as masses or friction; it begins anew.
+        """Rebuild a copy from a scene that differs only in numbers, such as masses; it starts anew.
 
-        It is built again, and takes over what is planned where no place and no cell differs. Materials and
-        damping are changed without that, by `call(number, "set_material", ...)`.
+        The copy is built again, and reuses the existing plans where all positions and cells are equal.
+        Materials and damping can be changed without a rebuild, by `call(number, "set_material", ...)`.
 
         Raises:
-            BatchError: it differs in more than numbers, or its dt; the copy stays what it was.
+            BatchError: the scene differs in more than numbers, or in its dt; the copy is not changed.
             SceneError, MeshError, MaterialError: the scene cannot be built.
         """
         robot = as_robot(scene)
@@ -310,16 +319,15 @@ class Batch:
         self.failed.pop(number, None)
 
     def call(self, number: int, name: str, *arguments: Any, **named: Any) -> Any:
-        """What a method of Simulation gives for a copy, or one of its attributes, by name.
+        """Call a method of a copy's Simulation and return its result, or return an attribute.
 
         Raises:
-            BatchError: another process runs the copy, and there the method failed; in this process
-                whatever it raised comes as it is.
+            BatchError: the method failed in a worker process. In this process, its own exception is raised.
         """
         share, own = self._place(number)
         return self._one(share, "call", own, name, arguments, named)
 
-    # --- where copies are ---
+    # --- distribution over processes ---
 
     def _numbers(self, chosen: Chosen) -> IndexArray:
         if chosen is None:
@@ -335,7 +343,7 @@ class Batch:
         return share, number - int(self._first[share])
 
     def _all(self, name: str, numbers: IndexArray, further: Any) -> list[tuple[IndexArray, Any]]:
-        """Call every share with the copies that it has; for each, places in `numbers` and its answer."""
+        """Call a method of every share with chosen copies; return places in `numbers` and each result."""
         share_of = np.searchsorted(self._first, numbers, side="right") - 1
         own = [np.flatnonzero(share_of == s) for s in range(len(self._first))]
         calls = [
@@ -347,7 +355,7 @@ class Batch:
         answers: list[Any] = [None] * len(own)
         try:
             answers[0] = getattr(self._local, name)(*calls[0])
-        except Exception as raised:  # the workers' answers are taken first
+        except Exception as raised:  # read the answers of all workers before raising
             error = raised
         for s, worker in enumerate(self._remote, start=1):
             try:
@@ -395,10 +403,10 @@ class _Worker:
     def begin(
         self, robot: RobotDescription, backend: Backend | None, shape: Any, first: int, count: int
     ) -> None:
-        """Have it make its copies; `result` tells when it has.
+        """Start to build the copies in the process; `result` waits until they exist.
 
         Raises:
-            BatchError: the scene cannot be handed over.
+            BatchError: the scene cannot be sent.
         """
         try:
             data = pickle.dumps((robot, backend, shape, first, count))
@@ -409,17 +417,17 @@ class _Worker:
         self._calls.send_bytes(data)
 
     def ask(self, name: str, arguments: Any) -> None:
-        """Call a method of its Share; `result` has to follow."""
+        """Start a method of the process's Share; a call of `result` must follow."""
         try:
             self._calls.send((name, arguments))
         except OSError as error:
             raise self._gone() from error
 
     def result(self) -> Any:
-        """What the last call gave.
+        """Wait for the last call and return its result.
 
         Raises:
-            BatchError: it raised something, or the process has ended.
+            BatchError: the call raised an exception, or the process has ended.
         """
         try:
             good, answer = self._calls.recv()
@@ -433,7 +441,7 @@ class _Worker:
         return BatchError("a worker process of the batch has ended; make the batch anew")
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         self._calls.close()
         try:
             self._process.wait(timeout=5.0)

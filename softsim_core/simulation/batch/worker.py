@@ -1,4 +1,4 @@
-"""A worker process of a batch: `python -m softsim_core.simulation.batch.worker SOCKET MEMORY` (descriptors).
+"""Worker process of a batch: `python -m softsim_core.simulation.batch.worker SOCKET MEMORY` (descriptors).
 
 It answers calls on its Share until the other side of the socket closes.
 """
@@ -32,12 +32,12 @@ def serve(calls: Connection, memory: int) -> None:
             calls.send((True, answer))
         except (EOFError, ConnectionError):
             return
-        except Exception as error:  # whatever it is, the one who called is told
+        except Exception as error:  # any error is returned to the caller
             calls.send((False, failure(error)))
             if share is None:
                 return
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the one who called, and with it the socket
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the caller, and with it the socket
     serve(Connection(int(sys.argv[1])), int(sys.argv[2]))

@@ -1,4 +1,4 @@
-"""Cables: frictionless lines through points that a body carries, pulled at one end."""
+"""Cables: frictionless lines through points of a body, pulled at one end."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Cables of a scene, compiled: their points bound to the body that carries them."""
+"""Construction of the cables of a scene: their points bound to the body that carries them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from softsim_core.physics.mesh import TetMesh, place
 
 
 def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables:
-    """All cables of a scene.
+    """Return all cables of a scene.
 
     Raises:
-        SceneError: a point lies outside its body, or all points of a cable coincide.
+        SceneError: a point is outside its body, or all points of a cable coincide.
         ConfigError: a file of points cannot be read.
     """
     model = surroundings.model
@@ -66,11 +66,11 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
 
 
 def cable_points(cable: CableDescription, mesh: TetMesh | None = None) -> Array:
-    """Points of a cable in the world in [m], shape (k, 3), at the start of the scene.
+    """Return the points of a cable in the world in [m], shape (k, 3), at the start of the scene.
 
     Args:
         cable: The cable.
-        mesh: That of its body, for a cable that names a group of it.
+        mesh: Mesh of its body, for a cable that names a group of it.
 
     Raises:
         SceneError: the mesh has no such group.
@@ -90,7 +90,7 @@ def cable_points(cable: CableDescription, mesh: TetMesh | None = None) -> Array:
 
 
 def _chained(points: Array, start: Array) -> Array:
-    """Points (k, 3), each the nearest to the one before among those that are left; the first to `start`."""
+    """Return points (k, 3) as a chain: the one nearest to `start`, then each time the nearest remaining."""
     left, here, chain = points, start, []
     while len(left):
         nearest = int(np.argmin(np.linalg.norm(left - here, axis=1)))

@@ -1,9 +1,9 @@
-"""Cables: frictionless lines through points that a body carries, pulled at one end.
+"""Cables: frictionless lines through points of a body, pulled at one end.
 
-The length L is the sum of the straight segments; the coordinate s = L0 - L, the cable displacement, is how
-much shorter the cable is than at rest. Its row is H = ds/dx = -dL/dx: at a point the unit vectors towards
-both neighbours, so one tension acts in all segments. A cable that only pulls keeps s >= the commanded
-displacement with a tension >= 0 that is zero where it is slack.
+The length L is the sum of the straight segments. The coordinate s = L0 - L, the cable displacement, is the
+shortening relative to the rest length. Its row is H = ds/dx = -dL/dx: at each point the unit vectors towards
+both neighbours, so that one tension acts in all segments. A pull-only cable enforces s >= the commanded
+displacement, with a tension >= 0 that is zero where the cable is slack.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from softsim_core.physics.actuation import (
 from softsim_core.physics.mechanics import Model, Rows, State, Transmissions
 
 IN_BODY, IN_WORLD = -2, -1
-"""What carries a cable's point where no joint does."""
+"""Carriers of a cable's points that no joint carries."""
 
 
 class RowLayout(NamedTuple):
-    """Rows of c cables, a cable's points first, then the joints that carry its pull point.
+    """Layout of the rows of c cables: a cable's points first, then the joints that carry its pull point.
 
     Attributes:
-        start: Where the entries of each row begin; the last one ends them, shape (c + 1,).
+        start: First entry of each row, and the end of the last row, shape (c + 1,).
         place: Node, or number of nodes + reduced coordinate, of each entry, shape (k,).
         of_points: Entries of the points, four each, shape (4 p,).
         levers: Entries of joints that carry pull points, shape (m,).
-        lever_points: Pull point of each of them, shape (m,).
-        lever_unknowns: Reduced coordinate of each of them, shape (m,).
+        lever_points: Pull point of each lever, shape (m,).
+        lever_unknowns: Reduced coordinate of each lever, shape (m,).
     """
 
     start: IndexArray
@@ -50,16 +50,16 @@ class RowLayout(NamedTuple):
 
 
 class CableArrays(NamedTuple):
-    """All cables of a scene: p points, m joints that carry pull points.
+    """All cables of a scene for the compiled kernels: p points, m joints that carry pull points.
 
     Attributes:
-        first: Where each cable's points begin; the last one ends them, shape (c + 1,).
+        first: First point of each cable, and the end of the last cable, shape (c + 1,).
         nodes, weights: Nodes that carry each point, and their weights, shapes (p, 4).
         carrier: Joint that carries each point, or IN_WORLD or IN_BODY, shape (p,).
-        local: Where in the carrier's frame in [m], shape (p, 3).
+        local: Position in the carrier's frame in [m], shape (p, 3).
         entry: First of the four entries of each point in the rows of all cables, shape (p,).
         levers, lever_points, lever_unknowns: See RowLayout, shapes (m,).
-        rest_length: In [m], shape (c,).
+        rest_length: Rest length in [m], shape (c,).
         points, pulls: Filled by `measure_cables`: points in [m], and H on them, shape (p, 3).
     """
 
@@ -80,7 +80,7 @@ class CableArrays(NamedTuple):
 def row_layout(
     model: Model, first: IndexArray, nodes: IndexArray, pull: Sequence[tuple[int, int, Array]]
 ) -> RowLayout:
-    """The layout of cables; for the arguments see Cables."""
+    """Return the layout of cables; for the arguments see Cables."""
     count, frames = len(model.rest), 6 * len(model.frame_names)
     start, levers = [0], []
     place: list[int] = []
@@ -104,18 +104,20 @@ def row_layout(
 
 
 def line_stiffness(nodes: IndexArray, weights: Array, line: Array, tension: float) -> GeometricStiffness:
-    """That of a line between a point of a body and a point at rest: tension over length, across the line.
+    """Return the geometric stiffness of a line between a point of a body and a fixed point.
+
+    It is tension over length, transverse to the line.
 
     Args:
         nodes: Nodes that carry the point, shape (k,).
-        weights: Their weights, shape (k,).
-        line: From one end to the other in [m], shape (3,).
-        tension: In [N].
+        weights: Weights of these nodes, shape (k,).
+        line: Vector from one end to the other in [m], shape (3,).
+        tension: Tension in [N].
     """
     if tension == 0.0:
         return no_geometric_stiffness()
     length = float(np.linalg.norm(line))
-    across = np.eye(3) - np.outer(line, line) / length**2  # three rows, of which the line itself makes two
+    across = np.eye(3) - np.outer(line, line) / length**2  # three rows, of rank two
     coefficient = (weights[None, :, None] * across[:, None, :]).reshape(-1, 3)
     rows = Rows(len(nodes) * np.arange(4), np.tile(nodes, 3), coefficient)
     return GeometricStiffness(rows, np.full(3, tension / length))
@@ -123,17 +125,17 @@ def line_stiffness(nodes: IndexArray, weights: Array, line: Array, tension: floa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CableView(ActuatorView):
-    """What one can see of a cable; its points begin with the pull point where there is one.
+    """Visible state of a cable; its points begin with the pull point if it has one.
 
     Attributes:
-        length: In [m].
+        length: Length in [m].
     """
 
     length: float = 0.0
 
     @property
     def tension(self) -> float:
-        """In [N]."""
+        """Tension in [N]."""
         return self.multiplier
 
 
@@ -146,7 +148,7 @@ class _Entries(NamedTuple):
 
 
 class _Turning(NamedTuple):
-    """A stiffness against a joint, or against the sum or the difference of two: their places and signs."""
+    """Stiffness of one joint, or of the sum or the difference of two: their places and signs."""
 
     places: list[int]
     signs: list[float]
@@ -155,19 +157,19 @@ class _Turning(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cables:
-    """All cables of a scene; their points one behind the other, a pull point first where there is one.
+    """All cables of a scene; their points in sequence, each cable's pull point, if any, first.
 
     Attributes:
         names: Names of the joints that pull them.
         joint: Indices of these joints, shape (c,).
-        first: Where each cable's points begin; the last one ends them, shape (c + 1,).
-        nodes, weights: Nodes that carry each point, and their weights, shapes (p, 4); pull points have zeros.
-        pull: Pull points: number of the point, joint that carries it (or -1), and where in its frame in [m].
+        first: First point of each cable, and the end of the last cable, shape (c + 1,).
+        nodes, weights: Nodes that carry each point, and weights, shapes (p, 4); zeros for pull points.
+        pull: Pull points: number of the point, its joint (or -1), and position in the joint's frame in [m].
         rest_length: Lengths in [m] at displacement 0, shape (c,).
         lower, upper: Bounds of the tensions in [N], shape (c,).
         by_force: Whether the command is a tension in [N] instead of a displacement in [m], shape (c,).
-        layout: What never changes in their rows.
-        any_by_force: Whether one is commanded by a tension.
+        layout: Constant part of their rows.
+        any_by_force: Whether any cable is commanded by a tension.
     """
 
     names: tuple[str, ...]
@@ -188,35 +190,35 @@ class Cables:
 
     @property
     def constraints(self) -> Constraints:
-        """See ActuatorGroup."""
+        """The constant part of the cables' constraint rows: joints, entries and control mode."""
         return Constraints(self.joint, self.layout.start, self.layout.place, self.by_force)
 
     def values(self, model: Model, state: State) -> Array:
-        """Displacements in [m], shape (c,)."""
+        """Return the displacements in [m], shape (c,)."""
         return np.asarray(self.rest_length - self.lengths(self.points(model, state)))
 
     def bounds(self, commands: Array) -> tuple[Array, Array]:
-        """Bounds of the tensions in [N], shapes (c,), under the commands of the cables (c,)."""
+        """Return the bounds of the tensions in [N], shapes (c,), under the commands of the cables (c,)."""
         if not self.any_by_force:
             return self.lower, self.upper
         wanted = np.clip(commands, self.lower, self.upper)
         return np.where(self.by_force, wanted, self.lower), np.where(self.by_force, wanted, self.upper)
 
     def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
-        """See ActuatorGroup."""
+        """Return the transmissions of all cables: no compliance, bounds from the commands, unit gain."""
         size = len(commands)
         return Transmissions(commands, np.zeros(size), *self.bounds(commands), np.ones(size))
 
     def commands_of(self, values: Array, multipliers: Array) -> Array:
-        """See ActuatorGroup."""
+        """Return the commands at rest: multipliers in force control, else coordinates, shape (c,)."""
         return np.where(self.by_force, multipliers, values)
 
     def keeping(self) -> list[tuple[int, Actuator]]:
-        """See ActuatorGroup: none."""
+        """Return an empty list: cables have no internal state."""
         return []
 
     def points(self, model: Model, state: State) -> Array:
-        """All points in [m], shape (p, 3)."""
+        """Return all points in [m], shape (p, 3)."""
         points = np.asarray(np.einsum("pk,pki->pi", self.weights, state.positions[self.nodes]))
         frames: dict[int, tuple[Array, Array]] = {}
         for point, joint, local in self.pull:
@@ -226,18 +228,18 @@ class Cables:
         return points
 
     def directions(self, points: Array) -> tuple[Array, Array]:
-        """Unit vectors and lengths in [m] of the segments behind each point; 0 between cables."""
+        """Return unit vectors and lengths in [m] of the segments after each point; 0 between cables."""
         along = points[1:] - points[:-1]
         along[self.first[1:-1] - 1] = 0.0
         length = np.sqrt(np.einsum("pi,pi->p", along, along))
         return along / np.maximum(length, 1e-12)[:, None], length
 
     def lengths(self, points: Array) -> Array:
-        """Length of each cable in [m], shape (c,), with its points at (p, 3)."""
+        """Return the length of each cable in [m], shape (c,), with its points at (p, 3)."""
         return np.asarray(np.add.reduceat(self.directions(points)[1], self.first[:-1]))
 
     def pulls(self, points: Array) -> Array:
-        """H on the points, shape (p, 3): the force on each per unit of tension."""
+        """Return H on the points, shape (p, 3): the force on each per unit of tension."""
         unit, _ = self.directions(points)
         pulls = np.zeros_like(points)
         pulls[:-1] = unit
@@ -245,7 +247,7 @@ class Cables:
         return pulls
 
     def coefficients(self, model: Model, state: State) -> Array:
-        """Entries of the rows, shape (k, 3)."""
+        """Return the entries of the rows, shape (k, 3)."""
         layout, points = self.layout, self.points(model, state)
         pulls, coefficient = self.pulls(points), np.zeros((len(self.layout.place), 3))
         coefficient[layout.of_points] = (self.weights[:, :, None] * pulls[:, None, :]).reshape(-1, 3)
@@ -255,7 +257,7 @@ class Cables:
         return coefficient
 
     def _moved(self, model: Model, state: State, points: Array) -> Array:
-        """Velocity of pull points per unit velocity of each joint that carries them, shape (m, 3)."""
+        """Return the velocity of pull points per unit velocity of each joint that carries them, (m, 3)."""
         motion_subspace, k, at = (
             model.motion_subspace(state),
             self.layout.lever_unknowns,
@@ -269,14 +271,14 @@ class Cables:
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
     ) -> GeometricStiffness:
-        """Two rows across each segment under tension, and what turns pull points with their joints.
+        """Return two rows across each segment under tension, and rows for the joints that rotate pull points.
 
-        A segment of length l under tension t resists turning with the stiffness t / l across itself. A pull
+        A segment of length l under tension t resists rotation with the transverse stiffness t / l. A pull
         point p on revolute joints of angles q adds -t H d2p/dq2 to them.
         """
         points = self.points(model, state)
         unit, length = self.directions(points)
-        tension = np.repeat(multipliers, np.diff(self.first))[:-1]  # of the segment behind each point
+        tension = np.repeat(multipliers, np.diff(self.first))[:-1]  # of the segment after each point
         tension[self.first[1:-1] - 1] = 0.0  # between two cables
         taut = np.flatnonzero(tension * length)
         turning = self._turning(model, state, points, multipliers)
@@ -296,9 +298,9 @@ class Cables:
     def _across(
         self, model: Model, state: State, points: Array, taut: IndexArray, unit: Array
     ) -> Iterator[_Entries]:
-        """Entries of two rows across each of the segments `taut` (s,) of directions (s, 3)."""
+        """Yield the entries of two rows across each of the segments `taut` (s,) of directions (s, 3)."""
         across, both = _across(unit), 2 * np.arange(len(taut))[:, None] + np.arange(2)
-        for ahead, sign in ((1, 1.0), (0, -1.0)):  # where segments end, and where they begin
+        for ahead, sign in ((1, 1.0), (0, -1.0)):  # at the ends, then at the beginnings of segments
             weights, nodes = self.weights[taut + ahead], self.nodes[taut + ahead]
             s, k = np.nonzero(weights)
             coefficient = sign * weights[s, k][:, None, None] * across[s]
@@ -314,7 +316,10 @@ class Cables:
                 yield _Entries(both[segment], np.full(2, unknown), coefficient)
 
     def _turning(self, model: Model, state: State, points: Array, multipliers: Array) -> list[_Turning]:
-        """-t H d2p/dq2 of the joints that turn pull points, the outer one turning what the inner one does."""
+        """Return -t H d2p/dq2 of the joints that rotate pull points.
+
+        The outer joint rotates the inner motion.
+        """
         result: list[_Turning] = []
         layout = self.layout
         if not len(layout.levers):
@@ -334,15 +339,15 @@ class Cables:
         return [each for each in result if each.weight != 0.0]
 
     def surfaces(self) -> list[IndexArray]:
-        """See ActuatorGroup: none."""
+        """Return an empty list: cables press on no surface."""
         return []
 
     def surface_stiffness(self, state: State, multipliers: Array) -> list[Array]:
-        """See ActuatorGroup: none."""
+        """Return an empty list: cables press on no surface."""
         return []
 
     def views(self, model: Model, state: State, multipliers: Array) -> tuple[CableView, ...]:
-        """What one can see of each cable at tensions (c,) in [N]."""
+        """Return the visible state of each cable at tensions (c,) in [N]."""
         points = self.points(model, state)
         lengths, outside = self.lengths(points), {point for point, _, _ in self.pull}
         return tuple(
@@ -359,7 +364,7 @@ class Cables:
         )
 
     def compiled(self) -> CableArrays:
-        """The cables for the compiled kernels."""
+        """Return the cables for the compiled kernels."""
         layout, points = self.layout, len(self.nodes)
         carrier, local = np.full(points, IN_BODY), np.zeros((points, 3))
         for point, joint, place in self.pull:
@@ -381,7 +386,7 @@ class Cables:
 
 
 def _across(unit: Array) -> Array:
-    """Two unit vectors across each of the unit vectors (s, 3), shape (s, 2, 3)."""
+    """Return two unit vectors normal to each of the unit vectors (s, 3), shape (s, 2, 3)."""
     aside = np.zeros_like(unit)
     aside[np.arange(len(unit)), np.abs(unit).argmin(axis=1)] = 1.0
     first = np.cross(unit, aside)

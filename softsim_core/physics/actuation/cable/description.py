@@ -1,4 +1,4 @@
-"""The description of a cable in a scene: typed, SI; its points may lie in a file."""
+"""Description of a cable in a scene: typed, in SI units; its points may be in a file."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from softsim_core.physics.actuation import ActuatorDescription
 
 
 def read_cable_points(file: str | PathLike[str]) -> Array:
-    """Points of a cable in file units, from the pulled end to the anchored one, shape (k, 3).
+    """Return the points of a cable in file units, from the pulled end to the anchored one, shape (k, 3).
 
     Args:
         file: JSON (.json) or YAML (.yaml, .yml): a list of lists of three numbers.
 
     Raises:
-        ConfigError: the file is missing or damaged, or an entry is no point; names it.
+        ConfigError: the file is missing or damaged, or an entry is no point; the message names it.
     """
     path = Path(file)
     data = _read(path)
@@ -83,24 +83,24 @@ def _shown(value: Any) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CableDescription(ActuatorDescription):
-    """The cable that a joint of kind "cable" pulls: it slides without friction through points of a body.
+    """Cable that a joint of kind "cable" pulls; it slides without friction through points of a body.
 
-    Its coordinate is the cable displacement: by how much it is shortened against its rest length, in [m].
-    Commands are displacements; the joint's position is the real one, which differs where the cable is slack
-    or at its largest tension.
+    Its coordinate is the cable displacement: the shortening relative to its rest length, in [m]. Commands are
+    displacements or tensions, see `control`. The joint's position is the actual displacement, which differs
+    from the command where the cable is slack or at its largest tension.
 
     Attributes:
         body: Name of the deformable body that carries the points.
         points: Points in the frame of `placement`, from the pulled end to the anchored one; at least two, or
-            one beside a pull point. Or a file that lists them (JSON or YAML).
-        group: Instead of points, a group of the mesh's file by name (a physical group of Gmsh): its nodes,
-            from the one nearest to the pull point on, each time the nearest of those that are left.
-        placement: Where the frame of `points` sits (scale converts file units to [m]).
+            one in addition to a pull point. Or a file that lists them (JSON or YAML).
+        group: Instead of points, the name of a group in the mesh file (a physical group of Gmsh): its nodes,
+            starting with the one nearest to the pull point, each followed by the nearest remaining one.
+        placement: Placement of the frame of `points` (scale converts file units to [m]).
         pull_point: Point in world coordinates in [m] where the cable leaves the robot; None: the first of
-            `points` plays that part.
-        pull_on: None: the pull point is fixed in space. A joint name: it moves with that joint.
+            `points`.
+        pull_on: Name of the joint that carries the pull point; None: it is fixed in space.
         control: "displacement": commands are displacements in [m]. "force": commands are tensions in [N].
-        pull_only: A cable goes slack (True); False makes it a rod that can push, for comparison.
+        pull_only: Whether the cable can go slack; False makes it a rod that can push, for comparison.
         max_tension: Largest tension in [N], > 0; None: not limited.
         rest_length: Length in [m] at displacement 0; None: the length at the start of the scene.
     """
@@ -140,23 +140,23 @@ class CableDescription(ActuatorDescription):
 
     @property
     def by_effort(self) -> bool:
-        """See ActuatorDescription."""
+        """Whether commands are tensions (force control) instead of shortenings."""
         return self.control == "force"
 
     @property
     def units(self) -> JointUnits:
-        """See ActuatorDescription."""
+        """Units of the cable's joint; commands are forces or shortenings, positions are shortenings."""
         return JointUnits(FORCE if self.by_effort else SHORTENING, SHORTENING, "N")
 
     def bodies(self) -> dict[str, str | None]:
-        """See ActuatorDescription."""
+        """Return the name of the body that carries the cable, under the key `body`."""
         return {"body": self.body}
 
     def carriers(self) -> dict[str, str | None]:
-        """See ActuatorDescription."""
+        """Return the name of the joint that carries the pull point, under the key `pull_on`."""
         return {"pull_on": self.pull_on}
 
     def carried_by(self, joint: str) -> CableDescription:
-        """See ActuatorDescription."""
+        """Return the description with a pull point that is fixed in space moved onto a joint."""
         stands = self.pull_point is not None and self.pull_on is None
         return replace(self, pull_on=joint) if stands else self

@@ -1,4 +1,4 @@
-"""Chambers: hollows of a body, filled with air or water, commanded by pressure or by volume."""
+"""Chambers: cavities of a body, filled with air or water, commanded by pressure or by volume."""
 
 from lazy_loader import attach_stub
 

@@ -1,12 +1,12 @@
-r"""A pressure chamber: the faces of its hollow, its volume, forces and their stiffness, the line of its pump.
+r"""Pressure chamber: the faces of its cavity, its volume, forces and their stiffness, the line of its pump.
 
-The amount a is the air that was pumped in and is still there, as the volume in [m^3] that it has in the
-atmosphere. With the volume V of hollow and line when the scene was built and the gauge pressure p, each part
-of the air follows :math:`(P_0 + p) V^k = const` from the atmosphere on:
+The amount a is the air that was pumped in and has not left, as the volume in [m^3] that it has at atmospheric
+pressure. With the volume V of cavity and line at the start of the scene and the gauge pressure p, each part
+of the air follows :math:`(P_0 + p) V^k = const` from atmospheric pressure on:
 
 .. math:: s + V + c p = (V + a) \, r(p), \quad r(p) = (1 + p / P_0)^{-1/k}
 
-c being what hoses take up by themselves. With 1 / k = 0 that is water, which does not compress.
+where c is the compliance of the hoses. 1 / k = 0 describes water, which is incompressible.
 
 With the shape functions N of the nodes of each face, over the reference triangle,
 
@@ -14,9 +14,9 @@ With the shape functions N of the nodes of each face, over the reference triangl
     \partial V / \partial x_a = \tfrac13 \sum \int \bigl(N_a \, x_\xi \times x_\eta
         + N_{a,\xi} \, x_\eta \times x + N_{a,\eta} \, x \times x_\xi\bigr)
 
-exact for linear and quadratic faces. A pressure p pushes with p dV/dx, and -p d2V/dx2 is its stiffness: both
-of a potential -p V, so symmetric. V is of third order in x, so one constant tensor per kind of face holds
-them all:
+exact for linear and quadratic faces. A pressure p has the forces p dV/dx and the stiffness -p d2V/dx2. Both
+derive from the potential -p V, so the stiffness is symmetric. V is of third order in x, so one constant
+tensor per kind of face determines them all:
 
 .. math:: \frac{\partial^2 V}{\partial x_a \partial x_b} = [v_{ab}]_\times, \quad
     v_{ab} = \sum_c T_{abc} x_c, \quad
@@ -53,15 +53,15 @@ from softsim_core.physics.mechanics import FIXED, Model, Rows, State
 from softsim_core.physics.mesh import TetMesh, boundary_faces, cavities, encloses, turned
 
 FLAT = 0.02
-"""A rim may leave its plane by this part of its radius."""
+"""Largest distance of a rim from its plane, as a share of its radius."""
 
 
 class Hollow(NamedTuple):
-    """What encloses a chamber.
+    """Boundary of a chamber.
 
     Attributes:
-        faces: Node indices of its faces in the body's mesh, pointing out of the hollow, shape (m, a).
-        lids: Places in [m] of the nodes of faces that fixed plates close it with, shape (k, a, 3).
+        faces: Node indices of its faces in the body's mesh, pointing out of the cavity, shape (m, a).
+        lids: Node positions in [m] of the faces of fixed plates that close it, shape (k, a, 3).
     """
 
     faces: IndexArray
@@ -69,10 +69,10 @@ class Hollow(NamedTuple):
 
 
 def hollow_of(name: str, described: ChamberDescription, surroundings: Surroundings) -> Hollow:
-    """The hollow of a chamber of a name.
+    """Return the boundary of a chamber.
 
     Raises:
-        SceneError: there is none such as described, or it is open.
+        SceneError: the body has no such cavity, or it is open.
     """
     mesh = surroundings.meshes[described.body]
     if described.surface is not None:
@@ -82,10 +82,10 @@ def hollow_of(name: str, described: ChamberDescription, surroundings: Surroundin
 
 
 def closed_hollow(name: str, described: ChamberDescription, mesh: TetMesh) -> IndexArray:
-    """Faces of a chamber that its body's mesh closes all around, shape (k, 3) or (k, 6).
+    """Return the faces of a chamber that its body's mesh encloses, shape (k, 3) or (k, 6).
 
     Raises:
-        SceneError: there is none, or none around the chamber's place.
+        SceneError: there is none, or none around the point `inside`.
     """
     found = cavities(mesh)
     if not found:
@@ -97,7 +97,7 @@ def closed_hollow(name: str, described: ChamberDescription, mesh: TetMesh) -> In
 
 
 def _chosen(name: str, described: ChamberDescription, mesh: TetMesh, found: list[IndexArray]) -> IndexArray:
-    """All hollows, or the one around a place."""
+    """Return all cavities, or the one around the point `inside`."""
     if described.inside is None:
         return np.concatenate(found)
     place = np.array(described.inside, dtype=float)
@@ -141,13 +141,13 @@ def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) 
 
 
 def _held(surroundings: Surroundings, body: str) -> IndexArray:
-    """Nodes of a body that are attached to the world, in the numbers of its own mesh."""
+    """Return the nodes of a body that are attached to the world, in the numbers of its own mesh."""
     first, count = surroundings.first_node[body], len(surroundings.meshes[body].points)
     return np.flatnonzero(surroundings.model.region_of_node[first : first + count] == FIXED)
 
 
 def _lids(name: str, surface: str, faces: IndexArray, points: Array, held: IndexArray) -> Array:
-    """Faces that close an open surface by plates, a fan in each opening; see Hollow.lids."""
+    """Return faces of plates that close an open surface, a fan in each opening; see Hollow.lids."""
     sides = np.concatenate(
         [faces[:, [k, (k + 1) % 3, *([3 + k] if faces.shape[1] == 6 else [])]] for k in range(3)]
     )
@@ -187,21 +187,22 @@ def _lids(name: str, surface: str, faces: IndexArray, points: Array, held: Index
 
 
 LEAST = 1e-3
-"""Pressure against vacuum as a part of the atmosphere's, and air as a part of what was there, from which on a
-pump pulls out no more."""
+"""Smallest absolute pressure, as a share of the atmosphere's, and smallest content of air, as a share of the
+initial volume, below which a pump removes no more.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class PumpLine:
-    """A line, see the module.
+    """Line between pump and chamber, see the module.
 
     Attributes:
         volume: V in [m^3].
         atmosphere: P0 in [Pa].
         softness: 1 / k in [-].
         compliance: c in [m^3/Pa].
-        leak: What leaks out, as volume in the atmosphere in [m^3/s], per gauge pressure in [Pa].
-        flow_limit: Most that the pump moves in or out, as volume in the atmosphere in [m^3/s].
+        leak: Leak rate, as volume at atmospheric pressure in [m^3/s], per gauge pressure in [Pa].
+        flow_limit: Largest flow of the pump in or out, as volume at atmospheric pressure in [m^3/s].
     """
 
     volume: float
@@ -212,23 +213,23 @@ class PumpLine:
     flow_limit: float
 
     def share(self, pressure: float) -> float:
-        """R(p) in [-], what is left at a gauge pressure in [Pa] of the volume of air in the atmosphere."""
+        """Return r(p) in [-], the volume of air at a gauge pressure in [Pa] over that in the atmosphere."""
         return float(max(1.0 + pressure / self.atmosphere, LEAST) ** -self.softness)
 
     def growth(self, amount: float, pressure: float) -> float:
-        """By how much the hollow has grown, s in [m^3], with an amount in [m^3] at a pressure in [Pa]."""
+        """Return the growth s of the cavity in [m^3] with an amount in [m^3] at a pressure in [Pa]."""
         if self.softness == 0.0:
             return amount - self.compliance * pressure
         left = self._content(amount) * self.share(pressure) - self.volume
         return left - self.compliance * pressure
 
     def slope(self, amount: float, pressure: float) -> float:
-        """-ds/dp of `growth` in [m^3/Pa], >= 0."""
+        """Return -ds/dp of `growth` in [m^3/Pa], >= 0."""
         absolute = max(self.atmosphere + pressure, LEAST * self.atmosphere)
         return self.compliance + self._content(amount) * self.share(pressure) * self.softness / absolute
 
     def amount(self, growth: float, pressure: float) -> float:
-        """The amount in [m^3] with which a hollow that has grown by s in [m^3] has a pressure in [Pa]."""
+        """Return the amount in [m^3] at which a cavity with the growth s in [m^3] has a pressure in [Pa]."""
         taken_up = growth + self.compliance * pressure
         if self.softness == 0.0:
             return taken_up
@@ -240,15 +241,15 @@ class PumpLine:
 
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 _WEAK = 1e-9
-"""Parts of the stiffness below this share of the largest are left out."""
+"""Share of the largest stiffness below which parts are left out."""
 _PLAIN = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
-"""The plain triangles that show a face, by how many nodes it has."""
+"""Plain triangles of a face, by its number of nodes."""
 REACHED = 1e-9
-"""A pressure this near to another, as a part of the atmosphere's, has reached it."""
+"""Difference of two pressures, as a share of the atmosphere's, up to which they count as equal."""
 
 
 class _Measured(NamedTuple):
-    """Volume in [m^3] and its slopes in [m^2], shape (k, 3), at places of the nodes in [m], shape (k, 3)."""
+    """Volume in [m^3] and its slopes in [m^2], shape (k, 3), at node positions in [m], shape (k, 3)."""
 
     places: Array
     volume: float
@@ -257,24 +258,24 @@ class _Measured(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChamberView(ActuatorView):
-    """What one can see of a chamber.
+    """Visible state of a chamber.
 
     Attributes:
-        volume: Of its hollow in [m^3].
+        volume: Volume of its cavity in [m^3].
     """
 
     volume: float = 0.0
 
 
 class Chamber(Actuator):
-    """A hollow of one body.
+    """Chamber: a cavity of one body under pressure.
 
     Args:
         placed: Its joint and description.
-        surroundings: What it is built into.
+        surroundings: Model and meshes for which it is built.
 
     Raises:
-        SceneError: the body has no such hollow, see hollow_of.
+        SceneError: the body has no such cavity, see hollow_of.
     """
 
     kind = "chamber"
@@ -293,7 +294,7 @@ class Chamber(Actuator):
         self.surface = self.place[self.faces]
         count = faces.shape[1]
         twist, self.pairs = _TWISTS[count], np.triu_indices(count, 1)
-        one, two = self.pairs  # dV/dx from x_b x x_c of each pair b < c
+        one, two = self.pairs  # dV/dx as a sum of x_b x x_c over the pairs b < c
         self.shares = 0.5 * (twist[:, two, one] - twist[:, one, two])
         self._turning = twist.transpose(2, 0, 1).reshape(count, -1)
         corner = np.arange(self.faces.size)
@@ -309,18 +310,21 @@ class Chamber(Actuator):
         past = self.line.flow_limit < math.inf or (
             not self.by_multiplier and (self.line.softness > 0.0 or self.line.leak > 0.0)
         )
-        self.keeps = 2 if past else 0  # the amount of air, and how much the pump has pushed in
+        self.keeps = 2 if past else 0  # the amount of air, and the volume that the pump has moved in
 
     def value(self, model: Model, state: State) -> float:
-        """By how much the volume has grown, in [m^3]."""
+        """Return the growth of the volume in [m^3]."""
         return self._measured(state).volume - self.at_rest
 
     def row(self, model: Model, state: State) -> Array:
-        """DV/dx in [m^2], shape (k, 3)."""
+        """Return dV/dx in [m^2], shape (k, 3)."""
         return self._measured(state).row
 
     def transmission(self, command: float, multiplier: float) -> Transmission:
-        """See Actuator; where nothing pumps for good, a line that leaks is empty at rest."""
+        """Return the transmission at rest under a command, linearised at a pressure.
+
+        In volume control, a line that leaks is empty at rest because no pump runs permanently.
+        """
         line, (low, high) = self.line, self._limits
         if self.by_multiplier:
             most = line.flow_limit / line.leak if line.leak else math.inf
@@ -331,11 +335,15 @@ class Chamber(Actuator):
         return self._tangent(command, 0.0, multiplier, (low, high))
 
     def command_of(self, value: float, multiplier: float) -> float:
-        """See Actuator."""
+        """Return the command at rest: the pressure in pressure control, else the amount of air."""
         return multiplier if self.by_multiplier else self.line.amount(value, multiplier)
 
     def begin(self, state: State, kept: Array, command: float, span: float) -> Transmission:
-        """See Actuator. A regulator gives all it can until the pressure is there, or takes all it can."""
+        """Return the transmission of a step of `span` [s] that starts from a state and an amount of air.
+
+        In pressure control, the regulator adds or releases air at its flow limit until the pressure is
+        reached.
+        """
         line, (low, high) = self.line, self._limits
         pressure = float(state.joint_efforts[self.joint])
         amount, pumped = kept.tolist()
@@ -350,7 +358,10 @@ class Chamber(Actuator):
         return self._tangent(amount - most, lost, pressure, (wanted, high))
 
     def end(self, state: State, kept: Array, command: float, span: float) -> None:
-        """See Actuator; at a bound of the pressure, as much air was let in or out as it took."""
+        """Update the amount of air and the pumped volume after a step of `span` [s].
+
+        Where the pressure is at a bound, the amount of air is the one that this pressure needs.
+        """
         line, (low, high) = self.line, self._limits
         growth, pressure = (float(each[self.joint]) for each in (state.joint_positions, state.joint_efforts))
         amount, pumped = kept.tolist()
@@ -366,25 +377,25 @@ class Chamber(Actuator):
         kept[:] = amount if free else line.amount(growth, pressure), pumped
 
     def settle(self, state: State, kept: Array, command: float) -> None:
-        """See Actuator."""
+        """Set the amount of air and the pumped volume to their values at rest."""
         growth, pressure = (float(each[self.joint]) for each in (state.joint_positions, state.joint_efforts))
         kept[:] = self.line.amount(growth, pressure), 0.0 if self.by_multiplier else command
 
     def _wanted(self, command: float) -> float:
-        """The pressure that a command of pressure asks for, within its limits."""
+        """Return the commanded pressure, within its limits."""
         return min(max(command, self._limits[0]), self._limits[1])
 
     def _tangent(
         self, amount: float, lost: float, pressure: float, bounds: tuple[float, float]
     ) -> Transmission:
-        """What the line keeps about a pressure, of an amount less `lost` times the pressure."""
+        """Return the line's constraint about a pressure, for an amount less `lost` times the pressure."""
         line, share = self.line, self.line.share(pressure)
         left = amount - lost * pressure
         slope = line.slope(left, pressure) + lost * share
         return Transmission(line.growth(left, pressure) + slope * pressure, slope, *bounds, share)
 
     def geometric_stiffness(self, model: Model, state: State, multiplier: float) -> GeometricStiffness:
-        """See Actuator: the eigenvectors of each face's part of -p d2V/dx2."""
+        """Return -p d2V/dx2 as the eigenvectors and eigenvalues of each face's block."""
         if multiplier == 0.0:
             return no_geometric_stiffness()
         size = 3 * self.faces.shape[1]
@@ -401,7 +412,7 @@ class Chamber(Actuator):
         )
 
     def surface_stiffness(self, state: State, multiplier: float) -> Array:
-        """See Actuator: v of -p d2V/dx2 of each face."""
+        """Return the vectors v of the blocks [v]x of -p d2V/dx2 by face in [N/m], shape (m, 3, a, a)."""
         assert self.surface is not None
         corners = (state.positions[self.surface] - self.middle).swapaxes(1, 2)
         count = corners.shape[2]
@@ -409,7 +420,7 @@ class Chamber(Actuator):
         return np.asarray(v.reshape(-1, 3, count, count))
 
     def view(self, model: Model, state: State, multiplier: float) -> ChamberView:
-        """See Actuator: the hollow as plain triangles, four for a quadratic face."""
+        """Return the cavity surface as plain triangles, four per quadratic face, and its volume."""
         places = state.positions[self.place]
         drawn = self.faces[:, _PLAIN[self.faces.shape[1]]].reshape(-1, 3)
         return ChamberView(
@@ -423,7 +434,10 @@ class Chamber(Actuator):
         )
 
     def _measured(self, state: State) -> _Measured:
-        """What it has at a state; a step asks several times for the same one."""
+        """Return volume and slopes at a state.
+
+        Cached, because a step asks several times for the same state.
+        """
         places = state.positions[self.place]
         if not np.array_equal(places, self._known.places):
             corners = (places - self.middle)[self.faces]
@@ -434,7 +448,7 @@ class Chamber(Actuator):
         return self._known
 
     def _slopes(self, corners: Array) -> Array:
-        """DV/dx of the nodes of each face, shape (m, a, 3)."""
+        """Return dV/dx of the nodes of each face, shape (m, a, 3)."""
         one, two = (corners[:, each] for each in self.pairs)
         turned = one[..., _NEXT] * two[..., _LAST] - one[..., _LAST] * two[..., _NEXT]
         return np.asarray(self.shares @ turned)
@@ -444,7 +458,7 @@ class Chamber(Actuator):
 
 
 def _line(described: ChamberDescription, volume: float) -> PumpLine:
-    """The line of a chamber whose hollow has a volume in [m^3] at rest."""
+    """Return the line of a chamber with a cavity of a volume in [m^3] at rest."""
     air = described.line_volume is not None
     return PumpLine(
         volume=volume + (described.line_volume or 0.0),
@@ -457,20 +471,21 @@ def _line(described: ChamberDescription, volume: float) -> PumpLine:
 
 
 def _between(value: float, most: float) -> float:
-    """The value, no farther from 0 than `most`."""
+    """Return the value, limited to the interval from -most to most."""
     return min(max(value, -most), most)
 
 
 def _linear() -> tuple[Array, Array, Array, Array]:
-    """Weights, shape functions and their two slopes at the middle of a triangle."""
+    """Return weights, shape functions and their two slopes at the middle of a triangle."""
     first, second = np.array([[-1.0, 1.0, 0.0]]), np.array([[-1.0, 0.0, 1.0]])
     return np.array([0.5]), np.full((1, 3), 1.0 / 3.0), first, second
 
 
 def _quadratic() -> tuple[Array, Array, Array, Array]:
-    """The same of a triangle of six nodes, at six points: exact up to degree 4.
+    """Return weights, shape functions and slopes of a triangle of six nodes at six points.
 
-    Source of the points: Dunavant 1985, High degree efficient symmetrical Gaussian quadrature rules.
+    They are exact up to degree 4. Source of the points: Dunavant 1985, High degree efficient symmetrical
+    Gaussian quadrature rules.
     """
     places, weights = [], []
     for weight, one in ((0.223381589678011, 0.445948490915965), (0.109951743655322, 0.091576213509771)):
@@ -487,7 +502,7 @@ def _quadratic() -> tuple[Array, Array, Array, Array]:
 
 
 def _twist(weights: Array, values: Array, first: Array, second: Array) -> Array:
-    """The tensor T, see the module, shape (a, a, a)."""
+    """Return the tensor T, see the module, shape (a, a, a)."""
 
     def lesser(one: Array, two: Array, by: Array) -> Array:
         half = np.einsum("q,qa,qb,qc->abc", weights, one, two, by)
@@ -498,4 +513,4 @@ def _twist(weights: Array, values: Array, first: Array, second: Array) -> Array:
 
 
 _TWISTS = {3: _twist(*_linear()), 6: _twist(*_quadratic())}
-"""T of faces by how many nodes they have."""
+"""T of faces by their number of nodes."""

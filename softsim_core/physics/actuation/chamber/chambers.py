@@ -13,25 +13,25 @@ from softsim_core.physics.actuation.chamber.chamber import Chamber
 from softsim_core.physics.actuation.chamber.description import ChamberDescription
 
 _MOST = 6
-"""Nodes of a face at most."""
+"""Largest number of nodes of a face."""
 
 
 class ChamberArrays(NamedTuple):
-    """All chambers of a scene: f faces of up to six nodes.
+    """All chambers of a scene for the compiled kernels: f faces of up to six nodes.
 
     Attributes:
         row: Row of each chamber among those of all actuators, shape (c,).
-        first: Where each chamber's faces begin; the last one ends them, shape (c + 1,).
-        size: How many nodes the faces of each have, shape (c,).
+        first: First face of each chamber, and the end of the last chamber, shape (c + 1,).
+        size: Number of nodes per face of each chamber, shape (c,).
         nodes: Nodes of each face, shape (f, 6).
-        entry: Entry of each of them among those of all chambers, shape (f, 6).
+        entry: Entry of each of these nodes among those of all chambers, shape (f, 6).
         pairs: Pairs of a face's nodes, shape (c, 15, 2).
-        shares: What the cross product of each pair gives to the slope of each node, shape (c, 15, 6).
-        middle: Where each has its origin in [m], shape (c, 3).
-        at_rest: Volumes about that at rest in [m^3], shape (c,).
+        shares: Factor of each pair's cross product in the slope of each node, shape (c, 15, 6).
+        middle: Origin of each chamber in [m], shape (c, 3).
+        at_rest: Volumes about the origin at rest in [m^3], shape (c,).
         begin: First entry of the chambers among those of all actuators, shape (1,).
         rows: Filled by `measure_chambers`: coefficients of their entries, shape (k, 3).
-        corners, slopes: Room for one face, shapes (6, 3).
+        corners, slopes: Buffers for one face, shapes (6, 3).
     """
 
     row: IndexArray
@@ -50,10 +50,10 @@ class ChamberArrays(NamedTuple):
 
 
 class Chambers(PlainGroup):
-    """See the module.
+    """All chambers of a scene as one actuator group, with arrays for the compiled kernels.
 
     Args:
-        chambers: Each of them.
+        chambers: The chambers.
     """
 
     def __init__(self, chambers: Sequence[Chamber]) -> None:
@@ -61,7 +61,7 @@ class Chambers(PlainGroup):
         self._chambers = tuple(chambers)
 
     def compiled(self, row: int, entry: int) -> ChamberArrays:
-        """The chambers for the compiled kernels; their first row and entry are `row` and `entry`."""
+        """Return the chambers for the compiled kernels; their first row and entry are `row` and `entry`."""
         start, count = self.constraints.start, len(self._chambers)
         first = np.cumsum([0, *(len(each.faces) for each in self._chambers)], dtype=np.int64)
         most = _MOST * (_MOST - 1) // 2

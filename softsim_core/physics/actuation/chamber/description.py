@@ -1,4 +1,4 @@
-"""What a scene says of a chamber; typed, SI."""
+"""Description of a chamber in a scene: typed, in SI units."""
 
 from __future__ import annotations
 
@@ -20,40 +20,41 @@ from softsim_core.base import (
 from softsim_core.physics.actuation import ActuatorDescription
 
 ATMOSPHERE = 101_325.0
-"""Pressure of the air around in [Pa], against vacuum: the standard atmosphere."""
+"""Absolute pressure of the ambient air in [Pa]: the standard atmosphere."""
 
 VACUUM = -ATMOSPHERE
-"""Pressure of nothing against the air around in [Pa]."""
+"""Gauge pressure of vacuum in [Pa]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChamberDescription(ActuatorDescription):
-    """The hollow of a body that a joint of kind "chamber" fills.
+    """Cavity of a body that a joint of kind "chamber" fills.
 
-    Its coordinate is by how much its volume has grown since the scene was built, in [m^3]; its effort is the
-    pressure in it against the air around, in [Pa]. The joint's position is the real growth.
+    Its coordinate is the growth of its volume since the start of the scene, in [m^3]; its effort is the gauge
+    pressure in it, in [Pa]. The joint's position is the actual growth.
 
     Attributes:
         body: Name of the deformable body that encloses it.
-        inside: A place in the hollow in [m], where the scene is built; None: all hollows of the body are one
-            chamber.
-        surface: Or the name of a surface of the body's mesh, such as a physical group of a Gmsh file: the
-            faces around the chamber. Where it is open, its rim has to be attached to the world, flat: a plate
-            closes it there.
-        control: "pressure": commands are pressures in [Pa], as of a regulator. "volume": commands are what a
-            pump has pushed in, in [m^3]: water, or air as it is in the atmosphere; this goes on where more
-            volume needs less pressure.
-        max_pressure, min_pressure: The pressure stays between them, in [Pa]; by volume, more or less is let
-            out or in.
-        line_compliance: What the line between pump and hollow takes up in [m^3/Pa], >= 0: a command of volume
-            q with a pressure p leaves q - p * line_compliance for the hollow.
-        line_volume: Volume in [m^3] of the line, >= 0, which is filled with air as the hollow is; air
-            compresses. None: what fills both does not, such as water.
-        exponent: k of that air in [-], in 1 to 2: (atmosphere + pressure) V^k stays what it was. 1 is slow
+        inside: A point in the cavity in [m], at the start of the scene; None: all cavities of the body are
+            one chamber.
+        surface: Alternatively the name of a surface of the body's mesh, such as a physical group of a Gmsh
+            file: the faces around the chamber. If it is open, its rim must be flat and attached to the
+            world; a plate closes it there.
+        control: "pressure": commands are pressures in [Pa], as for a regulator. "volume": commands are the
+            volume that a pump has moved in, in [m^3]: water, or air at atmospheric pressure; this also works
+            where more volume needs less pressure.
+        max_pressure, min_pressure: Bounds of the pressure in [Pa]; under volume control, air is let out or
+            in at a bound.
+        line_compliance: Volume that the line between pump and cavity takes up in [m^3/Pa], >= 0: a volume
+            command q at a pressure p leaves q - p * line_compliance for the cavity.
+        line_volume: Volume in [m^3] of the line, >= 0, which like the cavity is filled with air; air
+            compresses. None: the filling is incompressible, such as water.
+        exponent: k of that air in [-], in 1 to 2: (atmosphere + pressure) V^k is constant. 1 is slow
             (isothermal), 1.4 quick (adiabatic).
-        leak: What leaks out, as volume in the atmosphere in [m^3/s], per pressure in [Pa], >= 0.
-        flow_limit: Most that pump or regulator move in or out, as volume in the atmosphere in [m^3/s], > 0.
-        atmosphere: Pressure of the air around against vacuum in [Pa], > 0.
+        leak: Leak rate, as volume at atmospheric pressure in [m^3/s], per pressure in [Pa], >= 0.
+        flow_limit: Largest flow of pump or regulator in or out, as volume at atmospheric pressure in [m^3/s],
+            > 0.
+        atmosphere: Absolute pressure of the ambient air in [Pa], > 0.
     """
 
     kind: ClassVar[str] = "chamber"
@@ -92,14 +93,14 @@ class ChamberDescription(ActuatorDescription):
 
     @property
     def units(self) -> JointUnits:
-        """See ActuatorDescription."""
+        """Units of the chamber's joint: command as pressure or volume, position as volume, effort in [Pa]."""
         return JointUnits(PRESSURE if self.control == "pressure" else VOLUME, VOLUME, "Pa")
 
     @property
     def by_effort(self) -> bool:
-        """See ActuatorDescription."""
+        """Whether commands are pressures instead of volumes."""
         return self.control == "pressure"
 
     def bodies(self) -> dict[str, str | None]:
-        """See ActuatorDescription."""
+        """Return the name of the body that encloses the chamber, under the key `body`."""
         return {"body": self.body}

@@ -1,4 +1,4 @@
-"""Compiled kernels of actuators: the step evaluates their kinds in its own compiled call."""
+"""Compiled kernels of actuators, called within the compiled step."""
 
 from lazy_loader import attach_stub
 

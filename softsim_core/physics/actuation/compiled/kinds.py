@@ -1,8 +1,8 @@
-"""Compiled kernels of actuators, kind by kind, as the compiled step calls them.
+"""Compiled kernels of actuators, kind by kind, for the compiled step.
 
-A kind that has none is evaluated in NumPy before and after the compiled part of a step. A kind that gets some
-adds its arrays to CompiledKinds and its kernels to the functions below. Rows of the compiled kinds come
-first, in the order of the fields of CompiledKinds.
+A kind without kernels is evaluated in NumPy before and after the compiled part of a step. To compile a kind,
+add its arrays to CompiledKinds and its kernels to the functions below. Rows of the compiled kinds come first,
+in the order of the fields of CompiledKinds.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from softsim_core.physics.actuation.compiled.compile import kernel
 def measure_cables(
     positions: Array, origins: Array, rotations: Array, cables: CableArrays, value: Array
 ) -> None:
-    """Displacements of the cables in [m] into `value` (c,), their points and pulls into `cables`.
+    """Write the displacements of the cables in [m] into `value` (c,), their points and pulls into `cables`.
 
-    For the arguments see compiled.kinds.
+    For the arguments see `measure`.
     """
     points, pulls = cables.points, cables.pulls
     for p in range(len(points)):
@@ -60,7 +60,7 @@ def measure_cables(
 def fill_cables(
     angular: Array, linear: Array, origin: Array, cables: CableArrays, coefficient: Array
 ) -> None:
-    """Entries of the cables' rows into `coefficient` (k, 3), after `measure_cables`; see compiled.kinds."""
+    """Write the entries of the cables' rows into `coefficient` (k, 3), after `measure_cables`; see `fill`."""
     for p in range(len(cables.points)):
         for k in range(4):
             for i in range(3):
@@ -78,9 +78,9 @@ def fill_cables(
 
 @kernel
 def measure_chambers(positions: Array, chambers: ChamberArrays, value: Array) -> None:
-    """By how much the volumes have grown in [m^3] into `value`, and their rows into `chambers`.
+    """Write the growth of the volumes in [m^3] into `value`, and their rows into `chambers`.
 
-    For the arguments see compiled.kinds.
+    For the arguments see `measure`.
     """
     x, slopes, found = chambers.corners, chambers.slopes, chambers.rows
     found[:] = 0.0
@@ -111,7 +111,10 @@ def measure_chambers(positions: Array, chambers: ChamberArrays, value: Array) ->
 
 @kernel
 def fill_chambers(chambers: ChamberArrays, coefficient: Array) -> None:
-    """Entries of their rows into `coefficient` (k, 3), after `measure_chambers`; see compiled.kinds."""
+    """Write the entries of the chambers' rows into `coefficient` (k, 3), after `measure_chambers`.
+
+    See `fill`.
+    """
     begin, found = chambers.begin[0], chambers.rows
     for e in range(len(found)):
         for i in range(3):
@@ -126,7 +129,7 @@ class CompiledKinds(NamedTuple):
 
 
 def compiled_kinds(actuators: Actuators) -> tuple[CompiledKinds, int]:
-    """What the kernels need of a model's actuators, and how many of them they evaluate: the first ones."""
+    """Return the kernels' arrays for a model's actuators, and how many they evaluate: the first ones."""
     cables, chambers, count = _no_cables(), Chambers([]).compiled(0, 0), 0
     for group, rows, entries in actuators.spans():
         if isinstance(group, Cables) and not count:
@@ -149,7 +152,7 @@ def _no_cables() -> CableArrays:
 
 @kernel
 def measure(positions: Array, origins: Array, rotations: Array, kinds: CompiledKinds, value: Array) -> None:
-    """Coordinates of the compiled kinds into the first of `value` (c,).
+    """Write the coordinates of the compiled kinds into the first entries of `value` (c,).
 
     Args:
         positions: Node positions in [m], shape (n, 3).
@@ -164,10 +167,10 @@ def measure(positions: Array, origins: Array, rotations: Array, kinds: CompiledK
 
 @kernel
 def fill(angular: Array, linear: Array, origin: Array, kinds: CompiledKinds, coefficient: Array) -> None:
-    """Entries of the rows of the compiled kinds into the first of `coefficient` (k, 3), after `measure`.
+    """Write the entries of the compiled kinds' rows into the first of `coefficient` (k, 3), after `measure`.
 
     Args:
-        angular: With `linear` and `origin` the motion_subspace of the reduced coordinates, shape (b, 3) each.
+        angular: With `linear` and `origin` the motion subspace of the reduced coordinates, shape (b, 3) each.
         linear: See `angular`.
         origin: See `angular`.
         kinds: The compiled kinds.

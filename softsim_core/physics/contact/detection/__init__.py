@@ -1,4 +1,4 @@
-"""Contact detection: where surfaces come close, and what passes what."""
+"""Contact detection: proximity of surfaces, and penetration within a step."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Broad phase: boxes that move with the surfaces, trees against trees, and which leaves are near."""
+"""Broad phase: bounding boxes of moving surfaces, comparison of their trees, and lists of close leaves."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Boxes(NamedTuple):
         node: Box of each tree node, shape (N, 6).
         triangle: Box of each triangle, shape (T, 6).
         normal: Unit normal of each triangle, shape (T, 3).
-        nearest: How far each vertex is, for the pair at hand, from the nearest place of the other surface
-            that has it outside, that has it inside, and that faces its own surface, in [m], shape (V, 3).
-        latest: The last contact kept of each vertex of the pair at hand, or -1, shape (V,).
+        nearest: For the current pair, distance in [m] of each vertex from the nearest point of the other
+            surface that has it outside, that has it inside, and that faces its own surface, shape (V, 3).
+        latest: Last retained contact of each vertex of the current pair, or -1, shape (V,).
         stack: Pairs of nodes still to be compared, shape (depth, 2).
     """
 
@@ -37,7 +37,7 @@ class Boxes(NamedTuple):
 
 
 def allocate(topology: Topology) -> Boxes:
-    """Room for the boxes of a topology."""
+    """Return buffers for the boxes of a topology."""
     surfaces, nodes, triangles = len(topology.closed), len(topology.node_first), len(topology.triangles)
     return Boxes(
         surface=np.zeros((surfaces, 6)),
@@ -52,7 +52,7 @@ def allocate(topology: Topology) -> Boxes:
 
 @kernel
 def apart(a: Array, i: int, b: Array, j: int, reach: float) -> bool:
-    """Whether boxes a[i] and b[j] are farther apart than `reach` along an axis."""
+    """Return whether boxes a[i] and b[j] are farther apart than `reach` along an axis."""
     for d in range(3):  # noqa: SIM110 - Numba compiles no generators
         if max(a[i, d] - b[j, 3 + d], b[j, d] - a[i, 3 + d]) > reach:
             return True
@@ -61,7 +61,7 @@ def apart(a: Array, i: int, b: Array, j: int, reach: float) -> bool:
 
 @kernel
 def outside(points: Array, v: int, boxes: Array, i: int, reach: float) -> bool:
-    """Whether vertex v is farther than `reach` from box i along an axis."""
+    """Return whether vertex v is farther than `reach` from box i along an axis."""
     for d in range(3):  # noqa: SIM110 - Numba compiles no generators
         if max(points[v, d] - boxes[i, 3 + d], boxes[i, d] - points[v, d]) > reach:
             return True
@@ -70,7 +70,7 @@ def outside(points: Array, v: int, boxes: Array, i: int, reach: float) -> bool:
 
 @kernel
 def segments_apart(points: Array, i: int, j: int, k: int, m: int, reach: float) -> bool:
-    """Whether the boxes of segments i j and k m are farther apart than `reach` along an axis."""
+    """Return whether the boxes of segments i j and k m are farther apart than `reach` along an axis."""
     for d in range(3):
         a, b, c, e = points[i, d], points[j, d], points[k, d], points[m, d]
         if max(min(a, b) - max(c, e), min(c, e) - max(a, b)) > reach:
@@ -80,7 +80,7 @@ def segments_apart(points: Array, i: int, j: int, k: int, m: int, reach: float) 
 
 @kernel
 def beyond(points: Array, triangles: IndexArray, t: int, normals: Array, u: int, reach: float) -> bool:
-    """Whether triangle t lies on one side of the plane of u, farther than `reach`."""
+    """Return whether triangle t is on one side of the plane of u, farther away than `reach`."""
     normal, base = row(normals, u), row(points, triangles[u, 0])
     low = high = dot(minus(row(points, triangles[t, 0]), base), normal)
     for c in range(1, 3):
@@ -91,7 +91,10 @@ def beyond(points: Array, triangles: IndexArray, t: int, normals: Array, u: int,
 
 @kernel
 def surface_boxes(points: Array, topology: Topology, boxes: Boxes) -> None:
-    """Boxes of all surfaces, from their vertices; a sphere's box holds the whole sphere."""
+    """Compute the boxes of all surfaces from their vertices.
+
+    The box of a sphere contains the whole sphere.
+    """
     for s in range(topology.surface_vertex.shape[0]):
         first, end = topology.surface_vertex[s, 0], topology.surface_vertex[s, 1]
         for d in range(3):
@@ -105,7 +108,7 @@ def surface_boxes(points: Array, topology: Topology, boxes: Boxes) -> None:
 
 @kernel
 def refit(s: int, points: Array, topology: Topology, boxes: Boxes) -> None:
-    """Boxes of the triangles and tree nodes of surface s, and its normals."""
+    """Compute the boxes of the triangles and tree nodes of surface s, and its normals."""
     first, end = topology.surface_triangle[s]
     _refit_triangles(first, end, points, topology.triangles, boxes.triangle, boxes.normal)
     first, end = topology.surface_node[s]
@@ -132,8 +135,8 @@ def _refit_triangles(
 
 @kernel
 def refit_nodes(first: int, end: int, topology: Topology, boxes: Boxes) -> None:
-    """Boxes of tree nodes first to end from those of their triangles."""
-    for node in range(end - 1, first - 1, -1):  # children stand behind their parent
+    """Compute the boxes of tree nodes first to end from those of their triangles."""
+    for node in range(end - 1, first - 1, -1):  # children follow their parent in the arrays
         count = topology.node_count[node]
         if count < 0:
             _cover(boxes.node, topology.node_child[node], 2, boxes.node, node)
@@ -143,7 +146,7 @@ def refit_nodes(first: int, end: int, topology: Topology, boxes: Boxes) -> None:
 
 @kernel
 def _cover(boxes: Array, first: int, count: int, out: Array, k: int) -> None:
-    """out[k] becomes the box around boxes[first : first + count]."""
+    """Set out[k] to the box around boxes[first : first + count]."""
     for d in range(3):
         low, high = boxes[first, d], boxes[first, 3 + d]
         for i in range(first + 1, first + count):
@@ -155,7 +158,7 @@ def _cover(boxes: Array, first: int, count: int, out: Array, k: int) -> None:
 def compare_trees(
     root_a: int, root_b: int, reach: float, topology: Topology, boxes: Boxes, near: Near
 ) -> None:
-    """Descend both trees together; list near leaves. Either tree may be a sphere."""
+    """Descend both trees together and list pairs of close leaves. Either tree may be a sphere."""
     stack, nodes, counts, child = boxes.stack, boxes.node, topology.node_count, topology.node_child
     near.counts[:] = 0
     stack[0, 0], stack[0, 1] = root_a, root_b
@@ -183,7 +186,7 @@ def compare_trees(
 
 @kernel
 def list_pair(a: int, b: int, kind: int, pairs: IndexArray, counts: IndexArray) -> None:
-    """Add a and b to the list that counts[kind] belongs to."""
+    """Append a and b to the list that counts[kind] belongs to; it is only counted where the list is full."""
     at = counts[kind]
     counts[kind] += 1
     if at < pairs.shape[0]:
@@ -192,7 +195,7 @@ def list_pair(a: int, b: int, kind: int, pairs: IndexArray, counts: IndexArray) 
 
 @kernel
 def list_vertex(v: int, t: int, second: int, vertices: IndexArray, counts: IndexArray) -> None:
-    """Add vertex v and triangle t to the list."""
+    """Append vertex v and triangle t to the list; the pair is only counted where the list is full."""
     at = counts[0]
     counts[0] += 1
     if at < vertices.shape[0]:

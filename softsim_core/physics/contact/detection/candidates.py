@@ -1,4 +1,4 @@
-"""Where the contact kernels write what they find."""
+"""Output buffers of the contact kernels."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from softsim_core.physics.contact.detection.topology import Topology
 
 
 class Found(NamedTuple):
-    """Room for contacts; of the first `counter[0]` rows all is set. Meanings as in Proximities.
+    """Buffers for contacts; the first `counter[0]` rows are valid. Fields have the meaning of Proximities.
 
     Attributes:
         a, a_weights, b, b_weights, normal, distance, pair, key: As in Proximities, with `size` rows.
         foremost: As in Proximities, shape (size,).
-        depth: How far point P's centre line lies inside side b in [m]; 0 outside, shape (size,).
-        seeker: The vertex that found the contact, -1 for two edges or two spheres, shape (size,).
-        earlier: The contact found before by the same seeker, or -1, shape (size,).
-        counter: Number of contacts found, also when they no longer fit, shape (1,).
+        depth: Depth in [m] of the vertex (a sphere's centre) inside the other surface; 0 outside, shape
+            (size,).
+        seeker: Vertex that found the contact, -1 for two edges or two spheres, shape (size,).
+        earlier: Contact found before by the same seeker, or -1, shape (size,).
+        counter: Number of contacts found, including those that did not fit, shape (1,).
     """
 
     a: IndexArray
@@ -40,7 +41,7 @@ class Found(NamedTuple):
 
 
 def allocate_found(size: int) -> Found:
-    """Room for `size` contacts."""
+    """Return buffers for `size` contacts."""
     return Found(
         a=np.zeros((size, 3), dtype=np.int64),
         a_weights=np.zeros((size, 3)),
@@ -59,13 +60,14 @@ def allocate_found(size: int) -> Found:
 
 
 class Near(NamedTuple):
-    """Pairs of leaves and of features of two surfaces that are near enough to look at closely.
+    """Pairs of leaves and of features of two surfaces that are close enough for the narrow phase.
 
     Attributes:
         vertices: Vertex, triangle, and 1 where the vertex is of the second surface, shape (size, 3).
         edges: Edge of the first surface, edge of the second, shape (size, 2).
         leaves: Leaf of the first tree, leaf of the second, shape (size, 2).
-        counts: Number of rows of `vertices`, `edges` and `leaves`, also when they no longer fit, shape (3,).
+        counts: Number of rows of `vertices`, `edges` and `leaves`, including rows that did not fit, shape
+            (3,).
     """
 
     vertices: IndexArray
@@ -75,7 +77,7 @@ class Near(NamedTuple):
 
 
 def allocate_near(size: int) -> Near:
-    """Room for `size` pairs of either kind."""
+    """Return buffers for `size` pairs of each kind."""
     return Near(
         vertices=np.zeros((size, 3), dtype=np.int64),
         edges=np.zeros((size, 2), dtype=np.int64),
@@ -86,7 +88,7 @@ def allocate_near(size: int) -> Near:
 
 @kernel
 def next_row(counter: IndexArray, room: Array) -> int:
-    """The row for one more contact, or -1 where there is no room; counted either way."""
+    """Return the row for one more contact, or -1 where the buffer is full; count it in either case."""
     at = counter[0]
     counter[0] += 1
     return int(at) if at < room.shape[0] else -1
@@ -94,7 +96,7 @@ def next_row(counter: IndexArray, room: Array) -> int:
 
 @kernel
 def mixed(nodes: IndexArray, weights: Array, k: int, points: Array) -> Vector:
-    """The point of one side of contact k: its three vertices, weighted."""
+    """Return the point of one side of contact k: the weighted sum of its three vertices."""
     h, i, j = nodes[k, 0], nodes[k, 1], nodes[k, 2]
     u, v, w = weights[k, 0], weights[k, 1], weights[k, 2]
     return (
@@ -123,13 +125,16 @@ def move(source: int, target: int, found: Found) -> None:
 
 @kernel
 def features(topology: Topology) -> int:
-    """Number of vertices, edges and triangles: a pair of them gets the key first * features + second."""
+    """Return the number of vertices, edges and triangles.
+
+    A pair of them has the key first * features + second.
+    """
     return int(topology.radius.shape[0] + topology.edges.shape[0] + topology.triangles.shape[0])
 
 
 @kernel
 def write(nodes: IndexArray, weights: Array, at: int, ids: tuple[int, int, int], shares: Vector) -> None:
-    """Set one side of contact `at`."""
+    """Set the vertices and weights of one side of contact `at`."""
     nodes[at, 0], nodes[at, 1], nodes[at, 2] = ids
     weights[at, 0], weights[at, 1], weights[at, 2] = shares
 

@@ -1,4 +1,4 @@
-"""The decorator of the kernels of contact detection, compiled or plain as `Compiler` says."""
+"""Decorator of the kernels of contact detection, compiled or interpreted as `Compiler` decides."""
 
 from __future__ import annotations
 

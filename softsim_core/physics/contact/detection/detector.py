@@ -1,4 +1,4 @@
-"""Contact detection: pairs of locally closest points within a reach, and which may hold in a step."""
+"""Contact detection: pairs of locally closest points within a reach, and which of them may bear a force."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from softsim_core.physics.kernels import OneSignature
 
 
 class Closeness(NamedTuple):
-    """Distances in [m] that decide which contacts take part.
+    """Distances in [m] that decide which contacts take part in a step.
 
     Attributes:
-        alarm: What is foremost takes part from here on.
-        arrived: Vertices that would come nearer than this take part.
-        close: What is nearer than this takes part, foremost or not.
-        stray: By how much a linearised gap may close though the true one does not.
+        alarm: Local minima of the distance take part below this distance.
+        arrived: Vertices that would come closer than this take part.
+        close: Contacts closer than this take part, local minimum or not.
+        stray: Closing of a linearised gap that is tolerated although the true gap does not close.
     """
 
     alarm: float
@@ -64,10 +64,10 @@ def may_hold(
     strays: bool,
     foremost_strays: bool,
 ) -> BoolArray:
-    """Return which contacts take part, (k,): the foremost, vertices that would arrive, what is too close.
+    """Return which contacts take part, (k,): local minima, vertices that would arrive, and close contacts.
 
-    See Detector.may_hold; fields of Proximities and Topology come one by one, since to pass all takes longer
-    than to compute.
+    See Detector.may_hold. Fields of Proximities and Topology are passed one by one, because passing the whole
+    tuples takes longer than the computation.
 
     Args:
         a: As in Proximities.
@@ -79,13 +79,13 @@ def may_hold(
         foremost: As in Proximities.
         seeker: As in Proximities.
         points: Vertex positions in [m], shape (v, 3).
-        ahead: How far they would still go freely in [m], shape (v, 3).
-        slides: How far they slide in the step in [m], shape (v, 3).
+        ahead: Remaining displacement without contact in [m], shape (v, 3).
+        slides: Displacement in the step in [m], shape (v, 3).
         ring_start: As in Topology.
         ring: As in Topology.
-        closeness: What is close.
-        strays: Whether gaps that close only because they are linearised are left out.
-        foremost_strays: Whether also those of foremost contacts are.
+        closeness: Distances that decide.
+        strays: Whether to leave out gaps that close only because they are linearised.
+        foremost_strays: Whether to leave them out for local minima, too.
     """
     holds = np.zeros(distance.shape[0], dtype=np.bool_)
     for c in range(distance.shape[0]):
@@ -114,7 +114,7 @@ def held_astray(
     ring: IndexArray,
     limit: float,
 ) -> bool:
-    """Whether a contact with a force has closed by more than `limit` [m] though the true gap has not.
+    """Return whether a contact with a force closed by more than `limit` [m] although the true gap did not.
 
     Args:
         a: As in Proximities.
@@ -124,10 +124,10 @@ def held_astray(
         normal: As in Proximities.
         forces: Along the normal and two tangents in [N], shape (3 k,).
         points: Vertex positions in [m], shape (v, 3).
-        slides: How far they have slid in the step in [m], shape (v, 3).
+        slides: Displacement in the step in [m], shape (v, 3).
         ring_start: As in Topology.
         ring: As in Topology.
-        limit: In [m].
+        limit: Limit in [m].
     """
     for c in range(normal.shape[0]):
         if forces[3 * c] > 0.0:
@@ -142,12 +142,13 @@ def _false_closing(
     a: IndexArray, b: IndexArray, normal: Vector, slip: Vector, points: Array, ring_start: IndexArray,
     ring: IndexArray,
 ) -> float:  # fmt: skip
-    """Return by how much in [m] the gap of a contact closes outside the cone of its vertex as it slips.
+    """Return the closing in [m] of a contact's linearised gap outside its vertex's normal cone.
 
-    The cone of a vertex holds the directions in which no neighbour lies farther; on a flat surface it is the
-    normal alone. The direction to the edge of a body that slides towards the vertex is outside: a neighbour
-    under that body rises along it. By the time the body gets from the neighbour to the vertex, its edge is no
-    longer what is nearest, so the linearised gap closes while the true one stays.
+    The normal cone of a vertex contains the directions along which no neighbour extends farther; on a flat
+    surface it is the normal alone. The direction to the edge of a body that slides towards the vertex is
+    outside it, because a neighbour under that body rises along that direction. When the body has moved from
+    the neighbour to the vertex, its edge is no longer the closest feature. The linearised gap therefore
+    closes while the true gap does not.
     """
     most, closing = -dot(slip, normal), 0.0
     if most <= 0.0:
@@ -156,7 +157,7 @@ def _false_closing(
         nodes, sign = (a, -1.0) if side == 0 else (b, 1.0)
         v = nodes[0]
         if v != nodes[1]:
-            continue  # a face or an edge: its contact lies inside its cone
+            continue  # a face or an edge: the contact direction is inside its normal cone
         for at in range(ring_start[v], ring_start[v + 1]):
             off = minus(row(points, ring[at]), row(points, v))
             rise, towards = sign * dot(off, normal), -sign * dot(off, slip)
@@ -165,28 +166,28 @@ def _false_closing(
     return closing
 
 
-_ROOM = 1024  # pairs of features; doubled when a scene needs more
+_ROOM = 1024  # initial number of feature pairs; the buffers grow when a scene needs more
 _MOST_ROOM = 1 << 20
-"""Most pairs of features that are listed: some 300 MB."""
+"""Largest number of feature pairs in the buffers: about 300 MB."""
 _MOST_SURFACES = 1 << 20
 
 
 class Proximities(NamedTuple):
-    """k contacts. Point P lies on the pair's first surface (side a), point Q on its second.
+    """Proximities of surfaces: k contacts, each between point P on side a and point Q on side b.
 
     Attributes:
-        a: Vertices that carry P, shape (k, 3); those of weight 0 repeat another one.
-        a_weights: Their shares, rows sum to 1, shape (k, 3).
-        b: Vertices that carry Q, shape (k, 3).
-        b_weights: Their shares, shape (k, 3).
-        normal: Unit vector from side b to side a, shape (k, 3). P and Q of a sphere are its centre; it
-            touches `radius` along the normal away from there.
-        distance: Gap between the surfaces along the normal in [m], radii taken off; negative where they
+        a: Vertices of P on the pair's first surface, shape (k, 3); a vertex of weight 0 repeats another one.
+        a_weights: Weights of these vertices, rows sum to 1, shape (k, 3).
+        b: Vertices of Q on the pair's second surface, shape (k, 3).
+        b_weights: Weights of these vertices, shape (k, 3).
+        normal: Unit vector from side b to side a, shape (k, 3). For a sphere, P or Q is the centre, and the
+            sphere touches at `radius` from there along the normal.
+        distance: Gap between the surfaces along the normal in [m], radii subtracted; negative where they
             overlap, shape (k,).
-        foremost: Whether this is a local minimum of the distance between the surfaces. What is not may become
-            one while surfaces turn, or is only measured, shape (k,).
-        seeker: The vertex (sphere) that looks for the nearest place of the other surface; -1 for two edges or
-            two spheres, shape (k,).
+        foremost: Whether this is a local minimum of the distance between the surfaces, shape (k,). Other
+            contacts may become one while surfaces turn, or are only measured.
+        seeker: Vertex (or sphere) for which the nearest point of the other surface was sought; -1 for two
+            edges or two spheres, shape (k,).
         pair: Numbers of the surfaces, first < second, shape (k, 2).
         key: Number of the pair of features; the same from step to step, unique, shape (k,).
     """
@@ -203,38 +204,38 @@ class Proximities(NamedTuple):
     key: IndexArray
 
     def chosen(self, which: IndexArray) -> Proximities:
-        """Those of numbers `which`, sorted by key."""
+        """Return the contacts with numbers `which`, sorted by key."""
         order = which[np.argsort(self.key[which], kind="stable")]
         return Proximities._make(each[order] for each in self)
 
     def joined(self, other: Proximities) -> Proximities:
-        """These, and others behind them."""
+        """Return these contacts, followed by others."""
         return Proximities(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
     @property
     def meeting(self) -> IndexArray:
-        """What meets: for a vertex, it and the other surface, wherever there; else the key; shape (k,)."""
+        """Identifier of what meets, shape (k,): vertex and other surface, or the key without a vertex."""
         first = self.a[:, 0] == self.seeker
         other = np.where(first, self.pair[:, 1], self.pair[:, 0])
         return np.where(self.seeker >= 0, -1 - self.seeker * _MOST_SURFACES - other, self.key)
 
 
 class Detector:
-    """Finds where surfaces come close.
+    """Detector of close surfaces.
 
     A foremost contact is a local minimum of the distance: a vertex against a face, an edge or a vertex, or
-    two edges; and, so that a sphere may lie in a dent, every vertex of a deformable surface that is hardly
-    farther from it than the contact distance. A vertex of one surface that lies inside the other, by up to
-    half the reach and with its own surface facing the face it went through, gives a negative distance along
-    that face's outward normal.
+    two edges. So that a sphere may lie in a dent, every vertex of a deformable surface whose distance from
+    the sphere is hardly more than the contact distance is foremost, too. A vertex of one surface that is
+    inside the other, up to half the reach deep and with its own surface facing the face that it went through,
+    gives a negative distance along that face's outward normal.
 
     Args:
         surfaces: The surfaces, over disjoint ranges of the vertices.
         rest_points: Vertex positions at rest in [m], shape (v, 3).
-        settings: Points of one body that lie within the contact distance at rest never meet.
+        settings: Contact limits. Points of one body within the contact distance at rest never meet.
 
-    Source: local minimal distance, Johnson and Willemsen 2003; one triangle per feature, Curtis, Tamstorf
-    and Manocha 2008.
+    Source: local minimal distance, Johnson and Willemsen 2003; one triangle per feature, Curtis, Tamstorf and
+    Manocha 2008.
     """
 
     def __init__(
@@ -252,24 +253,24 @@ class Detector:
         self._known_edges = OneSignature(meet_known_edges)
 
     def detect(self, points: Array, reach: float) -> Proximities:
-        """Foremost contacts of surfaces whose vertices are at `points` (v, 3), nearer than `reach` [m].
+        """Return foremost contacts closer than `reach` [m] of surfaces with vertices at `points` (v, 3).
 
         Raises:
-            DetectionOverflowError: more pairs of features come close than are ever listed.
+            DetectionOverflowError: more feature pairs are close than the buffers may hold.
         """
         near = self.candidates(points, reach)
         return near.chosen(np.flatnonzero(near.foremost))
 
     def candidates(self, points: Array, reach: float, travel: Array | None = None) -> Proximities:
-        """All contacts with a gap of at most `reach`, and what the two surfaces may move.
+        """Return all contacts with a gap of at most `reach` plus the travel of both surfaces.
 
         Args:
             points: Vertex positions in [m], shape (v, 3).
-            reach: Largest gap in [m] of surfaces that stand still: the alarm distance.
-            travel: How far each surface may move within the step in [m], shape (s,); None: not at all.
+            reach: Largest gap in [m] of surfaces at rest: the alarm distance.
+            travel: Largest displacement of each surface within the step in [m], shape (s,); None: zero.
 
         Raises:
-            DetectionOverflowError: more pairs of features come close than are ever listed.
+            DetectionOverflowError: more feature pairs are close than the buffers may hold.
         """
         travel = np.zeros(len(self.surfaces)) if travel is None else travel
         travel = np.ascontiguousarray(travel, dtype=np.float64)
@@ -293,10 +294,11 @@ class Detector:
         return _listed(found)
 
     def edges_again(self, keys: IndexArray, points: Array) -> Proximities:
-        """The pairs of edges among contacts found earlier, where they are closest now, however far.
+        """Return the edge pairs among earlier contacts at their current closest points, at any distance.
 
-        A pair of edges of which another feature of either surface comes to be nearer is no longer listed by
-        `candidates`, and may be what has to be held all the same: the other one is nearer because it was.
+        `candidates` no longer lists an edge pair when another feature of either surface becomes closer. Such
+        a pair may still have to bear a force, because the other feature may be closer only as a result of
+        that force.
 
         Args:
             keys: Keys of contacts, shape (k,).
@@ -324,11 +326,11 @@ class Detector:
         Args:
             near: The contacts.
             points: Vertex positions in [m], shape (v, 3).
-            ahead: How far they would still go freely in [m], shape (v, 3).
-            slides: How far they slide in the step in [m], shape (v, 3).
-            closeness: What is close.
-            strays: Whether gaps that close only because they are linearised are left out.
-            foremost_strays: Whether also those of foremost contacts are.
+            ahead: Remaining displacement without contact in [m], shape (v, 3).
+            slides: Displacement in the step in [m], shape (v, 3).
+            closeness: Distances that decide.
+            strays: Whether to leave out gaps that close only because they are linearised.
+            foremost_strays: Whether to leave them out for local minima, too.
         """
         return np.asarray(
             self._may_hold(
@@ -341,7 +343,7 @@ class Detector:
     def held_astray(
         self, held: Proximities, forces: Array, points: Array, slides: Array, limit: float
     ) -> bool:
-        """Whether a contact with a force has closed by more than `limit` [m] though the true gap has not.
+        """Return whether a contact with a force closed by more than `limit` [m] but the true gap did not.
 
         Args:
             held: The contacts, k of them.
@@ -358,7 +360,7 @@ class Detector:
         )  # fmt: skip
 
     def free_share(self, before: Array, after: Array, watched: BoolArray) -> float:
-        """Share of the way from `before` to `after` (v, 3) each in [m] on which nothing passes a surface.
+        """Return the share of the motion from `before` to `after` without passing through a surface.
 
         Args:
             before: Vertex positions at the start of the step.
@@ -384,14 +386,14 @@ class Detector:
         return self._topology.pairs
 
     def _widen(self, needed: int) -> None:
-        """Make room for twice as many pairs of features as are needed now."""
+        """Replace the buffers by larger ones, for twice as many feature pairs as are needed now."""
         if needed > _MOST_ROOM:
             raise DetectionOverflowError(needed, _MOST_ROOM)
         self._near, self._found = allocate_near(2 * needed), allocate_found(2 * needed)
 
 
 def _listed(found: Found) -> Proximities:
-    """What was found."""
+    """Return copies of the contacts that were found."""
     k = found.counter[0]
     return Proximities(
         found.a[:k].copy(),
@@ -410,17 +412,17 @@ def _listed(found: Found) -> Proximities:
 def measured_gaps(
     contacts: Proximities, near: Proximities, points: Array, radius: Array, reach: float
 ) -> tuple[Array, Proximities]:
-    """Gaps in [m] of contacts, shape (k,), and what else is nearer than `reach` [m].
+    """Return the gaps in [m] of contacts, shape (k,), and the other contacts closer than `reach` [m].
 
-    A vertex is measured against all of the other surface; two edges, or a place that is no longer among what
-    is near, feature against feature.
+    A vertex is measured against the whole other surface. Two edges, and a vertex whose other surface is no
+    longer near, are measured feature against feature.
 
     Args:
-        contacts: Contacts, found where the surfaces were earlier in the step.
-        near: What is close now.
-        points: Collision vertices now in [m], shape (v, 3).
-        radius: Radius of each that is a sphere in [m], else 0, shape (v,).
-        reach: Largest gap of what else is told.
+        contacts: Contacts found at an earlier configuration in the step.
+        near: Contacts at the current configuration.
+        points: Current collision vertices in [m], shape (v, 3).
+        radius: Radius of each vertex that is a sphere in [m], else 0, shape (v,).
+        reach: Largest gap of the other contacts that are returned.
     """
     meeting, others = contacts.meeting, near.meeting
     order = np.lexsort((near.distance, others))
@@ -440,7 +442,10 @@ def measured_gaps(
 
 @kernel
 def feature_gaps(contacts: Proximities, points: Array, radius: Array) -> Array:
-    """Gap in [m] between the two features of each contact, shape (k,); negative behind, along its normal."""
+    """Return the gap in [m] between the features of each contact, shape (k,).
+
+    Negative if behind the normal.
+    """
     gaps = np.empty(contacts.key.shape[0])
     for c in range(gaps.shape[0]):
         a, b = contacts.a[c], contacts.b[c]
@@ -459,7 +464,7 @@ def feature_gaps(contacts: Proximities, points: Array, radius: Array) -> Array:
 
 @kernel
 def _to_triangle(p: Vector, i: int, j: int, k: int, normal: Vector, points: Array) -> float:
-    """Distance of p from a triangle, negative where it lies against `normal` from there."""
+    """Return the distance of p from a triangle, negative where p is behind it with respect to `normal`."""
     a, b, c = row(points, i), row(points, j), row(points, k)
     wi, wj, wk, _ = closest_on_triangle(p, a, b, c)
     gap = minus(p, add(add(scaled(a, wi), scaled(b, wj)), scaled(c, wk)))
@@ -468,7 +473,7 @@ def _to_triangle(p: Vector, i: int, j: int, k: int, normal: Vector, points: Arra
 
 @kernel
 def _between_edges(i: int, j: int, k: int, m: int, normal: Vector, points: Array) -> float:
-    """Distance of two edges, negative where they have crossed against `normal`."""
+    """Return the distance of two edges, negative where they have crossed against `normal`."""
     p0, p1, q0, q1 = row(points, i), row(points, j), row(points, k), row(points, m)
     s, t = closest_on_segments(p0, p1, q0, q1)
     gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))

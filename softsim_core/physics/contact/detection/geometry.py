@@ -1,4 +1,4 @@
-"""Vectors, nearest points, and the directions in which a feature is what is nearest of its surface."""
+"""Vectors, closest points, and the normal cones of features."""
 
 from __future__ import annotations
 
@@ -14,60 +14,60 @@ Vector: TypeAlias = tuple[float, float, float]
 
 @kernel
 def row(points: Array, i: int) -> Vector:
-    """Row i of an array (n, 3)."""
+    """Return row i of an array (n, 3)."""
     return points[i, 0], points[i, 1], points[i, 2]
 
 
 @kernel
 def add(a: Vector, b: Vector) -> Vector:
-    """A + b."""
+    """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @kernel
 def minus(a: Vector, b: Vector) -> Vector:
-    """A - b."""
+    """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @kernel
 def scaled(a: Vector, factor: float) -> Vector:
-    """A times a number."""
+    """Return a times a number."""
     return a[0] * factor, a[1] * factor, a[2] * factor
 
 
 @kernel
 def dot(a: Vector, b: Vector) -> float:
-    """Scalar product."""
+    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
 def cross(a: Vector, b: Vector) -> Vector:
-    """Vector product."""
+    """Return the vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
 def length(a: Vector) -> float:
-    """Euclidean length."""
+    """Return the Euclidean length."""
     return sqrt(dot(a, a))
 
 
 @kernel
 def unit(a: Vector) -> Vector:
-    """A divided by its length; zero stays zero."""
+    """Return a divided by its length; zero stays zero."""
     size = length(a)
     return scaled(a, 1.0 / size) if size > 0.0 else a
 
 
 FACE = 6
-"""Feature numbers of a triangle: 0..2 corners, 3..5 edges (3 + k: from corner k to k + 1), 6 the inside."""
+"""Feature numbers of a triangle: 0..2 corners, 3..5 edges (3 + k: from corner k to k + 1), 6 the face."""
 
 
 @kernel
 def closest_on_triangle(p: Vector, a: Vector, b: Vector, c: Vector) -> tuple[float, float, float, int]:
-    """Weights of the corners a, b, c in the point of the triangle closest to p, and the feature it lies on.
+    """Return the weights of corners a, b, c in the triangle's point closest to p, and the feature it is on.
 
     Source: Ericson, Real-Time Collision Detection, 2005, section 5.1.5 (Voronoi regions).
     """
@@ -102,7 +102,7 @@ def closest_on_triangle(p: Vector, a: Vector, b: Vector, c: Vector) -> tuple[flo
 
 @kernel
 def closest_on_lines(p0: Vector, p1: Vector, q0: Vector, q1: Vector) -> tuple[float, float, float]:
-    """Where the lines p0 p1 and q0 q1 are closest: parameters s, t and the squared sine of their angle.
+    """Return where the lines p0 p1 and q0 q1 are closest: s, t and the squared sine of their angle.
 
     The points are p0 + s (p1 - p0) and q0 + t (q1 - q0); parallel lines give 0, 0, 0.
     """
@@ -118,7 +118,7 @@ def closest_on_lines(p0: Vector, p1: Vector, q0: Vector, q1: Vector) -> tuple[fl
 
 @kernel
 def closest_on_segments(p0: Vector, p1: Vector, q0: Vector, q1: Vector) -> tuple[float, float]:
-    """Shares s, t at which p0 + s (p1 - p0) and q0 + t (q1 - q0) are closest, both in 0..1."""
+    """Return s, t in 0..1 at which p0 + s (p1 - p0) and q0 + t (q1 - q0) are closest."""
     s, t, sine = closest_on_lines(p0, p1, q0, q1)
     if sine > 0.0 and min(s, t) >= 0.0 and max(s, t) <= 1.0:
         return s, t
@@ -137,30 +137,33 @@ def closest_on_segments(p0: Vector, p1: Vector, q0: Vector, q1: Vector) -> tuple
 
 @kernel
 def _nearest_share(p: Vector, q0: Vector, q1: Vector) -> float:
-    """Share of the way from q0 to q1 that is nearest to p."""
+    """Return the share of the segment from q0 to q1 that is nearest to p."""
     along = minus(q1, q0)
     return min(1.0, max(0.0, dot(minus(p, q0), along) / dot(along, along)))
 
 
 @kernel
 def _squared(p0: Vector, p1: Vector, q0: Vector, q1: Vector, s: float, t: float) -> float:
-    """Squared distance of the points at s and t."""
+    """Return the squared distance of the points at s and t."""
     gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))
     return dot(gap, gap)
 
 
 CONE = 0.1
-"""Sine by which a direction may leave the cone of directions in which a feature is the closest part of its
-own surface. Some slack keeps all vertices of a face that lies almost flat."""
+"""Sine by which a direction may leave a feature's normal cone.
+
+The normal cone contains the directions for which the feature is the closest part of its own surface. The
+tolerance retains all vertices of a face that is almost flat.
+"""
 EXACT = 1.0e-6
-"""The same for the feature on which the closest point was found: only round-off is forgiven."""
+"""The same for the feature on which the closest point was found: tolerance for rounding only."""
 RIDGE = 0.02
-"""An edge whose two triangles fall away by less than this (sum of two sines) counts as flat."""
+"""An edge is flat if its two triangles fall away by less than this (sum of two sines)."""
 
 
 @kernel
 def edge_normal(edge: int, sides: IndexArray, normals: Array) -> Vector:
-    """Sum of the unit normals of the edge's triangles."""
+    """Return the sum of the unit normals of the edge's triangles."""
     first = row(normals, sides[edge, 0])
     second = sides[edge, 1]
     return add(first, row(normals, second)) if second >= 0 else first
@@ -170,9 +173,10 @@ def edge_normal(edge: int, sides: IndexArray, normals: Array) -> Vector:
 def vertex_normal(
     v: int, points: Array, fan_start: IndexArray, fan: IndexArray, triangles: IndexArray, normals: Array
 ) -> Vector:
-    """Sum of the normals around a vertex times the angles there.
+    """Return the sum of the normals around a vertex, weighted by the angles there.
 
-    Source: Baerentzen and Aanaes 2005: its sign tells inside from outside wherever v is the closest point.
+    Source: Baerentzen and Aanaes 2005. Its sign distinguishes inside from outside wherever v is the closest
+    point.
     """
     total = (0.0, 0.0, 0.0)
     p = row(points, v)
@@ -187,7 +191,7 @@ def vertex_normal(
 
 @kernel
 def outward_at(t: int, feature: int, points: Array, topology: Topology, normals: Array) -> Vector:
-    """Outward normal, of any length, of a feature of triangle t: its face, or an edge or corner it shares."""
+    """Return the outward normal, of any length, of a feature of triangle t: its face, an edge or a corner."""
     if feature == FACE:
         return row(normals, t)
     if feature >= 3:
@@ -198,7 +202,7 @@ def outward_at(t: int, feature: int, points: Array, topology: Topology, normals:
 
 @kernel
 def opposed(v: int, outward: Vector, fan_start: IndexArray, fan: IndexArray, normals: Array) -> bool:
-    """Whether a triangle around v faces the outward direction of the other surface."""
+    """Return whether a triangle around v faces against the outward direction of the other surface."""
     limit = -1e-3 * length(outward)
     for at in range(fan_start[v], fan_start[v + 1]):  # noqa: SIM110 - Numba compiles no generators
         if dot(row(normals, fan[at]), outward) < limit:
@@ -210,7 +214,7 @@ def opposed(v: int, outward: Vector, fan_start: IndexArray, fan: IndexArray, nor
 def vertex_is_closest(
     v: int, direction: Vector, sine: float, ring_start: IndexArray, ring: IndexArray, points: Array
 ) -> bool:
-    """Whether no neighbour of v lies farther along `direction`, by up to `sine` of its distance."""
+    """Return whether no neighbour of v is farther along `direction`, by more than `sine` of its distance."""
     p = row(points, v)
     for at in range(ring_start[v], ring_start[v + 1]):
         if _rises(row(points, ring[at]), p, direction, sine):
@@ -222,7 +226,7 @@ def vertex_is_closest(
 def edge_is_closest(
     edge: int, at: Vector, direction: Vector, sine: float, opposite: IndexArray, points: Array
 ) -> bool:
-    """Whether the edge's triangles do not rise along `direction` from the point `at` of the edge."""
+    """Return whether the edge's triangles do not rise along `direction` from the point `at` of the edge."""
     for side in range(2):
         third = opposite[edge, side]
         if third >= 0 and _rises(row(points, third), at, direction, sine):
@@ -232,7 +236,7 @@ def edge_is_closest(
 
 @kernel
 def _rises(p: Vector, base: Vector, direction: Vector, sine: float) -> bool:
-    """Whether p lies farther along `direction` than `base`, by more than `sine` of the distance."""
+    """Return whether p is farther along `direction` than `base`, by more than `sine` of the distance."""
     off = minus(p, base)
     return bool(dot(off, direction) > sine * length(direction) * length(off))
 
@@ -241,10 +245,10 @@ def _rises(p: Vector, base: Vector, direction: Vector, sine: float) -> bool:
 def fall_away(
     edge: int, at: Vector, along: Vector, direction: Vector, opposite: IndexArray, points: Array
 ) -> float:
-    """By how much (sum of two sines) the edge's triangles fall away from `direction`; -1 where one rises.
+    """Return by how much the edge's triangles fall away from `direction`; -1 where one rises.
 
-    The unit vector `direction` is normal to the edge, which runs along `along`. The rim of an open surface
-    falls away by 1.
+    The value is the sum of two sines. The unit vector `direction` is normal to the edge, which runs along
+    `along`. The rim of an open surface falls away by 1.
     """
     if opposite[edge, 1] < 0:
         return 1.0 if edge_is_closest(edge, at, direction, CONE, opposite, points) else -1.0

@@ -1,4 +1,4 @@
-"""Narrow phase: where vertices, triangles, edges and spheres are closest; the search over all pairs."""
+"""Narrow phase: closest points of vertices, triangles, edges and spheres; the search over all pairs."""
 
 from __future__ import annotations
 
@@ -59,20 +59,21 @@ from softsim_core.physics.contact.detection.geometry import (
 from softsim_core.physics.contact.detection.topology import Topology
 
 _PARALLEL = 4.0e-4
-"""Edges at an angle with a squared sine below this have no contact between their insides."""
+"""Squared sine of the angle below which the interiors of two edges have no contact."""
 _TOUCHING = 1.0e-7
-"""Share of an edge's length below which a gap is too short for a direction."""
+"""Share of an edge's length below which a gap is too short to define a direction."""
 
 
 @kernel
 def meet_leaves(
     sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
 ) -> None:
-    """Vertices of near leaves against triangles, and a list of the edges whose insides are near.
+    """Test the vertices of close leaves against triangles, and list the edges whose interiors are close.
 
-    A triangle looks at the features that it owns, so that no two features are met twice. Fine surfaces that
-    go far in a step have some hundred pairs within reach for each that can touch: vertices are met some at a
-    time, and of the edges only those are listed that are closest between their ends.
+    A triangle tests only the features that it owns, so that no pair of features is tested twice. Fine
+    surfaces that move far in a step have about a hundred pairs within reach for each pair that can touch.
+    Vertices are therefore tested in batches, and only those edges are listed that are closest between their
+    ends.
     """
     most = near.vertices.shape[0] - 2
     triangles, owns, around, normals = topology.triangles, topology.owns, boxes.triangle, boxes.normal
@@ -112,7 +113,7 @@ def meet_leaves(
 
 @kernel
 def insides_meet(points: Array, e0: int, e1: int, f0: int, f1: int, reach: float) -> bool:
-    """Whether the edges e0 e1 and f0 f1, not parallel, are closest between their ends, within `reach`."""
+    """Return whether non-parallel edges e0 e1 and f0 f1 are closest between their ends, within `reach`."""
     if segments_apart(points, e0, e1, f0, f1, reach):
         return False
     p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
@@ -127,12 +128,12 @@ def insides_meet(points: Array, e0: int, e1: int, f0: int, f1: int, reach: float
 def meet_vertices(
     sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
 ) -> None:
-    """Vertices (and spheres) against triangles, as listed; sides a and b are surfaces sa and sb.
+    """Test the listed vertices and spheres against triangles; sides a and b are surfaces sa and sb.
 
-    A contact is a place of the other surface that is locally nearest to the vertex; where no neighbour of the
-    vertex is nearer, it is a local minimum of the distance, and the vertex is foremost. Seen from inside,
-    only the nearest contact of a vertex counts, and no deeper than half the reach; the sweep sorts that out
-    once the pair is done. Spheres meet the vertices of deformable surfaces elsewhere.
+    A contact is a point of the other surface that is locally closest to the vertex. Where no neighbour of the
+    vertex is closer, it is a local minimum of the distance, and the contact is foremost. From inside, only
+    the nearest contact of a vertex counts, and only up to half the reach deep; `_sift` selects it once the
+    pair is done. Spheres are tested against the vertices of deformable surfaces in `meet_corners`.
     """
     triangles, normals, radii, owns = topology.triangles, boxes.normal, topology.radius, topology.owns
     for at in range(min(near.counts[0], near.vertices.shape[0])):
@@ -151,7 +152,7 @@ def meet_vertices(
         if distance > limit:
             continue
         if feature != FACE and owns[t, feature] == 0:
-            continue  # the triangle that owns the edge or corner looks at it
+            continue  # the triangle that owns the edge or corner tests it
         vertex = triangles[t, feature] if feature < 3 else -1
         edge = topology.triangle_edges[t, feature - 3] if 3 <= feature < FACE else -1
         outward = outward_at(t, feature, points, topology, normals)
@@ -165,9 +166,9 @@ def meet_vertices(
             continue
         boxes.nearest[v, 2] = min(boxes.nearest[v, 2], distance)
         if vertex >= 0 and radius == 0.0 and not first:
-            continue  # two vertices: met from the first surface
+            continue  # two vertices: tested from the first surface
         if vertex >= 0 and radius > 0.0 and not inside and topology.soft[sb if first else sa] == 1:
-            continue  # met as a corner, whether the closest point or not
+            continue  # tested in meet_corners, whether it is the closest point or not
         if edge >= 0 and not edge_is_closest(edge, q, gap, EXACT, topology.opposite, points):
             continue
         if vertex >= 0 and not vertex_is_closest(
@@ -209,10 +210,10 @@ def meet_edges(
     sa: int, sb: int, reach: float, begin: int, points: Array, topology: Topology, boxes: Boxes, near: Near,
     found: Found,
 ) -> None:  # fmt: skip
-    """Edges of surface sa against edges of surface sb, as listed, where their insides are closest.
+    """Test the listed edges of surface sa against those of surface sb where their interiors are closest.
 
-    Edges that run side by side, or in what is nearly flat, only count where no vertex that was found from
-    number `begin` on is nearer: elsewhere it is enough to hold the vertices.
+    Nearly parallel edges, and edges in nearly flat areas, count only where no vertex contact from number
+    `begin` on is closer; elsewhere it is enough to constrain the vertices.
     """
     edges, normals, least = topology.edges, boxes.normal, inf
     for k in range(begin, min(found.counter[0], found.distance.shape[0])):
@@ -266,10 +267,10 @@ def meet_edges(
 def meet_corners(
     sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
 ) -> None:
-    """Spheres against all vertices of a deformable surface within `reach` that look at them, as listed.
+    """Test the listed spheres against all vertices of a deformable surface within `reach` that face them.
 
-    In a dent as round as the sphere, hardly a vertex is a local minimum of the distance, and which ones are
-    changes from step to step; yet none may enter the sphere.
+    In a dent as round as the sphere, hardly any vertex is a local minimum of the distance, and the minima
+    change from step to step; yet no vertex may enter the sphere.
     """
     for at in range(near.counts[0]):
         v, t, first = near.vertices[at, 0], near.vertices[at, 1], near.vertices[at, 2] == 0
@@ -294,7 +295,7 @@ def meet_corners(
 def meet_spheres(
     v: int, w: int, sa: int, sb: int, reach: float, points: Array, topology: Topology, found: Found
 ) -> None:
-    """Sphere v of surface sa against sphere w of surface sb; a vertex is a sphere without a radius."""
+    """Test sphere v of surface sa against sphere w of surface sb; a vertex is a sphere of radius zero."""
     gap = minus(row(points, v), row(points, w))
     centres = length(gap)
     distance = centres - topology.radius[v] - topology.radius[w]
@@ -312,16 +313,16 @@ def meet_spheres(
 
 
 _AGAINST = -0.1
-"""Cosine below which a normal leads the other way."""
+"""Cosine below which a normal points the other way."""
 
 
 @kernel
 def leads_out(
     p: Vector, direction: Vector, s: int, reach: float, points: Array, topology: Topology, boxes: Boxes
 ) -> bool:
-    """Whether the place of surface s nearest to p does not look against the unit vector `direction`.
+    """Return whether surface s, at its point nearest to p, does not face against the unit vector `direction`.
 
-    An edge on the far side of a thin sheet looks as if what stands before the sheet had come through it.
+    An edge on the far side of a thin sheet looks as if something in front of the sheet had come through it.
     """
     t, feature = _nearest(p, s, reach, points, topology, boxes)
     if t < 0:
@@ -334,7 +335,7 @@ def leads_out(
 def _nearest(
     p: Vector, s: int, reach: float, points: Array, topology: Topology, boxes: Boxes
 ) -> tuple[int, int]:
-    """The triangle of surface s nearest to p, within `reach`, and its feature there; -1, -1 where none is."""
+    """Return the triangle of surface s nearest to p within `reach`, and its feature there, else -1, -1."""
     stack, triangles = boxes.stack, topology.triangles
     least, nearest, where = reach * reach, -1, -1
     stack[0, 0] = topology.surface_node[s, 0]
@@ -362,7 +363,7 @@ def _nearest(
 
 @kernel
 def _squared_distance(p: Vector, boxes: Array, i: int) -> float:
-    """Squared distance of p to box i, 0 inside it."""
+    """Return the squared distance of p to box i, 0 inside it."""
     total = 0.0
     for d in range(3):
         off = max(boxes[i, d] - p[d], p[d] - boxes[i, 3 + d], 0.0)
@@ -371,12 +372,12 @@ def _squared_distance(p: Vector, boxes: Array, i: int) -> float:
 
 
 class KnownEdges(NamedTuple):
-    """k pairs of edges.
+    """Pairs of edges, k of them.
 
     Attributes:
         edges: Edge of the first surface, edge of the second, shape (k, 2).
         surfaces: Numbers of the two surfaces, first < second, shape (k, 2).
-        together: Points of the two that are this near in [m] at rest, or nearer, never meet, shape (k,).
+        together: Distance in [m] at rest up to which points of the two never meet, shape (k,).
     """
 
     edges: IndexArray
@@ -386,14 +387,14 @@ class KnownEdges(NamedTuple):
 
 @kernel
 def meet_known_edges(known: KnownEdges, points: Array, rest: Array, topology: Topology, found: Found) -> None:
-    """Where known pairs of edges are closest, end points included; what has crossed is left out.
+    """Find the closest points of known edge pairs, end points included; pairs that have crossed are left out.
 
     Args:
         known: The pairs.
         points: Vertex positions in [m], shape (V, 3).
-        rest: The same at rest.
-        topology: What stays the same.
-        found: Overwritten; has room for all pairs.
+        rest: Vertex positions at rest in [m], shape (V, 3).
+        topology: The surfaces' topology.
+        found: Overwritten; large enough for all pairs.
     """
     edges, n = topology.edges, topology.radius.shape[0]
     found.counter[0] = 0
@@ -423,7 +424,7 @@ def meet_known_edges(known: KnownEdges, points: Array, rest: Array, topology: To
 
 @kernel
 def _outward(edge: int, points: Array, topology: Topology) -> Vector:
-    """Sum of the unit normals of an edge's triangles."""
+    """Return the sum of the unit normals of an edge's triangles."""
     total = (0.0, 0.0, 0.0)
     for side in range(2):
         t = topology.sides[edge, side]
@@ -435,9 +436,9 @@ def _outward(edge: int, points: Array, topology: Topology) -> Vector:
 
 
 _SAME = 1.0e-7
-"""Contacts of a vertex whose points differ by less than this share of their triangle's edges are one."""
+"""Share of the triangle's edge below which the points of two contacts of one vertex are identical."""
 _CLOSE = 1.5
-"""Vertices of a dent meet a sphere from this many contact distances on, and what may move in the step."""
+"""Contact distances below which a sphere is tested against all vertices of a dent, beside the travel."""
 
 
 @kernel
@@ -452,19 +453,19 @@ def sweep(
     near: Near,
     found: Found,
 ) -> int:
-    """Contacts of all pairs of surfaces; returns how much room they and what is near need.
+    """Find the contacts of all pairs of surfaces; return the buffer size that contacts and pairs need.
 
     Args:
         points: Vertex positions in [m], shape (V, 3).
-        rest_points: The same at rest.
-        alarm: Largest distance in [m] of surfaces that stand still.
-        travel: What each surface adds to it in [m], shape (s,).
-        contact_distance: Gap in [m] at rest. Two points of one body count only if they are farther apart than
-            this in the rest shape.
-        topology: What stays the same.
+        rest_points: Vertex positions at rest in [m], shape (V, 3).
+        alarm: Largest distance in [m] of surfaces at rest.
+        travel: Travel of each surface that is added to it in [m], shape (s,).
+        contact_distance: Contact distance in [m]. Two points of one body count only if they are farther apart
+            than this in the rest shape.
+        topology: The surfaces' topology.
         boxes: Overwritten.
         near: Overwritten.
-        found: Overwritten; its counter tells the number of contacts.
+        found: Overwritten; its counter is the number of contacts.
     """
     surface_boxes(points, topology, boxes)
     fresh = np.zeros(topology.closed.shape[0], dtype=np.bool_)
@@ -508,11 +509,11 @@ def sweep(
 def _sift(
     begin: int, end: int, least_rest: float, points: Array, rest_points: Array, boxes: Boxes, found: Found
 ) -> int:
-    """Keep, of the contacts of one pair, those that count; returns the new end.
+    """Retain the valid contacts of one pair of surfaces and return the new end.
 
-    Left out: contacts from inside of a vertex that the nearest place has outside, or that are not its
-    nearest; a vertex twice at one point (on an edge between coplanar triangles); points of one body that
-    belong together at rest.
+    Removed are: contacts from inside whose vertex is outside by its nearest point, or that are not the
+    nearest; a second contact of a vertex at the same point (on an edge between coplanar triangles); points of
+    one body that are close at rest.
     """
     kept = begin
     for k in range(begin, end):
@@ -538,14 +539,14 @@ def _sift(
 
 @kernel
 def _squared_gap(k: int, points: Array, found: Found) -> float:
-    """Squared distance between the two points of contact k."""
+    """Return the squared distance between the two points of contact k."""
     between = minus(mixed(found.a, found.a_weights, k, points), mixed(found.b, found.b_weights, k, points))
     return dot(between, between)
 
 
 @kernel
 def _same_points(k: int, other: int, points: Array, found: Found) -> bool:
-    """Whether two contacts touch the same points."""
+    """Return whether two contacts have the same points."""
     a = minus(mixed(found.a, found.a_weights, k, points), mixed(found.a, found.a_weights, other, points))
     b = minus(mixed(found.b, found.b_weights, k, points), mixed(found.b, found.b_weights, other, points))
     near = _SAME * _SAME * max(_squared_edge(found.a, k, points), _squared_edge(found.b, k, points))
@@ -554,6 +555,6 @@ def _same_points(k: int, other: int, points: Array, found: Found) -> bool:
 
 @kernel
 def _squared_edge(nodes: IndexArray, k: int, points: Array) -> float:
-    """Squared length of the first edge of one side of contact k; 0 of a vertex."""
+    """Return the squared length of the first edge of one side of contact k; 0 for a vertex."""
     edge = minus(row(points, nodes[k, 1]), row(points, nodes[k, 0]))
     return dot(edge, edge)

@@ -1,9 +1,9 @@
-"""Continuous detection: up to which share of a step's way nothing has passed through a surface.
+"""Continuous detection: the share of a step's motion during which nothing passes through a surface.
 
-Between the start and the end of the step every vertex is taken to move along a straight line. A vertex passes
-a triangle, or an edge another one, where the volume of the tetrahedron that their four points span changes
-its sign while they meet. What passes from behind a surface, or behind the edge of one, does not count: there
-is no contact from there either.
+Every vertex is assumed to move along a straight line between the start and the end of the step. A vertex
+passes a triangle, or an edge another edge, where the volume of the tetrahedron of their four points changes
+its sign while they meet. Passing from behind a surface, or from behind its edge, does not count, because
+there is no contact from that side either.
 
 Source: Provot 1997, Collision and self-collision handling in cloth model dedicated to design garments.
 """
@@ -33,22 +33,22 @@ from softsim_core.physics.contact.detection.geometry import (
 from softsim_core.physics.contact.detection.topology import Topology
 
 _HALVINGS = 40
-"""Most steps of the search for the moment at which something passes."""
+"""Number of bisections in the search for the moment of passing."""
 _OFF = 0.01
-"""What passes a triangle or an edge may lie off it by this share of its size."""
+"""Share of a triangle's or edge's size by which the passing point may be outside of it."""
 _SUNK = 0.8
-"""Two spheres may come this close, as a share of the sum of their radii, before one counts as passing."""
+"""Distance of two spheres, as a share of the sum of their radii, below which one passes the other."""
 
 
 class Way(NamedTuple):
-    """Where everything moves in a step.
+    """Motion of all collision vertices in a step.
 
     Attributes:
         rest: Vertex positions at rest in [m], shape (V, 3).
-        before: At the start of the step, shape (V, 3).
-        after: At its end, shape (V, 3).
-        watched: Which pairs of surfaces are looked at, shape (p,).
-        together: Points of one body that are nearer than this in [m] at rest never pass each other.
+        before: Vertex positions at the start of the step in [m], shape (V, 3).
+        after: Vertex positions at its end in [m], shape (V, 3).
+        watched: Which pairs of surfaces are checked, shape (p,).
+        together: Distance in [m] at rest up to which points of one body never pass each other.
     """
 
     rest: Array
@@ -60,9 +60,9 @@ class Way(NamedTuple):
 
 @kernel
 def free_share(way: Way, topology: Topology, boxes: Boxes, near: Near) -> tuple[float, int]:
-    """Share of the way in 0..1 that is free of passing, 1 where nothing passes; and the room `near` needs.
+    """Return the share of the motion in 0..1 without passing, 1 for all, and the size that `near` needs.
 
-    Boxes and near are overwritten.
+    The arrays of `boxes` and `near` are overwritten.
     """
     share, needed = 1.0, 0
     for p in range(topology.pairs.shape[0]):
@@ -96,7 +96,7 @@ def free_share(way: Way, topology: Topology, boxes: Boxes, near: Near) -> tuple[
 
 @kernel
 def _swept_box(s: int, way: Way, topology: Topology, out: Array) -> None:
-    """Box around all that the vertices of surface s pass."""
+    """Compute the box that the vertices of surface s sweep."""
     first, end = topology.surface_vertex[s, 0], topology.surface_vertex[s, 1]
     radius = topology.radius[first]
     for d in range(3):
@@ -109,7 +109,7 @@ def _swept_box(s: int, way: Way, topology: Topology, out: Array) -> None:
 
 @kernel
 def _swept_tree(s: int, way: Way, topology: Topology, boxes: Boxes) -> None:
-    """Boxes around all that the triangles and tree nodes of surface s pass."""
+    """Compute the boxes that the triangles and tree nodes of surface s sweep."""
     first, end = topology.surface_node[s]
     if topology.node_count[first] == 0:
         boxes.node[first] = boxes.surface[s]
@@ -127,7 +127,7 @@ def _swept_tree(s: int, way: Way, topology: Topology, boxes: Boxes) -> None:
 
 @kernel
 def _leaves(i: int, j: int, together: float, way: Way, topology: Topology, boxes: Boxes) -> float:
-    """Free share of the way of the features of two leaves."""
+    """Return the free share of the motion for the features of two leaves."""
     share, triangles, owns, edges = 1.0, topology.triangles, topology.owns, topology.triangle_edges
     first, count = topology.node_first, topology.node_count
     for t in range(first[i], first[i] + count[i]):
@@ -151,7 +151,7 @@ def _leaves(i: int, j: int, together: float, way: Way, topology: Topology, boxes
 
 @kernel
 def _vertex_passes(v: int, t: int, together: float, way: Way, topology: Topology, boxes: Boxes) -> float:
-    """Share of the way at which vertex v passes triangle t from outside, 1 where it does not."""
+    """Return the share of the motion at which vertex v passes triangle t from outside, 1 if it does not."""
     for d in range(3):
         low, high = way.before[v, d], way.after[v, d]
         if max(low, high) < boxes.triangle[t, d] or min(low, high) > boxes.triangle[t, 3 + d]:
@@ -180,7 +180,7 @@ def _vertex_passes(v: int, t: int, together: float, way: Way, topology: Topology
 
 @kernel
 def _edge_passes(e: int, f: int, together: float, way: Way, topology: Topology) -> float:
-    """Share of the way at which edge e passes edge f, the two facing each other, 1 where it does not."""
+    """Return the share of the motion at which facing edges e and f pass each other, 1 if they do not."""
     i, j, k, m = topology.edges[e, 0], topology.edges[e, 1], topology.edges[f, 0], topology.edges[f, 1]
     for d in range(3):
         a, b, c, g = way.before[i, d], way.before[j, d], way.after[i, d], way.after[j, d]
@@ -212,7 +212,7 @@ def _edge_passes(e: int, f: int, together: float, way: Way, topology: Topology) 
 
 @kernel
 def _faces(edge: int, at: Vector, direction: Vector, share: float, way: Way, topology: Topology) -> bool:
-    """Whether an edge looks along `direction` and no triangle of it rises that way from the point `at`."""
+    """Return whether an edge faces `direction` and no triangle of it rises that way from the point `at`."""
     outward, limit = (0.0, 0.0, 0.0), CONE * length(direction)
     for side in range(2):
         t = topology.sides[edge, side]
@@ -227,7 +227,7 @@ def _faces(edge: int, at: Vector, direction: Vector, share: float, way: Way, top
 
 @kernel
 def _opposes(v: int, outward: Vector, share: float, way: Way, topology: Topology) -> bool:
-    """Whether v is a sphere, or a triangle around it faces the outward direction of the other surface."""
+    """Return whether v is a sphere, or a triangle around it faces against the other surface's `outward`."""
     if topology.radius[v] > 0.0:
         return True
     for at in range(topology.fan_start[v], topology.fan_start[v + 1]):
@@ -238,7 +238,7 @@ def _opposes(v: int, outward: Vector, share: float, way: Way, topology: Topology
 
 @kernel
 def _normal(t: int, share: float, way: Way, topology: Topology) -> Vector:
-    """Unit normal of a triangle after a share of the way."""
+    """Return the unit normal of a triangle after a share of the motion."""
     i, j, k = topology.triangles[t, 0], topology.triangles[t, 1], topology.triangles[t, 2]
     a = _at(share, i, way)
     return unit(cross(minus(_at(share, j, way), a), minus(_at(share, k, way), a)))
@@ -246,14 +246,14 @@ def _normal(t: int, share: float, way: Way, topology: Topology) -> Vector:
 
 @kernel
 def _at(share: float, v: int, way: Way) -> Vector:
-    """Where vertex v is after a share of its way."""
+    """Return the position of vertex v after a share of its motion."""
     p = row(way.before, v)
     return add(p, scaled(minus(row(way.after, v), p), share))
 
 
 @kernel
 def _volume(share: float, p: int, a: int, b: int, c: int, way: Way) -> float:
-    """Six times the volume of the tetrahedron of four vertices, positive where p sees a, b, c turn left."""
+    """Return six times the volume of a tetrahedron, positive if a, b, c turn left as seen from p."""
     base = _at(share, a, way)
     normal = cross(minus(_at(share, b, way), base), minus(_at(share, c, way), base))
     return dot(minus(_at(share, p, way), base), normal)
@@ -261,7 +261,7 @@ def _volume(share: float, p: int, a: int, b: int, c: int, way: Way) -> float:
 
 @kernel
 def _sign_change(p: int, a: int, b: int, c: int, way: Way) -> float:
-    """The last share of the way found at which the volume has the sign that it has at the start."""
+    """Return the last share of the motion found at which the volume still has its initial sign."""
     low, high = 0.0, 1.0
     positive = _volume(0.0, p, a, b, c, way) > 0.0
     for _ in range(_HALVINGS):
@@ -275,7 +275,7 @@ def _sign_change(p: int, a: int, b: int, c: int, way: Way) -> float:
 
 @kernel
 def _spheres(v: int, w: int, way: Way, topology: Topology) -> float:
-    """Share of the way at which the spheres v and w have sunk too far into each other, 1 where never."""
+    """Return the share of the motion at which spheres v and w overlap too far, 1 if they never do."""
     limit = _SUNK * (topology.radius[v] + topology.radius[w])
     start = minus(row(way.before, v), row(way.before, w))
     along = minus(minus(row(way.after, v), row(way.after, w)), start)

@@ -1,4 +1,4 @@
-"""What stays the same while surfaces move: neighbours, trees, and which triangle looks at which feature."""
+"""Topology of collision surfaces: neighbours, trees, and the triangle that owns each feature."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from softsim_core.base import Array, IndexArray
 from softsim_core.physics.contact import CollisionSurface, may_meet
 
 _LEAF = 4
-"""Most triangles in a leaf of a tree."""
+"""Largest number of triangles in a leaf of a tree."""
 
 
 class Topology(NamedTuple):
     """All surfaces together: S surfaces, V vertices, E edges, T triangles, N tree nodes, L neighbours.
 
-    Triangles are sorted so that each tree node holds a range of them. A feature (vertex, edge) is looked at
-    by one of its triangles only, so no pair of features is met twice.
+    Triangles are sorted so that each tree node has a contiguous range of them. A feature (vertex, edge) is
+    owned by one of its triangles only, so no pair of features is tested twice.
 
     Attributes:
-        triangles: Vertices, shape (T, 3).
-        triangle_edges: Edges: corner 0 to 1, 1 to 2, 2 to 0, shape (T, 3).
-        owns: Whether a triangle looks at its corners (0..2) and edges (3..5), shape (T, 6).
-        edges: Vertices, shape (E, 2).
+        triangles: Vertices of each triangle, shape (T, 3).
+        triangle_edges: Edges of each triangle: corner 0 to 1, 1 to 2, 2 to 0, shape (T, 3).
+        owns: Whether a triangle owns its corners (0..2) and edges (3..5), shape (T, 6).
+        edges: Vertices of each edge, shape (E, 2).
         opposite: Third vertices of the edge's triangles, or -1, shape (E, 2).
         sides: Triangles of the edge, or -1, shape (E, 2).
         ring_start: First neighbour of each vertex in `ring`, shape (V + 1,).
@@ -31,12 +31,12 @@ class Topology(NamedTuple):
         fan_start: First triangle of each vertex in `fan`, shape (V + 1,).
         fan: Triangles around the vertices, shape (3 T,).
         radius: Radius of spheres in [m], else 0, shape (V,).
-        node_first: First triangle of each node; the vertex where the node is a sphere, shape (N,).
-        node_count: Number of triangles of a leaf; 0 sphere, -1 inner node, shape (N,).
-        node_child: First of the two children, which follow each other after their parent, shape (N,).
+        node_first: First triangle of each node; the vertex if the node is a sphere, shape (N,).
+        node_count: Number of triangles of a leaf; 0: sphere; -1: inner node, shape (N,).
+        node_child: First of the two children, which are consecutive and follow their parent, shape (N,).
         surface_node: First node (the root) of each surface and the end, shape (S, 2).
-        surface_triangle: Range of triangles, shape (S, 2).
-        surface_vertex: Range of vertices, shape (S, 2).
+        surface_triangle: Range of triangles of each surface, shape (S, 2).
+        surface_vertex: Range of vertices of each surface, shape (S, 2).
         soft: 1 where the surface deforms, shape (S,).
         closed: 1 where the surface encloses a volume, shape (S,).
         pairs: Surfaces that may meet, shape (p, 2).
@@ -67,7 +67,7 @@ class Topology(NamedTuple):
 
 
 def build_topology(surfaces: tuple[CollisionSurface, ...], rest_points: Array) -> Topology:
-    """Neighbours and trees of surfaces, the trees over the rest shape.
+    """Return the neighbours and trees of surfaces; the trees are built on the rest shape.
 
     Args:
         surfaces: Surfaces over disjoint ranges of the vertices.
@@ -134,7 +134,7 @@ def build_topology(surfaces: tuple[CollisionSurface, ...], rest_points: Array) -
 
 
 class _Trees:
-    """Binary trees of all surfaces, one after the other: halves along the longest axis of the centres."""
+    """Binary trees of all surfaces in sequence, split in halves along the longest axis of the centres."""
 
     def __init__(self) -> None:
         self.first: list[int] = []
@@ -145,7 +145,7 @@ class _Trees:
         self.triangles: list[IndexArray] = []
 
     def add(self, surface: CollisionSurface, points: Array) -> None:
-        """Append the tree of a surface; its triangles are taken up in the order of the leaves."""
+        """Append the tree of a surface, and its triangles in the order of the leaves."""
         start = self.triangle_ends[-1]
         if surface.radius > 0.0:
             self._node(surface.vertices.indices(len(points))[0], 0)
@@ -165,7 +165,7 @@ class _Trees:
         return len(self.first) - 1
 
     def _split(self, node: int, order: IndexArray, centres: Array, offset: int, start: int) -> None:
-        """Split a node over order[offset : offset + count] into two; reorders that part of `order`."""
+        """Split a node over order[offset : offset + count] into two, reordering that part of `order`."""
         count = self.count[node]
         if count <= _LEAF:
             return
@@ -181,12 +181,12 @@ class _Trees:
 
 
 def _grouped(keys: IndexArray, values: IndexArray, size: int) -> tuple[IndexArray, IndexArray]:
-    """Values sorted by key (stable), with the start of each key's part, shape (size + 1,)."""
+    """Return values sorted by key (stable), and the start of each key's part, shape (size + 1,)."""
     order = np.argsort(keys, kind="stable")
     start = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])
     return start.astype(np.int64), np.ascontiguousarray(values[order], dtype=np.int64)
 
 
 def _ranges(ends: list[int]) -> IndexArray:
-    """Start and end of consecutive parts, shape (len(ends) - 1, 2)."""
+    """Return start and end of consecutive parts, shape (len(ends) - 1, 2)."""
     return np.column_stack([ends[:-1], ends[1:]]).astype(np.int64)

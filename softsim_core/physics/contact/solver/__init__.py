@@ -1,4 +1,4 @@
-"""Forces of contacts with Coulomb friction and of bounded rows: Gauss-Seidel, Newton, smoothed projection."""
+"""Contact solver: Coulomb friction and bounded rows by Gauss-Seidel, Newton and smoothed projection."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Forces of contacts with Coulomb friction and of bounded rows: Gauss-Seidel and Newton."""
+"""Forces of contacts with Coulomb friction and of bounded rows, by Gauss-Seidel and Newton."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from softsim_core.physics.contact.solver.law import (
 from softsim_core.physics.contact.solver.smoothing import solve_by_sharpening
 
 _STEPS = 16
-"""Newton steps in a row, as long as each brings the residual down."""
+"""Largest number of consecutive Newton steps, as long as each reduces the residual."""
 _SOFTENINGS = (1.0e-6, 1.0e-3)
-"""Softenings of Newton's matrix; the second where the first leads nowhere."""
+"""Softenings of Newton's matrix; the second is used where the first does not reduce the residual."""
 
 
 class _System(NamedTuple):
-    """Newton's system over the rows that are solved for.
+    """Linear system of a Newton step over the active rows.
 
     Attributes:
         matrix: Shape (n, n).
@@ -41,10 +41,10 @@ class _System(NamedTuple):
 
 @kernel
 def solve_by_newton(problem: ContactProblem, forces: Array, tolerance: float) -> float:
-    """Improve `forces`, which lie within bounds and cones, as long as Newton steps do.
+    """Improve `forces`, which are within bounds and cones, by Newton steps as long as they help.
 
     Returns:
-        The residual in [m], see law.violation(); below `tolerance` it is good enough.
+        The residual in [m], see law.violation(); converged if below `tolerance`.
     """
     state = gaps_under(problem, forces)
     residual, squares = violation(problem, state, forces)
@@ -68,7 +68,7 @@ def solve_by_newton(problem: ContactProblem, forces: Array, tolerance: float) ->
 
 @kernel
 def _until_one_opens(bounded: int, forces: Array, aim: Array) -> float:
-    """Share of the way to `aim` at which the first contact loses its force, at most 1."""
+    """Return the share of the step to `aim` at which the first contact loses its force, at most 1."""
     share = 1.0
     for i in range(bounded, forces.shape[0], 3):
         if aim[i] < 0.0 < forces[i]:
@@ -78,14 +78,14 @@ def _until_one_opens(bounded: int, forces: Array, aim: Array) -> float:
 
 @kernel
 def newton_step(problem: ContactProblem, start: Array, state: Array, softening: float) -> Array:
-    """Forces that solve the law linearised about the forces `start` with gaps `state`.
+    """Return the forces that solve the law linearised about the forces `start` with gaps `state`.
 
-    Rows that one step of projection puts at a bound, or whose contact it opens, are fixed there. The gaps of
-    the others must vanish; friction of a sliding contact must lie on the cone, against the slip. The result
-    may leave cones and bounds.
+    Rows that one step of projection moves to a bound, or whose contact it opens, are fixed there. The gaps of
+    the other rows must vanish; the friction of a sliding contact must be on the cone, opposite to the slip.
+    The result may violate cones and bounds.
 
-    Each row's own compliance is raised by the share `softening`: redundant contacts make the matrix singular,
-    and nearly equal ones would push against each other.
+    The diagonal compliance of each row is increased by the share `softening`, because redundant contacts make
+    the matrix singular, and nearly equal ones would push against each other.
 
     Source: Alart and Curnier 1991 (generalised Newton for friction).
     """
@@ -134,7 +134,7 @@ def newton_step(problem: ContactProblem, start: Array, state: Array, softening: 
 
 @kernel
 def _let_slide(a: int, i: int, problem: ContactProblem, forces: Array, gaps: Array, system: _System) -> None:
-    """If the contact of rows i slides, put force = limit * direction of the slip into rows a + 1, a + 2."""
+    """If the contact of rows i slides, replace rows a + 1 and a + 2 by force = limit * slip direction."""
     matrix, right, friction = system.matrix, system.right, friction_of(i, problem)
     compliant = largest_tangential(i, problem.compliance)
     u, v = forces[i + 1] - gaps[i + 1] / compliant, forces[i + 2] - gaps[i + 2] / compliant
@@ -158,19 +158,19 @@ def _let_slide(a: int, i: int, problem: ContactProblem, forces: Array, gaps: Arr
 
 
 _SWEEPS = 8
-"""Sweeps before the first attempt of Newton's method; twice as many before each further one."""
+"""Number of sweeps before the first Newton attempt; it doubles before each further attempt."""
 _ROUNDNESS = (1.0, 1.0e4)
-"""How smooth the corners of the smoothed law are at first, in turn."""
+"""Initial smoothness of the corners of the smoothed law, used in turn."""
 
 
 class ContactSolution(NamedTuple):
-    """Forces, and how well they fulfil the contact law.
+    """Contact forces and their residual.
 
     Attributes:
-        forces: In [N], shape (r,). Every contact lies in its cone, every bounded row within its bounds.
-        residual: Largest violation of the law over all rows, expressed as a gap in [m]: each force moved by
-            its gap over its own compliance and brought back into bounds or cone, times that compliance.
-        sweeps: Gauss-Seidel sweeps over all rows that were needed.
+        forces: Forces in [N], shape (r,). Each contact is in its cone, each bounded row within its bounds.
+        residual: Largest violation of the law over all rows as a gap in [m]: the change of a force that is
+            moved by its gap over its own compliance and projected into bounds or cone, times that compliance.
+        sweeps: Number of Gauss-Seidel sweeps over all rows.
     """
 
     forces: Array
@@ -187,20 +187,20 @@ def solve_contacts(
     iterations: int,
     tolerance: float,
 ) -> ContactSolution:
-    r"""Forces :math:`f` so that the gaps :math:`g = g_0 + C f` obey the law of each row.
+    r"""Return forces :math:`f` for which the gaps :math:`g = g_0 + C f` satisfy the law of each row.
 
-    Bounded rows come first: the gap is 0 unless the force is at a bound. Then contacts, three rows each
-    (normal, two tangents): :math:`0 \le f_n \perp g_n \ge 0`, and :math:`|f_t| \le \mu f_n` where sliding
-    friction points against the slip :math:`g_t`.
+    Bounded rows come first: the gap is 0 unless the force is at a bound. Contacts follow with three rows each
+    (normal, two tangents): :math:`0 \le f_n \perp g_n \ge 0` and :math:`|f_t| \le \mu f_n`, where sliding
+    friction is opposite to the slip :math:`g_t`.
 
     Args:
         compliance: C in [m/N], symmetric positive semidefinite, shape (r, r).
-        gap: Gaps and slips without any force in [m], shape (r,).
-        bounds: Least and largest force of each bounded row in [N], b each; may be infinite.
+        gap: Gaps and slips without contact forces in [m], shape (r,).
+        bounds: Smallest and largest force of each bounded row in [N], b each; may be infinite.
         friction: Coulomb coefficient of each contact, shape (k,), or one for all.
-        start: Forces to start from in [N], shape (r,).
-        iterations: Most sweeps; a few dozen Newton steps come between them.
-        tolerance: Residual in [m] that is good enough.
+        start: Initial forces in [N], shape (r,).
+        iterations: Largest number of sweeps; a few dozen Newton steps are made between them.
+        tolerance: Residual in [m] at which the solver stops.
 
     Source: Jourdan, Alart, Jean 1998 (block Gauss-Seidel); Silcowitz, Niebe, Erleben 2010 (alternating it
     with a Newton step on the rows that touch).
@@ -217,7 +217,7 @@ def solve_contacts(
 
 @kernel
 def _solve(problem: ContactProblem, forces: Array, iterations: int, tolerance: float) -> tuple[float, int]:
-    """Overwrites forces; returns the residual in [m] and the number of sweeps."""
+    """Overwrite `forces` by the solution; return the residual in [m] and the number of sweeps."""
     into_bounds(problem, forces)
     state = gaps_under(problem, forces)
     residual, _ = violation(problem, state, forces)
@@ -241,7 +241,7 @@ def _solve(problem: ContactProblem, forces: Array, iterations: int, tolerance: f
 
 @kernel
 def _sweep(problem: ContactProblem, forces: Array, state: Array) -> None:
-    """Solve every row or contact once, all others held."""
+    """Solve every row or contact once, with all others fixed."""
     compliance, lower, upper = problem.compliance, problem.lower, problem.upper
     bounded = lower.shape[0]
     for i in range(bounded):
@@ -254,7 +254,7 @@ def _sweep(problem: ContactProblem, forces: Array, state: Array) -> None:
 
 @kernel
 def _contact(i: int, problem: ContactProblem, forces: Array, state: Array) -> None:
-    """Solve the contact of rows i; one that stays open costs nothing."""
+    """Solve the contact of rows i; an open contact is skipped at no cost."""
     compliance = problem.compliance
     compliant = compliance[i, i]
     normal = max(0.0, forces[i] - state[i] / compliant) if compliant > 0.0 else 0.0
@@ -268,7 +268,7 @@ def _contact(i: int, problem: ContactProblem, forces: Array, state: Array) -> No
     if limit > 0.0 and determinant > 1e-12 * a * c:
         u = forces[i + 1] - (c * state[i + 1] - b * state[i + 2]) / determinant
         v = forces[i + 2] - (a * state[i + 2] - b * state[i + 1]) / determinant
-    if u * u + v * v > limit * limit:  # does not stick
+    if u * u + v * v > limit * limit:  # the contact slides
         u, v = moved_friction(i, problem, forces, state)
     _change(i + 1, u, compliance, forces, state)
     _change(i + 2, v, compliance, forces, state)
@@ -276,7 +276,7 @@ def _contact(i: int, problem: ContactProblem, forces: Array, state: Array) -> No
 
 @kernel
 def _change(i: int, force: float, compliance: Array, forces: Array, state: Array) -> None:
-    """Set force i and bring the gaps up to date."""
+    """Set force i and update the gaps."""
     change = force - forces[i]
     if change != 0.0:
         forces[i] = force

@@ -1,4 +1,4 @@
-"""The law of contacts and bounded rows: projection of forces onto it, and the distance of forces from it."""
+"""Law of contacts and bounded rows: projection of forces onto it, and their violation of it."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from softsim_core.base import Array
 from softsim_core.physics.contact.solver.compile import kernel
 
 _PANEL = 4
-"""Columns that are eliminated together: the rest of the matrix is passed over once for all of them."""
+"""Number of columns eliminated together; the rest of the matrix is updated once for all of them."""
 
 
 @kernel
 def eliminate(matrix: Array, right: Array) -> None:
-    """Solve a system in place, with row pivots; the solution replaces the right-hand side.
+    """Solve a linear system in place, with row pivoting; the solution replaces the right-hand side.
 
-    An unknown whose pivot is zero becomes zero. LAPACK would start threads for matrices of this size, which
-    costs more than it saves.
+    An unknown whose pivot is zero becomes zero. LAPACK is not used, because it would start threads for
+    matrices of this size, which costs more than it saves.
 
     Args:
         matrix: Shape (n, n); overwritten.
@@ -50,7 +50,7 @@ def eliminate(matrix: Array, right: Array) -> None:
 
 @kernel
 def _pivot(k: int, matrix: Array, right: Array) -> None:
-    """Bring the row with the largest entry of column k, from row k on, to row k."""
+    """Swap the row with the largest entry of column k, among rows k and below, with row k."""
     pivot, largest = k, abs(matrix[k, k])
     for i in range(k + 1, right.shape[0]):
         if abs(matrix[i, k]) > largest:
@@ -63,7 +63,7 @@ def _pivot(k: int, matrix: Array, right: Array) -> None:
 
 @kernel
 def _update(start: int, matrix: Array) -> None:
-    """Take the four rows from `start` on, times their factors, off all rows below."""
+    """Subtract the four rows from `start` on, times their factors, from all rows below."""
     end = start + 4
     first, second = matrix[start, end:], matrix[start + 1, end:]
     third, fourth = matrix[start + 2, end:], matrix[start + 3, end:]
@@ -75,12 +75,12 @@ def _update(start: int, matrix: Array) -> None:
 
 
 class ContactProblem(NamedTuple):
-    """Bounded rows first, then contacts of three rows each: normal and two tangents; r = b + 3 k rows.
+    """Contact problem of r = b + 3 k rows: bounded rows, then contacts with a normal and two tangents.
 
     Attributes:
         compliance: C in [m/N], symmetric positive semidefinite, shape (r, r).
-        gap: Gaps and slips without any force in [m], shape (r,).
-        lower, upper: Least and largest force of each bounded row in [N], shape (b,) each; may be infinite.
+        gap: Gaps and slips without contact forces in [m], shape (r,).
+        lower, upper: Smallest and largest force of each bounded row in [N], shape (b,) each; may be infinite.
         friction: Coulomb coefficient of each contact, shape (k,).
     """
 
@@ -93,13 +93,13 @@ class ContactProblem(NamedTuple):
 
 @kernel
 def friction_of(i: int, problem: ContactProblem) -> float:
-    """Coulomb coefficient of the contact of rows i."""
+    """Return the Coulomb coefficient of the contact of rows i."""
     return float(problem.friction[(i - problem.lower.shape[0]) // 3])
 
 
 @kernel
 def into_bounds(problem: ContactProblem, forces: Array) -> None:
-    """Bring forces into their bounds and cones."""
+    """Project forces into their bounds and cones, in place."""
     bounded = problem.lower.shape[0]
     for i in range(bounded):
         forces[i] = min(max(forces[i], problem.lower[i]), problem.upper[i])
@@ -113,9 +113,10 @@ def into_bounds(problem: ContactProblem, forces: Array) -> None:
 
 @kernel
 def gaps_under(problem: ContactProblem, forces: Array) -> Array:
-    """Gaps and slips g + C f in [m], shape (r,); forces that are zero cost nothing.
+    """Return gaps and slips g + C f in [m], shape (r,); zero forces are skipped.
 
-    Not by BLAS: it would start threads, and its last digits depend on where the arrays lie in memory.
+    BLAS is not used: it would start threads, and its last digits depend on the memory alignment of the
+    arrays.
     """
     gaps = problem.gap.copy()
     for i in range(forces.shape[0]):
@@ -128,7 +129,7 @@ def gaps_under(problem: ContactProblem, forces: Array) -> Array:
 
 @kernel
 def moved_friction(i: int, problem: ContactProblem, forces: Array, state: Array) -> tuple[float, float]:
-    """Tangential force of the contact of rows i, moved against the slip and brought back into the cone."""
+    """Return the tangential force of the contact of rows i, moved against the slip, within the cone."""
     compliant, friction = largest_tangential(i, problem.compliance), friction_of(i, problem)
     if compliant <= 0.0 or friction == 0.0:
         return 0.0, 0.0
@@ -141,14 +142,16 @@ def moved_friction(i: int, problem: ContactProblem, forces: Array, state: Array)
 
 @kernel
 def largest_tangential(i: int, compliance: Array) -> float:
-    """Largest compliance in [m/N] of the contact of rows i along a tangent."""
+    """Return the largest compliance in [m/N] of the contact of rows i along a tangent."""
     a, b, c = compliance[i + 1, i + 1], compliance[i + 1, i + 2], compliance[i + 2, i + 2]
     return float(0.5 * (a + c) + sqrt(0.25 * (a - c) * (a - c) + b * b))
 
 
 @kernel
 def violation(problem: ContactProblem, state: Array, forces: Array) -> tuple[float, float]:
-    """How far admissible forces are from the law at gaps `state`: largest [m], sum of squares [m^2].
+    """Return the violation of the law by admissible forces at gaps `state`: largest, sum of squares.
+
+    The largest one is in [m], the sum of squares in [m^2].
 
     A force is moved by its gap over its own compliance and brought back into its bounds or cone; what then
     differs from the force, times that compliance, is the violation (natural map).
@@ -162,7 +165,7 @@ def violation(problem: ContactProblem, state: Array, forces: Array) -> tuple[flo
             off = abs(moved - forces[i]) * compliant
             largest, squares = max(largest, off), squares + off * off
     for i in range(bounded, forces.shape[0], 3):
-        if compliance[i, i] <= 0.0:  # both sides are held: no force changes anything
+        if compliance[i, i] <= 0.0:  # both sides are fixed: no force has an effect
             continue
         off = abs(min(forces[i] * compliance[i, i], state[i]))
         largest, squares = max(largest, off), squares + off * off

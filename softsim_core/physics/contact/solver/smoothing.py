@@ -1,4 +1,4 @@
-"""Newton's method on a smoothed contact law, whose corners are sharpened step by step."""
+"""Newton's method on a smoothed contact law whose corners are sharpened step by step."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Smoothed(NamedTuple):
     """Forces moved against their gaps and projected into smoothed bounds and cones.
 
     Attributes:
-        forces: In [N], shape (r,).
-        slope: Their derivative with respect to what is projected: one number for a bounded row, a row of
-            three for each row of a contact, shape (r, 3).
+        forces: Projected forces in [N], shape (r,).
+        slope: Derivative by the unprojected forces: one number for a bounded row, three for each row of a
+            contact, shape (r, 3).
     """
 
     forces: Array
@@ -36,7 +36,7 @@ class Smoothed(NamedTuple):
 
 @kernel
 def steepness(problem: ContactProblem) -> Array:
-    """How far in [N/m] each row's force is moved for a gap before it is projected; 0: nothing moves it."""
+    """Return the change of each row's force per gap in [N/m] before projection; 0: no force moves the row."""
     compliance, bounded = problem.compliance, problem.lower.shape[0]
     rows = compliance.shape[0]
     steep = np.zeros(rows)
@@ -59,23 +59,23 @@ def project(
     gaps: Array,
     smoothed: Smoothed,
 ) -> float:
-    r"""Move forces against their gaps and bring them back into rounded bounds and cones.
+    r"""Move forces against their gaps and project them into rounded bounds and cones.
 
-    Forces that this does not change fulfil the rounded law: of a contact that rests, force times gap is
-    `energy`; at 0 it is the law itself. The gap of a contact with friction is raised by its slip, so that
-    force and gap both lie in cones that are dual to each other:
+    Forces that this leaves unchanged satisfy the rounded law: force times gap of a resting contact is
+    `energy`; at 0 it is the exact law. The gap of a contact with friction is increased by its slip, so that
+    force and gap are in cones that are dual to each other:
     :math:`(\mu f_n, f_t)` and :math:`(g_n / \mu + |g_t|, g_t)`.
 
     Args:
-        problem: The rows; neither its compliance nor its gaps matter.
+        problem: The rows; neither its compliance nor its gaps are used.
         steep: See steepness(), shape (r,).
-        energy: How round the corners are, in [J].
-        forces: In [N], shape (r,).
-        gaps: In [m], shape (r,).
+        energy: Roundness of the corners, in [J].
+        forces: Forces in [N], shape (r,).
+        gaps: Gaps in [m], shape (r,).
         smoothed: Filled.
 
     Returns:
-        Sum of squared differences between forces and projected ones, over their steepness, in [J].
+        Sum of squared differences between forces and projected forces, over their steepness, in [J].
 
     Source: de Saxcé and Feng 1998 (the raised gap); Fukushima, Luo, Tseng 2001 (the rounded projection).
     """
@@ -149,7 +149,7 @@ def _project_cone(
 
 @kernel
 def _positive(value: float, round_off: float) -> float:
-    """The positive part with a rounded corner: half of value + sqrt(value^2 + 4 round_off)."""
+    """Return the positive part with a rounded corner: half of value + sqrt(value^2 + 4 round_off)."""
     root = sqrt(value * value + 4.0 * round_off)
     if value > 0.0:
         return 0.5 * (value + root)
@@ -158,24 +158,24 @@ def _positive(value: float, round_off: float) -> float:
 
 @kernel
 def _rise(value: float, round_off: float) -> float:
-    """Derivative of the rounded positive part."""
+    """Return the derivative of the rounded positive part."""
     root = sqrt(value * value + 4.0 * round_off)
     return 0.5 + 0.5 * value / root if root > 0.0 else 0.5
 
 
 _STEPS = 40
-"""Newton steps; after each the corners are sharpened."""
+"""Number of Newton steps; the corners are sharpened after each."""
 _OPEN = 1.0e-2
-"""A row whose projection rises less than this is taken as being at its bound within a step."""
+"""A row whose projection has a smaller slope than this counts as being at its bound within a step."""
 _SHORTEST = 0.01
-"""Least share of a step that is tried."""
+"""Smallest share of a step that is tried."""
 
 
 class _System(NamedTuple):
-    """Newton's system over the rows that are solved for.
+    """Linear system of a Newton step over the active rows.
 
     Attributes:
-        active: Numbers of these rows, shape (n,).
+        active: Numbers of the active rows, shape (n,).
         matrix: Shape (n, n).
         right: Right-hand side, shape (n,).
     """
@@ -187,14 +187,14 @@ class _System(NamedTuple):
 
 @kernel
 def solve_by_sharpening(problem: ContactProblem, forces: Array, roundness: float, tolerance: float) -> float:
-    """Improve `forces` where redundant contacts stick, slide and open in ways that no iteration sorts out.
+    """Improve `forces` where redundant contacts stick, slide and open in ways that iterations do not resolve.
 
-    With smooth corners every contact near touching has a force, and the system is regular even where the
-    compliance is singular; the forces then follow as the corners are sharpened. `roundness` tells how smooth
-    they are at first, relative to the violation of the law by `forces`.
+    With smooth corners, every contact close to touching has a force, and the system is regular even where the
+    compliance is singular. The forces then follow as the corners are sharpened. `roundness` is the initial
+    smoothness relative to the violation of the law by `forces`.
 
     Returns:
-        The residual in [m] of the best forces found, see law.violation(); good enough below `tolerance`.
+        The residual in [m] of the best forces found, see law.violation(); converged if below `tolerance`.
 
     Source: Chen and Mangasarian 1996 (smoothing); Hayashi, Yamashita, Fukushima 2005 (second-order cones).
     """
@@ -233,7 +233,7 @@ def solve_by_sharpening(problem: ContactProblem, forces: Array, roundness: float
 
 @kernel
 def _square_off(problem: ContactProblem, state: Array, forces: Array) -> None:
-    """Undo what smooth corners do: open contacts have no force, sliding ones all the friction there is."""
+    """Undo the effect of smooth corners: zero force in open contacts, full friction in sliding ones."""
     for i in range(problem.lower.shape[0], forces.shape[0], 3):
         friction = friction_of(i, problem)
         if forces[i] * problem.compliance[i, i] < state[i]:
@@ -246,7 +246,10 @@ def _square_off(problem: ContactProblem, state: Array, forces: Array) -> None:
 
 @kernel
 def _sharper(share: float) -> float:
-    """Factor for the roundness after a step of which `share` was taken: rounder again after a short one."""
+    """Return the factor for the roundness after a step of size `share`.
+
+    A short step makes it rounder again.
+    """
     if share == 1.0:
         return 0.2
     if share >= 0.5:
@@ -258,7 +261,10 @@ def _sharper(share: float) -> float:
 def _newton_aim(
     problem: ContactProblem, steep: Array, forces: Array, state: Array, smoothed: Smoothed
 ) -> Array:
-    """Forces that equal their projection, linearised about `forces`; open contacts go where they are led."""
+    """Return forces that equal their projection, linearised about `forces`.
+
+    Rows at a bound take the projection.
+    """
     compliance, bounded = problem.compliance, problem.lower.shape[0]
     projected, slope = smoothed.forces, smoothed.slope
     aim = projected.copy()
@@ -294,7 +300,7 @@ def _newton_aim(
 def _activate(
     i: int, width: int, slope: Array, active: IndexArray, size: int, forces: Array, aim: Array
 ) -> int:
-    """Let rows i to i + width be solved for, from `forces`, unless they are at their bound; the new size."""
+    """Add rows i to i + width to the active ones, unless they are at their bound; return the new number."""
     if slope[i, 0] <= _OPEN:
         return size
     for d in range(width):
@@ -314,7 +320,7 @@ def _contact_rows(
     smoothed: Smoothed,
     system: _System,
 ) -> None:
-    """Rows a to a + 3 of Newton's matrix: a contact with friction."""
+    """Fill rows a to a + 3 of Newton's system for a contact with friction."""
     compliance, projected, slope = problem.compliance, smoothed.forces, smoothed.slope
     active, matrix, right = system.active, system.matrix, system.right
     i = active[a]

@@ -1,4 +1,4 @@
-"""The compiled time step. Only this package needs Numba."""
+"""Compiled time step. Only this package needs Numba."""
 
 from lazy_loader import attach_stub
 

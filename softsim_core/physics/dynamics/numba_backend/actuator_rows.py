@@ -1,8 +1,8 @@
-"""Compiled rows of actuators: their stiffness, the faces they press on, their bounded multipliers.
+"""Compiled rows of actuators: their stiffness, the faces that they press on, their bounded multipliers.
 
-A row H stands as one more column of the reduced coordinates in the panels, so that factoring the step's
-matrix brings H A^-1 H^T beside everything else; see kinematics. Kinds without compiled kernels have their
-values and coefficients filled in before.
+A row H is stored as one more column of the reduced coordinates in the panels, so that factoring the step's
+matrix also gives H A^-1 H^T; see kinematics. Values and coefficients of kinds without compiled kernels are
+filled in before.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ TINY = float(np.finfo(float).tiny)
 
 @kernel
 def bounded_forces(matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array) -> None:
-    """Forces (c,) in [N] as linalg.bounded.solve_bounded finds them; NaN where there is no answer."""
+    """Solve for the forces (c,) in [N] as linalg.bounded.solve_bounded does.
+
+    NaN where there is no solution.
+    """
     size = len(gap)
     factor, sums, held = np.empty((size, size)), np.empty(size), np.empty(size, np.bool_)
     active_sets(matrix, gap, lower, upper, forces, factor, sums, held)
@@ -43,7 +46,7 @@ def bounded_forces(matrix: Array, gap: Array, lower: Array, upper: Array, forces
 
 @kernel
 def remainder_of(matrix: Array, gap: Array, forces: Array, c: int) -> float:
-    """Row c of gap + matrix . forces."""
+    """Return row c of gap + matrix . forces."""
     rest = gap[c]
     for d in range(len(gap)):
         rest += matrix[c, d] * forces[d]
@@ -52,7 +55,7 @@ def remainder_of(matrix: Array, gap: Array, forces: Array, c: int) -> float:
 
 @kernel
 def sum_rows(matrix: Array, gap: Array, forces: Array, sums: Array) -> None:
-    """Sizes of what adds up in each row into `sums` (c,)."""
+    """Write the magnitude of the terms that add up in each row into `sums` (c,)."""
     size, most, reach = len(gap), 0.0, 0.0
     for c in range(size):
         most = max(most, abs(gap[c]))
@@ -63,7 +66,7 @@ def sum_rows(matrix: Array, gap: Array, forces: Array, sums: Array) -> None:
 
 @kernel
 def residual_of(matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, sums: Array) -> float:
-    """See linalg.bounded.bounded_residual; infinite where a force is NaN."""
+    """Return the residual of `linalg.bounded.bounded_residual`; infinite where a force is NaN."""
     sum_rows(matrix, gap, forces, sums)
     worst = 0.0
     for c in range(len(gap)):
@@ -81,7 +84,7 @@ def residual_of(matrix: Array, gap: Array, lower: Array, upper: Array, forces: A
 
 @kernel
 def solve_held(matrix: Array, gap: Array, held: BoolArray, forces: Array, factor: Array) -> None:
-    """Forces of the held rows so that gap + matrix . forces = 0 there; the others are given."""
+    """Solve for the forces of the held rows so that gap + matrix . forces = 0 there; the others are given."""
     size = len(gap)
     for i in range(size):
         if not held[i]:
@@ -118,7 +121,7 @@ def active_sets(
     matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, factor: Array, sums: Array,
     held: BoolArray,
 ) -> None:  # fmt: skip
-    """Release what leaves its bounds, hold what turns back, all at once; may end without an answer."""
+    """Solve by active sets, releasing and holding rows all at once; may end without a solution."""
     size = len(gap)
     hold = np.empty(size, np.bool_)
     for c in range(size):
@@ -149,7 +152,10 @@ def walk_faces(
     matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, factor: Array, sums: Array,
     held: BoolArray,
 ) -> None:  # fmt: skip
-    """Minimum of one face of the bounds after another; the force that is pushed off most frees the next."""
+    """Minimise over one face of the bounds after another.
+
+    The force pushed off its bound most is freed next.
+    """
     size, freed = len(gap), -1
     settled, goal = np.empty(size, np.bool_), np.empty(size)
     for c in range(size):
@@ -160,7 +166,7 @@ def walk_faces(
         if to_minimum(matrix, gap, lower, upper, forces, factor, goal, held):
             settled[:] = False
         elif freed >= 0:
-            settled[freed] = True  # it goes nowhere: what pushed it is rounding
+            settled[freed] = True  # it does not move: the push was rounding
         sum_rows(matrix, gap, forces, sums)
         most, freed = WRONG_SIDE, -1
         for c in range(size):
@@ -181,7 +187,10 @@ def to_minimum(
     matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, factor: Array, goal: Array,
     held: BoolArray,
 ) -> bool:  # fmt: skip
-    """Move `forces` to the minimum over those held, which leave `held` at a bound; whether any moved."""
+    """Move `forces` to the minimum over the held ones, which leave `held` at a bound.
+
+    Return whether any moved.
+    """
     size, moved = len(gap), False
     for _ in range(size + 1):
         goal[:] = forces
@@ -209,14 +218,14 @@ def to_minimum(
 
 
 class PressedFaces(NamedTuple):
-    """Faces of one surface, m of them with a nodes each.
+    """Pressed faces of one surface, m of them with a nodes each.
 
     Attributes:
-        faces: Their nodes, shape (m, a).
-        order: How they are eliminated, shape (m,).
-        inside: And then the nodes of each, shape (m, a).
-        blocks: Room for the blocks of all pairs of nodes in that order, shape (m, a (a + 1) / 2, 3, 4); their
-            diagonals and the fourth number of a row stay zero.
+        faces: Nodes of the faces, shape (m, a).
+        order: Elimination order of the faces, shape (m,).
+        inside: Order of the nodes in each face of that order, shape (m, a).
+        blocks: Buffer for the blocks of all pairs of nodes in that order, shape (m, a (a + 1) / 2, 3, 4);
+            their diagonals and the fourth number of a row stay zero.
     """
 
     faces: IndexArray
@@ -235,8 +244,8 @@ def press_faces(
         stiffness: v of the blocks, see Actuator.surface_stiffness, shape (m, 3, a, a).
         surface: The faces.
         velocities: v in [m/s], shape (n, 3).
-        lag: In [s].
-        scale: What the blocks are multiplied by.
+        lag: Time lag in [s].
+        scale: Factor on the blocks.
         forces: Added to.
     """
     faces, order, inside, blocks = surface.faces, surface.order, surface.inside, surface.blocks
@@ -263,7 +272,7 @@ def press_faces(
 
 @kernel
 def measure_rows(motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work) -> None:
-    """Coordinates of the compiled kinds into rows.value; the frames of the joints have to be in `work`."""
+    """Compute the coordinates of the compiled kinds into rows.value; `work` must have the joints' frames."""
     measure(motion.positions, work.joint_origins, work.joint_rotations, kinds, rows.value)
 
 
@@ -271,10 +280,10 @@ def measure_rows(motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work:
 def add_rows(
     h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, nodes: Nodes, tree: Tree, work: Work
 ) -> None:
-    """Rows of actuators into their columns of panels and reduced; into rows.violation where s drifts.
+    """Add the actuators' rows to their columns of the panels and of the reduced coordinates.
 
-    That is the coordinate after h at the present velocities. The motion subspace of the reduced
-    coordinates has to be in `work`.
+    Also predict each coordinate after h at the present velocities in rows.violation. `work` must have the
+    motion subspace of the reduced coordinates.
     """
     count = len(rows.joint)
     if count == 0:
@@ -309,7 +318,7 @@ def add_stiffness(
     stiffness: ActuatorStiffness, straining: Array, reduced_velocities: Array, nodes: Nodes, tree: Tree,
     work: Work,
 ) -> None:  # fmt: skip
-    """Add R^T diag(w) R to the matrix, and -R^T w R v to the right-hand side, v the velocities given."""
+    """Add R^T diag(w) R to the matrix, and -R^T w R v to the right-hand side for the given velocities v."""
     start, places, coefficient = stiffness.start, stiffness.place, stiffness.coefficient
     panels, supernode, unknown = work.factor.panels, nodes.supernode, nodes.first_unknown
     last = len(straining)
@@ -346,9 +355,9 @@ def add_stiffness(
                             panels[at] += weight * coefficient[e, i] * value
                     continue
                 if unknown[m] < unknown[n]:
-                    continue  # stands in the rows of the other
+                    continue  # stored in the rows of the other
                 column = unknown[m] - tree.first_column[s]
-                if column >= columns:  # its place among the later ones
+                if column >= columns:  # its place among the later unknowns
                     low, high = tree.first_row[s], tree.first_row[s + 1]
                     while low < high:
                         middle = (low + high) // 2
@@ -367,7 +376,7 @@ def _add_border(
     weight: float, rate: float, e: int, begin: int, end: int, stiffness: ActuatorStiffness, last: int,
     nodes: Nodes, work: Work,
 ) -> None:  # fmt: skip
-    """What entry e adds for the reduced coordinates that it moves with, beside entries begin to end."""
+    """Add the contribution of entry e for the reduced coordinates that move it, with its row's entries."""
     schur, right = work.factor.schur, len(work.factor.schur)
     for q in range(_count(stiffness.place[e], last, nodes)):
         k, value = _reduced(e, q, stiffness, last, nodes, work)
@@ -384,7 +393,7 @@ def _add_border(
 
 @kernel
 def _count(place: int, last: int, nodes: Nodes) -> int:
-    """How many reduced coordinates a place that is no free node moves with."""
+    """Return the number of reduced coordinates that move a place that is no free node."""
     if place >= last:
         return 1
     z = nodes.region_number[place]
@@ -395,7 +404,7 @@ def _count(place: int, last: int, nodes: Nodes) -> int:
 def _reduced(
     e: int, q: int, stiffness: ActuatorStiffness, last: int, nodes: Nodes, work: Work
 ) -> tuple[int, float]:
-    """The q-th of them for entry e, and the entry's coefficient of it."""
+    """Return the q-th coordinate that `_count` counts for entry e, and the entry's coefficient of it."""
     place = stiffness.place[e]
     if place >= last:
         return place - last, stiffness.coefficient[e, 0]
@@ -410,9 +419,9 @@ def hold_rows(
     h: float, targets: Array, lower: Array, upper: Array, change: Array, size: int, rows: ActuatorRows,
     matrix: Array,
 ) -> None:  # fmt: skip
-    """Multipliers within their bounds (c,), and what they are to the kinematics, into change[size:].
+    """Solve for the multipliers within their bounds (c,), and write their effect into change[size:].
 
-    `matrix` is what eliminate_reduced left; rows.violation becomes s - q + c t at the end of the step.
+    `matrix` is the result of eliminate_reduced; rows.violation becomes s - q + c t at the end of the step.
     """
     count = len(rows.joint)
     total = size + count
@@ -430,7 +439,7 @@ def hold_rows(
 
 @kernel
 def report_rows(h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work) -> None:
-    """Multipliers as joint efforts, coordinates of the compiled kinds and their rates as those of joints."""
+    """Write multipliers as joint efforts, and the compiled kinds' values and rates as those of joints."""
     if len(rows.joint) == 0:
         return
     for c in range(len(rows.joint)):
@@ -441,7 +450,7 @@ def report_rows(h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKin
 
 @kernel
 def report_values(h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work) -> None:
-    """Coordinates of the compiled kinds, and their rates since rows.before, as those of their joints."""
+    """Write the compiled kinds' coordinates, and their rates since rows.before, as those of their joints."""
     measure_rows(motion, rows, kinds, work)
     first = len(motion.reduced_velocities) - len(motion.joint_positions)
     for c in range(rows.compiled[0]):
@@ -453,7 +462,7 @@ def report_values(h: float, motion: Motion, rows: ActuatorRows, kinds: CompiledK
 def report_impulses(
     h: float, impulses: Array, motion: Motion, rows: ActuatorRows, kinds: CompiledKinds, work: Work
 ) -> None:
-    """As report_rows, after impulses have come on top; `impulses` (c,) holds minus them."""
+    """Report as report_rows after impulses have been added; `impulses` (c,) are the negative ones."""
     if len(rows.joint) == 0:
         return
     for c in range(len(rows.joint)):

@@ -1,16 +1,16 @@
 """Elimination of the free nodes within a step: by a Cholesky factor, or by conjugate gradients.
 
-`advance` is the whole step around a factorisation; a step that eliminates in another way takes the parts.
+`advance` is the whole step around a factorisation; a step with another elimination uses its parts.
 
-Either leaves what the free nodes make of the reduced coordinates in `Work.factor.schur`, and panels from
-which `solve_backward` finds the free nodes once the reduced coordinates are known.
+Both leave the Schur complement of the reduced coordinates in `Work.factor.schur`, and panels from which
+`solve_backward` computes the free nodes once the reduced coordinates are known.
 
-The preconditioner is the factor of the matrix at rest, in single precision, turned node by node with the
-body. It depends on parameters alone, not on what a run did before: a run goes on from a snapshot bit by bit.
-Of the matrix itself no more than its own entries is kept.
+The preconditioner is the factor of the matrix at rest, in single precision, rotated node by node with the
+body. It depends on the parameters alone, not on earlier steps, so that a run continues from a snapshot bit by
+bit. Of the matrix itself, only its own entries are stored.
 
-What forces on rows do is taken from the preconditioner, too. `correct` finds what they really do, and says by
-how much the first was wrong; the contact step takes that into account, see FreeMotion.defect.
+The compliance of constraint rows is computed with the preconditioner, too. `correct` computes the true
+response and reports the error of the first; the contact step accounts for it, see FreeMotion.defect.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def assemble(
     motion: Motion, straining: Array, external: Array, h: float, lag: float, rayleigh_mass: float,
     kinematics: Kinematics, cells: Cells, nodes: Nodes, acting: Acting | None, tree: Tree, work: Work,
 ) -> None:  # fmt: skip
-    """Forces, matrix and right-hand side of the step, into `work`, to what is there of paired cells."""
+    """Add forces, matrix and right-hand side of the step to `work`, beside those of paired cells."""
     x, v = motion.positions, motion.velocities
     motion_subspace(motion, kinematics, work)
     jacobians(motion, nodes, work)
@@ -115,7 +115,10 @@ def finish(
     motion: Motion, targets: Array, base_shift: float, lower: Array, upper: Array, h: float, lag: float,
     kinematics: Kinematics, tree: Tree, nodes: Nodes, acting: Acting | None, work: Work,
 ) -> float:  # fmt: skip
-    """Solve reduced and interior, advance, report joint efforts; returns the largest speed, or NaN."""
+    """Solve reduced coordinates and free nodes, advance, report joint efforts.
+
+    Return the top speed or NaN.
+    """
     joints, velocities = len(motion.joint_positions), motion.reduced_velocities
     size, right = len(velocities), len(work.factor.schur)
     first = size - joints
@@ -131,7 +134,7 @@ def finish(
             change[b] = gap / h - velocities[b]
     if acting is not None:
         for c in range(len(acting.rows.joint)):
-            change[first + acting.rows.joint[c]] = 0.0  # moves no frame
+            change[first + acting.rows.joint[c]] = 0.0  # an actuator's joint moves no frame
     eliminate_reduced(work.factor.schur, known, change, work.scratch)
     if acting is not None:
         hold_rows(h, targets, lower, upper, change, size, acting.rows, work.scratch)
@@ -176,10 +179,10 @@ def advance(
     upper: Array, h: float, lag: float, rayleigh_mass: float, kinematics: Kinematics, cells: Cells,
     nodes: Nodes, acting: Acting | None, tree: Tree, work: Work, corners: IndexArray,
 ) -> tuple[float, int, float, float, float]:  # fmt: skip
-    """One whole step.
+    """Advance one whole step.
 
     Returns:
-        The largest speed, how many of the elements `corners` (m, 4) are inside out, and the seconds for
+        The largest speed, the number of inverted elements among `corners` (m, 4), and the seconds for
         assembly, factorisation and the rest.
     """
     started = steady_seconds()
@@ -193,13 +196,13 @@ def advance(
 
 
 class Elimination(Protocol):
-    """See the module.
+    """Elimination of the free nodes within a step, with a direct or an iterative solver.
 
     Attributes:
         stages: Names of the three stages of a step.
-        iterations: Of conjugate gradients in the last step, for all right-hand sides; 0: there are none.
-        prepared: What a step fills in before it.
-        responses: What forces on rows do after it.
+        iterations: Conjugate gradient iterations in the last step, for all right-hand sides; 0: none.
+        prepared: Arrays that a step fills in before the elimination.
+        responses: Responses to forces on rows after the elimination.
     """
 
     stages: tuple[str, str, str]
@@ -208,11 +211,14 @@ class Elimination(Protocol):
     responses: Responses
 
     def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
-        """Parameters have changed; `rest()` gives the arguments that `assemble` takes at rest."""
+        """Update stored data after parameters have changed.
+
+        `rest()` returns the arguments of `assemble` at rest.
+        """
         ...
 
     def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
-        """One whole step, with the arguments and results of `advance`.
+        """Advance one whole step, with the arguments and results of the kernel `advance`.
 
         Raises:
             FactorisationError: the step needs a factor; nothing has moved.
@@ -221,24 +227,24 @@ class Elimination(Protocol):
 
 
 def assembling(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Of the arguments of `advance` those of `assemble`."""
+    """Return the arguments of `assemble` from those of `advance`."""
     motion, straining, external, *_ = arguments
     return motion, straining, external, *arguments[7:16]
 
 
 def finishing(arguments: tuple[Any, ...], tree: Tree, work: Work) -> tuple[Any, ...]:
-    """Of the arguments of `advance` those of `finish`, with that tree and room."""
+    """Return the arguments of `finish` from those of `advance`, with the given tree and buffers."""
     motion, kinematics, nodes, acting = (arguments[i] for i in (0, 10, 12, 13))
     return motion, *arguments[3:9], kinematics, tree, nodes, acting, work
 
 
 def without_actuators(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The arguments of `advance` for a step that has none."""
+    """Return the arguments of `advance` for a step without actuators."""
     return *arguments[:13], None, *arguments[14:]
 
 
 class DirectElimination:
-    """See Elimination."""
+    """Elimination of the free nodes by a Cholesky factor, on one thread."""
 
     stages = ("assemble", "factor", "solve")
     iterations = 0
@@ -249,7 +255,10 @@ class DirectElimination:
         self._advance, self._factor = OneSignature(advance), OneSignature(factor)
 
     def of_another_copy(self, model: Model, actuators: Actuators) -> DirectElimination | None:
-        """The same for another model, in the same room; None: it needs a plan of its own."""
+        """Return the same elimination for another model with shared buffers.
+
+        None: it needs a plan of its own.
+        """
         own, theirs = self._actuators.constraints, actuators.constraints
         if not shares_plan(self._model, model) or any(
             not np.array_equal(a, b) for a, b in zip(own, theirs, strict=True)
@@ -262,28 +271,28 @@ class DirectElimination:
         return other
 
     def factor(self) -> None:
-        """Factor the matrix that stands in the panels, and solve forward."""
+        """Factor the matrix in the panels, and solve forward."""
         self._factor(self.prepared.tree, self.prepared.work.factor)
 
     def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
-        """See Elimination."""
+        """Advance one whole step, with the arguments and results of the kernel `advance`."""
         if not len(self._actuators):
             arguments = without_actuators(arguments)
         result: tuple[float, int, float, float, float] = self._advance(*arguments)
         return result
 
     def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
-        """See Elimination: nothing is kept."""
+        """Do nothing: a direct elimination stores nothing that depends on the parameters."""
 
 
 class DividedElimination(DirectElimination):
-    """The same for large meshes, whose factorisation several threads share.
+    """Elimination by a Cholesky factor for large meshes, on several threads.
 
     Args:
-        model, actuators: What moves, and what moves it.
-        prepared: The arrays of a step, with a stack for that division.
-        division: What of the factorisation is done side by side.
-        threads: How many threads do it.
+        model, actuators: The model and its actuators.
+        prepared: Arrays of a step, with a stack for the division.
+        division: Division of the factorisation into parallel parts.
+        threads: Number of threads.
     """
 
     def __init__(
@@ -295,12 +304,12 @@ class DividedElimination(DirectElimination):
         self._factor_together = Teamwork(threads, lead_factor, support_factor)
 
     def factor(self) -> None:
-        """See DirectElimination."""
+        """Factor the matrix in the panels by several threads."""
         store = self.prepared.work.factor
         self._factor_together(self.prepared.tree, store, self._division, self._room)
 
     def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
-        """See Elimination."""
+        """Advance one whole step: assemble, factor by several threads, solve."""
         started = perf_counter()
         self._assemble(*assembling(arguments))
         assembled = perf_counter()
@@ -312,18 +321,23 @@ class DividedElimination(DirectElimination):
 
 
 TOLERANCE, TOLERANCE_SHARE = 1e-8, 2e-7
-"""Largest error of how far a step moves a node: so much in [m], or this share of the model's extent where
-that is less."""
+"""Largest error of a node's displacement in a step, in [m] and as a share of the model's extent.
+
+The smaller of both counts.
+"""
 
 REDUCED_SHARE = 1e-7
-"""Largest error of what frames, joints and actuators do to the free nodes, by the largest that they do."""
+"""Largest relative error of the effect of frames, joints and actuators on the free nodes.
+
+It is relative to the largest such effect.
+"""
 
 MOST_ITERATIONS = 150
-"""Steps that need more are solved by a factor."""
+"""Largest number of iterations; a step that needs more is solved by a factor."""
 
 
 class _Answer(NamedTuple):
-    """What the eliminated free nodes are, as `solve_backward` takes it: panels [identity | border | right].
+    """Solution for the eliminated free nodes, as panels [identity | border | right] for `solve_backward`.
 
     Attributes:
         tree: One supernode for each node.
@@ -337,15 +351,15 @@ class _Answer(NamedTuple):
 
 
 class IterativeElimination:
-    """See Elimination.
+    """Elimination of the free nodes by preconditioned conjugate gradients.
 
     Args:
-        model, actuators: What moves, and what moves it.
-        prepared: The arrays of a step that is assembled in a `matrix_layout`.
+        model, actuators: The model and its actuators.
+        prepared: Arrays of a step that is assembled in a `matrix_layout`.
         matrix: That layout.
-        preconditioner: Of a factor of the free nodes' matrix.
-        division: What of it threads do side by side.
-        threads: How many.
+        preconditioner: Plan of a factor of the free nodes' matrix.
+        division: Division of the preconditioner into parallel parts.
+        threads: Number of threads.
     """
 
     stages = ("assemble", "iterate", "solve")
@@ -386,14 +400,14 @@ class IterativeElimination:
         self._threads = threads
         self._forward = OneSignature(forward_rows)
         extent = float(np.ptp(model.rest, axis=0).max())
-        self.tolerance = min(TOLERANCE, TOLERANCE_SHARE * extent) / model.dt  # of velocities, in [m/s]
+        self.tolerance = min(TOLERANCE, TOLERANCE_SHARE * extent) / model.dt  # for velocities, in [m/s]
         self.iterations = 0
 
     def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
-        """See Elimination: the preconditioner is that of the matrix at rest."""
+        """Recompute the preconditioner from the matrix at rest, after parameters have changed."""
         self._assemble(*rest())
-        self.by = self.by._replace(panels=np.zeros(0, np.float32))  # room for the next
-        for kind in (np.float32, np.float64):  # the second where rounding took the first a pivot
+        self.by = self.by._replace(panels=np.zeros(0, np.float32))  # free the memory for the next one
+        for kind in (np.float32, np.float64):  # double precision if rounding made a pivot negative
             store = empty_factor(self.plan, 0, kind)
             copy_matrix(self.matrix, self.by.tree, self._supernode, store.panels)
             room = room_for(self.by.tree, self._sharing.division, kind)
@@ -404,7 +418,7 @@ class IterativeElimination:
                 return
 
     def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
-        """See Elimination.
+        """Advance one whole step: assemble, iterate, solve.
 
         Raises:
             FactorisationError: nothing has moved.
@@ -421,7 +435,7 @@ class IterativeElimination:
         return speed, inverted, assembled - started, iterated - assembled, perf_counter() - iterated
 
     def _eliminate(self, tolerance: float) -> None:
-        """What the free nodes leave of the reduced coordinates, and the answer's columns."""
+        """Compute the Schur complement of the reduced coordinates, and the columns of the solution."""
         schur, columns = self.prepared.work.factor.schur, self._columns()
         d = len(schur)
         solved = np.empty_like(columns)
@@ -433,10 +447,10 @@ class IterativeElimination:
         self.answer.factor.panels[self.answer.columns] = solved.T
 
     def solve(self, right: Array, tolerance: float, share: float = 0.0) -> Array:
-        """A^-1 b of the free nodes, shape (3 f,).
+        """Return A^-1 b of the free nodes, shape (3 f,).
 
         Raises:
-            FactorisationError: it is not found.
+            FactorisationError: the iteration did not converge.
         """
         result = np.empty_like(right)
         count = self._solve(
@@ -448,10 +462,10 @@ class IterativeElimination:
         return result
 
     def preconditioned(self, unknowns: IndexArray, touching: Array) -> Array:
-        """H M^-1 H^T with the preconditioner M, shape (r, r).
+        """Return H M^-1 H^T with the preconditioner M, shape (r, r).
 
         Args:
-            unknowns: Which H touches, ascending, shape (t,).
+            unknowns: Unknowns that H acts on, ascending, shape (t,).
             touching: H^T there, shape (t, r).
         """
         height = touching.shape[1]
@@ -478,7 +492,7 @@ class IterativeElimination:
         return np.asarray(np.triu(inner) + np.triu(inner, 1).T)
 
     def _columns(self) -> Array:
-        """Columns of the reduced coordinates and the right-hand side, shape (d + 1, 3 f)."""
+        """Return the columns of the reduced coordinates and the right-hand side, shape (d + 1, 3 f)."""
         d = len(self.prepared.work.factor.schur)
         result = np.zeros((d + 1, self.count, 3))
         matrix, reduced = self.matrix, self.prepared.nodes.reduced_column
@@ -492,7 +506,7 @@ class IterativeElimination:
 
 
 def _answer_of(position: IndexArray, matrix: Factor) -> _Answer:
-    """Panels with the identity in them; `position`: see Plan."""
+    """Return panels with the identity in them; for `position` see Plan."""
     d, count = len(matrix.schur), len(position)
     all_of_it = np.stack(np.meshgrid(np.arange(count), np.arange(d)), axis=-1).reshape(-1, 2)
     layout = matrix_layout(position, np.zeros((0, 2), np.int64), all_of_it, d, LANES)
@@ -505,9 +519,9 @@ def _answer_of(position: IndexArray, matrix: Factor) -> _Answer:
 
 
 class IterativeResponses(Responses):
-    """Answers from the preconditioner, and from conjugate gradients.
+    """Responses from the preconditioner, and from conjugate gradients.
 
-    Of the rows H, only the free nodes that they touch are kept.
+    Of the rows H, only the free nodes that they act on are stored.
     """
 
     def __init__(self, model: Model, actuators: Actuators, elimination: IterativeElimination) -> None:
@@ -522,7 +536,7 @@ class IterativeResponses(Responses):
         self.defect = np.zeros(0)
 
     def _respond(self, rows: Rows, motion: Motion) -> Array:
-        """See Responses: of the preconditioner."""
+        """Return the rows' compliance as the preconditioner approximates it."""
         free = 3 * self._elimination.count
         self._spread = np.zeros(
             (len(self.prepared.work.factor.solution), rows.height + (-rows.height) % LANES)
@@ -542,7 +556,7 @@ class IterativeResponses(Responses):
         return self._compliance
 
     def _reach(self, impulses: Array) -> tuple[Array, Array]:
-        """See Responses: the answer itself, in one column."""
+        """Solve for the response to impulses, in one column, and set the compliance's defect."""
         right = np.zeros(3 * self._elimination.count)
         right[self._unknowns] = self._touching @ impulses
         answer = self._elimination.solve(right, self._elimination.tolerance)

@@ -1,8 +1,8 @@
 """Compiled kinematics of frames, joints and nodes, and the reduced coordinates of a step.
 
-An actuator with row H stands like a reduced coordinate: its column is H^T, its own diagonal zero, and it
-stands for minus the impulse h t. Elimination then leaves minus the actuators' compliance, which bounds decide
-on.
+An actuator with row H is treated like a reduced coordinate: its column is H^T, its own diagonal is zero, and
+its unknown is minus the impulse h t. Elimination then leaves minus the actuators' compliance, on which the
+bounds are imposed.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class Surroundings(NamedTuple):
 
     Attributes:
         node: Node index, in the order of unknowns, shape (f,).
-        start: Where the neighbours of each begin; the last one ends them, shape (f + 1,).
-        neighbour: Node indices.
-        rest: From the node to each neighbour at rest, over its length squared, in [1/m], shape (., 3).
+        start: First neighbour of each node in `neighbour`, and the end, shape (f + 1,).
+        neighbour: Node indices of the neighbours.
+        rest: Vector from the node to each neighbour at rest over its squared length, in [1/m], shape (., 3).
     """
 
     node: IndexArray
@@ -38,7 +38,10 @@ class Surroundings(NamedTuple):
 
 
 def surroundings(model: Model, groups: Iterable[ElementGroup], position: IndexArray) -> Surroundings:
-    """Those of a model's free nodes; `position` (f,): their places in the order of unknowns."""
+    """Return the surroundings of a model's free nodes.
+
+    `position` (f,) is their place in the order of unknowns.
+    """
     place = np.full(len(model.rest), -1, dtype=np.int64)
     place[model.free_nodes] = position
     pairs = np.concatenate([np.zeros((0, 2), np.int64), *(node_pairs(group.cells) for group in groups)])
@@ -56,7 +59,7 @@ def surroundings(model: Model, groups: Iterable[ElementGroup], position: IndexAr
 
 @kernel
 def turn(x: Array, around: Surroundings, rotations: Array) -> None:
-    """Nearest rotation from the neighbours of each node at rest to those at x (n, 3), shape (f, 3, 3)."""
+    """Compute the rotation (f, 3, 3) that best fits each node's neighbours from rest to x (n, 3)."""
     f = np.empty((3, 3))
     for n in range(len(around.node)):
         node = around.node[n]
@@ -72,7 +75,7 @@ def turn(x: Array, around: Surroundings, rotations: Array) -> None:
 
 @kernel
 def exponential(w0: float, w1: float, w2: float, r: Array) -> None:
-    """Rotation matrix r (3, 3) of the rotation vector (w0, w1, w2)."""
+    """Compute the rotation matrix r (3, 3) of the rotation vector (w0, w1, w2)."""
     angle = sqrt(w0 * w0 + w1 * w1 + w2 * w2)
     if angle < 1e-8:
         a, b = 1.0, 0.5
@@ -88,16 +91,16 @@ def exponential(w0: float, w1: float, w2: float, r: Array) -> None:
 
 @kernel
 def slides(b: int, motion: Motion, kinematics: Kinematics) -> bool:
-    """Whether the velocity of reduced coordinate b is one in [m/s], not one in [rad/s]."""
+    """Return whether the velocity of reduced coordinate b is in [m/s] instead of [rad/s]."""
     first = 6 * len(motion.frame_positions)
     return b % 6 < 3 if b < first else not kinematics.revolute[b - first]
 
 
 @kernel
 def joint_frames(motion: Motion, kinematics: Kinematics, work: Work) -> None:
-    """Frames of all bases, and those that the joints move, into work.base_* and work.joint_*.
+    """Compute the frames of all bases and those that the joints move into work.base_* and work.joint_*.
 
-    Where a joint carries a base, what is about its own base is taken along as that joint moved from its rest.
+    Where a joint carries a base, the base moves with it, from its place at the joint's rest position.
     """
     base_rotation, axis, slide = kinematics.base_rotation, kinematics.axis, kinematics.slide
     turn, away = np.empty((3, 3)), np.empty(3)
@@ -141,7 +144,10 @@ def joint_frames(motion: Motion, kinematics: Kinematics, work: Work) -> None:
 
 @kernel
 def motion_subspace(motion: Motion, kinematics: Kinematics, work: Work) -> None:
-    """Motion subspace of the reduced coordinates into work.angular, linear, origin; as `joint_frames`."""
+    """Compute the motion subspace of the reduced coordinates into work.angular, work.linear and work.origin.
+
+    The frames of the joints are computed, too; see `joint_frames`.
+    """
     axis = kinematics.axis
     angular, linear, origin = work.angular, work.linear, work.origin
     joint_frames(motion, kinematics, work)
@@ -164,7 +170,7 @@ def motion_subspace(motion: Motion, kinematics: Kinematics, work: Work) -> None:
 
 @kernel
 def jacobians(motion: Motion, nodes: Nodes, work: Work) -> None:
-    """Velocity of each region node a unit of each of its reduced coordinates, into work.jacobian."""
+    """Compute the velocity of each region node per unit of its reduced coordinates into work.jacobian."""
     x, angular, linear, origin, result = (
         motion.positions,
         work.angular,
@@ -184,7 +190,7 @@ def jacobians(motion: Motion, nodes: Nodes, work: Work) -> None:
 
 @kernel
 def region_frames(motion: Motion, kinematics: Kinematics, work: Work) -> None:
-    """Origin and rotation of the frame that each region follows, into region_origins, region_rotations."""
+    """Compute the frame that each region follows into work.region_origins and work.region_rotations."""
     joint_frames(motion, kinematics, work)
     for region in range(len(kinematics.regions)):
         f, j = kinematics.regions[region, 0], kinematics.regions[region, 1]
@@ -199,7 +205,7 @@ def region_frames(motion: Motion, kinematics: Kinematics, work: Work) -> None:
 
 @kernel
 def place_region_nodes(motion: Motion, nodes: Nodes, work: Work) -> None:
-    """Positions of the region nodes from the frames of their regions."""
+    """Compute the positions of the region nodes from the frames of their regions."""
     x, local, origins, rotations = motion.positions, nodes.local, work.region_origins, work.region_rotations
     for z in range(len(nodes.region)):
         node, region = nodes.region[z], nodes.region_of[z]
@@ -213,7 +219,7 @@ def place_region_nodes(motion: Motion, nodes: Nodes, work: Work) -> None:
 
 @kernel
 def region_velocities(motion: Motion, nodes: Nodes, work: Work) -> None:
-    """Velocities of the region nodes from those of frames and joints."""
+    """Compute the velocities of the region nodes from those of frames and joints."""
     for z in range(len(nodes.region)):
         node = nodes.region[z]
         for c in range(3):
@@ -225,7 +231,7 @@ def region_velocities(motion: Motion, nodes: Nodes, work: Work) -> None:
 
 @kernel
 def advance_reduced(h: float, motion: Motion) -> None:
-    """Move free frames and joints for one step at the reduced coordinates velocities."""
+    """Move free frames and joints for one step at the velocities of the reduced coordinates."""
     frame_positions, frame_rotations = motion.frame_positions, motion.frame_rotations
     velocities = motion.reduced_velocities
     turn, old = np.empty((3, 3)), np.empty((3, 3))
@@ -248,7 +254,7 @@ def advance_reduced(h: float, motion: Motion) -> None:
 
 @kernel
 def place_regions(motion: Motion, kinematics: Kinematics, nodes: Nodes, work: Work) -> None:
-    """Move the nodes of all regions, and their velocities, to where frames and joints say."""
+    """Update positions and velocities of the nodes of all regions from frames and joints."""
     region_frames(motion, kinematics, work)
     place_region_nodes(motion, nodes, work)
     motion_subspace(motion, kinematics, work)
@@ -262,9 +268,9 @@ def eliminate_reduced(schur: Array, known: BoolArray, change: Array, matrix: Arr
 
     Args:
         schur: Shape (b + c, b + c + 1), the actuators last.
-        known: Frames and joints whose `change` is given, shape (b,).
-        change: Shape (b + c,).
-        matrix: Rows of the factor, and what is left for the actuators, shape of `schur`.
+        known: Frames and joints with a given `change`, shape (b,).
+        change: Velocity changes, shape (b + c,).
+        matrix: Filled: rows of the factor, and the remainder for the actuators, shape of `schur`.
     """
     total, size = len(schur), len(known)
     for i in range(total):
@@ -289,7 +295,10 @@ def eliminate_reduced(schur: Array, known: BoolArray, change: Array, matrix: Arr
 
 @kernel
 def solve_reduced(known: BoolArray, change: Array, matrix: Array) -> None:
-    """Fill in what is not known in `change`, after `eliminate_reduced`; that of the actuators is given."""
+    """Compute the unknown entries of `change`, after `eliminate_reduced`.
+
+    Those of the actuators are given.
+    """
     total, size = len(change), len(known)
     for i in range(size - 1, -1, -1):
         if known[i]:

@@ -1,4 +1,4 @@
-"""The arrays that the compiled kernels share, in a few named groups.
+"""Arrays that the compiled kernels share, in a few named groups.
 
 b: reduced coordinates, c: actuators, e: elements of a kind, f: free nodes, j: joints, n: nodes,
 s: supernodes, z: nodes in moving rigid regions.
@@ -14,11 +14,11 @@ from softsim_core.physics.linalg import Factor
 
 
 class Elements(NamedTuple):
-    """Elements, LANES to a batch (B batches); their nodes: free ones, then in moving regions, then fixed.
+    """Elements in B batches of LANES; their nodes are sorted: free, then in moving regions, then fixed.
 
     Attributes:
         nodes: Node indices, shape (B, 4, LANES).
-        corners: The first three nodes in mesh order and the fourth (law `qr`), shape (B, 4, LANES).
+        corners: Nodes in mesh order (for the law `corotational_qr`), shape (B, 4, LANES).
         gradients: Shape gradients in [1/m], shape (B, 12, LANES).
         lame: Lame parameters times volume in [N m], shape (B, 2, LANES); zero in lanes without an element.
         starts: Panel places of the ten blocks of free nodes, first panel place of each free node (from 10)
@@ -37,12 +37,12 @@ class Elements(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Stiffness blocks of pairs of nodes, one of which is in a moving region, and where each goes.
+    """Stiffness blocks of pairs of nodes with one in a moving region, and their places.
 
-    The first node of a pair is eliminated no later than the second; works for any nodes per cell.
+    The first node of a pair is eliminated no later than the second. Cells may have any number of nodes.
 
     Attributes:
-        blocks: Of all pairs of nodes of the cells that have one there, in the unit of the matrix, (p, 3, 3).
+        blocks: Blocks of all pairs of nodes of cells with a node there, in the unit of the matrix, (p, 3, 3).
         beside: A free node and one in a moving region: block, place of the first panel row, panel width,
             supernode, number of the region node, shape (., 5).
         regions: Two nodes in moving rigid regions: block and their numbers, shape (., 3).
@@ -54,12 +54,12 @@ class Pairs(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """All cells that deform: those with kernels of their own, by law, and pairs of nodes of the others.
+    """All deforming cells: those with kernels of their own, by law, and pairs of nodes of the others.
 
     Attributes:
         polar_free, polar_mixed: Law `corotational`: all nodes free, and others.
         frame_free, frame_mixed: Law `corotational_qr`: all nodes free, and others.
-        pairs: What is left to add of all other laws and elements.
+        pairs: Stored blocks of all other laws and elements.
     """
 
     polar_free: Elements
@@ -82,15 +82,15 @@ class Nodes(NamedTuple):
         region: Node index, shape (z,).
         region_of: RigidRegion of the node, shape (z,).
         local: Position in the region's frame in [m], shape (z, 3).
-        kinematics: Kinematics unknowns that move the node, w at most, shape (z, w).
-        size: How many of them count, shape (z,).
+        reduced: Reduced coordinates that move the node, at most w, shape (z, w).
+        size: Number of these coordinates, shape (z,).
         region_number: Number among the region nodes of each node, or -1, shape (n,).
         reduced_column: Panel column of each reduced coordinate, then actuator, in each supernode, or -1,
             shape (s, b + c).
         first_unknown: First scalar unknown of each node, or -1 where it is not free, shape (n,).
         supernode: Supernode of each node, or -1, shape (n,).
         mass: Node masses in [kg], shape (n,).
-        diagonal: What inertia and soft fixings add to the matrix, in [kg], shape (n,).
+        diagonal: Contribution of inertia and soft fixings to the matrix, in [kg], shape (n,).
     """
 
     free: IndexArray
@@ -119,12 +119,12 @@ class Kinematics(NamedTuple):
         base_rotation: Joint base, shape (j, 3, 3).
         axis: Joint axis in the base frame, shape (j, 3).
         slide: Slide axis in the base frame, shape (j, 3).
-        revolute: Whether the joint turns (else it slides), shape (j,).
+        revolute: Whether the joint is revolute (else prismatic), shape (j,).
         stiffness: Drive stiffness in [N m/rad] or [N/m], 0 for a prescribed joint, shape (j,).
         inertia: Drive inertia in [kg m^2] or [kg], shape (j,).
         parent: Joint that carries the base, or -1, shape (j,).
         rest: Position at the start in [rad] or [m], shape (j,).
-        rest_rotation: Frame that the joint moves at `rest`, its parent at rest, shape (j, 3, 3).
+        rest_rotation: Rotation of the frame that the joint moves at `rest`, its parent at rest, (j, 3, 3).
         regions: Free frame and joint of each region, -1 for none, shape (regions, 2).
     """
 
@@ -141,18 +141,18 @@ class Kinematics(NamedTuple):
 
 
 class ActuatorRows(NamedTuple):
-    """Rows of the actuators; those of kinds with compiled kernels come first.
+    """Constraint rows of the actuators; kinds with compiled kernels come first.
 
     Attributes:
         joint, start, place: See actuation.actuators.Constraints.
         compliance: c of this step, shape (c,).
-        compiled: How many of the rows compiled kernels evaluate, shape (1,).
+        compiled: Number of rows that compiled kernels evaluate, shape (1,).
         coefficient: Entries of the rows, shape (k, 3).
         value: Coordinates s, shape (c,).
-        before: Those at the start of the step, shape (c,).
+        before: Coordinates at the start of the step, shape (c,).
         violation: s - q + c t at the end of the step, shape (c,).
         multiplier: Multipliers t, shape (c,).
-        response: What the multipliers do to the coordinates within a step, shape (c, c).
+        response: Change of the coordinates within a step per multiplier, shape (c, c).
     """
 
     joint: IndexArray
@@ -169,7 +169,7 @@ class ActuatorRows(NamedTuple):
 
 
 class ActuatorStiffness(NamedTuple):
-    """What taut actuators add to the matrix, R^T diag(w) R; see actuation.actuator.GeometricStiffness.
+    """Stiffness of taut actuators, R^T diag(w) R; see actuation.actuators.GeometricStiffness.
 
     Attributes:
         start, place, coefficient: R, see mechanics.rows.Rows.
@@ -183,10 +183,10 @@ class ActuatorStiffness(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """What actuators do in a step; None stands for it in a step without any, which is compiled without them.
+    """Actuators of a step; it is None in a step without any, which is compiled without them.
 
     Attributes:
-        rows, stiffness: See there.
+        rows, stiffness: See ActuatorRows and ActuatorStiffness.
         kinds: Actuators that have compiled kernels.
     """
 
@@ -210,7 +210,7 @@ class Motion(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What the kernels compute.
+    """Results and buffers of the kernels.
 
     Attributes:
         factor: Matrix and right-hand side; the dense unknowns are the reduced coordinates, then the actuators
@@ -218,12 +218,12 @@ class Work(NamedTuple):
         scratch: Shape of `factor.schur`.
         forces: Forces on the nodes in [N], shape (n, 4); the fourth number stays zero.
         ahead: x + lag v in [m], shape (n, 3).
-        jacobian: Velocity of each region node a unit of each of its reduced coordinates, shape (z, w, 3).
+        jacobian: Velocity of each region node per unit of each of its reduced coordinates, (z, w, 3).
         angular, linear, origin: Motion subspace of the reduced coordinates, shape (b, 3) each.
         base_origins, base_rotations: Frames of the joints' bases, shapes (j, 3), (j, 3, 3).
         joint_origins, joint_rotations: Frames that the joints move, shapes (j, 3), (j, 3, 3).
         region_origins, region_rotations: Frames of the regions, shapes (regions, 3), (regions, 3, 3).
-        deformation, rotations: Of one batch, shapes (9, LANES).
+        deformation, rotations: Deformation gradients and rotations of one batch, shapes (9, LANES).
         blocks: Stiffness of one batch in [N/m], row i of block ab in row 3 (ab) + i: pairs of nodes a <= b
             run 00, 01, ... 33; shape (30, LANES, 4), the fourth number zero.
     """

@@ -1,4 +1,4 @@
-"""From the mechanical model to the arrays of the compiled step: planned once a model."""
+"""Conversion of the mechanical model to the arrays of the compiled step, planned once per model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from softsim_core.physics.mechanics import FREE, MOVED, Model
 
 
 class Prepared(NamedTuple):
-    """Everything the kernels need.
+    """All arrays of the compiled step.
 
     Attributes:
         cells: The cells of all bodies.
@@ -42,12 +42,16 @@ class Prepared(NamedTuple):
     work: Work
 
     def acting(self, stiffness: ActuatorStiffness) -> Acting:
-        """What actuators do in a step in which they add this stiffness."""
+        """Return the actuators of a step in which they add this stiffness."""
         return Acting(self.rows, self.kinds, stiffness)
 
 
 LayOut: TypeAlias = Callable[[int, IndexArray, IndexArray, int], Plan]
-"""Plans panels for a number of free nodes, their couplings, those with reduced coordinates, and how many."""
+"""Function that plans the panels.
+
+It takes the number of free nodes, their couplings, their couplings with reduced coordinates, and the number
+of reduced coordinates.
+"""
 
 
 def prepare(model: Model, actuators: Actuators, lay_out: LayOut) -> Prepared:
@@ -77,9 +81,9 @@ def prepare(model: Model, actuators: Actuators, lay_out: LayOut) -> Prepared:
 
 
 def of_another_copy(prepared: Prepared, model: Model, actuators: Actuators) -> Prepared:
-    """What was planned for one model, for another one that `shares_plan` with it.
+    """Return the plan of one model for another one that `shares_plan` with it.
 
-    What never changes and the room to work in are shared: only one of the two may be in a step at a time.
+    Constant arrays and buffers are shared, so only one of the two may be in a step at a time.
     """
     kinds, compiled = compiled_kinds(actuators)
     return prepared._replace(
@@ -92,7 +96,7 @@ def of_another_copy(prepared: Prepared, model: Model, actuators: Actuators) -> P
 
 
 def shares_plan(one: Model, other: Model) -> bool:
-    """Whether two models differ in masses, drives and actuators' numbers at most: in no place and no cell."""
+    """Return whether two models differ at most in masses, drives and values of actuators."""
     if one is other:
         return True
     same = np.array_equal
@@ -125,7 +129,7 @@ def shares_plan(one: Model, other: Model) -> bool:
 
 
 def _pulled(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
-    """Pairs (free node, reduced coordinate of the actuator whose row has it)."""
+    """Return pairs (free node, reduced coordinate of the actuator with that node in its row)."""
     owner = np.repeat(np.arange(len(rows.joint)), np.diff(rows.start))
     on_node = rows.place < len(model.rest)
     pairs = np.stack([local[rows.place[on_node]], model.reduced_size + owner[on_node]], axis=1)
@@ -133,7 +137,7 @@ def _pulled(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
 
 
 def _stiffened(model: Model, actuators: Actuators, local: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """What taut actuators couple in steps that take it: free nodes, and (free node, reduced coordinate)."""
+    """Return the couplings by taut actuators: pairs of free nodes, and (free node, reduced coordinate)."""
     edges, beside = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)]
     rest = model.rest_state()
     if MOVED in rest.extra and len(actuators):
@@ -152,7 +156,7 @@ def _stiffened(model: Model, actuators: Actuators, local: IndexArray) -> tuple[I
 
 
 def _rows(model: Model, actuators: Actuators, compiled: int) -> ActuatorRows:
-    """The rows of actuators for the kernels."""
+    """Return the rows of actuators for the kernels."""
     constraints, count = actuators.constraints, len(actuators)
     return ActuatorRows(
         joint=constraints.joint,
@@ -205,7 +209,7 @@ def _nodes(model: Model, layout: Plan, reduced_size: int) -> Nodes:
 
 
 def _widest(model: Model) -> int:
-    """Most reduced coordinates that move one node."""
+    """Return the largest number of reduced coordinates that move one node."""
     return max((len(region.reduced) for region in model.regions), default=1)
 
 
@@ -258,7 +262,7 @@ def _work(model: Model, layout: Plan, reduced_size: int) -> Work:
 
 
 def _reduced_columns(layout: Plan, reduced_size: int) -> IndexArray:
-    """Panel column of each reduced coordinate in each supernode, -1 where absent, shape (s, b + c)."""
+    """Return the panel column of each reduced coordinate in each supernode, else -1, shape (s, b + c)."""
     first, size = 3 * len(layout.position), len(layout.columns)
     supernodes = np.repeat(np.arange(size), reduced_size)
     unknowns = np.tile(first + np.arange(reduced_size), size)

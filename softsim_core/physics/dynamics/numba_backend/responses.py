@@ -1,8 +1,8 @@
-"""Compiled responses to forces on constraint rows, by the factor that the last step or static tangent left.
+"""Compiled responses to forces on constraint rows, from the factor of the last step or static tangent.
 
 With A = L L^T on the free nodes, Y = L^-1 H^T is one forward solve for all rows at once; supernodes that no
-row touches are skipped. Y^T Y is the rows' compliance with frames and joints at rest; what reaches these
-reduced coordinates comes out beside it.
+row acts on are skipped. Y^T Y is the rows' compliance with frames and joints fixed; the forces on these
+reduced coordinates are computed at the same time.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def spread_rows(
     start: IndexArray, place: IndexArray, coefficient: Array, column: IndexArray, motion: Motion,
     kinematics: Kinematics, nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray,
 ) -> None:  # fmt: skip
-    """H^T into `spread` (unknowns, padded rows), row r in column[r]; spans: columns of each supernode."""
+    """Write H^T into `spread` (unknowns, padded rows), row r in column[r], and the supernodes' spans."""
     motion_subspace(motion, kinematics, work)
     jacobians(motion, nodes, work)
     unknown, supernode, parent = nodes.first_unknown, nodes.supernode, tree.parent
@@ -80,7 +80,7 @@ def respond(
     kinematics: Kinematics, nodes: Nodes, tree: Tree, work: Work, spread: Array, spans: IndexArray,
     space: Array, product: Array, result: Array,
 ) -> None:  # fmt: skip
-    """H^T and Y of all rows, and Y^T Y in their own order into `result` (r, r); see the functions above."""
+    """Compute H^T and Y of all rows, and Y^T Y in their own order into `result` (r, r)."""
     spread_rows(start, place, coefficient, column, motion, kinematics, nodes, tree, work, spread, spans)
     forward_rows(tree, work.factor, spans, spread, space, product)
     for r in range(len(column)):
@@ -96,9 +96,9 @@ def apply_impulses(
     nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, tree: Tree, work: Work, spread: Array,
     spans: IndexArray,
 ) -> float:  # fmt: skip
-    """Change velocities and positions by what impulses (padded rows) do; returns the top speed, or NaN.
+    """Change velocities and positions by impulses (padded rows); return the top speed, or NaN.
 
-    `reduced_change` (b + c,) holds the frames and joints, then minus the impulses of actuators.
+    `reduced_change` (b + c,) has the change of frames and joints, then minus the impulses of actuators.
     """
     tail, size = 3 * len(nodes.free), len(motion.reduced_velocities)
     flat, pitch = spread.reshape(-1), spread.shape[1]
@@ -139,18 +139,18 @@ def apply_impulses(
     advance_reduced(h, motion)
     for j in range(joints):
         if kinematics.stiffness[j] == 0.0:
-            motion.joint_positions[j] = turning[j]  # where it was sent, exactly
+            motion.joint_positions[j] = turning[j]  # exactly its target
     place_regions(motion, kinematics, nodes, work)
     report_impulses(h, reduced_change[size:], motion, rows, kinds, work)
     return speed if finite else np.nan
 
 
 class Responses:
-    """Answers from the factor that stands in the panels; what it keeps is room to work in.
+    """Responses from the factor in the panels; between calls, it stores only buffers.
 
     Args:
-        model, actuators: What moves, and what moves it.
-        prepared: The arrays of its stepper.
+        model, actuators: The model and its actuators.
+        prepared: Arrays of its stepper.
 
     Attributes:
         defect: See FreeMotion.
@@ -177,12 +177,15 @@ class Responses:
             self._body_of_node[group.cells] = group.body[:, None]
 
     def positive(self) -> bool:
-        """Whether the free nodes' matrix had positive pivots: others leave a NaN in what follows them."""
-        panels = self.prepared.work.factor.panels  # of a body that hangs on no frame nothing else is left
+        """Return whether the free nodes' matrix had positive pivots.
+
+        Other pivots leave a NaN in later entries.
+        """
+        panels = self.prepared.work.factor.panels  # without frames, there is no Schur complement to check
         return bool(np.isfinite(self._left()).all() and np.isfinite(panels).all())
 
     def compliance(self, rows: Rows, before: Motion) -> Array:
-        """FreeMotion.compliance; `before`: the state at the start of the step."""
+        """Return FreeMotion.compliance; `before` is the state at the start of the step."""
         size, acting = self.model.reduced_size, len(self.actuators)
         compliance = np.empty((acting + rows.height,) * 2)
         compliance[acting:, acting:] = self._respond(rows, before)
@@ -199,7 +202,10 @@ class Responses:
         return compliance
 
     def correct(self, state: State, before: State, impulses: Array) -> float:
-        """Add to the free motion in `state` what impulses do; returns the top speed, NaN if one is."""
+        """Add the response to impulses to the free motion in `state`.
+
+        Return the top speed, NaN if one is NaN.
+        """
         model, data, acting = self.model, self.prepared, len(self.actuators)
         change = self._answer @ impulses
         free = state.joint_positions.copy()
@@ -222,7 +228,7 @@ class Responses:
         return float(speed)
 
     def condensed(self, rows: Rows, motion: Motion) -> Condensed:
-        """StaticTangent.condensed; `motion`: where the tangent was taken."""
+        """Return StaticTangent.condensed; `motion` is the state at which the tangent was taken."""
         size = self.model.reduced_size
         stiffness = self._left()[:size, :size]
         if not rows.height:
@@ -231,7 +237,10 @@ class Responses:
         return Condensed(stiffness, self._spread[self._first : self._first + size, self._column], compliance)
 
     def _respond(self, rows: Rows, motion: Motion) -> Array:
-        """H A^-1 H^T with frames and joints at rest, (r, r); leaves Y and what reaches them in _spread."""
+        """Return H A^-1 H^T with frames and joints fixed, (r, r).
+
+        Store Y and the forces on these in _spread.
+        """
         data = self.prepared
         padded = rows.height + (-rows.height) % LANES
         unknowns, space = len(data.work.factor.solution), self._lines * (self._widest + padded)
@@ -244,13 +253,16 @@ class Responses:
         return result
 
     def _reach(self, impulses: Array) -> tuple[Array, Array]:
-        """Impulses (r,) by the column in which each row stands, and these columns of L^-1 H^T."""
+        """Return impulses (r,) by the column of each row, and these columns of L^-1 H^T."""
         placed = np.zeros(self._spread.shape[1])
         placed[self._column] = impulses
         return placed, self._spread
 
     def _columns(self, rows: Rows) -> IndexArray:
-        """Where each row stands: rows of one body side by side, so that supernodes meet few of them."""
+        """Return the column of each row.
+
+        Rows of one body are adjacent, so that supernodes meet few of them.
+        """
         body = np.zeros(rows.height, dtype=np.int64)
         if len(rows.place):
             first = rows.place[np.minimum(rows.start[:-1], len(rows.place) - 1)]
@@ -260,7 +272,7 @@ class Responses:
         return column
 
     def _rooms(self, *shapes: tuple[int, ...]) -> list[Array]:
-        """Arrays to work in, uninitialised; they are kept for the next call, and grow."""
+        """Return uninitialised buffers, which are reused by the next call and grow as needed."""
         sizes = [math.prod(shape) for shape in shapes]
         if sum(sizes) > len(self._room):
             self._room = np.empty(2 * sum(sizes))
@@ -271,11 +283,11 @@ class Responses:
         ]
 
     def _left(self) -> Array:
-        """What elimination of the free nodes left of the matrix, whole, shape (b + c, b + c)."""
+        """Return the whole Schur complement of the free nodes, shape (b + c, b + c)."""
         schur = self.prepared.work.factor.schur[:, :-1]
         return np.where(self._upper, schur, schur.T)
 
 
 def motion_of(state: State) -> Motion:
-    """The state's arrays for the kernels."""
+    """Return the state's arrays for the kernels."""
     return Motion(*(getattr(state, name) for name in Motion._fields))

@@ -1,7 +1,7 @@
-"""The compiled time step: assembly, elimination of the free nodes, and motion.
+"""Compiled time step: assembly, elimination of the free nodes, and motion.
 
-Everything that does not change is planned once. With a factor a step is one compiled call, and computes what
-scipy_step computes, to rounding; by iteration, to a tolerance in metres.
+All constant data are planned once. With a factor, a step is one compiled call, and its result equals that of
+scipy_backend up to rounding; by iteration, up to a tolerance in metres.
 """
 
 from __future__ import annotations
@@ -49,23 +49,26 @@ from softsim_core.physics.linalg import (
 from softsim_core.physics.mechanics import MOVED, Control, Model, Parameters, Rows, State, no_rows
 
 MANY = 2000
-"""Free nodes above which iterations are thought of: with fewer, a factor stays in the cache."""
+"""Number of free nodes above which iteration is considered: with fewer, a factor stays in the cache."""
 
 CROSSING = 250.0
-"""Flops for each number of a factor above which reading it ten times is faster than renewing it.
+"""Flops per number of a factor above which reading it ten times is faster than computing it anew.
 
 Measured with some 25 Gflop/s, 10 GB/s and eight iterations per step.
 """
 
 
 TOUCHING = 30
-"""Solutions that a step takes besides where bodies touch: its contacts are found in ten rounds of three."""
+"""Additional solutions in a step with contact: its contacts are found in ten rounds of three."""
 
 
 def planned_elimination(
     model: Model, actuators: Actuators, iterative: bool | None, touching: bool, threads: int
 ) -> Elimination:
-    """A factor or iteration for a model; `iterative` None: what is faster, knowing whether bodies touch."""
+    """Return an elimination for a model, by a factor or by iteration.
+
+    `iterative` None: the faster of both, given whether bodies touch.
+    """
     iterations: list[tuple[Plan, Plan]] = []
     divisions: list[Division] = []
 
@@ -103,18 +106,18 @@ _NO_STIFFNESS = ActuatorStiffness(*no_rows(), np.zeros(0))
 
 
 class NumbaStepper:
-    """Plan once, then step in compiled code.
+    """Stepper that plans once and then steps in compiled code.
 
     Args:
-        model, actuators: What moves, and what moves it.
+        model, actuators: The model and its actuators.
         iterative: Whether the free nodes are eliminated by conjugate gradients; None: where that is faster.
-            Steps that need a factor even so, and static tangents, take it from a second stepper, which is
-            planned when it is first needed.
-        touching: Whether steps are taken with contacts, which take many solutions each.
-        like: Of another copy of the scene: what it has planned is used again, and its room to work in, so
-            only one of the two may be in a step at a time. None, or one of another pattern: planned anew.
-        threads: Of a step of a large mesh; None: see linalg.crew.usable_threads. They change nothing in what
-            comes out.
+            Steps that need a factor anyway, and static tangents, use a second stepper, which is planned on
+            first use.
+        touching: Whether steps have contacts, which need many solutions each.
+        like: Stepper of another copy of the scene: its plan and its buffers are reused, so only one of the
+            two may be in a step at a time. If None, or if its pattern differs, the plan is made anew.
+        threads: Threads of a step of a large mesh; None: see linalg.threads.usable_threads. The result does
+            not depend on their number.
     """
 
     name = "numba"
@@ -136,7 +139,7 @@ class NumbaStepper:
         self._elimination: Elimination = shared or planned_elimination(
             model, actuators, iterative, touching, self._threads
         )
-        self._factoring: NumbaStepper | None = None  # never itself: it would outlive its last user
+        self._factoring: NumbaStepper | None = None  # never itself: a cycle would outlive its user
         self._prepared = self._elimination.prepared
         self._plain = [each for each in actuators.spans() if each[1].start >= self._prepared.rows.compiled[0]]
         self._corners = oriented(model)
@@ -149,7 +152,11 @@ class NumbaStepper:
         self._assemble_tangent = OneSignature(assemble_tangent)
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """See Stepper."""
+        """Advance the state by one dt, in place.
+
+        Where the matrix is not positive, the step is repeated without the stiffness of pressed surfaces, then
+        without the stress that the last linear solve found; see StepReport.fallback.
+        """
         control.check(len(self.model.joints), len(self.model.rest))
         moved = state.extra.get(MOVED)
         if moved is None:
@@ -175,7 +182,7 @@ class NumbaStepper:
         moved: Array | None = None,
         pressed: Sequence[Array] = (),
     ) -> StepReport:
-        """One step; `moved`: see fem.cells.cell_stiffness, `pressed`: see PairedCells.press."""
+        """Advance by one step; for `moved` see fem.cells.cell_stiffness, for `pressed` PairedCells.press."""
         model, data = self.model, self._prepared
         lag = model.dt + parameters.rayleigh_stiffness
         self._tune(parameters, lag)
@@ -217,7 +224,7 @@ class NumbaStepper:
             self.actuators.report(model, state, data.rows.before, data.rows.multiplier)
         inverted += data.cells.paired.folded(state.positions)
         times = {stage: 1e3 * each for stage, each in zip(self._elimination.stages, seconds, strict=True)}
-        # a pivot that is not positive leaves a NaN in all that follows
+        # a pivot that is not positive leaves a NaN in all later results
         return StepReport(
             float(speed),
             times,
@@ -227,7 +234,7 @@ class NumbaStepper:
         )
 
     def _stiffness(self, state: State, scale: float, moved: Array | None) -> ActuatorStiffness:
-        """What taut actuators add to the matrix, times `scale`: where cells take the stress they found."""
+        """Return the stiffness of taut actuators times `scale`; none if `moved` is None."""
         if moved is None or not len(self.actuators):
             return _NO_STIFFNESS
         multipliers = state.joint_efforts[self.actuators.joint]
@@ -239,21 +246,21 @@ class NumbaStepper:
         return ActuatorStiffness(*rows.checked(), scale * weight)
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> NumbaFreeMotion:
-        """See Stepper."""
+        """Return the unconstrained step, ready for impulses on constraint rows."""
         self._before.copy_from(state)
         report = self.step(state, control, parameters)
         self._free.copy_from(state)
         return NumbaFreeMotion(self._responses, state, self._before, self._free, report, self._corners)
 
     def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """See Stepper."""
+        """Return the von Mises stress of each element in [Pa], shape (m,)."""
         data = self._prepared
         return data.cells.von_mises(state, parameters.materials, data.work)
 
     def static_tangent(
         self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
     ) -> NumbaStaticTangent:
-        """See Stepper."""
+        """Return the static tangent at a state under node forces (n, 3) in [N]."""
         if not isinstance(self._elimination, DirectElimination):
             return self._with_factor().static_tangent(state, parameters, forces, pressed)
         model = self.model
@@ -262,7 +269,7 @@ class NumbaStepper:
         if self._soft:
             loads -= model.spring[:, None] * (state.positions - model.rest)
         positive = self._factor_tangent(state, parameters, loads, EXACT, pressed)
-        if not positive:  # no Cholesky factor: on its way, the state is not stable
+        if not positive:  # no Cholesky factor: the state is not stable
             self._factor_tangent(state, parameters, loads, CLAMPED)
         return NumbaStaticTangent(self._responses, motion, positive)
 
@@ -274,7 +281,7 @@ class NumbaStepper:
         tangent: int,
         pressed: Sequence[Array] = (),
     ) -> bool:
-        """Factor the static tangent in the panels; returns whether it is positive on the free nodes."""
+        """Factor the static tangent in the panels; return whether it is positive on the free nodes."""
         data = self._prepared
         clear(data.work.factor)
         if data.cells.paired:
@@ -293,7 +300,7 @@ class NumbaStepper:
         return self._responses.positive()
 
     def _tune(self, parameters: Parameters, lag: float) -> None:
-        """Take over tunable parameters when they have changed."""
+        """Update the arrays if tunable parameters have changed."""
         tuned = ([list(values.values()) for values in parameters.materials], lag, parameters.rayleigh_mass)
         if tuned == self._tuned:
             return
@@ -305,7 +312,7 @@ class NumbaStepper:
         self._elimination.tuned(lambda: self._at_rest(parameters, lag))
 
     def _at_rest(self, parameters: Parameters, lag: float) -> tuple[object, ...]:
-        """What `assemble` takes for the matrix of a step from rest; see Elimination."""
+        """Return the arguments of `assemble` for the matrix of a step from rest; see Elimination."""
         rest, data, h = self.model.rest_state(), self._prepared, self.model.dt
         clear(data.work.factor)
         still = np.zeros_like(rest.positions)
@@ -319,7 +326,7 @@ class NumbaStepper:
         )  # fmt: skip
 
     def _with_factor(self) -> NumbaStepper:
-        """The stepper that factors: itself, or one beside it, made once."""
+        """Return the stepper that factors: itself, or a second one, made on first use."""
         if isinstance(self._elimination, DirectElimination):
             return self
         if self._factoring is None:
@@ -328,7 +335,7 @@ class NumbaStepper:
 
 
 class NumbaFreeMotion:
-    """See FreeMotion."""
+    """Unconstrained step of the compiled stepper, and the responses to impulses on it."""
 
     def __init__(
         self,
@@ -345,11 +352,11 @@ class NumbaFreeMotion:
         self._responses, self._free, self._corners = responses, free, corners
 
     def compliance(self, rows: Rows) -> Array:
-        """See FreeMotion."""
+        """Return the compliance H A^-1 H^T of actuators and rows in [1/kg], shape (c + r, c + r)."""
         return self._responses.compliance(rows.checked(), motion_of(self.before))
 
     def correct(self, impulses: Array) -> StepReport:
-        """See FreeMotion."""
+        """Add the effect of impulses [N s] on the rows to the free motion, in place."""
         state, free = self.state, self._free
         state.velocities[:], state.reduced_velocities[:] = free.velocities, free.reduced_velocities
         state.joint_positions[:], state.joint_efforts[:] = free.joint_positions, free.joint_efforts
@@ -363,11 +370,11 @@ class NumbaFreeMotion:
 
 
 class NumbaStaticTangent:
-    """See StaticTangent."""
+    """Static tangent of the compiled stepper."""
 
     def __init__(self, responses: Responses, motion: Motion, positive: bool) -> None:
         self._responses, self._motion, self.positive = responses, motion, positive
 
     def condensed(self, rows: Rows) -> Condensed:
-        """See StaticTangent."""
+        """Return the tangent with the free nodes eliminated, and the compliance of rows."""
         return self._responses.condensed(rows.checked(), self._motion)

@@ -1,4 +1,4 @@
-"""Elements: what a cell is; register your own with `register_element`."""
+"""Finite elements: their definition and a registry; add your own with `register_element`."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-r"""What an element is: nodes per cell, quadrature, and the shape gradients there.
+r"""Definition of an element: nodes per cell, quadrature, and shape gradients at the quadrature points.
 
 A cell with node positions :math:`x_a` maps reference coordinates :math:`\xi` to
 :math:`x(\xi) = \sum_a N_a(\xi) x_a`. At a quadrature point of reference weight :math:`\hat w_q`, with the
@@ -7,7 +7,7 @@ rest positions :math:`X_a`,
 .. math:: J_{ij} = \sum_a X_{ai} \partial N_a / \partial \xi_j, \qquad w_q = \hat w_q |\det J|, \qquad
     g_a = J^{-T} \partial N_a / \partial \xi, \qquad F = \sum_a x_a g_a^T .
 
-So an element is data: what stands below is all that forces, tangents and stresses need.
+An element is therefore pure data: forces, tangents and stresses need nothing but these arrays.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Element(Protocol):
     """A kind of cell.
 
     Attributes:
-        name: By which scenes name it.
+        name: Name used in scenes.
         reference: Reference coordinates of the nodes, shape (a, 3).
         points: Quadrature points in reference coordinates, shape (q, 3).
         weights: Their weights, all > 0; their sum is the volume of the reference cell, shape (q,).
@@ -62,7 +62,7 @@ class Element(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElementData:
-    """An element given by its arrays; see Element. Without `shares`, every node carries the same mass."""
+    """An element given by its arrays; see Element. Without `shares`, all nodes carry the same mass."""
 
     name: str
     reference: Array
@@ -77,16 +77,16 @@ class ElementData:
 
     @property
     def mass_shares(self) -> Array:
-        """See Element."""
+        """Share of a cell's mass that each node carries, shape (a,); equal shares if `shares` is None."""
         nodes = len(self.reference)
         return np.full(nodes, 1.0 / nodes) if self.shares is None else self.shares
 
 
 def check_element(element: Element) -> None:
-    """Refuse an element whose arrays do not fit together.
+    """Refuse an element whose arrays are inconsistent.
 
     Raises:
-        ValueError: which rule of Element it breaks.
+        ValueError: the element breaks a rule of Element; the message says which.
     """
     nodes, points = len(element.reference), len(element.points)
     shapes = (element.reference.shape, element.points.shape, element.weights.shape, element.slopes.shape)
@@ -111,10 +111,10 @@ def check_element(element: Element) -> None:
 
 
 def cell_axes(corners: Array) -> Array:
-    """Frame of each cell from its first edge and the plane of its first three nodes.
+    """Return the frame of each cell from its first edge and the plane of its first three nodes.
 
     Args:
-        corners: Node positions in [m], the first three nodes are used, shape (m, a, 3).
+        corners: Node positions in [m], shape (m, a, 3); the first three nodes are used.
 
     Returns:
         Rotations whose columns are the frame's axes, shape (m, 3, 3).
@@ -127,7 +127,7 @@ def cell_axes(corners: Array) -> Array:
 
 
 def rest_quadrature(element: Element, corners: Array) -> tuple[Array, Array]:
-    """Weights in [m^3], shape (m, q), and shape gradients in [1/m], shape (m, q, a, 3), of cells at rest.
+    """Return the quadrature of cells at rest: weights in [m^3], (m, q), and gradients in [1/m], (m, q, a, 3).
 
     Args:
         element: The element.

@@ -1,4 +1,4 @@
-"""The known elements."""
+"""Registry of elements by name."""
 
 from __future__ import annotations
 
@@ -21,10 +21,14 @@ def register_element(element: Element) -> None:
 
 
 def element(name: str) -> Element:
-    """The element of that name; SceneError names the known ones if there is none."""
+    """Return the element of that name.
+
+    Raises:
+        SceneError: there is none; the message lists the known ones.
+    """
     return _ELEMENTS.get(name)
 
 
 def element_names() -> tuple[str, ...]:
-    """Names of all known elements."""
+    """Return the names of all known elements."""
     return _ELEMENTS.names()

@@ -1,7 +1,7 @@
-r"""Cells of a surface: triangles of three nodes, and of six as the faces of quadratic tetrahedra.
+r"""Surface cells: triangles of three nodes, and of six as the faces of quadratic tetrahedra.
 
-Their reference coordinates are two. With the slopes :math:`x_\xi, x_\eta` of a cell at rest, gradients of the
-shape functions lie in its tangent plane, and the volume at a point is the thickness times the area there.
+They have two reference coordinates. With the slopes :math:`x_\xi, x_\eta` of a cell at rest, the gradients of
+the shape functions lie in its tangent plane, and the volume at a point is the thickness times the area there.
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ _SECOND = np.array([-1.0, 0.0, 1.0])
 
 
 def _quadratic_slopes(points: Array) -> Array:
-    """Derivatives by the reference coordinates at points (q, 2), shape (q, 6, 2); corners, then middles."""
+    """Return shape function derivatives at points (q, 2), shape (q, 6, 2).
+
+    Corners first, then edge midpoints.
+    """
     l = np.column_stack([1.0 - points.sum(axis=1), points])  # noqa: E741 (barycentric)
     by_l = np.zeros((len(points), 6, 3))
     for i in range(3):
@@ -49,11 +52,11 @@ TRI6 = ElementData(
     faces=np.array([[0, 1, 2, 3, 4, 5]]),
     shares=np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) / 3.0,
 )
-"""Shares: the integrals of the shape functions, which are none at the corners."""
+"""The shares are the integrals of the shape functions, which are zero at the corners."""
 
 
 def surface_quadrature(element: Element, corners: Array, thickness: Array) -> tuple[Array, Array]:
-    """Volumes and gradients of surface cells at rest, in axes whose third is across.
+    """Return the volumes and gradients of surface cells at rest, in axes whose third is the normal.
 
     Args:
         element: TRI3 or TRI6.
@@ -76,7 +79,7 @@ def surface_quadrature(element: Element, corners: Array, thickness: Array) -> tu
     first = tangents[..., 0, :] / np.linalg.norm(tangents[..., 0, :], axis=-1, keepdims=True)
     second = np.cross(across / area[..., None], first)
     in_plane = np.stack([first, second], axis=-1)  # (m, q, 3, 2)
-    jacobian = np.swapaxes(tangents @ in_plane, -1, -2)  # of the plane's by the reference coordinates
+    jacobian = np.swapaxes(tangents @ in_plane, -1, -2)  # in-plane by reference coordinates
     gradients = np.zeros((*area.shape, len(element.reference), 3))
     gradients[..., :2] = np.einsum("qad,mqdj->mqaj", element.slopes, np.linalg.inv(jacobian))
     return element.weights * area * thickness[:, None], gradients

@@ -1,8 +1,9 @@
 """Tetrahedra: linear with four nodes, quadratic with ten.
 
-With barycentric coordinates l of the corners, N_i = l_i (2 l_i - 1) at corners and 4 l_i l_j on edges. It
-bends as it should, and what is nearly incompressible does not lock on it: a little of the bulk acts at the
-four points, the rest on the mean volume of the cell.
+With barycentric coordinates l of the corners, the quadratic shape functions are N_i = l_i (2 l_i - 1) at
+corners and 4 l_i l_j on edges. The quadratic element represents bending, and nearly incompressible material
+does not lock in it: a small part of the bulk acts at the four points, the rest on the mean volume of the
+cell.
 
 Sources: Keast 1986 (points); Hinton, Rock, Zienkiewicz 1976 (mass: the diagonal of the consistent mass
 matrix, scaled; row sums would be negative at corners).
@@ -29,17 +30,17 @@ TET4 = ElementData(
     faces=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
     mass_matrix=(np.ones((4, 4)) + np.eye(4)) / 20.0,
 )
-"""N_0 = 1 - xi - eta - zeta, N_1 = xi, N_2 = eta, N_3 = zeta. Nearly incompressible matter locks on it."""
+"""N_0 = 1 - xi - eta - zeta, N_1 = xi, N_2 = eta, N_3 = zeta. Nearly incompressible material locks in it."""
 
 
 MIDDLES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
-"""Corners of the edge on which each of the nodes 4 to 9 lies."""
+"""Corners at the ends of the edge on which each of the nodes 4 to 9 lies."""
 
 _INNER, _OUTER = (5.0 - 5.0**0.5) / 20.0, (5.0 + 3.0 * 5.0**0.5) / 20.0
 
 
 def _slopes(barycentric: Array) -> Array:
-    """Derivatives of the shape functions by the reference coordinates, shape (q, 10, 3), at l (q, 4)."""
+    """Return the shape function derivatives by the reference coordinates, shape (q, 10, 3), at l (q, 4)."""
     by_l = np.zeros((len(barycentric), 10, 4))
     corners, edges = np.arange(4), np.arange(4, 10)
     by_l[:, corners, corners] = 4.0 * barycentric - 1.0
@@ -49,7 +50,10 @@ def _slopes(barycentric: Array) -> Array:
 
 
 def _mass_matrix() -> Array:
-    """Integrals of N_a N_b over a cell of volume 1; those of monomials of l: 6 prod(k!) / (3 + sum(k))!."""
+    """Return the integrals of N_a N_b over a cell of volume 1, shape (10, 10).
+
+    A monomial of l integrates to 6 prod(k!) / (3 + sum(k))!.
+    """
     first, second = np.concatenate([np.stack([np.arange(4)] * 2, axis=1), MIDDLES]).T
     shapes = []
     for i, j in zip(first.tolist(), second.tolist(), strict=True):
@@ -81,4 +85,4 @@ TET10 = ElementData(
     mean_volume=True,
     mass_matrix=_mass_matrix(),
 )
-"""Faces: three corners, then the middles of their edges in the same sense."""
+"""Each face lists three corners, then the midpoints of their edges in the same sense."""

@@ -1,4 +1,4 @@
-"""Material laws: one file each; register your own with `register_material`."""
+"""Material laws, one file each; add your own with `register_material`."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-r"""Corotational linear elasticity: Hooke's law on what is left when the rotation R of F is taken out.
+r"""Corotational linear elasticity: Hooke's law on the deformation without its rotation R.
 
 .. math:: \Psi = \mu |S - I|^2 + \tfrac{\lambda}{2} tr(S - I)^2, \qquad P = \sigma R, \qquad
     \sigma = 2 \mu (S - I) + \lambda tr(S - I) I, \qquad S = sym(F R^T)
@@ -23,48 +23,52 @@ from softsim_core.physics.fem.materials.law import (
 from softsim_core.physics.fem.materials.stretches import cofactor_first
 
 SMALLEST_VOLUME = 1e-6
-"""det(tr(S) I - S), 8 at rest, is taken no smaller than this: a crumpled element that is blown up has no
-bounded tangent."""
+"""Lower limit of det(tr(S) I - S), which is 8 at rest. Without it, the tangent of a crumpled element that
+expands again has no bound.
+"""
 
 FLAT = 1e-3
-"""Share of its volume at rest, below which a cell's stress is no more taken per area as deformed."""
+"""Share of its rest volume below which a cell's stress is no longer related to its deformed area."""
 
 _WELL_SHAPED = 0.02
-"""With a determinant above this, for its size, a gradient is near enough to a rotation for Newton's steps."""
+"""Least determinant of a gradient, relative to its size, for which Newton's iteration converges fast."""
 
 _NEWTON_STEPS = 12
 _NEARLY_THERE = 1e-8
-"""Newton's error is the square of the last change, so the next step would change nothing."""
+"""The error after a Newton step is the square of its change, so the next step would change nothing."""
 
 _AXIAL = np.zeros((9, 3))
-"""Row 3 m + k, column i: the sign of the permutation (m, i, k); times R, the derivative of [w]x R by w."""
+"""Row 3 m + k, column i: the sign of the permutation (m, i, k).
+
+Times R, it is the derivative of [w]x R by w.
+"""
 _AXIAL[[5, 6, 1], [0, 1, 2]] = -1.0
 _AXIAL[[7, 2, 3], [0, 1, 2]] = 1.0
 
 
 class RotatedHooke(Material):
-    """What the laws with a rotation R of their own have in common."""
+    """Base class of the laws that apply Hooke's law in a frame with a rotation R of their own."""
 
     parameters = HOOKE
 
     @abstractmethod
     def rotations(self, deformation: Array) -> Array:
-        """Proper rotation R of each deformation gradient, shape (..., 3, 3)."""
+        """Return a proper rotation R for each deformation gradient, shape (..., 3, 3)."""
 
     def energy(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the energy density mu |S - I|^2 + lambda/2 tr(S - I)^2 in [J/m^3], shape (...)."""
         lam, mu = lame(p)
         strain = _stretch(deformation, self.rotations(deformation)) - np.eye(3)
         trace = np.trace(strain, axis1=-2, axis2=-1)
         return np.asarray(mu * (strain**2).sum(axis=(-2, -1)) + 0.5 * lam * trace**2)
 
     def stress(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the first Piola stress sigma R in [Pa], shape (..., 3, 3)."""
         rotation = self.rotations(deformation)
         return np.asarray(hooke_stress(_stretch(deformation, rotation) - np.eye(3), p) @ rotation)
 
     def distant_tangent(self, deformation: Array, p: Array) -> Array:
-        """The tangent with rotations frozen, mu (dF + R dF^T R) + lambda (R : dF) R; see Material."""
+        """Return the tangent with rotations frozen, mu (dF + R dF^T R) + lambda (R : dF) R, in [Pa]."""
         rotation = self.rotations(deformation)
         lam, mu = (each[..., None, None, None, None] for each in lame(p))
         result = lam * np.einsum("...ij,...kl->...ijkl", rotation, rotation)
@@ -72,7 +76,10 @@ class RotatedHooke(Material):
         return np.asarray(result + mu * np.einsum("...il,...kj->...ijkl", rotation, rotation))
 
     def cauchy_stress(self, deformation: Array, stress: Array) -> Array:
-        """See Material; the symmetric part, for R that is not the nearest rotation, finite in flat cells."""
+        """Return the stress in world axes in [Pa], shape (..., 3, 3), finite in flat cells.
+
+        It is the symmetric part, because R need not be the nearest rotation.
+        """
         found = stress @ np.swapaxes(deformation, -1, -2)
         volume = np.linalg.det(deformation)[..., None, None]
         volume = np.copysign(np.maximum(np.abs(volume), FLAT), volume)
@@ -80,55 +87,61 @@ class RotatedHooke(Material):
 
 
 class Corotational(RotatedHooke, VolumetricMaterial):
-    """R is the rotation of the polar decomposition, the nearest one to F; inverted elements come back."""
+    """Corotational law with R from the polar decomposition, the rotation nearest to F.
+
+    Inverted elements recover.
+    """
 
     name = "corotational"
 
     def rotations(self, deformation: Array) -> Array:
-        """See RotatedHooke."""
+        """Return the rotation of the polar decomposition of each deformation gradient, shape (..., 3, 3)."""
         return polar_rotations(deformation)
 
     def bulk(self, p: Array) -> Array:
-        """Lambda, on theta = tr(S - I); see VolumetricMaterial."""
+        """Return the coefficient of the volumetric energy in [Pa]: lambda, on theta = tr(S - I)."""
         return lame(p)[0]
 
     def point_bulk(self, p: Array) -> Array:
-        """Mu at most; see VolumetricMaterial."""
+        """Return the part of the bulk that acts at each point in [Pa]: lambda, but at most mu."""
         return np.asarray(np.minimum(*lame(p)))
 
     def dilatation(self, deformation: Array) -> Array:
-        """tr(S - I); see VolumetricMaterial."""
+        """Return theta = tr(S - I), shape (...)."""
         return np.asarray((deformation * self.rotations(deformation)).sum(axis=(-2, -1)) - 3.0)
 
     def dilatation_slope(self, deformation: Array) -> Array:
-        """R; see VolumetricMaterial."""
+        """Return d theta / dF, which is R, shape (..., 3, 3)."""
         return self.rotations(deformation)
 
     def shear_energy(self, deformation: Array, p: Array) -> Array:
-        """Mu |S - I|^2; see VolumetricMaterial."""
+        """Return the shear energy mu |S - I|^2 in [J/m^3], shape (...)."""
         strain = _stretch(deformation, self.rotations(deformation)) - np.eye(3)
         return np.asarray(lame(p)[1] * (strain**2).sum(axis=(-2, -1)))
 
     def shear_stress(self, deformation: Array, p: Array) -> Array:
-        """2 mu (S - I) R; see VolumetricMaterial."""
+        """Return the shear stress 2 mu (S - I) R in [Pa], shape (..., 3, 3)."""
         rotation = self.rotations(deformation)
         strain = _stretch(deformation, rotation) - np.eye(3)
         return np.asarray(2.0 * lame(p)[1][..., None, None] * (strain @ rotation))
 
     def tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
-        """See VolumetricMaterial; singular where two principal stretches cancel."""
+        """Return the tangent in [Pa], shape (..., 3, 3, 3, 3).
+
+        Singular where two principal stretches cancel.
+        """
         return self._modes(deformation, self.rotations(deformation), p, bulk, pressure, clamped=False).dense()
 
     def positive_tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
-        """See VolumetricMaterial.
+        """Return the tangent without negative eigenvalues in [Pa], shape (..., 3, 3, 3, 3).
 
-        Only the modes dF = [w]x R that turn an element can have a negative eigenvalue, 2 mu - 2 g with g
-        those of gamma (tr(S) I - S)^-1 and gamma = 2 mu - p: no g is taken larger than mu.
+        Only the modes dF = [w]x R, which turn an element, can have a negative eigenvalue, 2 mu - 2 g with g
+        those of gamma (tr(S) I - S)^-1 and gamma = 2 mu - p. Therefore each g is limited to mu.
         """
         return self._modes(deformation, self.rotations(deformation), p, bulk, pressure, clamped=True).dense()
 
     def positive_modes(self, deformation: Array, p: Array) -> TangentModes:
-        """See Material: a change of volume and three that turn."""
+        """Return the positive tangent as four modes: a change of volume and three rotations."""
         rotation, bulk = self.rotations(deformation), self.bulk(p)
         pressure = bulk * ((deformation * rotation).sum(axis=(-2, -1)) - 3.0)
         return self._modes(deformation, rotation, p, bulk, pressure, clamped=True)
@@ -136,7 +149,10 @@ class Corotational(RotatedHooke, VolumetricMaterial):
     def _modes(
         self, deformation: Array, rotation: Array, p: Array, bulk: Array, pressure: Array, clamped: bool
     ) -> TangentModes:
-        """2 mu I + bulk R R^T - E^T G E, E the axial vector of dF R^T, G = gamma (tr(S) I - S)^-1."""
+        """Return 2 mu I + bulk R R^T - E^T G E, where E dF is the axial vector of dF R^T.
+
+        G is gamma (tr(S) I - S)^-1.
+        """
         principal, axes = np.linalg.eigh(_stretch(deformation, rotation))
         mu = lame(p)[1]
         sums = principal.sum(axis=-1, keepdims=True) - principal
@@ -160,14 +176,14 @@ class Corotational(RotatedHooke, VolumetricMaterial):
 
 
 def hooke_stress(strain: Array, p: Array) -> Array:
-    """Stress of Hooke's law in [Pa] of strains (..., 3, 3)."""
+    """Return the stress of Hooke's law in [Pa] for strains (..., 3, 3)."""
     lam, mu = lame(p)
     trace = np.trace(strain, axis1=-2, axis2=-1)
     return np.asarray((lam * trace)[..., None, None] * np.eye(3) + 2.0 * mu[..., None, None] * strain)
 
 
 def polar_rotations(deformation: Array) -> Array:
-    """Nearest proper rotation to each deformation gradient (..., 3, 3); inverted elements included.
+    """Return the proper rotation nearest to each deformation gradient (..., 3, 3), also if inverted.
 
     Newton's iteration R <- (R + R^-T) / 2 where it converges fast, which costs a fifth of the singular values
     that the others take. Source: Higham 1986, Computing the polar decomposition.
@@ -205,6 +221,6 @@ def _rotations_by_singular_values(deformation: Array) -> Array:
 
 
 def _stretch(deformation: Array, rotation: Array) -> Array:
-    """The symmetric part of F R^T, shape (..., 3, 3)."""
+    """Return the symmetric part of F R^T, shape (..., 3, 3)."""
     stretch = deformation @ np.swapaxes(rotation, -1, -2)
     return np.asarray(0.5 * (stretch + np.swapaxes(stretch, -1, -2)))

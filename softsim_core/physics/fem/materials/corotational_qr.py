@@ -1,8 +1,8 @@
-"""The corotational law of the reference simulator: an element turns with the frame of its first edges.
+"""Corotational law of the reference simulator: an element turns with the frame of its first edges.
 
-The frame is what Gram and Schmidt make of the first two columns of F, with F taken from the axes of each
-cell: its first edge, and the plane of its first three nodes. So the forces depend on the order of nodes, and
-have no potential: their exact tangent is not symmetric, and a step freezes the rotations in it.
+The frame results from the Gram-Schmidt process on the first two columns of F. F is taken in the axes of each
+cell: its first edge and the plane of its first three nodes. The forces therefore depend on the order of the
+nodes and have no potential. Their exact tangent is not symmetric, so a step freezes the rotations in it.
 
 Source: Nesme, Payan, Faure 2005.
 """
@@ -16,20 +16,20 @@ from softsim_core.physics.fem.materials.corotational import RotatedHooke, hooke_
 
 
 class CorotationalQr(RotatedHooke):
-    """R is the frame of the first two columns of F; see the module."""
+    """Corotational law with R from the first two columns of F, by the Gram-Schmidt process."""
 
     name = "corotational_qr"
     has_potential = False
     in_cell_axes = True
 
     def rotations(self, deformation: Array) -> Array:
-        """See RotatedHooke."""
+        """Return the Gram-Schmidt frame of each deformation gradient, shape (..., 3, 3)."""
         first = _unit(deformation[..., 0])
         third = _unit(np.cross(first, deformation[..., 1]))
         return np.stack([first, np.cross(third, first), third], axis=-1)
 
     def tangent(self, deformation: Array, p: Array) -> Array:
-        """See Material; not symmetric.
+        """Return the exact tangent in [Pa], shape (..., 3, 3, 3, 3); it is not symmetric.
 
         A variation dF turns the frame by dR = R [w]x: with D = R^T dF and the upper triangle T = R^T F,
         w = ((D_21 - D_20 T_01 / T_00) / T_11, -D_20 / T_00, D_10 / T_00).
@@ -58,10 +58,10 @@ class CorotationalQr(RotatedHooke):
         return np.asarray(np.broadcast_to(result, (*shape, 3, 3, 3, 3)))
 
     def positive_tangent(self, deformation: Array, p: Array) -> Array:
-        """The tangent with rotations frozen; see Material."""
+        """Return the tangent with rotations frozen in [Pa], shape (..., 3, 3, 3, 3)."""
         return self.distant_tangent(deformation, p)
 
 
 def _unit(vectors: Array) -> Array:
-    """Vectors (..., 3) scaled to length one."""
+    """Return vectors (..., 3) scaled to length one."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

@@ -1,4 +1,4 @@
-"""Elastomers by name, with measured curves of tension and the laws fitted to them (elastomers.csv)."""
+"""Elastomers by name, with measured tension curves and the laws fitted to them (elastomers.yaml)."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _HALVINGS = 60
 
 
 def tension(law: Material, p: Array, stretches: Array) -> tuple[Array, Array]:
-    """Stretches across in [-] and nominal stresses along in [Pa] of a bar pulled or pressed, shape (k,).
+    """Return the transverse stretches and the nominal axial stresses in [Pa] of a bar, shapes (k,).
 
     Args:
         law: An isotropic law.
         p: Values of its parameters, shape (parameters,).
-        stretches: Along the bar in [-], > 0, shape (k,).
+        stretches: Axial stretches of the bar in [-], > 0, shape (k,); below 1 in compression.
     """
     low, high = np.full(stretches.shape, 1e-3), np.maximum(3.0, 2.0 / np.sqrt(stretches))
     for _ in range(_HALVINGS):
@@ -42,7 +42,7 @@ def _bar(along: Array, across: Array) -> Array:
 
 
 class RestStiffness(NamedTuple):
-    """An isotropic law at rest: Young, shear and bulk modulus in [Pa], Poisson ratio in [-]."""
+    """Moduli of an isotropic law at rest: Young, shear and bulk modulus in [Pa], Poisson ratio in [-]."""
 
     young: float
     shear: float
@@ -50,20 +50,20 @@ class RestStiffness(NamedTuple):
     poisson: float
 
     def bar_speed(self, density: float) -> float:
-        """Speed in [m/s] of a wave that stretches a slender bar of that density in [kg/m^3]."""
+        """Return the speed in [m/s] of a longitudinal wave in a slender bar of that density in [kg/m^3]."""
         return math.sqrt(self.young / density)
 
     def shear_speed(self, density: float) -> float:
-        """Speed in [m/s] of a wave of shear."""
+        """Return the speed in [m/s] of a shear wave."""
         return math.sqrt(self.shear / density)
 
     def pressure_speed(self, density: float) -> float:
-        """Speed in [m/s] of a wave of pressure, far above the others where volume is kept."""
+        """Return the speed in [m/s] of a pressure wave, the fastest one in nearly incompressible material."""
         return math.sqrt((self.bulk + 4.0 / 3.0 * self.shear) / density)
 
 
 def rest_stiffness(law: Material, p: Array) -> RestStiffness:
-    """The moduli of a law with parameter values p, from its tangent at rest."""
+    """Return the moduli of a law with parameter values p, from its tangent at rest."""
     tangent = law.tangent(np.eye(3), p)
     shear, along = float(tangent[0, 1, 0, 1]), float(tangent[0, 0, 0, 0])
     bulk = along - 4.0 / 3.0 * shear
@@ -74,20 +74,20 @@ def rest_stiffness(law: Material, p: Array) -> RestStiffness:
 TABLE = Path(__file__).with_name("elastomers.yaml")
 FITTED_LAWS = ("yeoh", "ogden")
 DEFAULT_FIT = "yeoh"
-"""The law of an elastomer where none is asked for."""
+"""Law of an elastomer for which the scene names none."""
 SILICONE_POISSON_RATIO = 0.499
-"""Poisson ratio in [-] of an elastomer where none is asked for: silicone keeps its volume."""
+"""Default Poisson ratio in [-] of an elastomer: silicone is nearly incompressible."""
 MEASURED_FACTOR = 1.75
-"""Dragon Skin 10 in a bent beam was so many times stiffer than in the table."""
+"""Measured over tabulated stiffness of Dragon Skin 10, from a bent beam."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A law fitted to a curve of tension.
+    """A law fitted to a tension curve.
 
     Attributes:
         constants: Parameters of the law by name.
-        to_stretch: Up to this stretch in [-].
+        to_stretch: Stretch in [-] up to which it is fitted.
     """
 
     constants: Mapping[str, float]
@@ -100,8 +100,8 @@ class Elastomer:
 
     Attributes:
         name: Its name.
-        density: In [kg/m^3], if known.
-        break_stretch: Stretch in [-] at which the bar tore.
+        density: Density in [kg/m^3]; None: unknown.
+        break_stretch: Stretch in [-] at which the specimen broke.
         fits: Fitted laws by name.
         points: Stretch in [-] and nominal stress in [Pa], shape (k, 2).
         source: Where the curve comes from, and its licence.
@@ -115,7 +115,11 @@ class Elastomer:
     source: str
 
     def fit(self, law: str) -> Fit:
-        """The fit of a law; SceneError names the laws that are fitted."""
+        """Return the fit of a law.
+
+        Raises:
+            SceneError: there is none; the message lists the fitted laws.
+        """
         if law not in self.fits:
             known = known_names(law, self.fits, "fitted:")
             raise SceneError(f"{self.name}: no constants for the law {law!r}; {known}")
@@ -123,10 +127,10 @@ class Elastomer:
 
 
 def elastomer(name: str) -> Elastomer:
-    """The elastomer of that name; case, blanks and hyphens do not count.
+    """Return the elastomer of that name; case, blanks, hyphens and underscores are ignored.
 
     Raises:
-        SceneError: there is none; the sentence has the nearest names.
+        SceneError: there is none; the message lists similar names.
     """
     table = _table()
     if found := table.get(_plain(name)):
@@ -136,12 +140,12 @@ def elastomer(name: str) -> Elastomer:
 
 
 def elastomer_names() -> tuple[str, ...]:
-    """Names of all elastomers, sorted."""
+    """Return the names of all elastomers, sorted."""
     return tuple(sorted(each.name for each in _table().values()))
 
 
 def stiffness_warning(name: str) -> str:
-    """The sentence on the stiffness of the table."""
+    """Return the warning that the table's stiffness of an elastomer is too low."""
     return (
         f"the table's stiffness of {name} is too low, its strain being the travel of the test machine; set "
         f"stiffness_factor from a test of your own ({MEASURED_FACTOR:g} was measured for Dragon Skin 10)"

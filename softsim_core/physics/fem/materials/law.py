@@ -1,11 +1,11 @@
-r"""What a material law is: energy, first Piola stress and tangent at deformation gradients.
+r"""Definition of a material law: energy, first Piola stress and tangent at deformation gradients.
 
 With the energy density :math:`\Psi(F)` in [J/m^3] of the rest volume,
 
 .. math:: P = \partial \Psi / \partial F, \qquad C_{ijkl} = \partial P_{ij} / \partial F_{kl} .
 
 All methods take deformation gradients F, shape (..., 3, 3), and parameter values p, shape (..., k), in the
-order of `parameters`; the shapes in front broadcast.
+order of `parameters`; the leading dimensions broadcast.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class MaterialParameter:
     """A parameter of a law.
 
     Attributes:
-        name: By which scenes name it.
-        unit: "Pa", "s"; "-" for a number without one.
-        description: One phrase.
-        lower, upper: It lies between them, both excluded.
-        default: Its value where none is given; None: it has to be given.
+        name: Name used in scenes.
+        unit: Unit such as "Pa" or "s"; "-" for a number without one.
+        description: Meaning in one phrase.
+        lower, upper: Open interval of allowed values.
+        default: Value if the scene gives none; None: the scene must give one.
     """
 
     name: str
@@ -42,7 +42,7 @@ class MaterialParameter:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, for messages."""
+        """Allowed values, for messages."""
         unit = "" if self.unit == "-" else f" {self.unit}"
         if self.upper == inf:
             return "finite" if self.lower == -inf else f"> {self.lower:g}{unit}"
@@ -52,11 +52,11 @@ class MaterialParameter:
 
 
 class Refusal(NamedTuple):
-    """Why values that lie in their intervals do not fit together.
+    """Reason why values that lie in their intervals are inconsistent.
 
     Attributes:
         name: Parameter to change.
-        allowed: What is allowed for it, beside the others.
+        allowed: Allowed values of it, given the others.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Refusal(NamedTuple):
 
 
 class TangentModes(NamedTuple):
-    """A symmetric tangent as a multiple of the identity and few modes, C = c I + sum_k w_k M_k M_k^T.
+    """A symmetric tangent as a multiple of the identity plus a few modes, C = c I + sum_k w_k M_k M_k^T.
 
     Attributes:
         isotropic: c in [Pa], shape (...).
@@ -77,7 +77,7 @@ class TangentModes(NamedTuple):
     modes: Array
 
     def dense(self) -> Array:
-        """C, shape (..., 3, 3, 3, 3)."""
+        """Return C, shape (..., 3, 3, 3, 3)."""
         modes = self.modes.reshape(*self.modes.shape[:-2], 9)
         weighted = self.weights[..., None] * modes
         tangent = np.swapaxes(weighted, -1, -2) @ modes + self.isotropic[..., None, None] * np.eye(9)
@@ -88,10 +88,10 @@ class Material(ABC):
     """A material law; a new one implements `stress` and `tangent`, and `energy` where it has a potential.
 
     Attributes:
-        name: By which scenes name it.
+        name: Name used in scenes.
         parameters: Its parameters, in the order of the values p.
         has_potential: Whether P is the derivative of `energy`; then the tangent is symmetric.
-        in_cell_axes: Whether F is to be taken from axes of each cell (its first edge, the plane of its first
+        in_cell_axes: Whether F is taken in the axes of each cell (its first edge, the plane of its first
             three nodes) instead of the scene's; F at rest is then that frame, not the identity.
     """
 
@@ -102,21 +102,21 @@ class Material(ABC):
 
     @abstractmethod
     def energy(self, deformation: Array, p: Array) -> Array:
-        """Energy density in [J/m^3], shape (...)."""
+        """Return the energy density in [J/m^3], shape (...)."""
 
     @abstractmethod
     def stress(self, deformation: Array, p: Array) -> Array:
-        """First Piola stress in [Pa], shape (..., 3, 3)."""
+        """Return the first Piola stress in [Pa], shape (..., 3, 3)."""
 
     @abstractmethod
     def tangent(self, deformation: Array, p: Array) -> Array:
-        """dP_ij / dF_kl in [Pa], exact, shape (..., 3, 3, 3, 3)."""
+        """Return the exact tangent dP_ij / dF_kl in [Pa], shape (..., 3, 3, 3, 3)."""
 
     def positive_tangent(self, deformation: Array, p: Array) -> Array:
-        """The tangent that a time step solves with: symmetric, without negative eigenvalues; as `tangent`.
+        """Return the tangent for a time step: symmetric, without negative eigenvalues, shaped as `tangent`.
 
-        This one sets the negative eigenvalues of the symmetric part to zero. A law may know a quicker way.
-        Source: Teran et al. 2005, Robust quasistatic finite elements and flesh simulation.
+        By default, the negative eigenvalues of the symmetric part are set to zero. A law may override it with
+        a cheaper method. Source: Teran et al. 2005, Robust quasistatic finite elements and flesh simulation.
 
         Raises:
             FactorisationError: a deformation is not finite.
@@ -124,27 +124,36 @@ class Material(ABC):
         return clamped(self.tangent(deformation, p))
 
     def positive_modes(self, deformation: Array, p: Array) -> TangentModes | None:
-        """The same as modes, which are quicker to put on nodes; None: the law does not know them."""
+        """Return the positive tangent as modes, which are cheaper to assemble.
+
+        None: the law has no such form.
+        """
         return None
 
     def distant_tangent(self, deformation: Array, p: Array) -> Array:
-        """A positive tangent for statics far from an equilibrium, such as a crumpled start; as `tangent`."""
+        """Return a positive tangent for statics far from an equilibrium, such as a crumpled start."""
         return self.positive_tangent(deformation, p)
 
     def cauchy_stress(self, deformation: Array, stress: Array) -> Array:
-        """Stress in world axes in [Pa], symmetric, of a first Piola stress P: P F^T / det F, (..., 3, 3)."""
+        """Return the symmetric stress P F^T / det F in world axes in [Pa], shape (..., 3, 3).
+
+        `stress` is the first Piola stress P, shape (..., 3, 3).
+        """
         turned = stress @ np.swapaxes(deformation, -1, -2)
         return np.asarray(turned / np.linalg.det(deformation)[..., None, None])
 
     def refusal(self, values: Mapping[str, float]) -> Refusal | None:
-        """Why values of all parameters, each in its interval, do not fit together; None if they do."""
+        """Return why values, each of them in its interval, are inconsistent; None if they are consistent."""
         return None
 
     def values(self, given: Mapping[str, float]) -> dict[str, float]:
-        """Checked values of all parameters, in order; those not given have their defaults.
+        """Return checked values of all parameters, in order.
+
+        Parameters that are not given take their defaults.
 
         Raises:
-            MaterialError: a parameter is unknown, missing, outside its interval or does not fit the others.
+            MaterialError: a parameter is unknown, missing, outside its interval or inconsistent with the
+                others.
         """
         for name in given:
             if name not in self.names:
@@ -169,81 +178,84 @@ class Material(ABC):
 
 
 class VolumetricMaterial(Material):
-    r"""A law whose answer to volume can be taken apart from its answer to shear.
+    r"""A law whose energy separates into a shear part and a volumetric part.
 
     .. math:: \Psi = \Psi_s(F) + \tfrac{a}{2} \theta(F)^2
 
     with a measure :math:`\theta` of the change of volume, zero at rest, and the bulk coefficient a. Elements
-    that take part of a on their mean volume (Element.mean_volume) do not lock however large it is; what then
-    stands at a point is the pressure :math:`p = a_p \theta + (a - a_p) \bar\theta`.
+    in which part of a acts on the mean volume (Element.mean_volume) do not lock, however large a is; the
+    pressure at a point is then :math:`p = a_p \theta + (a - a_p) \bar\theta`.
     """
 
     @abstractmethod
     def bulk(self, p: Array) -> Array:
-        """The coefficient a in [Pa], shape (...)."""
+        """Return the bulk coefficient a in [Pa], shape (...)."""
 
     @abstractmethod
     def point_bulk(self, p: Array) -> Array:
-        """The part a_p of it in [Pa] that stays at each point: that of lambda = mu, at most a."""
+        """Return the part a_p of a in [Pa] that acts at each point, shape (...).
+
+        It is the coefficient a for lambda = mu, but at most a.
+        """
 
     @abstractmethod
     def dilatation(self, deformation: Array) -> Array:
-        """Theta, shape (...)."""
+        """Return theta, shape (...)."""
 
     @abstractmethod
     def dilatation_slope(self, deformation: Array) -> Array:
-        """D theta / dF, shape (..., 3, 3)."""
+        """Return d theta / dF, shape (..., 3, 3)."""
 
     @abstractmethod
     def shear_energy(self, deformation: Array, p: Array) -> Array:
-        """Psi_s in [J/m^3], shape (...)."""
+        """Return Psi_s in [J/m^3], shape (...)."""
 
     @abstractmethod
     def shear_stress(self, deformation: Array, p: Array) -> Array:
-        """D Psi_s / dF in [Pa], shape (..., 3, 3)."""
+        """Return d Psi_s / dF in [Pa], shape (..., 3, 3)."""
 
     @abstractmethod
     def tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
-        """D^2 Psi_s + bulk theta' theta' + pressure theta'' in [Pa], shape (..., 3, 3, 3, 3).
+        """Return Psi_s'' + bulk theta' theta' + pressure theta'' in [Pa], shape (..., 3, 3, 3, 3).
 
         Args:
-            deformation: See the module.
-            p: See the module.
-            bulk: The part of a that stands at the point in [Pa], shape (...).
-            pressure: The pressure that holds there in [Pa], shape (...).
+            deformation: Deformation gradients, shape (..., 3, 3).
+            p: Parameter values, shape (..., k).
+            bulk: Part of a that acts at the point in [Pa], shape (...).
+            pressure: Pressure at the point in [Pa], shape (...).
         """
 
     def positive_tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
-        """As `tangent_at`, without negative eigenvalues; see `positive_tangent`."""
+        """Return the tangent of `tangent_at` without negative eigenvalues; see `positive_tangent`."""
         return clamped(self.tangent_at(deformation, p, bulk, pressure))
 
     def energy(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the energy density Psi_s + a/2 theta^2 in [J/m^3], shape (...)."""
         volumetric = 0.5 * self.bulk(p) * self.dilatation(deformation) ** 2
         return np.asarray(self.shear_energy(deformation, p) + volumetric)
 
     def stress(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the first Piola stress, shear part plus a theta theta', in [Pa], shape (..., 3, 3)."""
         pressure = self.bulk(p) * self.dilatation(deformation)
         slope = self.dilatation_slope(deformation)
         return np.asarray(self.shear_stress(deformation, p) + pressure[..., None, None] * slope)
 
     def tangent(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the exact tangent at bulk a and pressure a theta in [Pa], shape (..., 3, 3, 3, 3)."""
         bulk = self.bulk(p)
         return self.tangent_at(deformation, p, bulk, bulk * self.dilatation(deformation))
 
     def positive_tangent(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the positive tangent at bulk a and pressure a theta in [Pa], shape (..., 3, 3, 3, 3)."""
         bulk = self.bulk(p)
         return self.positive_tangent_at(deformation, p, bulk, bulk * self.dilatation(deformation))
 
 
 def clamped(tangent: Array) -> Array:
-    """Symmetric tangents (..., 3, 3, 3, 3) with their negative eigenvalues set to zero.
+    """Return the symmetric part of tangents (..., 3, 3, 3, 3) with negative eigenvalues set to zero.
 
     Raises:
-        FactorisationError: one is not finite.
+        FactorisationError: a tangent is not finite.
     """
     matrix = tangent.reshape(*tangent.shape[:-4], 9, 9)
     if not np.isfinite(matrix).all():
@@ -254,7 +266,7 @@ def clamped(tangent: Array) -> Array:
 
 
 def von_mises(stress: Array) -> Array:
-    """Von Mises stress in [Pa], shape (...), of stress tensors (..., 3, 3)."""
+    """Return the von Mises stress in [Pa] of stress tensors (..., 3, 3), shape (...)."""
     deviator = stress - np.trace(stress, axis1=-2, axis2=-1)[..., None, None] / 3.0 * np.eye(3)
     return np.asarray(np.sqrt(1.5 * np.einsum("...ij,...ij->...", deviator, deviator)))
 
@@ -262,19 +274,19 @@ def von_mises(stress: Array) -> Array:
 YOUNG_MODULUS = MaterialParameter("young_modulus", "Pa", "Young modulus", 0.0, inf)
 POISSON_RATIO = MaterialParameter("poisson_ratio", "-", "Poisson ratio", -1.0, 0.5)
 HOOKE = (YOUNG_MODULUS, POISSON_RATIO)
-"""Parameters of a law that is Hooke's at small strain."""
+"""Parameters of a law that equals Hooke's at small strain."""
 STIFFNESS_FACTOR = MaterialParameter(
     "stiffness_factor", "-", "Factor on the stiffness, from a test of your own", 0.0, inf, default=1.0
 )
-"""Scales all constants of a curve whose shape is known better than its height."""
+"""Scales all constants of a curve of known shape and uncertain magnitude."""
 
 
 def lame(p: Array) -> tuple[Array, Array]:
-    """Lame parameters (lambda, mu) in [Pa], shapes (...), of values (..., 2) of HOOKE."""
+    """Return the Lame parameters (lambda, mu) in [Pa], shapes (...), for values (..., 2) of HOOKE."""
     young, poisson = p[..., 0], p[..., 1]
     return young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), young / (2.0 * (1.0 + poisson))
 
 
 def first_lame(shear: Array, poisson: Array) -> Array:
-    """Lame's lambda in [Pa] of a shear modulus in [Pa] and a Poisson ratio, shapes (...)."""
+    """Return Lame's lambda in [Pa] for a shear modulus in [Pa] and a Poisson ratio, shapes (...)."""
     return np.asarray(2.0 * shear * poisson / (1.0 - 2.0 * poisson))

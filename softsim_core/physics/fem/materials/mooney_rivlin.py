@@ -1,9 +1,10 @@
-r"""Mooney and Rivlin's rubber, where its constants are stable.
+r"""Mooney-Rivlin rubber, restricted to stable constants.
 
 .. math:: W = C_{10} (I_C - 3) + C_{01} (II_C - 3), \qquad II_C = |cof F|^2, \qquad \mu = 2 (C_{10} + C_{01})
 
-A curve of tension alone often gives a C01 < 0. Such a law pulls back ever less beyond some stretch along two
-axes, a membrane of it has no rest, and pressing it is the same: these constants are refused.
+A fit to a uniaxial tension curve alone often gives C01 < 0. Beyond some equibiaxial stretch, the tension of
+such a law decreases, so a membrane of it has no equilibrium; strong compression is equivalent to such a
+stretch. Negative C01 are therefore refused.
 
 Sources: Mooney 1940, A theory of large elastic deformation; Rivlin 1948.
 """
@@ -27,7 +28,7 @@ from softsim_core.physics.fem.materials.stretches import cofactor, stress_of_cof
 
 
 class MooneyRivlin(Rubber):
-    """See the module."""
+    """Mooney-Rivlin rubber with the constants C10 > 0 and C01 >= 0."""
 
     name = "mooney_rivlin"
     parameters = (
@@ -38,24 +39,24 @@ class MooneyRivlin(Rubber):
     )
 
     def rest_moduli(self, p: Array) -> RestModuli:
-        """See Rubber."""
+        """Return the moduli at rest for parameter values p (..., k)."""
         c10, c01 = _constants(p)
         shear = 2.0 * (c10 + c01)
         return RestModuli(first_lame(shear, p[..., 2]), shear, 2.0 * c10 + 4.0 * c01, 4.0 * c01)
 
     def stretching_energy(self, deformation: Array, p: Array) -> Array:
-        """See Rubber."""
+        """Return W = C10 (|F|^2 - 3) + C01 (|cof F|^2 - 3) in [J/m^3], shape (...)."""
         c10, c01 = _constants(p)
         lines, areas = ((each**2).sum(axis=(-2, -1)) - 3.0 for each in (deformation, cofactor(deformation)))
         return np.asarray(c10 * lines + c01 * areas)
 
     def stretching_stress(self, deformation: Array, p: Array) -> Array:
-        """See Rubber."""
+        """Return dW/dF in [Pa], shape (..., 3, 3)."""
         c10, c01 = (2.0 * each[..., None, None] for each in _constants(p))
         return c10 * deformation + stress_of_cofactor(deformation, c01 * cofactor(deformation))
 
     def stretching_tangent(self, deformation: Array, p: Array) -> Array:
-        """See Rubber."""
+        """Return d2W/dF2 in [Pa], shape (..., 3, 3, 3, 3)."""
         c10, c01 = (2.0 * each[..., None, None] for each in _constants(p))
         identity = np.eye(9).reshape(3, 3, 3, 3)
         curvature = c01[..., None, None] * identity
@@ -63,7 +64,7 @@ class MooneyRivlin(Rubber):
         return np.asarray(c10[..., None, None] * identity + areas)
 
     def refusal(self, values: Mapping[str, float]) -> Refusal | None:
-        """See Material: C01 >= 0, where the law is stable at every stretch."""
+        """Refuse C01 < 0, for which the law is not stable at every stretch, and too small Poisson ratios."""
         c10, c01 = values["c10"], values["c01"]
         if c01 <= -c10:
             return Refusal("c01", f">= 0 Pa; below {-c10:g} Pa the law has no stiffness at all")
@@ -76,13 +77,13 @@ class MooneyRivlin(Rubber):
 
 
 def stable_stretch(c10: float, c01: float) -> float:
-    """The stretch along two axes from which a law with C01 < 0 pulls back less, in [-], > 1.
+    """Return the equibiaxial stretch beyond which the tension of a law with C01 < 0 decreases, in [-], > 1.
 
     There :math:`P = 2 (l - l^{-5}) (C_{10} + C_{01} l^2)` has its maximum.
 
     Args:
-        c10: In [Pa], > 0.
-        c01: In [Pa], between -c10 and 0.
+        c10: C10 in [Pa], > 0.
+        c01: C01 in [Pa], between -c10 and 0.
     """
 
     def rise(stretch: float) -> float:
@@ -97,5 +98,5 @@ def stable_stretch(c10: float, c01: float) -> float:
 
 
 def _constants(p: Array) -> tuple[Array, Array]:
-    """C10 and C01 in [Pa], shapes (...)."""
+    """Return C10 and C01 in [Pa], shapes (...), scaled by the stiffness factor."""
     return p[..., 3] * p[..., 0], p[..., 3] * p[..., 1]

@@ -1,11 +1,12 @@
-r"""Ogden's rubber: two powers of the principal stretches, which follow a curve of tension to its end.
+r"""Ogden rubber: two powers of the principal stretches, which fit a tension curve up to break.
 
 .. math:: W = \sum_k \tfrac{m_k}{\alpha_k^2} \left(v_{k1}^{|\alpha_k|} + v_{k2}^{|\alpha_k|} +
     v_{k3}^{|\alpha_k|} - 3\right), \qquad \mu = \tfrac12 \sum_k m_k
 
-v are the stretches of lines where alpha > 0, and those of areas, the products of two, where alpha < 0: at
-constant volume those are the powers of the stretches with alpha itself. So a flat element has a finite
-energy, and one inside out comes back. In the other notation :math:`m_k = \mu_k \alpha_k`.
+v are the stretches of lines where alpha > 0. Where alpha < 0 they are the stretches of areas, the products of
+two line stretches; at constant volume these give the same powers as the line stretches with alpha itself. A
+flat element therefore has a finite energy, and an inverted one recovers. In the other notation
+:math:`m_k = \mu_k \alpha_k`.
 
 Sources: Ogden 1972, Large deformation isotropic elasticity; Ciarlet 1988, Mathematical elasticity I, section
 4.9, for the powers of areas.
@@ -41,7 +42,7 @@ LARGEST_EXPONENT = 30.0
 
 
 class Ogden(Rubber):
-    """See the module; without the second term m2 = 0."""
+    """Ogden rubber of one or two terms; without the second term m2 = 0."""
 
     name = "ogden"
     parameters = (
@@ -54,20 +55,20 @@ class Ogden(Rubber):
     )
 
     def rest_moduli(self, p: Array) -> RestModuli:
-        """See Rubber."""
+        """Return the moduli at rest for parameter values p (..., k)."""
         m, alpha = _terms(p)
         shear, areas = 0.5 * m.sum(axis=-1), alpha < 0.0
         slope = (np.where(areas, 2.0, 1.0) * m / np.abs(alpha)).sum(axis=-1)
         return RestModuli(first_lame(shear, p[..., 4]), shear, slope, np.where(areas, m, 0.0).sum(axis=-1))
 
     def stretching_energy(self, deformation: Array, p: Array) -> Array:
-        """See Rubber."""
+        """Return W in [J/m^3], zero at rest, shape (...)."""
         lines, areas = _powers(p)
         result = power_energy(deformation, lines)
         return result if areas is None else result + power_energy(cofactor(deformation), areas)
 
     def stretching_stress(self, deformation: Array, p: Array) -> Array:
-        """See Rubber."""
+        """Return dW/dF in [Pa], shape (..., 3, 3)."""
         lines, areas = _powers(p)
         result = power_slope(deformation, lines)
         if areas is None:
@@ -75,7 +76,7 @@ class Ogden(Rubber):
         return result + stress_of_cofactor(deformation, power_slope(cofactor(deformation), areas))
 
     def stretching_tangent(self, deformation: Array, p: Array) -> Array:
-        """See Rubber."""
+        """Return d2W/dF2 in [Pa], shape (..., 3, 3, 3, 3)."""
         lines, areas = _powers(p)
         result = power_curvature(deformation, lines)
         if areas is None:
@@ -85,7 +86,10 @@ class Ogden(Rubber):
         return result + tangent_of_cofactor(deformation, slope, curvature)
 
     def refusal(self, values: Mapping[str, float]) -> Refusal | None:
-        """See Material: no term pushes where it should pull, and none is a constant."""
+        """Refuse a negative second term, exponents out of range and too small Poisson ratios.
+
+        A negative term would push where it should pull; an exponent near zero would make a term constant.
+        """
         if values["m2"] < 0.0:
             return Refusal("m2", ">= 0 Pa, or the law gives way")
         for name in ("alpha1", "alpha2"):
@@ -98,12 +102,12 @@ class Ogden(Rubber):
 
 
 def _terms(p: Array) -> tuple[Array, Array]:
-    """Amplitudes m in [Pa] and exponents alpha of both terms, shapes (..., 2)."""
+    """Return the amplitudes m in [Pa] and exponents alpha of both terms, shapes (..., 2)."""
     return p[..., 5:6] * p[..., 0:3:2], p[..., 1:4:2]
 
 
 def _powers(p: Array) -> tuple[Powers, Powers | None]:
-    """The terms in stretches of lines and, if there are any, those in stretches of areas."""
+    """Return the terms in line stretches, and those in area stretches or None if there are none."""
     m, alpha = _terms(p)
     is_area, size = alpha < 0.0, np.abs(alpha)
     lines = Powers(np.where(is_area, 0.0, m), size)

@@ -1,4 +1,4 @@
-"""The known material laws."""
+"""Registry of material laws by name."""
 
 from __future__ import annotations
 
@@ -36,10 +36,14 @@ def register_material(law: Material) -> None:
 
 
 def material(name: str) -> Material:
-    """The law of that name; SceneError names the known ones if there is none."""
+    """Return the law of that name.
+
+    Raises:
+        SceneError: there is none; the message lists the known ones.
+    """
     return _MATERIALS.get(name)
 
 
 def material_names() -> tuple[str, ...]:
-    """Names of all known laws."""
+    """Return the names of all known laws."""
     return _MATERIALS.names()

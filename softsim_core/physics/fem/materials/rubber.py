@@ -1,11 +1,11 @@
-r"""What laws of rubber share: resistance to stretching, and to a change of volume.
+r"""Base classes of rubber laws: resistance to stretching and to a change of volume.
 
 .. math:: \Psi(F) = W(F) - s (J - 1) + \tfrac{a}{2} (J - 1)^2, \qquad J = \det F
 
-s is the slope of W by each principal stretch at rest, so that nothing is stressed there, and
-a = lambda + s - c makes the law Hooke's at small strain, c being the mixed second derivative of W by two
-principal stretches at rest. W uses the whole F, not F freed of its change of volume, and never its inverse:
-an element that is inside out is no special case.
+s is the slope of W by each principal stretch at rest, so that the rest shape is free of stress, and
+a = lambda + s - c makes the law equal Hooke's at small strain; c is the mixed second derivative of W by two
+principal stretches at rest. W uses the whole F, not its isochoric part, and never its inverse, so an inverted
+element is no special case.
 
 Source: Smith, de Goes, Kim 2018, Stable neo-Hookean flesh simulation, for W of I_C alone.
 
@@ -27,7 +27,7 @@ from softsim_core.physics.fem.materials.stretches import cofactor, cofactor_slop
 
 
 class RestModuli(NamedTuple):
-    """What a law of rubber is at rest, each in [Pa], shape (...).
+    """Moduli of a rubber law at rest, each in [Pa], shape (...).
 
     Attributes:
         first_lame: lambda of Hooke's law.
@@ -43,53 +43,56 @@ class RestModuli(NamedTuple):
 
 
 class Rubber(VolumetricMaterial):
-    """See the module, theta = J - 1; a new law gives `rest_moduli` and energy, stress and tangent of W."""
+    """Base class of rubber laws, with theta = J - 1.
+
+    A new law implements `rest_moduli` and the energy, stress and tangent of W.
+    """
 
     @abstractmethod
     def rest_moduli(self, p: Array) -> RestModuli:
-        """The moduli at rest of parameter values p (..., k)."""
+        """Return the moduli at rest for parameter values p (..., k)."""
 
     @abstractmethod
     def stretching_energy(self, deformation: Array, p: Array) -> Array:
-        """W in [J/m^3], 0 at rest, shape (...)."""
+        """Return W in [J/m^3], zero at rest, shape (...)."""
 
     @abstractmethod
     def stretching_stress(self, deformation: Array, p: Array) -> Array:
-        """DW/dF in [Pa], shape (..., 3, 3)."""
+        """Return dW/dF in [Pa], shape (..., 3, 3)."""
 
     @abstractmethod
     def stretching_tangent(self, deformation: Array, p: Array) -> Array:
-        """D2W/dF2 in [Pa], shape (..., 3, 3, 3, 3)."""
+        """Return d2W/dF2 in [Pa], shape (..., 3, 3, 3, 3)."""
 
     def bulk(self, p: Array) -> Array:
-        """See VolumetricMaterial."""
+        """Return the bulk coefficient a = lambda + s - c in [Pa], shape (...)."""
         return rest_bulk(self.rest_moduli(p))
 
     def point_bulk(self, p: Array) -> Array:
-        """See VolumetricMaterial."""
+        """Return the bulk coefficient with lambda limited to mu in [Pa], shape (...)."""
         at_rest = self.rest_moduli(p)
         return rest_bulk(at_rest._replace(first_lame=np.minimum(at_rest.first_lame, at_rest.shear)))
 
     def dilatation(self, deformation: Array) -> Array:
-        """See VolumetricMaterial."""
+        """Return theta = J - 1, shape (...)."""
         return np.asarray(np.linalg.det(deformation) - 1.0)
 
     def dilatation_slope(self, deformation: Array) -> Array:
-        """See VolumetricMaterial."""
+        """Return d theta / dF, the cofactor of F, shape (..., 3, 3)."""
         return cofactor(deformation)
 
     def shear_energy(self, deformation: Array, p: Array) -> Array:
-        """W - s (J - 1); see VolumetricMaterial."""
+        """Return W - s (J - 1) in [J/m^3], shape (...)."""
         volume = self.rest_moduli(p).slope * self.dilatation(deformation)
         return np.asarray(self.stretching_energy(deformation, p) - volume)
 
     def shear_stress(self, deformation: Array, p: Array) -> Array:
-        """DW/dF - s cof F; see VolumetricMaterial."""
+        """Return dW/dF - s cof F in [Pa], shape (..., 3, 3)."""
         slope = self.rest_moduli(p).slope[..., None, None]
         return np.asarray(self.stretching_stress(deformation, p) - slope * cofactor(deformation))
 
     def tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
-        """See VolumetricMaterial."""
+        """Return W'' + bulk J' J' + (pressure - s) J'' in [Pa], shape (..., 3, 3, 3, 3)."""
         sides, tension = cofactor(deformation), pressure - self.rest_moduli(p).slope
         result = self.stretching_tangent(deformation, p)
         across = np.einsum("...ij,...kl->...ijkl", sides, sides)
@@ -97,7 +100,10 @@ class Rubber(VolumetricMaterial):
         return np.asarray(result + tension[..., None, None, None, None] * cofactor_slope(deformation))
 
     def volume_refusal(self, values: Mapping[str, float]) -> Refusal | None:
-        """Refuses a Poisson ratio with which a is not > 0: volume would not be resisted far from rest."""
+        """Refuse a Poisson ratio for which a is not > 0.
+
+        Far from rest, nothing would resist a change of volume.
+        """
         moduli = self.rest_moduli(np.array([values[name] for name in self.names]))
         if rest_bulk(moduli) > 0.0:
             return None
@@ -107,12 +113,12 @@ class Rubber(VolumetricMaterial):
 
 
 def rest_bulk(at_rest: RestModuli) -> Array:
-    """The a with which the law is Hooke's at small strain, in [Pa]."""
+    """Return the coefficient a for which the law equals Hooke's at small strain, in [Pa]."""
     return np.asarray(at_rest.first_lame + at_rest.slope - at_rest.cross)
 
 
 class Slopes(NamedTuple):
-    """psi, its first and its second derivative by t at some t, in [Pa]."""
+    """Value, first and second derivative of psi by t, in [Pa]."""
 
     value: Array
     first: Array
@@ -120,32 +126,35 @@ class Slopes(NamedTuple):
 
 
 class FirstInvariantRubber(Rubber):
-    """See the module; a new law gives `psi`, with psi'(0) > 0, and `first_lame`."""
+    """Base class of rubber laws with W = psi(I_C - 3).
+
+    A new law implements `psi`, with psi'(0) > 0, and `first_lame`.
+    """
 
     @abstractmethod
     def psi(self, t: Array, p: Array) -> Slopes:
-        """Values, 0 at rest, and derivatives at t = I_C - 3 (...) and values p (..., k)."""
+        """Return psi, zero at rest, and its derivatives at t = I_C - 3 (...) for values p (..., k)."""
 
     @abstractmethod
     def first_lame(self, p: Array) -> Array:
-        """Lame's lambda of Hooke's law in [Pa], shape (...)."""
+        """Return Lame's lambda of Hooke's law in [Pa], shape (...)."""
 
     def rest_moduli(self, p: Array) -> RestModuli:
-        """See Rubber."""
+        """Return the moduli at rest, from psi'(0) and psi''(0)."""
         at_rest = self.psi(np.zeros(p.shape[:-1]), p)
         shear = 2.0 * at_rest.first
         return RestModuli(self.first_lame(p), shear, shear, 4.0 * at_rest.second)
 
     def stretching_energy(self, deformation: Array, p: Array) -> Array:
-        """See Rubber."""
+        """Return psi(t) in [J/m^3], shape (...)."""
         return self.psi(_t(deformation), p).value
 
     def stretching_stress(self, deformation: Array, p: Array) -> Array:
-        """See Rubber."""
+        """Return 2 psi' F in [Pa], shape (..., 3, 3)."""
         return np.asarray(2.0 * self.psi(_t(deformation), p).first[..., None, None] * deformation)
 
     def stretching_tangent(self, deformation: Array, p: Array) -> Array:
-        """See Rubber."""
+        """Return 2 psi' I + 4 psi'' F F in [Pa], shape (..., 3, 3, 3, 3)."""
         at = self.psi(_t(deformation), p)
         first, second = at.first[..., None, None, None, None], at.second[..., None, None, None, None]
         result = 4.0 * second * np.einsum("...ij,...kl->...ijkl", deformation, deformation)
@@ -153,14 +162,14 @@ class FirstInvariantRubber(Rubber):
 
 
 class SeriesRubber(FirstInvariantRubber):
-    r"""Laws with :math:`\psi = c_1 t + c_2 t^2 + c_3 t^3 - l \ln (1 + t/4)`."""
+    r"""Rubber laws with :math:`\psi = c_1 t + c_2 t^2 + c_3 t^3 - l \ln (1 + t/4)`."""
 
     @abstractmethod
     def series(self, p: Array) -> Array:
-        """The coefficients c1, c2, c3 and l in [Pa], shape (..., 4)."""
+        """Return the coefficients c1, c2, c3 and l in [Pa], shape (..., 4)."""
 
     def psi(self, t: Array, p: Array) -> Slopes:
-        """See FirstInvariantRubber."""
+        """Return psi of the series and its first two derivatives at t (...)."""
         c1, c2, c3, log = np.moveaxis(self.series(p), -1, 0)
         over = 1.0 / (t + 4.0)
         return Slopes(
@@ -171,5 +180,5 @@ class SeriesRubber(FirstInvariantRubber):
 
 
 def _t(deformation: Array) -> Array:
-    """I_C - 3, shape (...)."""
+    """Return I_C - 3, shape (...)."""
     return np.asarray((deformation**2).sum(axis=(-2, -1)) - 3.0)

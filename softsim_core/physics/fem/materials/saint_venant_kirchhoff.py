@@ -1,10 +1,11 @@
-r"""Saint Venant-Kirchhoff elasticity: Hooke's law between Green's strain and its stress.
+r"""Saint Venant-Kirchhoff elasticity: Hooke's law between the Green strain and the second Piola stress.
 
 .. math:: \Psi = \mu |E|^2 + \tfrac{\lambda}{2} tr(E)^2, \qquad E = \tfrac12 (F^T F - I), \qquad P = F S,
     \qquad S = 2 \mu E + \lambda tr(E) I
 
-The law of MuJoCo's flexes, there to compare with them. Under tension it stiffens, under compression it gets
-softer: pressed to less than about half its length a cell snaps through, and a crushed one does not come back.
+MuJoCo's flexes use this law; it is here for comparison with them. It stiffens in tension and softens in
+compression: a cell compressed to less than about half its length snaps through, and a crushed cell does not
+recover.
 
 Source: Bonet and Wood 2008, Nonlinear continuum mechanics for finite element analysis, section 6.4.2.
 """
@@ -20,23 +21,23 @@ _UNIT = np.eye(3)
 
 
 class SaintVenantKirchhoff(Material):
-    """See the module."""
+    """Saint Venant-Kirchhoff elasticity, for comparison with MuJoCo's flexes."""
 
     name = "saint_venant_kirchhoff"
     parameters = HOOKE
 
     def energy(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the energy density mu |E|^2 + lambda/2 tr(E)^2 in [J/m^3], shape (...)."""
         strain = _green(deformation)
         lam, mu = lame(p)
         return np.asarray(mu * (strain**2).sum(axis=(-2, -1)) + 0.5 * lam * _trace(strain) ** 2)
 
     def stress(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the first Piola stress F S in [Pa], shape (..., 3, 3)."""
         return np.asarray(deformation @ _second(deformation, p))
 
     def tangent(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the exact tangent dP_ij / dF_kl in [Pa], shape (..., 3, 3, 3, 3)."""
         lam, mu = (each[..., None, None, None, None] for each in lame(p))
         result = lam * np.einsum("...ij,...kl->...ijkl", deformation, deformation)
         left = deformation @ np.swapaxes(deformation, -1, -2)
@@ -46,7 +47,7 @@ class SaintVenantKirchhoff(Material):
 
 
 def _green(deformation: Array) -> Array:
-    """Green's strain E, shape (..., 3, 3)."""
+    """Return the Green strain E, shape (..., 3, 3)."""
     return np.asarray(0.5 * (np.swapaxes(deformation, -1, -2) @ deformation - _UNIT))
 
 
@@ -55,7 +56,7 @@ def _trace(strain: Array) -> Array:
 
 
 def _second(deformation: Array, p: Array) -> Array:
-    """Second Piola stress S in [Pa], symmetric, shape (..., 3, 3)."""
+    """Return the second Piola stress S in [Pa], symmetric, shape (..., 3, 3)."""
     strain = _green(deformation)
     lam, mu = (each[..., None, None] for each in lame(p))
     return np.asarray(2.0 * mu * strain + lam * _trace(strain)[..., None, None] * _UNIT)

@@ -1,9 +1,9 @@
-r"""The law of rods: Hooke's without contraction across, with a factor on each stiffness.
+r"""Law of rods: Hooke's law without lateral contraction, with a factor on each stiffness.
 
 .. math:: S_{ii} = E_Y E_{ii}, \quad S_{ij} = 2 G E_{ij} = \frac{E_Y}{1 + \nu} E_{ij}
 
-in the axes of the section. Sections are held to their shape with a multiple of the same moduli. Strains that
-change are resisted by c dE/dt as well, as by a strain c dE/dt more (Kelvin and Voigt), with the damping c.
+in the axes of the section. A multiple of the same moduli keeps the shape of the sections. The damping c adds
+c dE/dt to the strain (Kelvin and Voigt).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from softsim_core.physics.fem.materials.law import (
 from softsim_core.physics.fem.materials.strain import StrainMaterial
 
 HOLDING: Final = 10.0
-"""How much stiffer a section is held to its shape than its material would hold it."""
+"""Factor on the material's moduli for the stiffness of a section's shape."""
 
 _FACTORS = tuple(
     MaterialParameter(f"{name}_factor", "-", f"Factor on the stiffness {against}", 0.0, inf, 1.0)
@@ -43,16 +43,17 @@ DAMPING: Final = MaterialParameter(
 
 
 class Section(StrainMaterial):
-    """See the module."""
+    """Law of rods: an isotropic material and factors on the stiffness against each strain of a rod."""
 
     name = "rod"
     parameters = (YOUNG_MODULUS, POISSON_RATIO, *_FACTORS, DAMPING)
 
     def scales(self, p: Array) -> tuple[Array, Array]:
-        """Moduli in [Pa] of values (m, k): stretch, shear (2), bending (2), twist; what holds sections.
+        """Return the moduli in [Pa] that scale the strains of a rod, for values (m, k).
 
         Returns:
-            Of the strains along a rod, shape (m, 6), and of those of its sections, shape (m, 3).
+            Those of the strains along a rod (stretch, two of shear, two of bending, twist), shape (m, 6), and
+            those of the shape of its sections, shape (m, 3).
         """
         young, shear = p[:, 0], p[:, 0] / (2.0 * (1.0 + p[:, 1]))
         stretching, shearing, first, second, twisting = p[:, 2:7].T
@@ -67,25 +68,25 @@ class Section(StrainMaterial):
         return np.stack(line, axis=1), HOLDING * np.stack([young, young, shear], axis=1)
 
     def refusal(self, values: Mapping[str, float]) -> Refusal | None:
-        """See Material."""
+        """Refuse a negative damping."""
         return Refusal(DAMPING.name, ">= 0 s") if values[DAMPING.name] < 0.0 else None
 
     def damping(self, p: Array) -> Array:
-        """C in [s] of values (m, k), shape (m,)."""
+        """Return the damping c in [s] of values (m, k), shape (m,)."""
         return p[:, 7]
 
     def energy(self, deformation: Array, p: Array) -> Array:
-        """See Material."""
+        """Return the energy density S : E / 2 in [J/m^3], shape (...)."""
         strain = self.strain(deformation)
         return np.asarray(0.5 * np.einsum("...ij,...ij->...", self.second_piola(strain, p), strain))
 
     def second_piola(self, strain: Array, p: Array) -> Array:
-        """See StrainMaterial."""
+        """Return S in [Pa] at Green strains, symmetric, both of shape (..., 3, 3)."""
         young, twice_shear = p[..., 0, None, None], (p[..., 0] / (1.0 + p[..., 1]))[..., None, None]
         return np.asarray(np.where(np.eye(3, dtype=bool), young, twice_shear) * strain)
 
     def moduli(self, strain: Array, p: Array) -> Array:
-        """See StrainMaterial."""
+        """Return dS/dE in [Pa] with both minor symmetries, shape (..., 3, 3, 3, 3)."""
         moduli = np.zeros((*np.broadcast_shapes(strain.shape[:-2], p.shape[:-1]), 3, 3, 3, 3))
         half = 0.5 * p[..., 0] / (1.0 + p[..., 1])
         for i in range(3):

@@ -1,4 +1,4 @@
-r"""Stable neo-Hookean rubber: a law of large strain that rests where it should and survives inversion.
+r"""Stable neo-Hookean rubber: a law of large strain that is free of stress at rest and survives inversion.
 
 .. math:: W = \tfrac{\mu}{2} \left(I_C - 3 - \ln \tfrac{I_C + 1}{4}\right), \qquad \mu = \tfrac43 \mu_H
 
@@ -20,17 +20,17 @@ from softsim_core.physics.fem.materials.rubber import SeriesRubber
 
 
 class StableNeoHookean(SeriesRubber):
-    """See the module."""
+    """Stable neo-Hookean rubber with Young modulus and Poisson ratio as parameters."""
 
     name = "stable_neo_hookean"
     parameters = HOOKE
 
     def series(self, p: Array) -> Array:
-        """See SeriesRubber."""
+        """Return the coefficients c1 and l, both 2/3 mu_H, and c2 = c3 = 0 in [Pa], shape (..., 4)."""
         half = 2.0 / 3.0 * lame(p)[1]
         nothing = np.zeros_like(half)
         return np.stack([half, nothing, nothing, half], axis=-1)
 
     def first_lame(self, p: Array) -> Array:
-        """See SeriesRubber."""
+        """Return Lame's lambda of Hooke's law in [Pa], shape (...)."""
         return lame(p)[0]

@@ -1,4 +1,4 @@
-r"""Functions of deformation in laws of rubber: cofactors, and sums of powers of principal stretches.
+r"""Functions of deformation for rubber laws: cofactors, and sums of powers of principal stretches.
 
 .. math:: V(G) = \sum_i \phi(x_i), \quad \phi(x) = \sum_k \tfrac{m_k}{n_k^2} (x^{n_k / 2} - 1), \qquad
     dV/dG = 2 G \phi'(C), \qquad d^2V = 2 dG \phi'(C) + 2 G \, D\phi'(C)[G^T dG + dG^T G]
@@ -7,8 +7,8 @@ with x the squared stretches, the eigenvalues of :math:`C = G^T G = Q \, diag(x)
 :math:`D\phi'(C)[H] = Q (\Gamma \circ Q^T H Q) Q^T`, where Gamma are the divided differences
 :math:`(\phi'(x_i) - \phi'(x_j)) / (x_i - x_j)` and phi'' where x_i = x_j.
 
-Where a stretch is less than `LEAST_STRETCH`, phi goes on as the parabola in x that meets it: all is finite
-for every G, and the slope has no step.
+Where a stretch is below `LEAST_STRETCH`, phi continues as the parabola in x that meets it. All values are
+therefore finite for every G, and the slope is continuous.
 
 Source: Ball 1984, Differentiability properties of symmetric and isotropic functions.
 """
@@ -27,32 +27,38 @@ _LEVI_CIVITA[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = -1.0
 
 
 def cofactor(matrices: Array) -> Array:
-    """D det F / dF: the cofactors of matrices (..., 3, 3), also of singular ones."""
+    """Return the cofactors d det F / dF of matrices (..., 3, 3), also of singular ones."""
     rows_first = np.moveaxis(matrices, (-2, -1), (0, 1))
     return np.ascontiguousarray(np.moveaxis(cofactor_first(rows_first), (0, 1), (-2, -1)))
 
 
 def cofactor_first(matrices: Array) -> Array:
-    """Cofactors of matrices with rows and columns first, shape (3, 3, ...): fast where there are many."""
+    """Return the cofactors of matrices with rows and columns first, shape (3, 3, ...).
+
+    Fast for many matrices.
+    """
     after, before = [1, 2, 0], [2, 0, 1]
     first, second = matrices[after], matrices[before]
     return np.asarray(first[:, after] * second[:, before] - first[:, before] * second[:, after])
 
 
 def cofactor_slope(matrices: Array) -> Array:
-    """D cof F_ij / dF_kl = e_ikm e_jln F_mn, shape (..., 3, 3, 3, 3)."""
+    """Return d cof F_ij / dF_kl = e_ikm e_jln F_mn, shape (..., 3, 3, 3, 3)."""
     return np.asarray(
         np.einsum("ikm,jln,...mn->...ijkl", _LEVI_CIVITA, _LEVI_CIVITA, matrices, optimize=True)
     )
 
 
 def stress_of_cofactor(matrices: Array, slope: Array) -> Array:
-    """dV/dF, shape (..., 3, 3), of an energy V(cof F) with the slope dV/d cof F (..., 3, 3)."""
+    """Return dV/dF, shape (..., 3, 3), of an energy V(cof F) with the slope dV/d cof F (..., 3, 3)."""
     return np.asarray(np.einsum("...ijkl,...kl->...ij", cofactor_slope(matrices), slope))
 
 
 def tangent_of_cofactor(matrices: Array, slope: Array, curvature: Array) -> Array:
-    """d2V/dF2 of an energy V(cof F) with that slope and the curvature d2V/d(cof F)2, (..., 3, 3, 3, 3)."""
+    """Return d2V/dF2 of an energy V(cof F), shape (..., 3, 3, 3, 3).
+
+    `slope` is dV/d cof F, shape (..., 3, 3), and `curvature` is d2V/d(cof F)2, shape (..., 3, 3, 3, 3).
+    """
     outer = cofactor_slope(matrices)
     nine = outer.reshape(*outer.shape[:-4], 9, 9)
     middle = curvature.reshape(*curvature.shape[:-4], 9, 9)
@@ -61,7 +67,7 @@ def tangent_of_cofactor(matrices: Array, slope: Array, curvature: Array) -> Arra
 
 
 LEAST_STRETCH = 0.1
-"""Below it a power goes on as a parabola of the squared stretch."""
+"""Stretch below which a power continues as a parabola of the squared stretch."""
 
 _LEAST = LEAST_STRETCH**2
 
@@ -74,7 +80,7 @@ class Powers(NamedTuple):
 
 
 def power_energy(matrices: Array, powers: Powers) -> Array:
-    """V in [J/m^3], 0 for rotations, shape (...), of matrices (..., 3, 3)."""
+    """Return V in [J/m^3] of matrices (..., 3, 3), zero for rotations, shape (...)."""
     x = _principal(matrices)[0]
     kept, below = np.maximum(x, _LEAST)[..., None], np.minimum(x - _LEAST, 0.0)[..., None]
     m, n = (each[..., None, :] for each in powers)
@@ -85,14 +91,14 @@ def power_energy(matrices: Array, powers: Powers) -> Array:
 
 
 def power_slope(matrices: Array, powers: Powers) -> Array:
-    """dV/dG in [Pa], shape (..., 3, 3)."""
+    """Return dV/dG in [Pa], shape (..., 3, 3)."""
     x, axes = _principal(matrices)
     middle = (axes * _first(x, powers)[..., None, :]) @ np.swapaxes(axes, -1, -2)
     return np.asarray(2.0 * matrices @ middle)
 
 
 def power_curvature(matrices: Array, powers: Powers) -> Array:
-    """d2V/dG2 in [Pa], shape (..., 3, 3, 3, 3)."""
+    """Return d2V/dG2 in [Pa], shape (..., 3, 3, 3, 3)."""
     x, axes = _principal(matrices)
     first = _first(x, powers)
     shared = (axes * first[..., None, :]) @ np.swapaxes(axes, -1, -2)
@@ -106,7 +112,7 @@ def power_curvature(matrices: Array, powers: Powers) -> Array:
 
 
 def _principal(matrices: Array) -> tuple[Array, Array]:
-    """Squared stretches, shape (..., 3), and their axes in columns."""
+    """Return the squared stretches, shape (..., 3), and their axes in columns."""
     if not np.isfinite(matrices).all():
         raise FactorisationError("the deformation of an element is not finite")
     x, axes = np.linalg.eigh(np.swapaxes(matrices, -1, -2) @ matrices)
@@ -114,12 +120,12 @@ def _principal(matrices: Array) -> tuple[Array, Array]:
 
 
 def _slope(m: Array, n: Array, log: Array) -> Array:
-    """The slope m / (2 n) x^(n/2 - 1) of each term at log x."""
+    """Return the slope m / (2 n) x^(n/2 - 1) of each term at log x."""
     return np.asarray(m / (2.0 * n) * np.exp((0.5 * n - 1.0) * log))
 
 
 def _first(x: Array, powers: Powers) -> Array:
-    """phi'(x), shape of x, whose last axis is that of the stretches."""
+    """Return phi'(x), shape of x, whose last axis is that of the stretches."""
     kept, below = np.maximum(x, _LEAST)[..., None], np.minimum(x - _LEAST, 0.0)[..., None]
     m, n = (each[..., None, :] for each in powers)
     slope = _slope(m, n, np.log(kept))
@@ -127,9 +133,9 @@ def _first(x: Array, powers: Powers) -> Array:
 
 
 def _divided(x: Array, y: Array, powers: Powers) -> Array:
-    """Divided differences of phi' between squared stretches (..., 3, 1) and (..., 1, 3), shape (..., 3, 3).
+    """Return the divided differences of phi' between x (..., 3, 1) and y (..., 1, 3), shape (..., 3, 3).
 
-    Of x^b - y^b = y^b expm1(b u) and x - y = y expm1(u) with u = log(x / y), exact for near stretches too.
+    With u = log(x / y), x^b - y^b = y^b expm1(b u) and x - y = y expm1(u) are exact for close stretches, too.
     """
     x, y = np.broadcast_arrays(x, y)
     m, n = (each[..., None, None, :] for each in powers)

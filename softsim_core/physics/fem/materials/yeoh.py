@@ -1,4 +1,4 @@
-r"""Yeoh's rubber: a polynomial of one to three terms in I_C - 3, fitted to a curve of tension.
+r"""Yeoh rubber: a polynomial of one to three terms in I_C - 3, fitted to a tension curve.
 
 .. math:: W = C_1 t + C_2 t^2 + C_3 t^3, \qquad t = I_C - 3, \qquad \mu = 2 C_1
 
@@ -24,7 +24,7 @@ from softsim_core.physics.fem.materials.rubber import SeriesRubber
 
 
 class Yeoh(SeriesRubber):
-    """See the module; with C2 = C3 = 0 neo-Hookean."""
+    """Yeoh rubber; with C2 = C3 = 0 it is neo-Hookean."""
 
     name = "yeoh"
     parameters = (
@@ -36,15 +36,18 @@ class Yeoh(SeriesRubber):
     )
 
     def series(self, p: Array) -> Array:
-        """See SeriesRubber."""
+        """Return C1, C2 and C3 times the stiffness factor, and l = 0, in [Pa], shape (..., 4)."""
         return np.asarray(np.concatenate([p[..., :3], np.zeros_like(p[..., :1])], axis=-1) * p[..., 4:5])
 
     def first_lame(self, p: Array) -> Array:
-        """See SeriesRubber."""
+        """Return Lame's lambda of Hooke's law in [Pa], shape (...)."""
         return first_lame(2.0 * p[..., 4] * p[..., 0], p[..., 3])
 
     def refusal(self, values: Mapping[str, float]) -> Refusal | None:
-        """See Material: the stress of shear has to rise for every shear, C1 + 6 C2 t + 15 C3 t^2 > 0."""
+        """Refuse constants for which the shear stress does not always rise, and small Poisson ratios.
+
+        The shear stress rises for every shear where C1 + 6 C2 t + 15 C3 t^2 > 0.
+        """
         c1, c2, c3 = (values[name] for name in ("c1", "c2", "c3"))
         if c3 < 0.0:
             return Refusal("c3", ">= 0 Pa, or the law gives way at large stretch")

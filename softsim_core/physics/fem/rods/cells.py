@@ -15,11 +15,11 @@ from softsim_core.physics.fem.materials import Section
 from softsim_core.physics.mesh import RodMesh
 
 R, D1, D2, B1, B2 = range(5)
-"""Vectors of a cell at a point: r', d_1, d_2, d_1', d_2'."""
+"""Indices of a cell's vectors at a point: r', d_1, d_2, d_1', d_2'."""
 
 
 def _forms(*entries: tuple[int, int, int, float], strains: int, vectors: int) -> Array:
-    """Matrices Q of products v^T Q_k v / 2, shape (strains, vectors, vectors)."""
+    """Return matrices Q of products v^T Q_k v / 2, shape (strains, vectors, vectors)."""
     forms = np.zeros((strains, vectors, vectors))
     for k, f, g, value in entries:
         forms[k, f, g] = forms[k, g, f] = value
@@ -40,10 +40,10 @@ LINE_FORMS: Final = _forms(
 SECTION_FORMS: Final = _forms((0, 0, 0, 1.0), (1, 1, 1, 1.0), (2, 0, 1, 1.0), strains=3, vectors=2)
 
 SHORTEST: Final = 0.05
-"""|r'| below which a rod is no longer told from a shorter one: it has been crushed."""
+"""Lower limit of |r'|: a rod that is shorter has been crushed."""
 
 BENDING: Final = (3, 4)
-"""Which of the strains along a rod are bending."""
+"""Indices of the bending strains among the strains along a rod."""
 
 
 class Strains(NamedTuple):
@@ -51,7 +51,7 @@ class Strains(NamedTuple):
 
     Attributes:
         values: Shape (m, q, k).
-        slopes: Their derivatives by the products, shape (m, q, k, k).
+        slopes: Derivatives of the strains by the products, shape (m, q, k, k).
     """
 
     values: Array
@@ -60,14 +60,14 @@ class Strains(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StrainPoints:
-    """Where a cell strains: the same number of points in each.
+    """Points at which a cell's strains are evaluated; each cell has the same number of them.
 
     Attributes:
         maps: From the nodes of a cell to its vectors, shape (m, q, f, a).
         forms: Products of the vectors, shape (k, f, f); see `LINE_FORMS`.
         natural: Strains without load, shape (m, q, k).
-        lengths: What the energy is integrated over, in [m], shape (m, q).
-        stiffness: Of strains, over the values of the law that `scales` names, shape (m, q, k, k).
+        lengths: Weights in [m] of the points in the integral of the energy, shape (m, q).
+        stiffness: Stiffness of the strains divided by the values of `Section.scales`, shape (m, q, k, k).
         along: Whether the strains are those along a rod; else they are the products themselves.
     """
 
@@ -79,19 +79,19 @@ class StrainPoints:
     along: bool
 
     def part(self, chosen: IndexArray) -> StrainPoints:
-        """Of the chosen cells (k,) alone."""
+        """Return the points of the chosen cells (k,) only."""
         each: dict[str, Any] = {
             name: getattr(self, name)[chosen] for name in ("maps", "natural", "lengths", "stiffness")
         }
         return replace(self, **each)
 
     def ordered(self, inside: IndexArray) -> StrainPoints:
-        """With the nodes of each cell in another order, shape (m, a)."""
+        """Return the points with the nodes of each cell in another order, `inside`, shape (m, a)."""
         return replace(self, maps=np.take_along_axis(self.maps, inside[:, None, None, :], axis=3))
 
     @staticmethod
     def joined(parts: Sequence[StrainPoints]) -> StrainPoints:
-        """Those of all cells of several; their strains are of one kind."""
+        """Return the points of all cells of several; their strains are of one kind."""
         names = ("maps", "natural", "lengths", "stiffness")
         each: dict[str, Any] = {
             name: np.concatenate([getattr(part, name) for part in parts]) for name in names
@@ -99,15 +99,15 @@ class StrainPoints:
         return replace(parts[0], **each)
 
     def vectors(self, nodal: Array, cells: IndexArray) -> Array:
-        """The vectors of nodal values (n, 3), shape (m, q, f, 3)."""
+        """Return the vectors for nodal values (n, 3), shape (m, q, f, 3)."""
         return np.asarray(self.maps @ nodal[cells][:, None])
 
     def products(self, vectors: Array) -> Array:
-        """v^T Q_k v / 2 of vectors (m, q, f, 3), shape (m, q, k)."""
+        """Return v^T Q_k v / 2 for vectors (m, q, f, 3), shape (m, q, k)."""
         return np.asarray(0.5 * np.einsum("mqfi,kfg,mqgi->mqk", vectors, self.forms, vectors))
 
     def strains(self, products: Array) -> Strains:
-        """Of products (m, q, k)."""
+        """Return the strains for products (m, q, k), less the natural ones, and their derivatives."""
         count = products.shape[-1]
         slopes = np.broadcast_to(np.eye(count), (*products.shape, count))
         if not self.along:
@@ -122,7 +122,7 @@ class StrainPoints:
         return Strains(values - self.natural, slopes)
 
     def bent(self, products: Array, resultants: Array) -> Array:
-        """Second derivatives of the strains by products (m, q, k), times resultants, (m, q, k, k)."""
+        """Return the second derivatives of the strains by the products, times resultants, (m, q, k, k)."""
         result = np.zeros((*products.shape, products.shape[-1]))
         if self.along:
             by_length = 1.0 / _stretched(products)
@@ -133,22 +133,22 @@ class StrainPoints:
         return result
 
     def slopes(self, vectors: Array) -> Array:
-        """Derivatives of the products by the nodes, shape (m, q, k, a, 3)."""
+        """Return the derivatives of the products by the nodes, shape (m, q, k, a, 3)."""
         by_vectors = np.einsum("kfg,mqgi->mqkfi", self.forms, vectors)
         return np.asarray(np.swapaxes(self.maps, -1, -2)[:, :, None] @ by_vectors)
 
 
 def _stretched(products: Array) -> Array:
-    """|r'| of products (m, q, 6), shape (m, q)."""
+    """Return |r'| for products (m, q, 6), shape (m, q), at least SHORTEST."""
     return np.maximum(np.sqrt(2.0 * products[..., 0]), SHORTEST)
 
 
 SECTIONS: Final = 3
-"""Cross-sections of a cell: its ends and the one between them, in order along the rod."""
+"""Number of cross-sections of a cell: its ends and the one between them, in order along the rod."""
 
 _ANGLES = 2.0 * np.pi * np.arange(3) / 3.0
 CIRCLE: Final = np.sqrt(2.0) * np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
-"""Where the nodes of a section stand, in its radii of gyration along d_1 and d_2, shape (3, 2)."""
+"""Positions of a section's nodes along d_1 and d_2, in its radii of gyration, shape (3, 2)."""
 
 _GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3.0)
 _SHARES = np.array([1.0, 4.0, 1.0]) / 6.0
@@ -156,7 +156,7 @@ _SHAPES = np.stack([0.5 * _GAUSS * (_GAUSS - 1.0), 1.0 - _GAUSS**2, 0.5 * _GAUSS
 _SLOPES = np.stack([_GAUSS - 0.5, -2.0 * _GAUSS, _GAUSS + 0.5], axis=1)
 
 STRAIGHT: Final = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-"""Strains of a straight rod, before those that it has without load are taken away."""
+"""Values of the strains of a straight rod before the natural ones are subtracted."""
 
 _STIFF_SECTION = np.array([0.5, 0.5, 0.0])
 
@@ -164,7 +164,7 @@ _REFERENCE = np.concatenate([np.column_stack([CIRCLE, np.full(3, z)]) for z in (
 
 
 def _solid_slopes() -> Array:
-    """Derivatives of a cell's shape functions by its coordinates (a, b, xi) on the centre line, (2, 9, 3)."""
+    """Return the shape function derivatives by (a, b, xi) on the centre line, shape (2, 9, 3)."""
     across = np.linalg.pinv(np.column_stack([CIRCLE, np.ones(3)]))  # d_1, d_2, r of the nodes of a section
     result = np.zeros((2, 9, 3))
     for s in range(SECTIONS):
@@ -190,13 +190,13 @@ ROD: Final = ElementData(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RodGroup(ElementGroup):
-    """Cells of rods; as ElementGroup, with the gradients of the solid on the centre line.
+    """Cells of rods: an ElementGroup with the gradients of the solid on the centre line.
 
     Attributes:
         line: Stretch, shear, bending and twist at the Gauss points; see the package.
-        sections: What keeps the sections in shape, at the three of them.
-        own: Whether the stiffness of a cell is its own whatever the law says, as that of a clamp, shape (m,).
-        reach: How far the sections reach from their centres along d_1 and d_2 in [m], shape (m, 2).
+        sections: Strains of the sections' shape, at the three sections.
+        own: Whether a cell's stiffness is independent of the law, as that of a clamp, shape (m,).
+        reach: Largest distance of the sections from their centres along d_1 and d_2 in [m], shape (m, 2).
     """
 
     line: StrainPoints
@@ -206,47 +206,47 @@ class RodGroup(ElementGroup):
 
     @property
     def short(self) -> BoolArray:
-        """See ElementGroup."""
+        """Which cells are far shorter than they are thick: the clamps, shape (m,)."""
         return self.own
 
     def part(self, chosen: IndexArray) -> RodGroup:
-        """See ElementGroup."""
+        """Return the group with the chosen cells (k,) only."""
         line, sections = self.line.part(chosen), self.sections.part(chosen)
         own, reach = self.own[chosen], self.reach[chosen]
         of_cells = {name: getattr(self, name)[chosen] for name in self.per_cell}
         return replace(self, **of_cells, line=line, sections=sections, own=own, reach=reach)
 
     def ordered(self, inside: IndexArray) -> RodGroup:
-        """See ElementGroup."""
+        """Return the group with the nodes of each cell in another order, `inside`, shape (m, a)."""
         line, sections = self.line.ordered(inside), self.sections.ordered(inside)
         return replace(self, **self.of_nodes(inside), line=line, sections=sections)
 
     def families(self, p: Array) -> tuple[tuple[StrainPoints, Array], tuple[StrainPoints, Array]]:
-        """Line and sections, each with its stiffness in [N], [N m] and [N m^2], shape (m, q, k, k)."""
+        """Return line and sections, each with its stiffness in [N], [N m] and [N m^2], shape (m, q, k, k)."""
         assert isinstance(self.material, Section)
         along, across = (np.where(self.own[:, None], 1.0, each) for each in self.material.scales(p))
         return _scaled(self.line, along), _scaled(self.sections, across)
 
 
 def _scaled(points: StrainPoints, scales: Array) -> tuple[StrainPoints, Array]:
-    """Points, and their stiffness where the moduli of the strains are `scales`, shape (m, k)."""
+    """Return points and their stiffness for the moduli `scales` of the strains, shape (m, k)."""
     root = np.sqrt(scales)[:, None]
     return points, points.stiffness * root[..., None] * root[..., None, :]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RodSections:
-    """How stiff the cells of a rod are, over the values of the law that `Section.scales` tells.
+    """Stiffness of a rod's cells, divided by the values of the law that `Section.scales` returns.
 
     Attributes:
         lengths: Length of each cell without strain in [m], shape (m,).
         area: Area at the Gauss points in [m^2], shape (m, 2).
-        line: Of stretch, shear, bending and twist there: with areas, second moments and the torsion constant
-            on its diagonal, shape (m, 2, 6, 6).
-        across: Of what strains the sections, at the three of them: with their areas, shape (m, 3, 3, 3).
-        curvature: Of the cell without load in [1/m] along both axes, and twist in [rad/m], beyond that of its
-            natural shape, shape (m, 3).
-        straight: Whether this is straight; else it is the one that is drawn, shape (m,).
+        line: Of stretch, shear, bending and twist at the Gauss points, with areas, second moments and the
+            torsion constant on its diagonal, shape (m, 2, 6, 6).
+        across: Of the sections' shape at the three sections, with their areas, shape (m, 3, 3, 3).
+        curvature: Curvature of the cell without load in [1/m] along both axes, and twist in [rad/m], beyond
+            that of its natural shape, shape (m, 3).
+        straight: Whether the natural shape is straight; else it is the drawn one, shape (m,).
         own: See RodGroup.
         reach: See RodGroup.
     """
@@ -264,7 +264,10 @@ class RodSections:
 def rod_group(
     mesh: RodMesh, sections: RodSections, law: Section, first_node: int, body: int, first_number: int
 ) -> RodGroup:
-    """The cells of a rod whose nodes begin at `first_node`; the rest as in ElementGroup."""
+    """Return the cells of a rod whose nodes begin at `first_node`.
+
+    The other arguments are those of ElementGroup.
+    """
     count = len(mesh.cells)
     inverse = np.linalg.inv(np.concatenate([np.ones((len(mesh.spread), 3, 1)), mesh.spread], axis=2))
     of_cells = inverse[mesh.cells[:, ::3] // 3]  # (m, 3, (r, d_1, d_2), 3)
@@ -312,11 +315,11 @@ def rod_group(
 
 
 def _clamp_maps(of_sections: Array, gap: float, at_start: bool) -> Array:
-    """From the nodes of a clamp's cell to its vectors, shape (2, 5, 9); see the package.
+    """Return the map from the nodes of a clamp's cell to its vectors, shape (2, 5, 9); see the package.
 
     Args:
         of_sections: From the nodes of each section to r, d_1, d_2, shape (3, 3, 3).
-        gap: Between sections, in [m].
+        gap: Distance between sections in [m].
         at_start: Whether the clamp is at the rod's start; then its own last section is the rod's.
     """
     whole = np.zeros((SECTIONS, 3, 9))
@@ -333,7 +336,7 @@ def _clamp_maps(of_sections: Array, gap: float, at_start: bool) -> Array:
 
 
 def joined(groups: Sequence[RodGroup]) -> RodGroup:
-    """The cells of several rods of one law."""
+    """Return the cells of several rods of one law as one group."""
     parts: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in groups]) for name in RodGroup.per_cell
     }
@@ -349,7 +352,7 @@ def joined(groups: Sequence[RodGroup]) -> RodGroup:
 
 @cell_energy.register
 def rod_energy(group: RodGroup, positions: Array, p: Array) -> Array:
-    """See fem.cells.cell_energy."""
+    """Return the elastic energy of each cell of rods in [J], shape (m,)."""
     total = np.zeros(len(group.cells))
     for points, stiffness in group.families(p):
         strain, _ = points.strains(points.products(points.vectors(positions, group.cells)))
@@ -361,7 +364,7 @@ def rod_energy(group: RodGroup, positions: Array, p: Array) -> Array:
 
 @cell_forces.register
 def rod_forces(group: RodGroup, positions: Array, p: Array) -> Array:
-    """See fem.cells.cell_forces."""
+    """Return the forces of the cells of rods on their nodes in [N], shape (m, a, 3)."""
     total = np.zeros((*group.cells.shape, 3))
     for points, stiffness in group.families(p):
         vectors = points.vectors(positions, group.cells)
@@ -382,14 +385,18 @@ def rod_stiffness(
     moved: Array | None = None,
     mean_share: float = 1.0,
 ) -> Array:
-    """See fem.cells.cell_stiffness; a positive or distant one has of the resultants only what stretches."""
+    """Return the stiffness -df_a/dx_b of each cell of rods in [N/m], shape (m, a, a, 3, 3).
+
+    The arguments are those of fem.cells.cell_stiffness. The geometric part of a positive or distant stiffness
+    contains only the resultants that stretch.
+    """
     count, a = group.cells.shape
     total = np.zeros((count, a, a, 3, 3))
     for points, stiffness in group.families(p):
         vectors = points.vectors(positions, group.cells)
         slopes, products = points.slopes(vectors), points.products(vectors)
         strain, by_products = points.strains(products)
-        if moved is not None:  # to first order, what the last linear solve found
+        if moved is not None:  # the strain that the last linear solve found, to first order
             second = points.products(points.vectors(moved, group.cells))
             strain = strain - (by_products @ second[..., None])[..., 0]
         resultants = points.lengths[..., None] * (stiffness @ strain[..., None])[..., 0]
@@ -416,7 +423,10 @@ def rod_stiffness(
 
 
 def rod_viscosity(group: RodGroup, positions: Array, p: Array) -> Array:
-    """-df_a/dv_b of the law's damping in [N s/m], shape (m, a, a, 3, 3): positive, and none for a turning."""
+    """Return -df_a/dv_b of the law's damping in [N s/m], shape (m, a, a, 3, 3).
+
+    It is positive, and zero for rotations.
+    """
     assert isinstance(group.material, Section)
     count, a = group.cells.shape
     total = np.zeros((count, 3 * a, 3 * a))
@@ -431,7 +441,7 @@ def rod_viscosity(group: RodGroup, positions: Array, p: Array) -> Array:
 
 
 def rod_drag(group: RodGroup, before: Array, positions: Array, p: Array, dt: float) -> Array:
-    """Forces of the law's damping in [N] where the strains at `before` became others in dt, (m, a, 3)."""
+    """Return the damping forces in [N] for the change of strain from `before` within dt, shape (m, a, 3)."""
     assert isinstance(group.material, Section)
     total = np.zeros((*group.cells.shape, 3))
     damping = group.material.damping(p)[:, None, None]
@@ -447,7 +457,7 @@ def rod_drag(group: RodGroup, before: Array, positions: Array, p: Array, dt: flo
 
 
 def _by_places(points: StrainPoints, group: RodGroup, positions: Array) -> Array:
-    """Derivatives of the strains by the places of a cell's nodes, shape (m, q, k, 3 a)."""
+    """Return the derivatives of the strains by the positions of a cell's nodes, shape (m, q, k, 3 a)."""
     vectors = points.vectors(positions, group.cells)
     slopes = points.slopes(vectors)
     return points.strains(points.products(vectors)).slopes @ slopes.reshape(*slopes.shape[:3], -1)
@@ -455,9 +465,9 @@ def _by_places(points: StrainPoints, group: RodGroup, positions: Array) -> Array
 
 @cauchy_stress.register
 def rod_stress(group: RodGroup, positions: Array, p: Array) -> Array:
-    """See fem.cells.cauchy_stress: that of the fibre that is stressed most, with the shear at its place.
+    """Return the stress of the most stressed fibre in world axes in [Pa], with the shear there, (m, q, 3, 3).
 
-    Of clamps and of sections that are given by their stiffness it is what the shape that is drawn would have.
+    For clamps and for sections given by their stiffness, it is the stress that the drawn shape would have.
     """
     assert isinstance(group.material, Section)
     line, _ = group.material.scales(p)

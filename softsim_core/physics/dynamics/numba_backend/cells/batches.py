@@ -1,8 +1,7 @@
-"""Cells of any element in batches of LANES: how they deform, where their blocks go, which are inside out.
+"""Cells of any element in batches of LANES: deformation, places of their blocks, inverted cells.
 
-Of each cell there is one block for each pair of its nodes, which stand in the order of their elimination.
-Those of free nodes are added to the panels at once; what moving regions take is kept until their Jacobians
-are known.
+Each cell has one block for each pair of its nodes, which are in elimination order. Blocks of free nodes are
+added to the panels at once; blocks of moving regions are stored until the regions' Jacobians are known.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from softsim_core.physics.mechanics import Model
 
 @kernel
 def count_inverted(x: Array, corners: IndexArray) -> int:
-    """How many tetrahedra `corners` (m, 4), all of positive volume at rest, have det F <= 0 at x (n, 3)."""
+    """Count the tetrahedra `corners` (m, 4), of positive volume at rest, with det F <= 0 at x (n, 3)."""
     count = 0
     for e in range(len(corners)):
         o, a, b, c = corners[e, 0], corners[e, 1], corners[e, 2], corners[e, 3]
@@ -39,7 +38,7 @@ def count_inverted(x: Array, corners: IndexArray) -> int:
 
 
 def oriented(model: Model) -> IndexArray:
-    """Corners of all cells of four nodes in an order of positive volume at rest, shape (m, 4)."""
+    """Return the corners of all four-node cells in an order of positive volume at rest, shape (m, 4)."""
     linear = [group.cells for group in model.filling if group.cells.shape[1] == 4]
     corners = np.concatenate([np.zeros((0, 4), np.int64), *linear])
     points = model.rest[corners]
@@ -52,16 +51,16 @@ cgutils: Any = numba_cgutils
 
 
 _LINE = 8
-"""Numbers of eight bytes in a cache line."""
+"""Numbers of eight bytes per cache line."""
 
 
 class CellBatches(NamedTuple):
-    """Cells of one element in B batches, with a nodes and q points; lanes beyond the last repeat it.
+    """Cells of one element in B batches, with a nodes and q points; unused lanes repeat the last cell.
 
     Attributes:
         nodes: Node indices, shape (B, a, LANES).
         gradients: Shape gradients in [1/m], rows ((B a + node) q + point) 3 + axis, shape (B a q 3, LANES).
-        size: How many cells there are, shape (1,).
+        size: Number of cells, shape (1,).
     """
 
     nodes: IndexArray
@@ -70,13 +69,13 @@ class CellBatches(NamedTuple):
 
 
 def cell_batches(group: ElementGroup) -> CellBatches:
-    """The cells of a group."""
+    """Return the cells of a group in batches."""
     rows = np.swapaxes(group.gradients, 1, 2).reshape(len(group.cells), -1)
     return CellBatches(in_lanes(group.cells), in_lanes(rows).reshape(-1, LANES), np.array([len(group.cells)]))
 
 
 def in_lanes(rows: Any) -> Any:
-    """Rows (e, r) as batches (B, r, LANES); lanes beyond the last row repeat it."""
+    """Return rows (e, r) as batches (B, r, LANES); unused lanes repeat the last row."""
     missing = -len(rows) % LANES
     padded = np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])
     batches = padded.reshape(-1, LANES, rows.shape[1]).swapaxes(1, 2)
@@ -86,7 +85,10 @@ def in_lanes(rows: Any) -> Any:
 
 
 def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
-    """Zeros that begin on a cache line: a row that lies on two of them takes twice the time."""
+    """Return zeros that start on a cache line.
+
+    A vector row that spans two cache lines takes twice the time.
+    """
     numbers = math.prod(shape)
     buffer = np.zeros(numbers + _LINE, dtype)
     first = -(buffer.ctypes.data // buffer.itemsize) % _LINE
@@ -95,7 +97,7 @@ def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
 
 @kernel
 def gather(nodal: Array, nodes: IndexArray, batch: int, out: Array) -> None:
-    """Rows 3 a + i of `out`: component i of nodal values (n, 3) at node a of every lane of a batch."""
+    """Write component i of nodal values (n, 3) at node a of every lane of a batch to row 3 a + i of `out`."""
     for a in range(nodes.shape[1]):
         for lane in range(LANES):
             node = nodes[batch, a, lane]
@@ -107,9 +109,9 @@ def gather(nodal: Array, nodes: IndexArray, batch: int, out: Array) -> None:
 def put_gradient(
     typing: Any, nodal: Any, gradients: Any, first: Any, stride: Any, count: Any, out: Any, row: Any
 ) -> Any:
-    """Nine rows of `out` from `row` on: sum over the nodes of nodal values times shape gradients.
+    """Write nine rows of `out` from `row` on: the sum over the nodes of nodal values times shape gradients.
 
-    The values of node n are rows 3 n + i, its gradient rows first + n stride + j; `count` nodes.
+    The values of node n are rows 3 n + i, its gradient rows first + n stride + j; there are `count` nodes.
     """
     integer = types.int64
     signature = types.void(nodal, gradients, integer, integer, integer, out, integer)
@@ -137,7 +139,7 @@ def put_gradient(
 
 @kernel
 def count_folded(x: Array, cells: CellBatches) -> int:
-    """How many cells have det F <= 0 at one of their points, at positions (n, 3) in [m]."""
+    """Count the cells with det F <= 0 at one of their points, at positions (n, 3) in [m]."""
     nodes, gradients = cells.nodes, cells.gradients
     batches, a, _ = nodes.shape
     pitch = len(gradients) // (batches * a)
@@ -160,7 +162,10 @@ def count_folded(x: Array, cells: CellBatches) -> int:
 
 @kernel
 def largest_strain_change(cells: CellBatches, before: Array, after: Array) -> float:
-    """See fem.cells.strain_change."""
+    """Return the largest change of the Green strain at a point between node positions, by the Frobenius norm.
+
+    NaN if a position is NaN.
+    """
     nodes, gradients = cells.nodes, cells.gradients
     batches, a, _ = nodes.shape
     pitch = len(gradients) // (batches * a)
@@ -181,7 +186,7 @@ def largest_strain_change(cells: CellBatches, before: Array, after: Array) -> fl
                         for k in range(0, 9, 3):
                             entry += new[k + i, lane] * new[k + j, lane] - old[k + i, lane] * old[k + j, lane]
                         total += (1.0 if i == j else 2.0) * entry * entry
-                if not total <= largest[lane]:  # also takes over what is not a number, and keeps it
+                if not total <= largest[lane]:  # written so that NaN is taken over
                     largest[lane] = total
                     if total != total:
                         return np.nan
@@ -190,14 +195,13 @@ def largest_strain_change(cells: CellBatches, before: Array, after: Array) -> fl
 
 
 class CellPlaces(NamedTuple):
-    """Places of the blocks of m cells with a nodes each: free ones, then those in moving regions, then fixed.
+    """Places of the blocks of m cells with a nodes each: free nodes, then those of regions, then fixed ones.
 
     Attributes:
         starts: Panel place of the block of each pair of nodes, 00, 01, ... 11, ...; -1 where one is not free,
             shape (m, a (a + 1) / 2).
         strides: Panel width at each node, 0 where it is not free, shape (m, a).
-        kept: Place in Pairs.blocks of each cell's first block, -1: none of its nodes is in a moving region,
-            shape (m,).
+        kept: Place in Pairs.blocks of each cell's first block, shape (m,); -1: no node is in a moving region.
     """
 
     starts: IndexArray
@@ -209,10 +213,10 @@ class CellPlaces(NamedTuple):
 def add_blocks(
     blocks: Array, place: int, pitch: int, e: int, places: CellPlaces, panels: Array, kept: Array
 ) -> None:
-    """Add the blocks of cell e to the panels, and to `kept` if a moving region takes part.
+    """Add the blocks of cell e to the panels, and to `kept` if a node is in a moving region.
 
-    Rows of the blocks are four numbers, the fourth zero; the first is at number `place` of `blocks`, each
-    further one `pitch` numbers behind.
+    Rows of the blocks are four numbers, the fourth zero. The first row starts at number `place` of `blocks`,
+    each further one `pitch` numbers later.
     """
     strides, starts = places.strides, places.starts
     a = strides.shape[1]
@@ -220,7 +224,7 @@ def add_blocks(
         if strides[e, n] == 0:
             break
         pair = n
-        for m in range(n + 1):  # column by column: what was just stored in a row is not loaded at once
+        for m in range(n + 1):  # column by column, so that no row is loaded right after it was stored
             add_block(panels, starts[e, pair], strides[e, m], blocks, place + 3 * pair * pitch, pitch)
             pair += a - m - 1
     first = places.kept[e]
@@ -235,14 +239,17 @@ def add_blocks(
 
 @kernel
 def add_all_blocks(blocks: Array, places: CellPlaces, panels: Array, kept: Array) -> None:
-    """Add the blocks (m, a (a + 1) / 2, 3, 4) of all cells, the fourth number of a row zero."""
+    """Add the blocks (m, a (a + 1) / 2, 3, 4) of all cells; the fourth number of a row is zero."""
     for e in range(len(blocks)):
         add_blocks(blocks, e * blocks.shape[1] * 12, 4, e, places, panels, kept)
 
 
 @kernel
 def scatter(pairs: Pairs, nodes: Nodes, work: Work) -> None:
-    """Add what is kept of the blocks to panels and reduced; work.jacobian has to be in place."""
+    """Add the stored blocks of moving regions to panels and reduced coordinates.
+
+    Work.jacobian must be set.
+    """
     panels, schur, jacobian, blocks = work.factor.panels, work.factor.schur, work.jacobian, pairs.blocks
     for p in range(len(pairs.beside)):
         block, place, width = pairs.beside[p, 0], pairs.beside[p, 1], pairs.beside[p, 2]
@@ -266,20 +273,20 @@ def scatter(pairs: Pairs, nodes: Nodes, work: Work) -> None:
                 for i in range(3):
                     for j in range(3):
                         total += jacobian[a, r, i] * blocks[block, i, j] * jacobian[b, q, j]
-                if a != b and m == k:  # from the transposed block, too
+                if a != b and m == k:  # the transposed block contributes, too
                     total *= 2.0
                 schur[min(m, k), max(m, k)] += total
 
 
 def node_pairs(cells: IndexArray) -> IndexArray:
-    """All ordered pairs of nodes of each cell (m, a), cell by cell, shape (m a a, 2)."""
+    """Return all ordered pairs of nodes of each cell (m, a), cell by cell, shape (m a a, 2)."""
     count = cells.shape[1]
     first, second = np.repeat(cells, count, axis=1), np.tile(cells, (1, count))
     return np.stack([first.ravel(), second.ravel()], axis=1)
 
 
 def in_elimination_order(group: ElementGroup, nodes: Nodes, local: IndexArray, layout: Plan) -> ElementGroup:
-    """The group with its cells, and the nodes of each, as they are eliminated; see CellPlaces."""
+    """Return the group with its cells, and the nodes of each, in elimination order; see CellPlaces."""
     order, inside = elimination_order(group.cells, nodes, local, layout)
     return group.part(order).ordered(inside)
 
@@ -287,9 +294,9 @@ def in_elimination_order(group: ElementGroup, nodes: Nodes, local: IndexArray, l
 def elimination_order(
     cells: IndexArray, nodes: Nodes, local: IndexArray, layout: Plan
 ) -> tuple[IndexArray, IndexArray]:
-    """The order (m,) of cells (m, a) as they are eliminated, and then that of the nodes of each, (m, a)."""
+    """Return the elimination order (m,) of cells (m, a), and the order of the nodes in each, shape (m, a)."""
     count = len(layout.position)
-    places = np.append(layout.position, count)[local]  # local is -1 where a node is not free
+    places = np.append(layout.position, count)[local]  # local is -1 if a node is not free
     rank = (places + ((local < 0) & (nodes.region_number < 0)))[cells]
     order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
     return order, np.argsort(rank[order], axis=1, kind="stable")
@@ -298,7 +305,7 @@ def elimination_order(
 def cell_places(
     kinds: Sequence[IndexArray], nodes: Nodes, local: IndexArray, layout: Plan
 ) -> tuple[list[CellPlaces], Pairs]:
-    """Places of the blocks of kinds of cells (m, a) in elimination order, and room for the kept ones."""
+    """Return the places of the blocks of kinds of cells (m, a) in elimination order, and the stored pairs."""
     result, beside, regions = [], [np.zeros((0, 5), np.int64)], [np.zeros((0, 3), np.int64)]
     height = 0
     for cells in kinds:

@@ -1,4 +1,4 @@
-"""The cells of a model for the compiled step, by kernels of their own or added pair by pair of nodes."""
+"""Cells of a model for the compiled step, with their own kernels or assembled pair by pair of nodes."""
 
 from __future__ import annotations
 
@@ -76,20 +76,20 @@ _NOTHING = np.zeros((0, 1, 3, 3))
 
 
 class PairedCells:
-    """See the module.
+    """Cells of several groups, assembled pair by pair of nodes or by a kernel of their own.
 
     Args:
-        groups: Their groups, without cells that are rigid as a whole.
-        whole: All groups of the model, with them.
+        groups: Groups of the cells, without cells in a single rigid region.
+        whole: All groups of the model, with these cells.
         nodes: Places of the nodes in the step's arrays.
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
-        panels: Of the factor; `fill` adds to them.
+        panels: Panels of the factor; `fill` adds to them.
         surfaces: Nodes of faces that actuators press on, shapes (m, a).
         coupled: Nodes of cells whose mass is not lumped, shapes (m, a).
 
     Attributes:
-        pairs: What the kernels have to add of their blocks, see batches.
+        pairs: Stored blocks that the kernels have to add, see batches.
     """
 
     def __init__(
@@ -131,13 +131,13 @@ class PairedCells:
         self._places, self.pairs = cell_places(all_cells, nodes, local, layout)
         self._panels = panels
         self._no_forces = np.zeros((len(local), 3))
-        self._filled = np.zeros(1, np.bool_)  # whether the blocks hold anything; of all copies, as they are
+        self._filled = np.zeros(1, np.bool_)  # whether the blocks are not zero; shared by all copies
         self._fill_strain, self._fill_rods = OneSignature(fill_strain), OneSignature(fill_rods)
         self._press_faces = [OneSignature(press_faces) for _ in self._surfaces]
         self._add_all_blocks, self._count_folded = OneSignature(add_all_blocks), OneSignature(count_folded)
 
     def of_another_copy(self) -> PairedCells:
-        """The same cells for parameters of their own; the room to work in is this one's."""
+        """Return the same cells with parameters of their own; the buffers are shared."""
         other = copy(self)
         other._points = [None if each is None else own_values(each) for each in self._points]
         other._strain = [
@@ -150,7 +150,7 @@ class PairedCells:
         return bool(self._groups or self._surfaces or self._coupled)
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
-        """Take over the parameters of each body's law by name."""
+        """Set the parameters of each body's law by name."""
         for group, points, strain, rods in zip(
             self._groups, self._points, self._strain, self._rods, strict=True
         ):
@@ -172,20 +172,22 @@ class PairedCells:
         moved: Array | None = None,
         mean_share: float = 1.0,
     ) -> Array:
-        """Add to the panels at a state; returns the forces f - lag K v on the nodes in [N], shape (n, 3).
+        """Add the stiffness at a state to the panels.
 
-        Only blocks of free nodes go to the panels; what moving regions take `scatter` adds later. The forces
-        are for reading.
+        Return the forces f - lag K v on the nodes in [N], (n, 3).
+
+        Only blocks of free nodes go to the panels; `scatter` adds those of moving regions later. The forces
+        must not be modified.
 
         Args:
             state: Positions.
             materials: Parameters of each body's law by name.
             positive: See fem.cells.cell_stiffness.
-            scale: What the stiffness is multiplied by.
-            lag: In [s].
-            straining: The velocities v in [m/s], shape (n, 3); None: there are none, nor is anything held.
+            scale: Factor on the stiffness.
+            lag: Time lag in [s].
+            straining: Velocities v in [m/s], shape (n, 3); None: zero, and no viscoelastic stress is added.
             moved: See fem.cells.cell_stiffness.
-            mean_share: See there.
+            mean_share: See fem.cells.cell_stiffness.
         """
         x, kept = state.positions, self.pairs.blocks
         if self._filled[0]:
@@ -234,13 +236,15 @@ class PairedCells:
     def press(
         self, stiffness: Sequence[Array], velocities: Array, lag: float = 0.0, scale: float = 1.0
     ) -> Array:
-        """Add what actuators press on, after `fill`; returns the forces -lag K v in [N], shape (n, 3).
+        """Add the stiffness of pressed surfaces, after `fill`.
+
+        Return the forces -lag K v in [N], shape (n, 3).
 
         Args:
             stiffness: Of each surface, see ActuatorGroup.surface_stiffness.
-            velocities: In [m/s], shape (n, 3).
-            lag: In [s].
-            scale: What the stiffness is multiplied by.
+            velocities: Velocities in [m/s], shape (n, 3).
+            lag: Time lag in [s].
+            scale: Factor on the stiffness.
         """
         forces = np.zeros_like(velocities)
         self._filled[0] = True
@@ -259,13 +263,13 @@ class PairedCells:
             self._add(first + k, scale * of_cells[cells.taken][..., None, None] * np.eye(3))
 
     def _add(self, k: int, of_pairs: Array) -> None:
-        """Add blocks (m, a (a + 1) / 2, 3, 3) of the pairs of nodes of a group or surface to the matrix."""
+        """Add blocks (m, a (a + 1) / 2, 3, 3) of the node pairs of a group or surface to the matrix."""
         blocks = np.zeros((*of_pairs.shape[:3], 4))
         blocks[..., :3] = of_pairs
         self._add_all_blocks(blocks, self._places[k], self._panels, self.pairs.blocks)
 
     def folded(self, positions: Array) -> int:
-        """How many cells of more than four nodes are inside out at positions (n, 3)."""
+        """Count the cells of other than four nodes that are inverted at positions (n, 3)."""
         return sum(
             self._count_folded(positions, cells)
             for group, cells in zip(self._groups, self._batches, strict=True)
@@ -274,16 +278,16 @@ class PairedCells:
 
 
 class _Further:
-    """Faces that an actuator presses on, or cells whose mass is not lumped.
+    """Faces that an actuator presses on, or cells with a consistent mass matrix.
 
     Args:
-        faces: Their nodes, shape (m, a).
-        order: How they are eliminated, shape (m,).
-        inside: And then the nodes of each, shape (m, a).
+        faces: Nodes of the faces, shape (m, a).
+        order: Elimination order of the faces, shape (m,).
+        inside: Order of the nodes in each face of that order, shape (m, a).
 
     Attributes:
-        cells: Their nodes in that order.
-        taken: What of blocks (m, a, a, 3, 3) of the faces as given belongs to the pairs of `cells`.
+        cells: Nodes of the faces in that order.
+        taken: Index of the blocks (m, a, a, 3, 3) of the given faces that belong to the pairs of `cells`.
     """
 
     def __init__(self, faces: IndexArray, order: IndexArray, inside: IndexArray) -> None:
@@ -293,13 +297,13 @@ class _Further:
         self._given = faces, order, inside
 
     def pressed(self) -> PressedFaces:
-        """What the kernel needs of faces."""
+        """Return the arrays of pressed faces for the kernel."""
         faces, order, inside = (np.ascontiguousarray(each, dtype=np.int64) for each in self._given)
         return PressedFaces(faces, order, inside, np.zeros((len(faces), self.taken[1].shape[1], 3, 4)))
 
 
 class RelaxingCells:
-    """The cells of a group of a relaxing law that is compiled.
+    """Cells of a group with a compiled relaxing law.
 
     Args:
         group: The cells, at least one.
@@ -314,11 +318,11 @@ class RelaxingCells:
         self._tuned = np.zeros(0)
 
     def hold(self, p: Array, memory: Array, held: Array, h: float) -> None:
-        """Put what is held in a step of h [s]; see fem.prony.held_stress."""
+        """Write the stress H that is known in a step of h [s] into `held`; see fem.prony.held_stress."""
         self._hold(self._memory(p, memory, h), held)
 
     def remember(self, p: Array, memory: Array, positions: Array, h: float) -> None:
-        """See fem.prony.remember."""
+        """Advance the cells' memory in place after a step of h [s] to node positions (n, 3)."""
         if not np.array_equal(p, self._tuned):
             tune(self._cells, self._group, p, shear_alone=True)
             self._tuned = p
@@ -333,17 +337,16 @@ class RelaxingCells:
 
 
 COMPILED = (("tet4", "corotational"), ("tet4", "corotational_qr"))
-"""Elements and laws with kernels of their own: rotations by polar decomposition, and by frames."""
+"""Elements and laws with kernels of their own: rotations by polar decomposition, and by cell frames."""
 
 
 @kernel
 def assemble_cells(
     x: Array, scale: float, polar: int, frames: int, cells: Cells, nodes: Nodes, work: Work
 ) -> None:
-    """Forces of cells with kernels, and scale times their stiffness, into panels and reduced.
+    """Add the forces of cells with kernels, and `scale` times their stiffness, to panels and reduced.
 
-    PairedCells.fill has been there before: what it kept for the reduced coordinates is added, too.
-
+    PairedCells.fill must have run before: its stored blocks for the reduced coordinates are added, too.
     `polar` and `frames` are the tangents of the two kinds of Cells, see elements.FROZEN.
     """
     assemble_free(x, scale, polar, cells.polar_free, work)
@@ -354,20 +357,20 @@ def assemble_cells(
 
 
 class PlannedCells:
-    """All cells that deform, and where they go.
+    """All deforming cells of a model, with the places of their blocks.
 
     Args:
-        model: Whose cells.
-        groups: Its groups without cells that are rigid as a whole, see `deforming`.
+        model: The model.
+        groups: Its groups without cells in a single rigid region, see `deforming`.
         nodes: Places of the nodes in the step's arrays.
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
-        panels: Of the factor.
+        panels: Panels of the factor.
         surfaces: See PairedCells.
 
     Attributes:
-        arrays: For the kernels.
-        paired: The cells whose stiffness is added pair by pair.
+        arrays: Arrays for the kernels.
+        paired: Cells whose stiffness is added pair by pair.
     """
 
     def __init__(
@@ -407,7 +410,7 @@ class PlannedCells:
         return Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
 
     def of_another_copy(self) -> PlannedCells:
-        """The same cells for parameters of their own; the room to work in is this one's."""
+        """Return the same cells with parameters of their own; the buffers are shared."""
         other = copy(self)
         other._kernels = [
             (group, elements._replace(lame=np.zeros_like(elements.lame)), polar)
@@ -418,7 +421,7 @@ class PlannedCells:
         return other
 
     def tune(self, materials: Sequence[Mapping[str, float]]) -> None:
-        """Take over the parameters of each body's law by name."""
+        """Set the parameters of each body's law by name."""
         self.paired.tune(materials)
         for group, elements, _ in self._kernels:
             moduli = np.stack(lame(group.values(materials)), axis=1) * group.volumes[:, None]
@@ -427,7 +430,7 @@ class PlannedCells:
             elements.lame[:] = padded.reshape(-1, LANES, 2).swapaxes(1, 2)
 
     def von_mises(self, state: State, materials: Sequence[Mapping[str, float]], work: Work) -> Array:
-        """Von Mises stress of each cell in [Pa], shape (m,); cells of one rigid region have none."""
+        """Return the von Mises stress of each cell in [Pa], shape (m,); zero in a single rigid region."""
         result = np.zeros(self._count)
         for group, elements, polar in self._kernels:
             moduli = np.zeros((self._count, 2))
@@ -439,7 +442,7 @@ class PlannedCells:
 
 
 def deforming(model: Model) -> list[ElementGroup]:
-    """The groups of a model without cells that are rigid as a whole."""
+    """Return the groups of a model without cells in a single rigid region."""
     groups = []
     for group in model.groups:
         regions = model.region_of_node[group.cells]
@@ -451,7 +454,7 @@ def deforming(model: Model) -> list[ElementGroup]:
 def couplings(
     model: Model, groups: Sequence[ElementGroup], local: IndexArray
 ) -> tuple[IndexArray, IndexArray]:
-    """Pairs of coupled free nodes, and pairs (free node, reduced coordinate)."""
+    """Return pairs of coupled free nodes, and pairs (free node, reduced coordinate)."""
     pairs = np.concatenate([np.zeros((0, 2), np.int64), *(node_pairs(group.cells) for group in groups)])
     regions = model.region_of_node[pairs]
     edges = local[pairs[(regions == FREE).all(axis=1)]]
@@ -466,11 +469,11 @@ def couplings(
 def _elements(
     model: Model, group: ElementGroup, local: IndexArray, layout: Plan
 ) -> tuple[ElementGroup, Elements]:
-    """The cells of a group in elimination order, and their places in the panels."""
+    """Return the cells of a group in elimination order, and their places in the panels."""
     nodes = group.cells
     regions = model.region_of_node[nodes]
     count = len(layout.position)
-    places = np.append(layout.position, 0)[local[nodes]]  # held and region nodes have no place of their own
+    places = np.append(layout.position, 0)[local[nodes]]  # fixed and region nodes have no place
     rank = np.where(regions == FREE, places, np.where(regions >= 0, count, count + 1))
     order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
     group, nodes, regions, rank = group.part(order), nodes[order], regions[order], rank[order]
@@ -507,9 +510,9 @@ def assemble_tangent(
     motion: Motion, external: Array, spring: Array, tangent: int, kinematics: Kinematics, cells: Cells,
     nodes: Nodes, work: Work,
 ) -> None:  # fmt: skip
-    """The static tangent into panels and reduced, to what is there of paired cells.
+    """Add the static tangent to panels and reduced, beside the contribution of paired cells.
 
-    `external`: all loads but elastic ones (n, 3); `tangent`: elements.EXACT, or CLAMPED.
+    `external` are all loads but elastic ones (n, 3); `tangent` is elements.EXACT or CLAMPED.
     """
     x, first = motion.positions, 6 * len(motion.frame_positions)
     motion_subspace(motion, kinematics, work)
@@ -529,10 +532,11 @@ def assemble_tangent(
 
 @inlined
 def add_region_node(x: Array, z: int, spring: Array, joints: int, nodes: Nodes, work: Work) -> None:
-    """Soft fixing of region node z, and the change of its load's work as frames and joints turn it.
+    """Add the soft fixing of region node z, and the work of its load's rotation by frames and joints.
 
-    `joints`: the first reduced coordinate of joints. Of two joints, the outer one turns how the inner one
-    moves the node; of the six of a frame, which turn at once, half of both orders counts.
+    `joints` is the first reduced coordinate of joints. Of two joints, the outer one rotates the motion that
+    the inner one gives the node; the six coordinates of a frame rotate at once, so the mean of both orders
+    counts.
     """
     node = nodes.region[z]
     for q in range(nodes.size[z]):
@@ -550,7 +554,7 @@ def add_region_node(x: Array, z: int, spring: Array, joints: int, nodes: Nodes, 
 
 @inlined
 def turned_work(node: int, z: int, a: int, q: int, work: Work) -> float:
-    """F . (w x u) of region node z: its load, the turning of coordinate a, its motion by its q-th one."""
+    """Return f . (w x u) of region node z: load f, rotation w of coordinate a, motion u by the q-th one."""
     f, w, u = work.forces, work.angular, work.jacobian
     total = f[node, 0] * (w[a, 1] * u[z, q, 2] - w[a, 2] * u[z, q, 1])
     total += f[node, 1] * (w[a, 2] * u[z, q, 0] - w[a, 0] * u[z, q, 2])

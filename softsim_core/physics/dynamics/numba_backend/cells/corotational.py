@@ -1,24 +1,24 @@
-"""Compiled corotational elasticity: rotations of cells, their forces, and the stiffness that turning adds.
+"""Compiled corotational elasticity: rotations of cells, their forces, and the stiffness of rotation.
 
-The element blocks of the law `polar` are those with frozen rotation plus [h_a]x D [h_b]x, with
+The element blocks of the law `corotational` are those with frozen rotation plus [h_a]x D [h_b]x, with
 
     D = gamma M^-1 - mu I,    M = tr(S) I - S,    gamma = 2 mu - lambda tr(S - I).
 
-Of the Hessian dP/dF only the three modes that turn can be negative: their eigenvalues are minus twice those
-of D. The step takes the negative part of D, so that every element block is positive semidefinite.
+Of the Hessian dP/dF only the three rotational modes can be negative: their eigenvalues are minus twice those
+of D. The step uses the negative part of D, so that every element block is positive semidefinite.
 
 With E = S - I, rho = lambda / mu and t = gamma / mu = 2 - rho tr E, D = -mu N M^-1 with N = M - t I. In the
-deviator B = tr(E) / 3 I - E this is N = q I + B and M = (q + t) I + B with q = (2/3 + rho) tr E. The
-negative part of D keeps the positive eigenvalues n of N, as n / (n + t). Functions of B with its three
+deviator B = tr(E) / 3 I - E this is N = q I + B and M = (q + t) I + B with q = (2/3 + rho) tr E. The negative
+part of D retains the positive eigenvalues n of N, as n / (n + t). As functions of B with its three
 eigenvalues, D and its negative part are quadratic polynomials in B. Their coefficients follow from the
-characteristic polynomial b^3 - 3 p^2 b - det B, p^2 = B : B / 6: its signs count the positive n, and where
-there are one or two of them, the root that lies alone on its side of zero gives the projector. An error is
-tiny against mu, not against D.
+characteristic polynomial b^3 - 3 p^2 b - det B, p^2 = B : B / 6. Its signs count the positive n; where there
+are one or two of them, the root that is alone on its side of zero gives the projector. The error is tiny
+relative to mu, not relative to D.
 
 Source: Kim and Eberle 2022, Dynamic deformables (eigensystem of corotational energies); Smith 1961 (roots).
 
-In principal stretches theta = s1 + s2 + s3 - 3 and psi_i = 2 mu (s_i - 1) + p; of the tangent only the modes
-that turn can be negative: b_l = 2 mu - 2 gamma / (s_i + s_j), gamma = 2 mu - p.
+In principal stretches theta = s1 + s2 + s3 - 3 and psi_i = 2 mu (s_i - 1) + p; of the tangent only the
+rotational modes can be negative: b_l = 2 mu - 2 gamma / (s_i + s_j), gamma = 2 mu - p.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ from softsim_core.physics.linalg import intrinsic
 
 @kernel
 def rotate_lanes(lanes: int, deformation: Array, rotations: Array) -> None:
-    """Rotations (9, LANES) of deformation gradients (9, LANES), where the lane's bit is set in `lanes`."""
+    """Compute rotations of deformation gradients, each (9, LANES), for the lanes set in the bits `lanes`."""
     f, r = np.empty((3, 3)), np.empty((3, 3))
     for lane in range(deformation.shape[1]):
         if (lanes >> lane) & 1:
@@ -74,7 +74,7 @@ def rotate_lanes(lanes: int, deformation: Array, rotations: Array) -> None:
 
 @kernel
 def nearest_rotation(f: Array, r: Array) -> None:
-    """Nearest proper rotation r (3, 3) to f (3, 3), in the Frobenius norm.
+    """Compute the proper rotation r (3, 3) nearest to f (3, 3) in the Frobenius norm.
 
     Source: Markley 1993. With the nuclear-like norm k = s1 + s2 + sign(det) s3 the largest root of
     (k^2 - |f|^2)^2 - 8 k det f - 4 |adj f|^2 = 0, found by Newton from above:
@@ -132,7 +132,7 @@ def nearest_rotation(f: Array, r: Array) -> None:
 
 @kernel
 def _frame_of_columns(f: Array, r: Array) -> None:
-    """A proper rotation from the columns of f by Gram and Schmidt, whatever is degenerate."""
+    """Compute a proper rotation from the columns of f by Gram-Schmidt, even if they are degenerate."""
     for j in range(2):
         for i in range(3):
             r[i, j] = f[i, j]
@@ -162,26 +162,26 @@ def _frame_of_columns(f: Array, r: Array) -> None:
 
 
 SMALLEST = 1e-9
-"""Relative gap of eigenvalues, or stretch, below which a denominator is kept from vanishing."""
+"""Smallest relative gap of eigenvalues, or stretch, in a denominator."""
 
 
 def _largest_root(u: Any) -> Any:
-    """Y in [1/2, 1] with 4 y^3 - 3 y = 2 s^2 - 1, s = (u + 1) / 2 in [0, 1]."""
+    """Return y in [1/2, 1] with 4 y^3 - 3 y = 2 s^2 - 1, s = (u + 1) / 2 in [0, 1]."""
     return np.asarray(np.cos(2.0 / 3.0 * np.arccos(np.clip(0.5 * (u + 1.0), 0.0, 1.0))))
 
 
 ROOT = chebyshev.cheb2poly(chebyshev.chebinterpolate(_largest_root, 14)).tolist()
-"""Coefficients of a polynomial in u that is `_largest_root` on [-1, 1] within 5e-14."""
+"""Coefficients of a polynomial in u that equals `_largest_root` on [-1, 1] within 5e-14."""
 
 
 def twist_stiffness(strain: Matrix, lam: Lanes, mu: Lanes, exact: Any) -> Matrix:
-    """D, or its negative part.
+    """Return D, or its negative part.
 
     Args:
         strain: E, symmetric.
         lam: First Lame parameter times volume; zero in lanes without an element.
-        mu: Second one times volume.
-        exact: Whether D itself is wanted, one bit for all lanes.
+        mu: Second Lame parameter times volume.
+        exact: Whether to return D itself, one bit for all lanes.
     """
     rho = lam / mu.at_least(1e-300)
     trace = strain[0][0] + strain[1][1] + strain[2][2]
@@ -195,14 +195,14 @@ def twist_stiffness(strain: Matrix, lam: Lanes, mu: Lanes, exact: Any) -> Matrix
 
 
 def _product(b: Matrix, i: int, j: int) -> Lanes:
-    """Entry of B B."""
+    """Return an entry of B B."""
     return b[i][0] * b[0][j] + b[i][1] * b[1][j] + b[i][2] * b[2][j]
 
 
 def _coefficients(
     b: Matrix, square: Matrix, rho: Lanes, trace: Lanes, exact: Any
 ) -> tuple[Lanes, Lanes, Lanes]:
-    """C with -D / mu, or its positive part, c0 I + c1 B + c2 B^2."""
+    """Return c0, c1, c2 such that -D / mu, or its positive part, is c0 I + c1 B + c2 B^2."""
     v = rho.v
     p2 = ((square[0][0] + square[1][1] + square[2][2]) * (1.0 / 6.0)).at_least(1e-60)
     p, p3 = p2.root(), p2 * 3.0
@@ -257,7 +257,7 @@ def _coefficients(
 
 
 def _polynomial(u: Lanes) -> Lanes:
-    """`_largest_root` of u, the coefficients in pairs: fewer operations wait for another."""
+    """Evaluate `_largest_root` at u with coefficients in pairs, which shortens the chain of dependencies."""
     level: list[Lanes] = []
     for place in range(0, len(ROOT), 2):
         low = ROOT[place]
@@ -273,28 +273,28 @@ def _polynomial(u: Lanes) -> Lanes:
 
 
 def _all(v: Any) -> Any:
-    """A mask that holds everywhere."""
+    """Return a mask that is true in all lanes."""
     return ir.Constant(ir.VectorType(ir.IntType(1), v.type.count), [1] * v.type.count)
 
 
 def _not(v: Any, mask: Any) -> Any:
-    """The other lanes."""
+    """Return the complement of a mask."""
     return v.builder.xor(mask, _all(v))
 
 
 def corotational_moduli(law: Corotational, p: Array) -> Array:
-    """Mu in [Pa], shape (m, 1)."""
+    """Return mu in [Pa], shape (m, 1)."""
     return np.asarray(lame(p)[1][:, None])
 
 
 def _rotation(u: Matrix, v: Matrix) -> Matrix:
-    """U V^T of columns."""
+    """Return U V^T of columns."""
     return [[u[0][i] * v[0][j] + u[1][i] * v[1][j] + u[2][i] * v[2][j] for j in range(3)] for i in range(3)]
 
 
 @intrinsic
 def put_rotation(typing: Any, points: Any, row: Any) -> Any:
-    """Rows 18 to 30 of a point from its stretches; row 28 is that of the present deformation."""
+    """Write rows 18 to 30 of a point from its stretches; row 28 is that of the present deformation."""
     signature = types.void(points, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -314,7 +314,7 @@ def put_rotation(typing: Any, points: Any, row: Any) -> Any:
 
 @intrinsic
 def put_found(typing: Any, points: Any, row: Any, moved: Any, place: Any) -> Any:
-    """Row 28 of a point; `moved`: gradient of what the last solve moved, nine rows from `place` on."""
+    """Write row 28 of a point; `moved` has the gradient of the last solve's displacement from `place` on."""
     signature = types.void(points, types.int64, moved, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -331,7 +331,7 @@ def put_found(typing: Any, points: Any, row: Any, moved: Any, place: Any) -> Any
 
 @intrinsic
 def put_corotational(typing: Any, points: Any, row: Any, moduli: Any, place: Any, positive: Any) -> Any:
-    """Psi, h, a and b of a point; moduli: a_p, one more, and mu in rows from `place` on."""
+    """Write psi, h, a and b of a point; `moduli` has a_p, one more, and mu in rows from `place` on."""
     signature = types.void(points, types.int64, moduli, types.int64, types.boolean)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -358,13 +358,13 @@ def put_corotational(typing: Any, points: Any, row: Any, moduli: Any, place: Any
 
 
 def _choose(b: Batch, which: Any, one: Lanes, other: Lanes) -> Lanes:
-    """The one if the bit holds, else the other, in all lanes."""
+    """Return one register where the bit is set, else the other, in all lanes."""
     return Lanes(b.v, b.builder.select(which, one.value, other.value))
 
 
 @kernel
 def corotational_points(batch: int, given: Given, cells: PointCells) -> None:
-    """Stress and tangent of all points of a batch."""
+    """Compute stress and tangent at all points of a batch."""
     points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
     count, place = len(weights) // batches, batch * (len(moduli) // batches)
@@ -390,7 +390,7 @@ def fill_corotational(given: Given, cells: PointCells, into: Into) -> None:
 
 @kernel
 def remember_corotational(given: Given, cells: PointCells, memory: Memory) -> None:
-    """Take over in the memory of all cells what a step has done."""
+    """Advance the memory of all cells after a step."""
     for batch in range(len(cells.cells.nodes)):
         corotational_points(batch, given, cells)
         remember(batch, cells, memory)

@@ -1,11 +1,11 @@
-"""Compiled assembly of linear tetrahedra: forces, and stiffness straight into the factor's panels.
+"""Compiled assembly of linear tetrahedra: forces, and stiffness directly into the factor's panels.
 
 Arrays of a batch are laid out lane by lane: gradients (batches, 12, LANES), nodes (batches, 4, LANES). The
-formulas stand in ordinary arithmetic on `Lanes`; they are those of fem.corotational.
+formulas are written in ordinary arithmetic on `Lanes`; they are those of fem.materials.corotational.
 
-The loops over elements work on the arrays themselves, taken out of their groups before: of a group that is
-handed to a part of a loop every array is counted as a reference in every turn, which takes as long as the
-work.
+The loops over elements work on arrays that are taken out of their tuples before. If a tuple were passed
+inside the loop, Numba would count references to each of its arrays in every iteration, which takes as long as
+the work.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from softsim_core.physics.fem.materials import FLAT
 from softsim_core.physics.linalg import LANES, Vectors, add_block, intrinsic
 
 HALLEY_STEPS = 3
-"""Steps to the root in the polar rotation of a batch; each triples the digits."""
+"""Number of Halley steps to the root in the polar rotation of a batch; each triples the digits."""
 
 LAST_STEP = 1e-6
-"""A lane whose last step was larger, against the root, is left to the scalar kernel."""
+"""A lane with a larger last step, relative to the root, is recomputed by the scalar kernel."""
 
 
 @intrinsic
 def frame_rotations(typing: Any, x: Any, corners: Any, batch: Any, rotations: Any) -> Any:
-    """Rotations (9, LANES) of a batch by the frames of three corners (law `qr`)."""
+    """Compute rotations (9, LANES) of a batch from the frames of three corners (law `corotational_qr`)."""
     signature = types.void(x, corners, types.int64, rotations)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -67,9 +67,9 @@ def frame_rotations(typing: Any, x: Any, corners: Any, batch: Any, rotations: An
 def polar_rotations(
     typing: Any, x: Any, nodes: Any, gradients: Any, batch: Any, deformation: Any, rotations: Any
 ) -> Any:
-    """Deformation gradients (9, LANES) and nearest rotations (9, LANES) of a batch (law `polar`).
+    """Compute deformation gradients and nearest rotations of a batch, each (9, LANES) (law `corotational`).
 
-    Returns the lanes, one bit each, that are left to the scalar kernel: the root was not found, or the
+    Return the lanes, one bit each, that are left to the scalar kernel: the root was not found, or the
     rotation is nearly undefined. Source: Markley 1993, see corotational.nearest_rotation; here by Halley's
     method.
     """
@@ -125,12 +125,12 @@ def polar_rotations(
 
 
 def strain(w: Matrix) -> Matrix:
-    """sym(w) - I."""
+    """Return sym(w) - I."""
     return [[w[i][i] - 1.0 if i == j else (w[i][j] + w[j][i]) * 0.5 for j in range(3)] for i in range(3)]
 
 
 def stress(w: Matrix, lam: Lanes, mu: Lanes) -> Matrix:
-    """Lam tr(E) I + 2 mu E with E = sym(w) - I."""
+    """Return lam tr(E) I + 2 mu E with E = sym(w) - I."""
     normal = [w[i][i] - 1.0 for i in range(3)]
     pressure = lam * (normal[0] + normal[1] + normal[2])
     double = mu * 2.0
@@ -141,7 +141,10 @@ def stress(w: Matrix, lam: Lanes, mu: Lanes) -> Matrix:
 
 
 def put_blocks(b: Batch, out: Any, h: list[Triple], lam: Lanes, mu: Lanes, twist: Matrix | None) -> None:
-    """K_ab = lam h_a h_b^T + mu h_b h_a^T + mu (h_a . h_b) I + [h_a]x D [h_b]x, a <= b, D the twist."""
+    """Write K_ab for a <= b, with the twist D.
+
+    K_ab = lam h_a h_b^T + mu h_b h_a^T + mu (h_a . h_b) I + [h_a]x D [h_b]x
+    """
     pair = [[4 * a - a * (a - 1) // 2 + n - a for n in range(4)] for a in range(4)]
     for n in range(4):
         lam_h, mu_h = [lam * each for each in h[n]], [mu * each for each in h[n]]
@@ -161,7 +164,7 @@ def put_blocks(b: Batch, out: Any, h: list[Triple], lam: Lanes, mu: Lanes, twist
 
 
 def _batch(frozen: bool) -> Any:
-    """Intrinsic that computes forces and stiffness of a batch, with frozen rotations or with turning ones."""
+    """Return an intrinsic for the forces and stiffness of a batch, with frozen or with turning rotations."""
 
     @intrinsic
     def batch(
@@ -227,7 +230,7 @@ turning_batch = _batch(frozen=False)
 
 @intrinsic
 def add_element(typing: Any, panels: Any, starts: Any, strides: Any, e: Any, blocks: Any, lane: Any) -> Any:
-    """Add the ten blocks of element e, all of whose nodes are free, to the panels; see layout.Elements."""
+    """Add the ten blocks of element e, whose nodes are all free, to the panels; see layout.Elements."""
     signature = types.void(panels, starts, strides, types.int64, blocks, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -253,9 +256,11 @@ def add_element(typing: Any, panels: Any, starts: Any, strides: Any, e: Any, blo
 
 
 FROZEN, CLAMPED, EXACT = (cast(int, np.int64(tangent)) for tangent in range(3))
-"""Stiffness of an element: of the law `qr` with its rotation frozen; of the law `polar` with negative
-eigenvalues taken as zero, for a step; and its derivative as it is, for an equilibrium. Of one integer type:
-for each literal, Numba would compile all kernels that take it once more."""
+"""Tangents of an element: of `corotational_qr` with its rotation frozen; of `corotational` with negative
+eigenvalues set to zero, for a step; of `corotational` unchanged, for an equilibrium.
+
+They have one integer type, because Numba would compile all kernels once more for each literal.
+"""
 
 ROW = 4 * LANES
 """Numbers in a row of a batch's blocks, all lanes together."""
@@ -263,7 +268,7 @@ ROW = 4 * LANES
 
 @kernel
 def assemble_free(x: Array, scale: float, tangent: int, elements: Elements, work: Work) -> None:
-    """Elements whose four nodes are free: forces at work.ahead, and scale times the stiffness at x."""
+    """Add elements with four free nodes: forces at work.ahead, and `scale` times the stiffness at x."""
     corners, ids, gradients, lame = elements.corners, elements.nodes, elements.gradients, elements.lame
     starts, strides, panels = elements.starts, elements.strides, work.factor.panels
     deformation, rotations, blocks = work.deformation, work.rotations, work.blocks
@@ -291,7 +296,7 @@ def assemble_free(x: Array, scale: float, tangent: int, elements: Elements, work
 def assemble_mixed(
     x: Array, scale: float, tangent: int, elements: Elements, nodes: Nodes, work: Work
 ) -> None:
-    """Elements with nodes in rigid regions: the part of these nodes goes to the reduced coordinates."""
+    """Add elements with nodes in rigid regions; the part of these nodes goes to the reduced coordinates."""
     corners, ids, gradients, lame = elements.corners, elements.nodes, elements.gradients, elements.lame
     starts, strides, panels, counts = elements.starts, elements.strides, work.factor.panels, elements.counts
     deformation, rotations, k = work.deformation, work.rotations, work.blocks
@@ -364,7 +369,7 @@ def assemble_mixed(
 
 @kernel
 def assemble_nodes(v: Array, h: float, rayleigh_mass: float, nodes: Nodes, work: Work) -> None:
-    """Masses, soft fixings, right-hand side; work.forces holds all node forces but mass damping."""
+    """Add masses, soft fixings and right-hand side; work.forces has all node forces but mass damping."""
     impulse = np.empty(3)
     for f in range(len(nodes.free)):
         node, place, stride = nodes.free[f], nodes.row[f], nodes.stride[f]
@@ -393,9 +398,9 @@ def assemble_nodes(v: Array, h: float, rayleigh_mass: float, nodes: Nodes, work:
 def von_mises_stress(
     x: Array, polar: bool, elements: Elements, ids: IndexArray, moduli: Array, work: Work, result: Array
 ) -> None:
-    """Von Mises stress in [Pa] of elements with the numbers `ids` (e,), into `result` (m,).
+    """Write the von Mises stress in [Pa] of elements with the numbers `ids` (e,) into `result` (m,).
 
-    `moduli` (m, 2): Lame parameters in [Pa] by element number.
+    `moduli` (m, 2) are the Lame parameters in [Pa] by element number.
     """
     w, cauchy, f = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     for batch in range(len(elements.nodes)):

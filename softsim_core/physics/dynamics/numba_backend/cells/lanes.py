@@ -1,23 +1,23 @@
-"""Vector registers with the arithmetic of numbers; stress, tangent and principal stretches at points in them.
+"""Vector registers with arithmetic operators; stress, tangent and principal stretches at points in them.
 
-Arrays are rows of LANES numbers, one cell in each lane. What belongs to a point stands in POINT_ROWS rows:
+Arrays are rows of LANES numbers, one cell in each lane. The data of a point are in POINT_ROWS rows:
 
-    0 F, 9 gradient of the velocities, 18 slope of theta by F (each 3 x 3), 27 theta, 28 the same as the last
-    solve had it, 29 its rate, 30 stress (3 x 3), 39 tangent (the upper triangle of 9 x 9, ij before kl),
-    84 pressure at 27, 85 that at 28, from 86 on what a law needs
+    0 F, 9 gradient of the velocities, 18 slope of theta by F (each 3 x 3), 27 theta, 28 theta as the last
+    solve found it, 29 its rate, 30 stress (3 x 3), 39 tangent (the upper triangle of 9 x 9, ij before kl),
+    84 pressure at 27, 85 that at 28, from 86 on data of the law
 
-Stress and tangent are times the weight of the point.
+Stress and tangent are multiplied by the weight of the point.
 
 With F = U diag(s) V^T, both proper rotations and only the smallest stretch negative where det F is, an
 isotropic law has P = U diag(psi) V^T, psi the derivatives of its energy by s. Its tangent has three modes
-u_i v_i^T that stretch, coupled by the second derivatives h, and for each pair of axes i, j beside a third one
-l two modes of their own:
+u_i v_i^T that stretch, coupled by the second derivatives h, and for each pair of axes i, j, with the third
+axis l, two further modes:
 
     u_i v_j^T + u_j v_i^T  with  a_l = (psi_i - psi_j) / (s_i - s_j),
     u_i v_j^T - u_j v_i^T  with  b_l = (psi_i + psi_j) / (s_i + s_j)
 
-Such a law takes further rows of a point: 86 U, 95 V, 104 s, 107 psi, 110 h (11, 12, 13, 22, 23, 33),
-116 a, 119 b.
+Such a law uses further rows of a point: 86 U, 95 V, 104 s, 107 psi, 110 h (11, 12, 13, 22, 23, 33), 116 a,
+119 b.
 
 Sources: Hestenes 1958 (one-sided rotations); Kim and Eberle 2022, Dynamic deformables (modes).
 """
@@ -57,31 +57,31 @@ class Lanes:
         return Lanes(self.v, self.v.builder.fdiv(self.value, other.value))
 
     def root(self) -> Lanes:
-        """Square root."""
+        """Return the square root."""
         return Lanes(self.v, self.v.root(self.value))
 
     def below(self, other: Lanes | float) -> Any:
-        """Mask: less than `other`, or not a number."""
+        """Return the mask of lanes that are less than `other`, or NaN."""
         return self.v.less(self.value, self._other(other))
 
     def at_least(self, floor: Lanes | float) -> Lanes:
-        """The larger of this and `floor`, which also replaces what is not a number."""
+        """Return the larger of this and `floor`, which also replaces NaN."""
         return self.where(self.below(floor), floor)
 
     def size(self) -> Lanes:
-        """The absolute value."""
+        """Return the absolute value."""
         return self.where(self.below(0.0), self * -1.0)
 
     def equals(self, other: Lanes | float) -> Any:
-        """Mask: the same number as `other`."""
+        """Return the mask of lanes that equal `other`."""
         return self.v.builder.fcmp_ordered("==", self.value, self._other(other))
 
     def positive(self) -> Lanes:
-        """This, or 0 where it is negative; what is not a number stays."""
+        """Return this, or 0 where it is negative; NaN stays NaN."""
         return self.where(self.v.builder.fcmp_ordered("<", self.value, self._other(0.0)), 0.0)
 
     def where(self, mask: Any, other: Lanes | float) -> Lanes:
-        """`other` where the mask holds, else this."""
+        """Return `other` where the mask is set, else this."""
         return Lanes(self.v, self.v.select(mask, self._other(other), self.value))
 
 
@@ -90,82 +90,82 @@ Matrix = list[list[Lanes]]
 
 
 def dot(a: Triple, b: Triple) -> Lanes:
-    """Scalar product."""
+    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Triple, b: Triple) -> Triple:
-    """Vector product."""
+    """Return the vector product."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def unit(a: Triple) -> Triple:
-    """The direction of a."""
+    """Return the direction of a."""
     length = dot(a, a).root()
     return [component / length for component in a]
 
 
 def difference(a: Triple, b: Triple) -> Triple:
-    """Componentwise a - b."""
+    """Return a - b componentwise."""
     return [p - q for p, q in zip(a, b, strict=True)]
 
 
 def times(a: Matrix, b: Triple) -> Triple:
-    """Matrix times vector."""
+    """Return matrix times vector."""
     return [dot(row, b) for row in a]
 
 
 def cofactors(f: Matrix) -> Matrix:
-    """Cof F."""
+    """Return the cofactors of F."""
     return [cross(f[1], f[2]), cross(f[2], f[0]), cross(f[0], f[1])]
 
 
 def contraction(a: Matrix, b: Matrix) -> Lanes:
-    """A : B."""
+    """Return A : B."""
     return dot(a[0], b[0]) + dot(a[1], b[1]) + dot(a[2], b[2])
 
 
 class Batch:
-    """Gathers and scatters of one batch inside an intrinsic."""
+    """Loads, stores, gathers and scatters of one batch inside an intrinsic."""
 
     def __init__(self, context: Any, builder: Any) -> None:
         self.v = Vectors(context, builder, LANES)
         self.builder = builder
 
     def row(self, base: Any, index: Any) -> Lanes:
-        """Row `index` of LANES numbers behind `base`."""
+        """Return row `index` of LANES numbers from `base` on."""
         return Lanes(self.v, self.v.load(self.v.at(base, index)))
 
     def rows(self, base: Any, start: Any, count: int) -> list[Lanes]:
-        """`count` rows of LANES numbers from number `start` on."""
+        """Return `count` rows of LANES numbers from number `start` on."""
         integer = start.type
         return [self.row(base, self.builder.add(start, integer(LANES * i))) for i in range(count)]
 
     def put(self, base: Any, row: int, lanes: Lanes) -> None:
-        """Write row `row` of LANES numbers behind `base`."""
+        """Write row `row` of LANES numbers from `base` on."""
         self.v.store(lanes.value, self.v.at(base, ir.IntType(64)(LANES * row)))
 
     def start(self, array_type: Any, array: Any, row: Any) -> Any:
-        """Address of row `row` of an array of rows of LANES numbers."""
+        """Return the address of row `row` of an array of rows of LANES numbers."""
         return self.v.at(self.v.data(array_type, array), self.builder.mul(row, row.type(LANES)))
 
     def load(self, base: Any, count: int, first: int = 0) -> list[Lanes]:
-        """`count` rows of LANES numbers behind `base`, from row `first` on."""
+        """Return `count` rows of LANES numbers from `base` on, starting with row `first`."""
         return self.rows(base, ir.IntType(64)(LANES * first), count)
 
     def load_matrix(self, base: Any, first: int = 0) -> Matrix:
-        """Nine rows behind `base`, from row `first` on, as a matrix."""
+        """Return nine rows from `base` on, starting with row `first`, as a matrix."""
         rows = self.load(base, 9, first)
         return [rows[3 * i : 3 * i + 3] for i in range(3)]
 
     def put_matrix(self, base: Any, first: int, matrix: Matrix) -> None:
-        """Write a matrix to nine rows behind `base`, from row `first` on."""
+        """Write a matrix to nine rows from `base` on, starting with row `first`."""
         for i in range(3):
             for j in range(3):
                 self.put(base, first + 3 * i + j, matrix[i][j])
 
     def nodes(self, base: Any, start: Any) -> list[list[Any]]:
-        """Numbers of the four nodes of every lane."""
+        """Return the numbers of the four nodes of every lane."""
         integer = start.type
         return [
             [
@@ -176,7 +176,7 @@ class Batch:
         ]
 
     def gather(self, base: Any, nodes: list[Any]) -> Triple:
-        """Rows `nodes` of an array (n, 3), one node a lane; nothing behind the array is read."""
+        """Return rows `nodes` of an array (n, 3), one node per lane, without reading beyond the array."""
         quad, bits = ir.VectorType(ir.DoubleType(), 4), ir.VectorType(ir.IntType(1), 4)
         pointer = quad.as_pointer()
         kind = ir.FunctionType(quad, [pointer, ir.IntType(32), bits, quad])
@@ -187,7 +187,7 @@ class Batch:
             at = self.v.at(base, self.builder.mul(node, node.type(3)))
             at = self.builder.bitcast(at, pointer)
             rows.append(self.builder.call(load, [at, ir.IntType(32)(8), three, undefined]))
-        parts: list[list[Any]] = []  # of four lanes each: (x0 .. x3, y0 .. y3) and (z0 .. z3, anything)
+        parts: list[list[Any]] = []  # four lanes each: (x0 .. x3, y0 .. y3) and (z0 .. z3, undefined)
         for lane in range(0, LANES, 4):
             pairs = [self.v.shuffle(rows[lane + i], rows[lane + i + 1], list(range(8))) for i in (0, 2)]
             parts.append([])
@@ -201,7 +201,7 @@ class Batch:
         return result
 
     def rows_of(self, triple: Triple) -> list[Any]:
-        """Pieces of two lanes (of one vector each) with a row (a, b, c, 0) of every lane."""
+        """Return pieces of two lanes (of one vector each) with a row (a, b, c, 0) for every lane."""
         half = LANES // 2
         low = [lane + LANES * side for lane in range(half) for side in (0, 1)]
         high = [lane + LANES * side for lane in range(half, LANES) for side in (0, 1)]
@@ -214,7 +214,7 @@ class Batch:
         return pieces
 
     def put_rows(self, base: Any, start: int, triple: Triple) -> None:
-        """Write a row (a, b, c, 0) of every lane, one behind the other from number `start` on."""
+        """Write a row (a, b, c, 0) for every lane, one after the other from number `start` on."""
         for piece, rows in enumerate(self.rows_of(triple)):
             self.v.store(rows, self.v.at(base, ir.IntType(64)(start + LANES * piece)))
 
@@ -233,18 +233,21 @@ class Batch:
 cgutils: Any = numba_cgutils
 
 POINT_ROWS = 128
-"""Rows of a point, see the module."""
+"""Number of rows of a point, see the module."""
 
 LEFT_ROWS = 27
-"""Rows of a pair's first node at a point: sum over J of g_J times the tangent (i J)(k l)."""
+"""Number of rows of a pair's first node at a point: sum over J of g_J times the tangent (i J)(k l)."""
 
 UPPER = [[min(a, b) * 9 - min(a, b) * (min(a, b) - 1) // 2 + abs(a - b) for b in range(9)] for a in range(9)]
-"""Which row of the upper triangle is that of a and b."""
+"""Row of the upper triangle for a and b."""
 
 
 @intrinsic
 def put_cofactors(typing: Any, points: Any, row: Any, moved: Any, place: Any) -> Any:
-    """Rows 18 to 30 of theta = det F - 1; `moved`: gradient of what the last solve moved, nine rows."""
+    """Write rows 18 to 30 for theta = det F - 1.
+
+    `moved` has the gradient of the last solve's displacement.
+    """
     signature = types.void(points, types.int64, moved, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -268,10 +271,10 @@ def put_cofactors(typing: Any, points: Any, row: Any, moved: Any, place: Any) ->
 def put_answer(
     typing: Any, points: Any, row: Any, held: Any, place: Any, weights: Any, weight: Any, bulk: Any, lag: Any
 ) -> Any:
-    """Add to stress and tangent of a point what is held there, and to the stress what answers velocities.
+    """Add the viscoelastic stress H to stress and tangent of a point, and the response to velocities.
 
-    held: six rows from `place` on, H of fem.prony as its upper triangle; weights: row `weight` is that of the
-    point; bulk: one row, the change of pressure by that of the mean volume; lag: in [s].
+    `held` has six rows from `place` on, H of fem.prony as its upper triangle. Row `weight` of `weights` is
+    that of the point. `bulk` is one row, the change of pressure by that of the mean volume. `lag` is in [s].
     """
     real, integer = types.float64, types.int64
     signature = types.void(points, integer, held, integer, weights, integer, bulk, real)
@@ -309,9 +312,9 @@ def put_node(
     typing: Any, points: Any, point: Any, gradients: Any, place: Any, weights: Any, weight: Any, node: Any,
     volumes: Any, forces: Any,
 ) -> Any:  # fmt: skip
-    """What a point gives a node: w theta' g to its volumes, - P g to its forces.
+    """Add a point's contribution to a node: w theta' g to its volumes, -P g to its forces.
 
-    The gradient is in rows `place` of `gradients`; volumes and forces: rows 3 node + i.
+    The gradient is in rows `place` of `gradients`; volumes and forces are in rows 3 node + i.
     """
     integer = types.int64
     signature = types.void(points, integer, gradients, integer, weights, integer, integer, volumes, forces)
@@ -337,7 +340,10 @@ def put_node(
 def put_left(
     typing: Any, points: Any, point: Any, gradients: Any, place: Any, scale: Any, out: Any, row: Any
 ) -> Any:
-    """LEFT_ROWS rows of `out` from `row` on, of the node whose gradient is in rows `place`, times `scale`."""
+    """Write LEFT_ROWS rows of `out` from `row` on for one node at a point, times `scale`.
+
+    The node's gradient is in rows `place` of `gradients`.
+    """
     integer = types.int64
     signature = types.void(points, integer, gradients, integer, types.float64, out, integer)
 
@@ -360,10 +366,11 @@ def put_block(
     typing: Any, left: Any, gradients: Any, place: Any, points: Any, volumes: Any, first: Any, second: Any,
     bulk: Any, out: Any, pair: Any,
 ) -> Any:  # fmt: skip
-    """The block of nodes `first` and `second`, in rows (i, 4) of every lane from row 3 pair of `out` on.
+    """Write the block of nodes `first` and `second` to rows (i, 4) of every lane from row 3 pair of `out` on.
 
-    left: LEFT_ROWS a point, of `points` points; gradients: those of the second node, three rows a point from
-    `place` on; volumes: rows 3 n + i of node n; bulk: one row, what the product of two of them is worth.
+    `left` has LEFT_ROWS rows per point, for `points` points. `gradients` has those of the second node, three
+    rows per point from `place` on. `volumes` has rows 3 n + i of node n. `bulk` is one row, the factor on the
+    product of two volumes.
     """
     integer = types.int64
     signature = types.void(left, gradients, integer, integer, volumes, integer, integer, bulk, out, integer)
@@ -394,31 +401,34 @@ def put_block(
 
 
 def put_tangent(b: Batch, point: Any, entry: Any) -> None:
-    """Write the tangent of a point, entry(a, b) for each row of its upper triangle."""
+    """Write the tangent of a point: entry(a, b) for each row of its upper triangle."""
     for first in range(9):
         for second in range(first, 9):
             b.put(point, 39 + UPPER[first][second], entry(first, second))
 
 
 def flat(matrix: Matrix) -> list[Lanes]:
-    """The nine entries, row by row."""
+    """Return the nine entries, row by row."""
     return [each for line in matrix for each in line]
 
 
 SWEEPS = 8
-"""Over all pairs of columns, at most; most matrices take four."""
+"""Largest number of sweeps over all pairs of columns; most matrices need four."""
 
 CLEAN = 1e-28
-"""Squared cosine between columns, from which on a sweep was the last one."""
+"""Squared cosine between columns below which no further sweep is needed."""
 
 HESSIAN = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
-"""Rows of h."""
+"""Row of h for each pair of stretches."""
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
 def tangent_of_half(difference: Lanes, off: Lanes) -> tuple[Lanes, Lanes]:
-    """Tangent and cosine of the smaller angle that makes two diagonal entries beside `off` diagonal."""
+    """Return tangent and cosine of the smaller rotation that makes a symmetric 2 x 2 matrix diagonal.
+
+    `difference` is that of its diagonal entries, `off` its other entry.
+    """
     sign = (difference * 0.0 + 1.0).where(difference.below(0.0), -1.0)
     long = (difference * difference + off * off * 4.0).root() + difference.size()
     tangent = off * sign * 2.0 / long.at_least(1e-300)
@@ -427,7 +437,7 @@ def tangent_of_half(difference: Lanes, off: Lanes) -> tuple[Lanes, Lanes]:
 
 
 def signed_stretches(b: Batch, f: Matrix) -> tuple[Matrix, Triple, Matrix]:
-    """Columns of U, s, and columns of V of F; see the module."""
+    """Return the columns of U, s, and the columns of V of F; see the module."""
     builder, number = b.builder, ir.IntType(LANES)
     none = ir.Constant(b.v.type, [0.0] * LANES)
     one = ir.Constant(b.v.type, [1.0] * LANES)
@@ -464,10 +474,10 @@ def signed_stretches(b: Batch, f: Matrix) -> tuple[Matrix, Triple, Matrix]:
 
 
 def _ordered(c: Matrix, v: Matrix) -> tuple[Matrix, Triple, Matrix]:
-    """U, s and V of orthogonal columns c = F V, the shortest of which takes the sign."""
+    """Return U, s and V for orthogonal columns c = F V; the shortest column takes the sign."""
     for p, q in ((0, 2), (1, 2), (0, 1)):
         shorter = dot(c[p], c[p]).below(dot(c[q], c[q]))
-        for each in (c, v):  # with a sign, or V were no rotation
+        for each in (c, v):  # with a sign, so that V remains a rotation
             each[p], each[q] = (
                 [x.where(shorter, y) for x, y in zip(each[p], each[q], strict=True)],
                 [y.where(shorter, x * -1.0) for x, y in zip(each[p], each[q], strict=True)],
@@ -491,7 +501,7 @@ def _ordered(c: Matrix, v: Matrix) -> tuple[Matrix, Triple, Matrix]:
 
 @intrinsic
 def put_stretches(typing: Any, points: Any, row: Any) -> Any:
-    """Rows 86 to 107 of a point: U, V and s of its F."""
+    """Write rows 86 to 107 of a point: U, V and s of its F."""
     signature = types.void(points, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -516,9 +526,9 @@ def put_principal(b: Batch, point: Any, psi: Triple, h: list[Lanes], a: Triple, 
 
 @intrinsic
 def add_volume(typing: Any, points: Any, row: Any, moduli: Any, place: Any, slope: Any) -> Any:
-    """Add to psi, h, a and b of a point what theta = det F - 1 brings; see fem.materials.rubber.
+    """Add the contribution of theta = det F - 1 to psi, h, a and b of a point; see fem.materials.rubber.
 
-    moduli: row `place` is a_p, row `slope` is s.
+    Row `place` of `moduli` is a_p, row `slope` is s.
     """
     integer = types.int64
     signature = types.void(points, integer, moduli, integer, integer)
@@ -593,7 +603,7 @@ def clamp_modes(typing: Any, points: Any, row: Any) -> Any:
 
 @intrinsic
 def put_modes(typing: Any, points: Any, row: Any, weights: Any, weight: Any) -> Any:
-    """Stress and tangent of a point, rows 30 to 84, of its psi, h, a and b."""
+    """Write stress and tangent of a point, rows 30 to 84, from its psi, h, a and b."""
     integer = types.int64
     signature = types.void(points, integer, weights, integer)
 

@@ -1,4 +1,4 @@
-"""The laws whose stress and tangent at a point are compiled, and what their kernels take."""
+"""Laws with compiled stress and tangent at a point, and the moduli of their kernels."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ from softsim_core.physics.linalg import LANES
 
 
 class CompiledLaw(NamedTuple):
-    """What is compiled of a law.
+    """Kernels of a law.
 
     Attributes:
-        moduli: Of the law and values p (m, k), what its kernels take, see PointCells, shape (m, n). All are
-            proportional to the answer to shear but those that `fixed` names.
+        moduli: Returns the moduli of the kernels for the law and values p (m, k), see PointCells, shape (m,
+            n). All are proportional to the shear response but those in `fixed`.
         size: n.
         fill: Adds forces and stiffness of cells.
-        remember: Takes over what a step has done in what cells remember.
+        remember: Advances the cells' memory after a step.
         fixed: Columns of the moduli that have another unit.
     """
 
@@ -66,13 +66,16 @@ COMPILED_LAWS: dict[Any, CompiledLaw] = {  # by class
 
 
 def compiled_law(law: Material) -> CompiledLaw | None:
-    """What is compiled of a law, with or without Prony terms; None: nothing."""
+    """Return the kernels of a law, with or without Prony terms; None: it has none."""
     within = law_within(law)
     return next((each for kind, each in COMPILED_LAWS.items() if isinstance(within, kind)), None)
 
 
 def point_cells(group: ElementGroup, cells: CellBatches, memory: IndexArray) -> PointCells:
-    """The cells of a group with a compiled law, see PointCells; `tune` gives them the values of their law."""
+    """Return the cells of a group with a compiled law, see PointCells.
+
+    `tune` sets the values of their law.
+    """
     compiled = compiled_law(group.material)
     assert compiled is not None
     weights = in_lanes(group.weights)
@@ -83,12 +86,12 @@ def point_cells(group: ElementGroup, cells: CellBatches, memory: IndexArray) -> 
 
 
 def own_values(cells: PointCells) -> PointCells:
-    """The same cells, to be given other values of their law."""
+    """Return the same cells with moduli of their own, still zero."""
     return cells._replace(moduli=aligned(cells.moduli.shape))
 
 
 def tune(cells: PointCells, group: ElementGroup, p: Array, shear_alone: bool = False) -> None:
-    """Take over values p (m, k) of the law's parameters; `shear_alone`: no bulk, and no term has faded."""
+    """Set the moduli for values p (m, k) of the law; `shear_alone`: without bulk and without relaxation."""
     compiled, law = compiled_law(group.material), law_within(group.material)
     assert compiled is not None
     assert isinstance(law, VolumetricMaterial)

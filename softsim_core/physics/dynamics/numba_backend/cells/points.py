@@ -1,12 +1,12 @@
-"""Compiled cells of any element and any law whose stress at a point has vector code, and their memory.
+"""Compiled cells of any element and any law with vector code for its stress at a point, and their memory.
 
-The formulas are those of fem.cells. With stress P and tangent C at a point of weight w, and g the
-gradients of the shape functions, the block of nodes m and n is the sum over the points of
+The formulas are those of fem.cells. With stress P and tangent C at a point of weight w, and g the gradients
+of the shape functions, the block of nodes m and n is the sum over the points of
 
     w g_m . C . g_n,    and of cells with a mean volume (a - a_p) / V g_m' g_n'^T,   g' = sum w theta' g
 
-A batch goes through `deform`, then the law puts theta, `press` the pressures, the law stress and tangent, and
-`finish` makes forces and blocks of them.
+For each batch, `deform` computes gradients, the law computes theta, `press` the pressures, the law stress and
+tangent, and `finish` forces and blocks.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ from softsim_core.physics.linalg import LANES
 
 
 class Room(NamedTuple):
-    """Room for one batch, each a multiple of LANES numbers; see `room_for`.
+    """Buffers for one batch, each a multiple of LANES numbers; see `room_for`.
 
     Attributes:
         values: Values of the nodes, rows 3 a + i.
         points: Rows of points, see lanes.
-        steps: Gradient of what moved at each point, rows 9 q + k.
+        steps: Gradient of the last solve's displacement at each point, rows 9 q + k.
         held: H at each point, its upper triangle, rows 6 q + k.
         means: Means over the cells of rows 27 to 30 of their points, and their volumes.
         bulk: One row, see put_answer and put_block.
-        volumes, pulls: What put_node adds to, rows 3 a + i.
-        left: See put_left, LEFT_ROWS rows a point.
+        volumes, pulls: Sums of put_node, rows 3 a + i.
+        left: See put_left, LEFT_ROWS rows per point.
         blocks: See put_block, shape (3 a (a + 1) / 2, LANES, 4).
     """
 
@@ -65,7 +65,7 @@ class Room(NamedTuple):
 
 
 def room_for(a: int, count: int) -> Room:
-    """Room for batches of cells with a nodes and `count` points."""
+    """Return buffers for batches of cells with a nodes and `count` points."""
     rows = (3 * a, POINT_ROWS * count, 9 * count, 6 * count, 4, 1, 3 * a, 3 * a, LEFT_ROWS * count)
     values, points, steps, held, means, bulk, volumes, pulls, left = (aligned((each, LANES)) for each in rows)
     blocks = aligned((3 * a * (a + 1) // 2, LANES, 4))
@@ -76,12 +76,12 @@ class PointCells(NamedTuple):
     """Cells of one element and one law, in B batches of LANES, with a nodes and q points.
 
     Attributes:
-        cells: Their nodes and gradients.
+        cells: Nodes and gradients of the cells.
         weights: Rest volume at each point in [m^3], shape (B q, LANES).
-        moduli: Of a batch: the bulk coefficients at the points and on the mean in [Pa], then what the law
-            needs, k numbers in all, shape (B k, LANES).
-        memory: Place of each cell in what its group remembers, shape (m,); see fem.prony.
-        room: To work in.
+        moduli: For each batch, the bulk coefficients at the points and on the mean in [Pa], then the law's
+            moduli, k numbers in all, shape (B k, LANES).
+        memory: Place of each cell in its group's memory, shape (m,); see fem.prony.
+        room: Buffers.
     """
 
     cells: CellBatches
@@ -92,17 +92,17 @@ class PointCells(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What forces and stiffness are asked for.
+    """Inputs for the forces and stiffness of cells.
 
     Attributes:
         x: Positions in [m], shape (n, 3).
-        moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the pressure of K is that at x.
-        velocities: In [m/s], shape (n, 3).
-        held: What the group holds, H of fem.prony in [Pa], shape (., q, 3, 3); no rows: nothing.
-        positive: Whether K is to have no negative eigenvalues; see fem.cells.cell_stiffness.
-        lag: In [s].
+        moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the pressure in K is that at x.
+        velocities: Velocities in [m/s], shape (n, 3).
+        held: Viscoelastic stress H of the group in [Pa], shape (., q, 3, 3), see fem.prony; no rows: none.
+        positive: Whether K must have no negative eigenvalues; see fem.cells.cell_stiffness.
+        lag: Time lag in [s].
         mean_share: See fem.cells.cell_stiffness.
-        scale: Of the stiffness in the matrix.
+        scale: Factor on the stiffness in the matrix.
     """
 
     x: Array
@@ -116,12 +116,12 @@ class Given(NamedTuple):
 
 
 class Into(NamedTuple):
-    """Where forces and stiffness go.
+    """Outputs for the forces and stiffness of cells.
 
     Attributes:
-        places: Where the blocks go.
+        places: Places of the blocks.
         forces: f - lag K v is added, in [N], shape (n, 3).
-        panels: Of the factor; the stiffness is added.
+        panels: Panels of the factor; the stiffness is added.
         kept: See Pairs.blocks.
     """
 
@@ -133,7 +133,7 @@ class Into(NamedTuple):
 
 @kernel
 def deform(batch: int, given: Given, cells: PointCells) -> None:
-    """Rows 0 to 18 of all points, and the gradients of what moved: zero where nothing is given."""
+    """Compute rows 0 to 18 of all points, and the gradients of `moved`, which are zero if it has no rows."""
     nodes, gradients = cells.cells.nodes, cells.cells.gradients
     room = cells.room
     values, points, steps = room.values, room.points, room.steps
@@ -156,7 +156,7 @@ def deform(batch: int, given: Given, cells: PointCells) -> None:
 
 @kernel
 def press(batch: int, cells: PointCells) -> None:
-    """Means over the cells, and the pressures at their points: a_p theta + (a - a_p) times its mean."""
+    """Compute means over the cells, and the pressures at their points, a_p theta + (a - a_p) mean(theta)."""
     points, means, weights, moduli = cells.room.points, cells.room.means, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
     count, row = len(weights) // batches, batch * (len(moduli) // batches)
@@ -180,7 +180,7 @@ def press(batch: int, cells: PointCells) -> None:
 
 @kernel
 def gather_held(batch: int, held: Array, cells: PointCells, out: Array) -> None:
-    """H at the points of a batch as rows 6 q + k of `out`."""
+    """Write H at the points of a batch to rows 6 q + k of `out`."""
     size = cells.cells.size[0]
     for lane in range(LANES):
         e = cells.memory[min(batch * LANES + lane, size - 1)]
@@ -194,7 +194,7 @@ def gather_held(batch: int, held: Array, cells: PointCells, out: Array) -> None:
 
 @kernel
 def finish(batch: int, given: Given, cells: PointCells, into: Into) -> None:
-    """Forces and blocks of a batch from stress and tangent of its points."""
+    """Compute forces and blocks of a batch from stress and tangent at its points."""
     nodes, gradients, weights, moduli = cells.cells.nodes, cells.cells.gradients, cells.weights, cells.moduli
     room = cells.room
     points, means, held, scale = room.points, room.means, room.held, given.scale
@@ -236,7 +236,7 @@ LEAST_VOLUME = FLATTEST
 
 
 class Memory(NamedTuple):
-    """What m cells with q points remember of t terms, see fem.prony.memory_shape, and how it fades in a step.
+    """Memory of m cells with q points and t terms, see fem.prony.memory_shape, and its decay in a step.
 
     Attributes:
         stresses: s of each term and then S in [Pa], shape (m, q, t + 1, 3, 3).
@@ -251,7 +251,7 @@ class Memory(NamedTuple):
 
 @kernel
 def hold(memory: Memory, held: Array) -> None:
-    """H of a step into `held` (m, q, 3, 3)."""
+    """Write H of a step into `held` (m, q, 3, 3)."""
     stresses, fades, gains = memory.stresses, memory.fades, memory.gains
     terms = fades.shape[1]
     for e in range(len(stresses)):
@@ -269,7 +269,7 @@ def hold(memory: Memory, held: Array) -> None:
 
 @kernel
 def remember(batch: int, cells: PointCells, memory: Memory) -> None:
-    """Take over S of a batch, from the stress of its points without any pressure."""
+    """Advance the memory of a batch with S, from the stress at its points without pressure."""
     points, weights, size = cells.room.points, cells.weights, cells.cells.size[0]
     stresses, fades, gains = memory.stresses, memory.fades, memory.gains
     count, terms = len(weights) // len(cells.cells.nodes), fades.shape[1]

@@ -1,11 +1,12 @@
 """Compiled cells of rods, for the step; the formulas are those of fem.rods.
 
-With the vectors v_f of a point, the products have the slopes g_kf = Q_kfg v_g and B_kn = L_fn g_kf at node n,
-and with C and T the moduli and the resultants of products the block of nodes m, n is
+With the vectors v_f of a point, the products have the slopes g_kf = Q_kfg v_g and B_kn = L_fn g_kf at node n.
+With C and T the moduli and the resultants of the products, the block of nodes m, n is
 
     w [B_km C_kl B_ln + T_k L_fm Q_kfg L_gn I]
 
-where T is what the last linear solve found. The law's damping adds w d B_km C_kl B_ln, whatever T is.
+where T is the one that the last linear solve found. The law's damping adds w d B_km C_kl B_ln, independent of
+T.
 """
 
 from __future__ import annotations
@@ -22,16 +23,16 @@ from softsim_core.physics.fem.rods import BENDING, SHORTEST, RodGroup, StrainPoi
 
 
 class RodPoints(NamedTuple):
-    """One of the families of points of m cells, q points each; see fem.rods.StrainPoints.
+    """One of the two families of points of m cells, q points each; see fem.rods.StrainPoints.
 
     Attributes:
-        members: Which of the nodes of a cell take part, ascending, shape (m, q, b).
-        maps: From these to the vectors, shape (m, q, f, b).
-        forms: See there, shape (k, f, f).
-        stretching: Whether a product is one vector's with itself, shape (k,).
-        natural: See there, shape (m, q, k).
-        stiffness: Times the lengths, shape (m, q, k, k).
-        along: See there.
+        members: Nodes of a cell that contribute, ascending, shape (m, q, b).
+        maps: From these nodes to the vectors, shape (m, q, f, b).
+        forms: See StrainPoints, shape (k, f, f).
+        stretching: Whether a product is that of a vector with itself, shape (k,).
+        natural: See StrainPoints, shape (m, q, k).
+        stiffness: Stiffness times the lengths, shape (m, q, k, k).
+        along: See StrainPoints.
     """
 
     members: IndexArray
@@ -48,8 +49,8 @@ class RodCells(NamedTuple):
 
     Attributes:
         nodes: Node indices, shape (m, 9).
-        line, sections: Their points.
-        damping: Of the law in [s], shape (m,).
+        line, sections: Points along the rod and at the sections.
+        damping: Damping of the law in [s], shape (m,).
         blocks: See StrainCells.
     """
 
@@ -61,7 +62,7 @@ class RodCells(NamedTuple):
 
 
 def rod_cells(group: ElementGroup) -> RodCells | None:
-    """The cells of a group of rods, else None; `tune_rods` gives them the values of their law."""
+    """Return the cells of a group of rods, else None; `tune_rods` sets the values of their law."""
     if not isinstance(group, RodGroup):
         return None
     cells, a = np.ascontiguousarray(group.cells), group.cells.shape[1]
@@ -85,13 +86,13 @@ def _points(points: StrainPoints, taking_part: int) -> RodPoints:
 
 
 def own_rods(cells: RodCells) -> RodCells:
-    """The same cells, to be given other values of their law."""
+    """Return the same cells with values of their own."""
     line, sections = (each._replace(stiffness=each.stiffness.copy()) for each in (cells.line, cells.sections))
     return cells._replace(line=line, sections=sections, damping=cells.damping.copy())
 
 
 def tune_rods(cells: RodCells, group: ElementGroup, p: Array) -> None:
-    """Take over the values p (m, k) of the law's parameters."""
+    """Set the stiffness and damping for values p (m, k) of the law's parameters."""
     assert isinstance(group, RodGroup)
     assert isinstance(group.material, Section)
     cells.damping[:] = group.material.damping(p)
@@ -101,7 +102,7 @@ def tune_rods(cells: RodCells, group: ElementGroup, p: Array) -> None:
 
 @kernel
 def put_vectors(nodal: Array, nodes: IndexArray, points: RodPoints, e: int, q: int, out: Array) -> None:
-    """The vectors of nodal values (n, 3) at point q of cell e, shape (f, 3)."""
+    """Compute the vectors of nodal values (n, 3) at point q of cell e, shape (f, 3)."""
     maps, members = points.maps, points.members
     for f in range(maps.shape[2]):
         for i in range(3):
@@ -113,7 +114,7 @@ def put_vectors(nodal: Array, nodes: IndexArray, points: RodPoints, e: int, q: i
 
 @kernel
 def put_slopes(forms: Array, v: Array, out: Array) -> None:
-    """Q_k v of all products, shape (k, f, 3)."""
+    """Compute Q_k v of all products, shape (k, f, 3)."""
     for k in range(forms.shape[0]):
         for f in range(forms.shape[1]):
             for i in range(3):
@@ -126,7 +127,7 @@ def put_slopes(forms: Array, v: Array, out: Array) -> None:
 
 @kernel
 def put_products(slopes: Array, v: Array, factor: float, out: Array) -> None:
-    """Factor times v . Q_k v of all products, with the slopes of one of the two, shape (k,)."""
+    """Compute factor times v . Q_k v of all products, with the slopes of one of the two, shape (k,)."""
     for k in range(len(out)):
         total = 0.0
         for f in range(len(v)):
@@ -139,7 +140,7 @@ def put_products(slopes: Array, v: Array, factor: float, out: Array) -> None:
 def put_strains(
     points: RodPoints, e: int, q: int, products: Array, strains: Array, by_products: Array
 ) -> None:
-    """Strains (k,) of products (k,) at point q of cell e, and their slopes (k, k)."""
+    """Compute the strains (k,) of products (k,) at point q of cell e, and their slopes (k, k)."""
     by_products[:] = 0.0
     for k in range(len(products)):
         strains[k] = products[k]
@@ -158,7 +159,7 @@ def put_strains(
 
 @kernel
 def put_moduli(stiffness: Array, by_products: Array, along: bool, between: Array, out: Array) -> None:
-    """Moduli of products (k, k) from those of strains; `between` is written over."""
+    """Compute the moduli of products (k, k) from those of strains; `between` is overwritten."""
     strains = len(out)
     for k in range(strains):
         for j in range(strains):
@@ -176,7 +177,7 @@ def put_moduli(stiffness: Array, by_products: Array, along: bool, between: Array
 
 @kernel
 def add_bent(products: Array, resultants: Array, out: Array) -> None:
-    """Add second derivatives of the strains along a rod, times resultants (k,) of these, to moduli (k, k)."""
+    """Add the strains' second derivatives along a rod, times resultants (k,), to moduli (k, k)."""
     by_length = 1.0 / max(np.sqrt(2.0 * products[0]), SHORTEST)
     out[0, 0] -= resultants[0] * by_length**3
     for k in BENDING:
@@ -198,7 +199,7 @@ def fill_points(
     forces: Array,
     blocks: Array,
 ) -> None:
-    """What a family of points adds; see `fill_rods`."""
+    """Add the contribution of a family of points; see `fill_rods`."""
     maps, members, forms = points.maps, points.members, points.forms
     strains, vectors, taking_part = forms.shape[0], forms.shape[1], members.shape[2]
     a = nodes.shape[1]
@@ -314,10 +315,12 @@ def fill_points(
 def fill_rods(
     x: Array, moved: Array, velocities: Array, lag: float, scale: float, cells: RodCells, forces: Array
 ) -> None:
-    """Add f - lag K v of the cells to the forces (n, 3), and put scale times K; see strain_cells.fill_strain.
+    """Add f - lag K v of the cells to the forces (n, 3), and write scale times K.
 
-    Without `moved`, K has no negative parts. With a lag, the law's damping is added to both: `scale` is dt
-    times the lag.
+    See strain_cells.fill_strain.
+
+    Without `moved`, K has no negative parts. With a lag, the law's damping is added to both; `scale` is then
+    dt times the lag.
     """
     cells.blocks[:] = 0.0
     fill_points(

@@ -1,12 +1,12 @@
-"""Compiled laws of rubber: functions of I_C = F : F, and sums of powers of the principal stretches.
+"""Compiled rubber laws: functions of I_C = F : F, and sums of powers of the principal stretches.
 
 With the stress P = 2 psi' F + (p - s) cof F, the tangent is
 
     2 psi' I + 4 psi'' F F^T + (p - s) (cof F)' + a_p cof F cof F^T
 
-and without negative eigenvalues in principal stretches; see lanes.
+The tangent without negative eigenvalues is computed in principal stretches; see lanes.
 
-Mooney and Rivlin's law is one of these: the second powers of both.
+The Mooney-Rivlin law is a sum of powers: the second powers of line and area stretches.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ from softsim_core.physics.linalg import LANES, intrinsic
 
 
 def rubber_moduli(law: SeriesRubber, p: Array) -> Array:
-    """Slope s and the coefficients of psi, see SeriesRubber, in [Pa], shape (m, 5)."""
+    """Return the slope s and the coefficients of psi, see SeriesRubber, in [Pa], shape (m, 5)."""
     return np.column_stack([law.rest_moduli(p).slope, law.series(p)])
 
 
 def _psi_slopes(t: Lanes, numbers: list[Lanes]) -> tuple[Lanes, Lanes]:
-    """2 psi' and 4 psi'' of the coefficients c1, c2, c3 and l."""
+    """Return 2 psi' and 4 psi'' for the coefficients c1, c2, c3 and l."""
     c1, c2, c3, log = numbers
     over = (t * 0.0 + 1.0) / (t + 4.0)
     first = (c1 + t * (c2 * 2.0 + t * c3 * 3.0) - log * over) * 2.0
@@ -64,7 +64,7 @@ def _psi_slopes(t: Lanes, numbers: list[Lanes]) -> tuple[Lanes, Lanes]:
 
 @intrinsic
 def put_rubber(typing: Any, points: Any, row: Any, weights: Any, weight: Any, moduli: Any, place: Any) -> Any:
-    """Stress and tangent of a point; moduli: rows from `place` on, see PointCells."""
+    """Write stress and tangent of a point; `moduli` has rows from `place` on, see PointCells."""
     integer = types.int64
     signature = types.void(points, integer, weights, integer, moduli, integer)
 
@@ -100,7 +100,7 @@ def put_rubber(typing: Any, points: Any, row: Any, weights: Any, weight: Any, mo
 
 @intrinsic
 def put_rubber_modes(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> Any:
-    """Psi, h, a and b of W at a point."""
+    """Write psi, h, a and b of W at a point."""
     signature = types.void(points, types.int64, moduli, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -120,7 +120,7 @@ def put_rubber_modes(typing: Any, points: Any, row: Any, moduli: Any, place: Any
 
 @kernel
 def rubber_points(batch: int, given: Given, cells: PointCells) -> None:
-    """Stress and tangent of all points of a batch."""
+    """Compute stress and tangent at all points of a batch."""
     points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
     count, place = len(weights) // batches, batch * (len(moduli) // batches)
@@ -150,37 +150,37 @@ def fill_rubber(given: Given, cells: PointCells, into: Into) -> None:
 
 @kernel
 def remember_rubber(given: Given, cells: PointCells, memory: Memory) -> None:
-    """Take over in the memory of all cells what a step has done."""
+    """Advance the memory of all cells after a step."""
     for batch in range(len(cells.cells.nodes)):
         rubber_points(batch, given, cells)
         remember(batch, cells, memory)
 
 
 LEAST = LEAST_STRETCH**2
-"""Squared stretch below which a power goes on as a parabola."""
+"""Squared stretch below which a power continues as a parabola."""
 
 NEAR = 0.1
-"""Relative distance of two squared stretches, below which their divided difference is a series."""
+"""Relative distance of two squared stretches below which their divided difference is a series."""
 
 TERMS = 17
-"""Of that series: the next one is below rounding."""
+"""Number of terms of that series: the next one is below rounding."""
 
 
 def ogden_moduli(law: Ogden, p: Array) -> Array:
-    """The slope of W at rest, and amplitude in [Pa] and exponent of each term, shape (m, 5)."""
+    """Return the slope of W at rest, and amplitude in [Pa] and exponent of each term, shape (m, 5)."""
     factor = p[:, 5]
     return np.column_stack([law.rest_moduli(p).slope, factor * p[:, 0], p[:, 1], factor * p[:, 2], p[:, 3]])
 
 
 def mooney_rivlin_moduli(law: MooneyRivlin, p: Array) -> Array:
-    """The same of C10 (I - 3) + C01 (II - 3)."""
+    """Return the moduli of `ogden_moduli` for C10 (I - 3) + C01 (II - 3)."""
     two, slope = np.full(len(p), 2.0), law.rest_moduli(p).slope
     return np.column_stack([slope, 4.0 * p[:, 3] * p[:, 0], two, 4.0 * p[:, 3] * p[:, 1], -two])
 
 
 @kernel
 def raise_stretches(points: Array, row: int, moduli: Array, place: int) -> None:
-    """Rows 122 to 128 of a point: m / (2 n) x^(n/2 - 1) of both terms and the three squared stretches."""
+    """Write rows 122 to 128 of a point: m / (2 n) x^(n/2 - 1) of both terms at three squared stretches."""
     for lane in range(LANES):
         s0, s1, s2 = points[row + 104, lane], points[row + 105, lane], points[row + 106, lane]
         for term in range(2):
@@ -197,7 +197,7 @@ def raise_stretches(points: Array, row: int, moduli: Array, place: int) -> None:
 
 
 def _divided(i: int, j: int, x: Triple, kept: Triple, power: Triple, bend: Triple, b: Lanes) -> Lanes:
-    """The divided difference of the slope of the powers, between squared stretches i and j."""
+    """Return the divided difference of the powers' slope between squared stretches i and j."""
     gap, apart = x[i] - x[j], kept[i] - kept[j]
     d, one = apart / kept[j], b * 0.0 + 1.0
     total = one
@@ -213,7 +213,7 @@ def _divided(i: int, j: int, x: Triple, kept: Triple, power: Triple, bend: Tripl
 
 @intrinsic
 def put_powers(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> Any:
-    """Psi, h, a and b of W at a point, of its stretches and their powers."""
+    """Write psi, h, a and b of W at a point from its stretches and their powers."""
     signature = types.void(points, types.int64, moduli, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -234,7 +234,7 @@ def put_powers(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> A
             slope = [p + c * (each - k) for p, c, each, k in zip(power, bend, x, kept, strict=True)]
             pull = [each * y * 2.0 for each, y in zip(slope, own, strict=True)]
             along = [p * 2.0 + c * each * 4.0 for p, c, each in zip(slope, bend, x, strict=True)]
-            # of areas, by the stretches of lines: dF_ij moves the cofactor ji by - s_l, and ii by s_l
+            # for areas, by the line stretches: dF_ij changes the cofactor ji by - s_l, and ii by s_l
             scale = [(zero + 1.0).where(areas, each * each) for each in s]
             turn = [zero.where(areas, each) for each in pull]
             for k in range(3):
@@ -256,7 +256,7 @@ def put_powers(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> A
 
 @kernel
 def power_points(batch: int, given: Given, cells: PointCells) -> None:
-    """Stress and tangent of all points of a batch."""
+    """Compute stress and tangent at all points of a batch."""
     points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
     count, place = len(weights) // batches, batch * (len(moduli) // batches)
@@ -285,7 +285,7 @@ def fill_powers(given: Given, cells: PointCells, into: Into) -> None:
 
 @kernel
 def remember_powers(given: Given, cells: PointCells, memory: Memory) -> None:
-    """Take over in the memory of all cells what a step has done."""
+    """Advance the memory of all cells after a step."""
     for batch in range(len(cells.cells.nodes)):
         power_points(batch, given, cells)
         remember(batch, cells, memory)

@@ -1,11 +1,11 @@
 """Compiled cells of layers and fibres, for the step; the formulas are those of fem.materials.strain.
 
-With v_i = F e_i along the d axes that strain (one of fibres, two of layers), the Green strain is
-(v_i . v_j - 1_ij) / 2; with the gradients g_in of the shape functions along them the block of nodes m, n is
+With v_i = F e_i along the d strained axes (one of fibres, two of layers), the Green strain is
+(v_i . v_j - 1_ij) / 2. With the gradients g_in of the shape functions along them, the block of nodes m, n is
 
     w [g_im T_ij g_jn I + B_m^T D B_n],   B_n = (v_1 g_1n, v_2 g_2n, v_1 g_2n + v_2 g_1n)
 
-where T is the stress that the last linear solve found, without what presses.
+where T is the stress that the last linear solve found, without its compressive part.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class StrainCells(NamedTuple):
         weights: Rest volume at each point in [m^3], shape (m, q).
         gradients: Shape gradients in [1/m] along the d axes, shape (m, q, d, a).
         moduli: D11 = D22, D12 and D33 of D in [Pa], shape (m, 3).
-        blocks: Room for the blocks of each pair of nodes, 00, 01, ... 11, ..., in [N/m], shape
-            (m, a (a + 1) / 2, 3, 4); of each row the last number is not used.
+        blocks: Buffer for the blocks of each pair of nodes, 00, 01, ... 11, ..., in [N/m], shape
+            (m, a (a + 1) / 2, 3, 4); the last number of each row is unused.
     """
 
     nodes: IndexArray
@@ -41,7 +41,10 @@ class StrainCells(NamedTuple):
 
 
 def strain_cells(group: ElementGroup) -> StrainCells | None:
-    """The cells of a group of layers or fibres, else None; `tune` gives them the values of their law."""
+    """Return the cells of a group of layers or fibres, else None.
+
+    `tune_strain` sets the values of their law.
+    """
     if not isinstance(group.material, Membrane | Fibres):
         return None
     axes = 1 if isinstance(group.material, Fibres) else 2
@@ -52,7 +55,7 @@ def strain_cells(group: ElementGroup) -> StrainCells | None:
 
 
 def tune_strain(cells: StrainCells, group: ElementGroup, p: Array) -> None:
-    """Take over the values p (m, k) of the law's parameters."""
+    """Set the moduli for values p (m, k) of the law's parameters."""
     if isinstance(group.material, Fibres):
         cells.moduli[:, 0] = 4.0 * p[:, 0]
         return
@@ -62,7 +65,7 @@ def tune_strain(cells: StrainCells, group: ElementGroup, p: Array) -> None:
 
 @kernel
 def along_axes(nodal: Array, cells: StrainCells, e: int, q: int, out: Array) -> None:
-    """Sum over the nodes of nodal values (n, 3) times their gradients at point q of cell e, shape (d, 3)."""
+    """Sum nodal values (n, 3) times their gradients over the nodes at point q of cell e, shape (d, 3)."""
     gradients, nodes = cells.gradients, cells.nodes
     for i in range(gradients.shape[2]):
         for k in range(3):
@@ -74,14 +77,14 @@ def along_axes(nodal: Array, cells: StrainCells, e: int, q: int, out: Array) -> 
 
 @kernel
 def product(v: Array, u: Array, i: int, j: int) -> float:
-    """The dot product of row i of v and row j of u."""
+    """Return the dot product of row i of v and row j of u."""
     total: float = v[i, 0] * u[j, 0] + v[i, 1] * u[j, 1] + v[i, 2] * u[j, 2]
     return total
 
 
 @kernel
 def stress_of(e11: float, e22: float, e12: float, d11: float, d12: float, d33: float, out: Array) -> None:
-    """Put S11, S22, S12 of the strains."""
+    """Compute S11, S22, S12 of the strains."""
     out[0] = d11 * e11 + d12 * e22
     out[1] = d12 * e11 + d11 * e22
     out[2] = 2.0 * d33 * e12
@@ -104,16 +107,16 @@ def leave_out_pressing(s: Array) -> None:
 def fill_strain(
     x: Array, moved: Array, velocities: Array, lag: float, scale: float, cells: StrainCells, forces: Array
 ) -> None:
-    """Add f - lag K v of the cells to the forces (n, 3), and put scale times K, without negative parts.
+    """Add f - lag K v of the cells to the forces (n, 3), and write scale times K without negative parts.
 
     Args:
         x: Positions in [m], shape (n, 3).
-        moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the stress of K is that at x.
-        velocities: In [m/s], shape (n, 3).
-        lag: In [s].
-        scale: What the stiffness in `cells.blocks` is multiplied by.
+        moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the stress in K is that at x.
+        velocities: Velocities in [m/s], shape (n, 3).
+        lag: Time lag in [s].
+        scale: Factor on the stiffness in `cells.blocks`.
         cells: The cells.
-        forces: In [N], shape (n, 3).
+        forces: Forces in [N], shape (n, 3).
     """
     nodes, weights, gradients, moduli = cells.nodes, cells.weights, cells.gradients, cells.moduli
     blocks = cells.blocks
