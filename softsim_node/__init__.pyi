@@ -1,6 +1,6 @@
 from . import environment as environment
 from .background import (
-    Aside as Aside,
+    BackgroundWorker as BackgroundWorker,
     WorkQueue as WorkQueue,
 )
 from .environment import (

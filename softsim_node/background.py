@@ -101,7 +101,7 @@ ANSWER_LOOK_S = 0.02
 """Longest time in [s] for which a check of the work in progress blocks the executor."""
 
 
-class Aside:
+class BackgroundWorker:
     """Background worker that runs one task after the other; await it in a callback that is a coroutine.
 
     Args:

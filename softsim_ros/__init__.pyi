@@ -3,9 +3,9 @@ from .figures import (
     save_figure as save_figure,
 )
 from .launch_plan import (
+    LaunchArguments as LaunchArguments,
     Plan as Plan,
     PlannedNode as PlannedNode,
-    Wishes as Wishes,
     board_link as board_link,
     plan as plan,
 )

@@ -28,7 +28,7 @@ def _word(default: str, about: str, *choices: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class LaunchArguments:
     """The arguments of a launch, all of them text; `metadata` has the description and the choices of each."""
 
     robot: str = _word("tripod", "robot or scene: a name, or the path of its file")
@@ -78,7 +78,7 @@ class Plan:
     hint: str
 
 
-def plan(wishes: Wishes, folder: Path) -> Plan:
+def plan(wishes: LaunchArguments, folder: Path) -> Plan:
     """Return the nodes to start.
 
     Args:
@@ -88,7 +88,7 @@ def plan(wishes: Wishes, folder: Path) -> Plan:
     Raises:
         SoftSimError: the robot is not known, or the arguments are inconsistent.
     """
-    for each in fields(Wishes):
+    for each in fields(LaunchArguments):
         choices, word = each.metadata["choices"], getattr(wishes, each.name)
         if choices and word not in choices:
             raise ConfigError("launch", f"argument {each.name}", f"{word!r} is not {one_of(word, choices)}")
@@ -125,7 +125,7 @@ def board_link(namespace: str, environment: Mapping[str, str] = os.environ) -> P
     )
 
 
-def _hardware(wishes: Wishes, robot: RobotDescription, namespace: str) -> list[PlannedNode]:
+def _hardware(wishes: LaunchArguments, robot: RobotDescription, namespace: str) -> list[PlannedNode]:
     """Return the bridge and its board; neither for a robot without servos."""
     servos = robot.board.servos if robot.board else ()
     board = wishes.board

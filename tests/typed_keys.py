@@ -16,7 +16,7 @@ from softsim_ros.client import (
     moved_goal,
     with_measurement,
 )
-from softsim_ros.keys import CallAction, KeyPress, KeyState, MoveGoal, Quit, Refer, press as rules
+from softsim_ros.keys import CallAction, KeyPress, KeyState, MoveGoal, Quit, SetReference, press as rules
 
 Effect: TypeAlias = tuple[float, ...] | EffectorPose | Tilt | CallAction | Quit
 """What goes out: joint positions, a goal, a reference of the closed loop, an action, the end."""
@@ -49,7 +49,7 @@ def press(
         return typed, ()
     if isinstance(deed, CallAction | Quit):
         return typed, (deed,)
-    if isinstance(deed, Refer):
+    if isinstance(deed, SetReference):
         return typed.knowing(tilt=deed.reference), (deed.reference,)
     if isinstance(deed, MoveGoal):
         goal = moved_goal(typed.state, deed.shift, now)

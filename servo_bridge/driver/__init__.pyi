@@ -6,8 +6,8 @@ from .board_session import (
 from .calibration import (
     START_TIMEOUT_S as START_TIMEOUT_S,
     CalibrationAbortedError as CalibrationAbortedError,
-    Observed as Observed,
     ServoMover as ServoMover,
+    ServoObservation as ServoObservation,
     calibrate as calibrate,
     calibrated as calibrated,
     calibrated_robot as calibrated_robot,

@@ -157,7 +157,7 @@ class CalibrationAbortedError(SoftSimError):
 
 
 @dataclass(frozen=True, slots=True)
-class Observed:
+class ServoObservation:
     """What the user observed of one servo.
 
     Attributes:
@@ -175,7 +175,7 @@ class Observed:
     byte_max: int | None = None
 
 
-def calibrated(servo: ServoCalibration, seen: Observed) -> ServoCalibration:
+def calibrated(servo: ServoCalibration, seen: ServoObservation) -> ServoCalibration:
     """Return the calibration of a servo after an observation.
 
     At the reference angle the servo is sent the byte at which the user saw the joint in place. A mirrored
@@ -302,7 +302,7 @@ def calibrate(robot: RobotDescription, mover: ServoMover, ask: Ask, say: Say) ->
 
 def _observe(
     robot: RobotDescription, servo: ServoCalibration, mover: ServoMover, ask: Ask, say: Say
-) -> Observed:
+) -> ServoObservation:
     rest = byte_to_angle(servo.rest_byte, servo)
     mirrored = _turns_the_other_way(servo, rest, mover, ask)
     reference = _reference(robot, servo.joint, rest)
@@ -321,7 +321,7 @@ def _observe(
         )
         ends.append(mover.sent_byte(servo.joint) if back else None)
         mover.move(servo.joint, rest)
-    return Observed(mirrored, reference, offset, *ends)
+    return ServoObservation(mirrored, reference, offset, *ends)
 
 
 def _turns_the_other_way(servo: ServoCalibration, rest: float, mover: ServoMover, ask: Ask) -> bool:

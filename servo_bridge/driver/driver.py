@@ -34,7 +34,7 @@ REST_REPEATS = 3
 Aim: TypeAlias = Literal["listen", "follow", "settle"]
 
 
-class Course:
+class DriverMode:
     """The mode of the driver (listen, follow or settle), and the progress of settling.
 
     Attributes:
@@ -234,7 +234,7 @@ class ServoDriver(BoardPort):
         self.set_timing(settings or MotionSettings())
         self.avoid_byte_100 = avoid_byte_100
         self.counts = DriverCounts()
-        self._course = Course()
+        self._course = DriverMode()
         self._pose = BoardPose(self.motion, self._lock)
         self._told = False  # the last tick sent a pose, or the command to hold
         self.sent_bytes: tuple[int, ...] | None = None

@@ -28,7 +28,7 @@ from servo_bridge import PortError
 Board = TypeVar("Board", bound="PtyBoard")
 
 
-class Heard(NamedTuple):
+class LineInput(NamedTuple):
     """Received bytes, and whether some program has the port open."""
 
     data: bytes
@@ -59,7 +59,7 @@ class MasterEnd:
         for each in (self._line, self._pause):
             each.register(self._awake, select.POLLIN)
 
-    def hear(self, patience_s: float | None) -> Heard | None:
+    def hear(self, patience_s: float | None) -> LineInput | None:
         """Wait at most `patience_s` seconds for bytes or a hang-up; return None once the cable is pulled."""
         events = dict(self._line.poll(None if patience_s is None else patience_s * 1000.0))
         if self._awake in events:
@@ -69,7 +69,7 @@ class MasterEnd:
         if state & select.POLLIN:
             with contextlib.suppress(OSError):  # no program has it open any more, which the hang-up shows
                 data = os.read(self._master, 4096)
-        return Heard(data, not state & select.POLLHUP)
+        return LineInput(data, not state & select.POLLHUP)
 
     def pause(self, seconds: float) -> bool:
         """Wait without listening; return True once the cable is pulled."""

@@ -183,7 +183,7 @@ def check(
 
 
 @dataclass(frozen=True, slots=True)
-class Assembled:
+class ConfiguredDriver:
     """A driver that is not connected yet, and the files that it was made from.
 
     Attributes:
@@ -202,7 +202,7 @@ def assemble(
     scene: RobotDescription | None,
     e_stop: EStop,
     on_tilt: Callable[[TiltReading], None],
-) -> Assembled:
+) -> ConfiguredDriver:
     """Create the driver that the settings describe.
 
     Args:
@@ -231,4 +231,6 @@ def assemble(
         on_tilt=on_tilt,
         e_stop=e_stop,
     )
-    return Assembled(driver, str(calibration or ""), settings.imu_frame or f"{settings.frame_prefix}effector")
+    return ConfiguredDriver(
+        driver, str(calibration or ""), settings.imu_frame or f"{settings.frame_prefix}effector"
+    )

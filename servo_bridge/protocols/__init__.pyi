@@ -25,7 +25,7 @@ from .extended import (
     DEAF_PATIENCE as DEAF_PATIENCE,
     PATIENCE as PATIENCE,
     ExtendedProtocol as ExtendedProtocol,
-    Following as Following,
+    PoseComparison as PoseComparison,
     reset_cause_text as reset_cause_text,
 )
 from .extended_board import (

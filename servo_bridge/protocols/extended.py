@@ -51,7 +51,7 @@ DEAF_PATIENCE = 6
 """Number of telemetry frames in a row without a new acknowledgement, though frames were sent: 0.3 s."""
 
 
-class Following:
+class PoseComparison:
     """Compares telemetry with the poses sent since the board's pose was last taken over.
 
     Attributes:
@@ -168,7 +168,7 @@ class ExtendedProtocol(BoardProtocol):
         self.unacknowledged = 0
         self.counts = FrameCounts()
         self._frames, self._lines = FrameParser(), LineParser()
-        self._following = Following()
+        self._following = PoseComparison()
         self._limits_seq: int | None = None  # of the ranges sent since the takeover began
         self._number: int | None = None  # of the board; None: not known
         self._offered = frames.NO_IDENTITY  # number given to a board that has none

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from softsim_core.base import Array, Placement, Vector
-from softsim_core.mjcf.reading import Loaded
+from softsim_core.mjcf.reading import CompiledModel
 from softsim_core.physics.mechanics import JointLimits, euler_of, rotation_exp
 from softsim_core.scene import Colour, JointDescription
 
@@ -51,7 +51,7 @@ def placement(position: Array, rotation: Array) -> Placement:
     return Placement(translation=vector(position), rotation_deg=vector(np.degrees(euler_of(rotation))))
 
 
-def carriers(loaded: Loaded) -> tuple[dict[int, Carrier], tuple[JointDescription, ...]]:
+def carriers(loaded: CompiledModel) -> tuple[dict[int, Carrier], tuple[JointDescription, ...]]:
     """Return the carrier of each body except flex vertices, and the joints that move some of them."""
     m, told = loaded.model, loaded.told
     world = Carrier("world", "world", 0, np.zeros(3), np.eye(3))
@@ -68,7 +68,7 @@ def carriers(loaded: Loaded) -> tuple[dict[int, Carrier], tuple[JointDescription
     return found, tuple(joints)
 
 
-def _moved(loaded: Loaded, b: int, j: int, below: Carrier, joints: list[JointDescription]) -> Carrier:
+def _moved(loaded: CompiledModel, b: int, j: int, below: Carrier, joints: list[JointDescription]) -> Carrier:
     """Return the carrier of a body after one more of its joints."""
     m, d, told, kinds = loaded.model, loaded.data, loaded.told, loaded.mujoco.mjtJoint
     called, kind = f"joint {m.jnt(j).name or j} of body {m.body(b).name or b}", m.jnt_type[j]
@@ -107,7 +107,7 @@ def _moved(loaded: Loaded, b: int, j: int, below: Carrier, joints: list[JointDes
     return Carrier("joint", name, b, anchor, rotation_exp(start * axis) if hinge else np.eye(3))
 
 
-def _limits(loaded: Loaded, j: int) -> JointLimits:
+def _limits(loaded: CompiledModel, j: int) -> JointLimits:
     m = loaded.model
     if m.jnt_limited[j]:
         lower, upper = m.jnt_range[j].tolist()
@@ -115,7 +115,7 @@ def _limits(loaded: Loaded, j: int) -> JointLimits:
     return JointLimits()
 
 
-def _drive(loaded: Loaded, j: int, called: str) -> dict[str, Any]:
+def _drive(loaded: CompiledModel, j: int, called: str) -> dict[str, Any]:
     """Return stiffness and inertia of a joint: of a position servo, of a spring, or none."""
     m, told = loaded.model, loaded.told
     own = float(m.jnt_stiffness[j]) if np.ndim(m.jnt_stiffness[j]) == 0 else float(m.jnt_stiffness[j][0])
@@ -139,13 +139,13 @@ def _drive(loaded: Loaded, j: int, called: str) -> dict[str, Any]:
     return {"stiffness": stiffness, "inertia": float(f"{inertia:.9g}")}
 
 
-def _turns(loaded: Loaded, actuator: int, joint: int) -> bool:
+def _turns(loaded: CompiledModel, actuator: int, joint: int) -> bool:
     m = loaded.model
     of_joint = m.actuator_trntype[actuator] == loaded.mujoco.mjtTrn.mjTRN_JOINT
     return bool(of_joint and m.actuator_trnid[actuator, 0] == joint)
 
 
-def _inertia(loaded: Loaded, j: int) -> float:
+def _inertia(loaded: CompiledModel, j: int) -> float:
     """Return the initial inertia in [kg m^2] or [kg] of what a joint moves, without soft bodies."""
     m, d = loaded.model, loaded.data
     axis, anchor = np.array(d.xaxis[j]), np.array(d.xanchor[j])

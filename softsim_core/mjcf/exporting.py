@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from softsim_core.base import Array, MjcfError
-from softsim_core.mjcf.reading import Told
+from softsim_core.mjcf.reading import ConversionNotes
 from softsim_core.physics.actuation.cable import CableDescription, cable_points
 from softsim_core.physics.fem.materials import rest_stiffness
 from softsim_core.physics.mechanics import FIXED, FREE, Model, quaternion_of
@@ -29,7 +29,7 @@ class Mask:
     others: int = 0
 
 
-def masks(scene: SceneDescription, told: Told) -> dict[str, Mask]:
+def masks(scene: SceneDescription, told: ConversionNotes) -> dict[str, Mask]:
     """Return a bit for each body with collision surfaces, and the bits of the bodies that it touches."""
     groups: dict[str, list[frozenset[str]]] = {name: [] for name in scene.body_names}
     for collision in scene.collisions:
@@ -74,7 +74,7 @@ class Draft:
     built: BuiltScene
     root: ElementTree.Element
     world: ElementTree.Element
-    told: Told
+    told: ConversionNotes
     masks: dict[str, Mask]
     carriers: dict[str, tuple[ElementTree.Element, Array]]
 
@@ -355,7 +355,7 @@ def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> Export
     """
     built = build(scene)
     _check(built, scene.name)
-    told = Told()
+    told = ConversionNotes()
     _tell(scene, told)
     root = ElementTree.Element("mujoco", model=scene.name)
     add(root, "compiler", angle="radian")
@@ -391,7 +391,7 @@ def _check(built: BuiltScene, name: str) -> None:
             raise MjcfError(name, f"body {body.name} has quadratic cells, MuJoCo linear ones; set `order: 1`")
 
 
-def _tell(scene: SceneDescription, told: Told) -> None:
+def _tell(scene: SceneDescription, told: ConversionNotes) -> None:
     for body in scene.bodies:
         law = body.material.law_for(scene.solver.rotation).name
         if law in _SAME_AT_REST:

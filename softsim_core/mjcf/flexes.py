@@ -11,7 +11,7 @@ import numpy as np
 
 from softsim_core.base import Array, IndexArray
 from softsim_core.mjcf.carriers import Carrier, colour, placement, vector
-from softsim_core.mjcf.reading import Loaded
+from softsim_core.mjcf.reading import CompiledModel
 from softsim_core.physics.actuation.cable import CableDescription
 from softsim_core.physics.mechanics import JointLimits
 from softsim_core.physics.mesh import TetMesh, tet_volumes
@@ -46,7 +46,7 @@ class SoftBody:
     damping: float
 
 
-def soft_bodies(loaded: Loaded, found: dict[int, Carrier], law: str | None) -> tuple[SoftBody, ...]:
+def soft_bodies(loaded: CompiledModel, found: dict[int, Carrier], law: str | None) -> tuple[SoftBody, ...]:
     """Convert the supported flexes to soft bodies of a law; report why the others are left out.
 
     Raises:
@@ -63,7 +63,7 @@ def soft_bodies(loaded: Loaded, found: dict[int, Carrier], law: str | None) -> t
 
 
 def _soft_body(
-    loaded: Loaded, f: int, found: dict[int, Carrier], frames: set[str], law: str | None
+    loaded: CompiledModel, f: int, found: dict[int, Carrier], frames: set[str], law: str | None
 ) -> SoftBody:
     m, spec = loaded.model, loaded.spec.flexes[f]
     name = loaded.names.new(loaded.spec.flexes[f].name, "soft")
@@ -97,12 +97,12 @@ def _soft_body(
     return SoftBody(f, body, attachments, float(spec.damping))
 
 
-def _material(loaded: Loaded, f: int, law: str | None) -> MaterialDescription:
+def _material(loaded: CompiledModel, f: int, law: str | None) -> MaterialDescription:
     spec = loaded.spec.flexes[f]
     return MaterialDescription(law=law, young_modulus=float(spec.young), poisson_ratio=float(spec.poisson))
 
 
-def _held(loaded: Loaded, f: int, found: dict[int, Carrier]) -> Iterator[tuple[int, IndexArray]]:
+def _held(loaded: CompiledModel, f: int, found: dict[int, Carrier]) -> Iterator[tuple[int, IndexArray]]:
     """Yield the vertices that move with a body, with that body's number; 0 is the world."""
     m = loaded.model
     if m.flex_interp[f]:
@@ -119,7 +119,7 @@ def _held(loaded: Loaded, f: int, found: dict[int, Carrier]) -> Iterator[tuple[i
         yield int(b), np.flatnonzero(carried == b)
 
 
-def _still(loaded: Loaded, f: int) -> Array:
+def _still(loaded: CompiledModel, f: int) -> Array:
     """Return whether the vertices of an interpolated flex stay when its nodes move, shape (n,)."""
     data = loaded.mujoco.MjData(loaded.model)
     bodies = [int(b) for b in loaded.flex_bodies(f) if loaded.is_vertex(int(b))]
@@ -134,7 +134,7 @@ def _still(loaded: Loaded, f: int) -> Array:
 
 
 def _attachments(
-    loaded: Loaded, name: str, held: dict[int, IndexArray], found: dict[int, Carrier], frames: set[str]
+    loaded: CompiledModel, name: str, held: dict[int, IndexArray], found: dict[int, Carrier], frames: set[str]
 ) -> Iterator[AttachmentDescription]:
     for b in held:
         carrier = found[b]
@@ -164,7 +164,7 @@ def _attachments(
 
 
 def _carried(
-    loaded: Loaded, body: BodyDescription, held: dict[int, IndexArray], found: dict[int, Carrier]
+    loaded: CompiledModel, body: BodyDescription, held: dict[int, IndexArray], found: dict[int, Carrier]
 ) -> Iterator[AddedMassDescription]:
     """Yield the mass of free bodies with pinned vertices, on those vertices, minus their own mass."""
     m = loaded.model
@@ -205,7 +205,7 @@ def _volumes(mesh: TetMesh) -> Array:
     return np.bincount(mesh.tets.ravel(), quarters, minlength=len(mesh.points))
 
 
-def _mass(loaded: Loaded, f: int, mesh: TetMesh) -> dict[str, Any]:
+def _mass(loaded: CompiledModel, f: int, mesh: TetMesh) -> dict[str, Any]:
     """Return total mass and distribution from the masses of the moving vertices."""
     m = loaded.model
     bodies = [int(b) for b in loaded.flex_bodies(f) if loaded.is_vertex(int(b))]
@@ -240,7 +240,7 @@ class _Site:
 
 
 def cables(
-    loaded: Loaded, soft: tuple[SoftBody, ...], found: dict[int, Carrier]
+    loaded: CompiledModel, soft: tuple[SoftBody, ...], found: dict[int, Carrier]
 ) -> tuple[JointDescription, ...]:
     """Convert supported tendons to joints of kind cable; report why the others are left out."""
     m = loaded.model
@@ -254,7 +254,7 @@ def cables(
 
 
 def _cable(
-    loaded: Loaded, t: int, called: str, soft: tuple[SoftBody, ...], found: dict[int, Carrier]
+    loaded: CompiledModel, t: int, called: str, soft: tuple[SoftBody, ...], found: dict[int, Carrier]
 ) -> JointDescription | None:
     m, kinds = loaded.model, loaded.mujoco.mjtWrap
     wraps = range(int(m.tendon_adr[t]), int(m.tendon_adr[t] + m.tendon_num[t]))
@@ -296,7 +296,7 @@ def _cable(
     )
 
 
-def _site(loaded: Loaded, s: int, soft: tuple[SoftBody, ...], found: dict[int, Carrier]) -> _Site:
+def _site(loaded: CompiledModel, s: int, soft: tuple[SoftBody, ...], found: dict[int, Carrier]) -> _Site:
     m, b = loaded.model, int(loaded.model.site_bodyid[s])
     place = np.array(loaded.data.site_xpos[s])
     if loaded.is_vertex(b):
@@ -316,7 +316,7 @@ def _site(loaded: Loaded, s: int, soft: tuple[SoftBody, ...], found: dict[int, C
     return _Site(place, None, None)
 
 
-def _command(loaded: Loaded, t: int, called: str) -> tuple[JointLimits, dict[str, Any]]:
+def _command(loaded: CompiledModel, t: int, called: str) -> tuple[JointLimits, dict[str, Any]]:
     """Return limits and control of the cable: by force for a motor, by displacement otherwise."""
     m, d = loaded.model, loaded.data
     of_tendon = loaded.mujoco.mjtTrn.mjTRN_TENDON

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from softsim_core.base import Array, MeshError, MeshFile
 from softsim_core.mjcf.carriers import Carrier, colour, placement, vector
-from softsim_core.mjcf.reading import Loaded
+from softsim_core.mjcf.reading import CompiledModel
 from softsim_core.physics.mesh import Shape, SurfaceMesh, sphere_surface, surface_of
 from softsim_core.scene import RigidBodyDescription
 
@@ -38,7 +38,7 @@ class RigidGeom:
     carrier: str
 
 
-def rigid_bodies(loaded: Loaded, found: dict[int, Carrier]) -> tuple[RigidGeom, ...]:
+def rigid_bodies(loaded: CompiledModel, found: dict[int, Carrier]) -> tuple[RigidGeom, ...]:
     """Convert all geoms with a supported surface; report the others."""
     m = loaded.model
     rigid: list[RigidGeom] = []
@@ -54,7 +54,7 @@ def rigid_bodies(loaded: Loaded, found: dict[int, Carrier]) -> tuple[RigidGeom, 
     return tuple(rigid)
 
 
-def _usable(loaded: Loaded, g: int) -> bool:
+def _usable(loaded: CompiledModel, g: int) -> bool:
     kinds, kind = loaded.mujoco.mjtGeom, int(loaded.model.geom_type[g])
     known = (
         *(kinds.mjGEOM_PLANE, kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE),
@@ -67,18 +67,18 @@ def _usable(loaded: Loaded, g: int) -> bool:
     return True
 
 
-def called(loaded: Loaded, g: int) -> str:
+def called(loaded: CompiledModel, g: int) -> str:
     """Return the name of a geom in messages."""
     m = loaded.model
     body = int(m.geom_bodyid[g])
     return f"geom {m.geom(g).name or g} of {m.body(body).name or f'body {body}'}"
 
 
-def _pose(loaded: Loaded, g: int) -> tuple[Array, Array]:
+def _pose(loaded: CompiledModel, g: int) -> tuple[Array, Array]:
     return np.array(loaded.data.geom_xpos[g]), np.array(loaded.data.geom_xmat[g]).reshape(3, 3)
 
 
-def _carried(loaded: Loaded, carrier: Carrier, g: int) -> RigidGeom:
+def _carried(loaded: CompiledModel, carrier: Carrier, g: int) -> RigidGeom:
     m = loaded.model
     otherwise = m.body(m.geom_bodyid[g]).name or "geom"
     name = loaded.names.new(m.geom(g).name, "ground" if otherwise == "world" else otherwise)
@@ -94,7 +94,9 @@ def _carried(loaded: Loaded, carrier: Carrier, g: int) -> RigidGeom:
     return RigidGeom(description, (g,), surface, carrier.kind != "world", carrier.name)
 
 
-def _free(loaded: Loaded, carrier: Carrier, geoms: tuple[int, ...], bodies: list[int]) -> Iterator[RigidGeom]:
+def _free(
+    loaded: CompiledModel, carrier: Carrier, geoms: tuple[int, ...], bodies: list[int]
+) -> Iterator[RigidGeom]:
     """Yield a free body, with everything welded to it."""
     m = loaded.model
     if not geoms:
@@ -128,7 +130,7 @@ def _free(loaded: Loaded, carrier: Carrier, geoms: tuple[int, ...], bodies: list
     yield RigidGeom(description, geoms, surface, True, carrier.name)
 
 
-def _weight(loaded: Loaded, bodies: list[int]) -> tuple[float, Array, Array]:
+def _weight(loaded: CompiledModel, bodies: list[int]) -> tuple[float, Array, Array]:
     """Return mass in [kg], centre (3,) in [m] and inertia (3, 3) about it in [kg m^2] of welded bodies."""
     m, d = loaded.model, loaded.data
     masses = np.array([m.body_mass[b] for b in bodies])
@@ -143,7 +145,7 @@ def _weight(loaded: Loaded, bodies: list[int]) -> tuple[float, Array, Array]:
     return mass, centre, inertia
 
 
-def _shape(loaded: Loaded, g: int, name: str) -> tuple[Shape, SurfaceMesh | None]:
+def _shape(loaded: CompiledModel, g: int, name: str) -> tuple[Shape, SurfaceMesh | None]:
     """Return a geom's shape in its own frame, and the surface of its mesh file if it needs one."""
     m, kinds = loaded.model, loaded.mujoco.mjtGeom
     size, kind = [float(each) for each in m.geom_size[g]], m.geom_type[g]
@@ -165,7 +167,7 @@ def _shape(loaded: Loaded, g: int, name: str) -> tuple[Shape, SurfaceMesh | None
     return Shape(mesh=MeshFile(file=Path(f"{name}.stl"))), _surface(loaded, g)
 
 
-def _surface(loaded: Loaded, g: int) -> SurfaceMesh:
+def _surface(loaded: CompiledModel, g: int) -> SurfaceMesh:
     """Return triangles of a capsule, an ellipsoid or a mesh in the geom's own frame."""
     m, kinds = loaded.model, loaded.mujoco.mjtGeom
     if m.geom_type[g] == kinds.mjGEOM_MESH:
@@ -183,7 +185,7 @@ def _surface(loaded: Loaded, g: int) -> SurfaceMesh:
     return _hull(np.concatenate([ball + up, ball - up]))
 
 
-def _placed(loaded: Loaded, g: int, origin: Array, rotation: Array) -> Array:
+def _placed(loaded: CompiledModel, g: int, origin: Array, rotation: Array) -> Array:
     """Return surface points of a geom of any shape in another frame, shape (k, 3)."""
     shape, surface = _shape(loaded, g, "part")
     surface = surface_of(shape) if surface is None else surface

@@ -13,7 +13,7 @@ from softsim_core.base import MeshError, MeshFile, MjcfError, SceneError, write_
 from softsim_core.mjcf.carriers import carriers, vector
 from softsim_core.mjcf.flexes import SoftBody, cables, soft_bodies
 from softsim_core.mjcf.geoms import rigid_bodies
-from softsim_core.mjcf.reading import Loaded, Names, load_model
+from softsim_core.mjcf.reading import CompiledModel, Names, load_model
 from softsim_core.mjcf.source import Source
 from softsim_core.mjcf.touching import collisions
 from softsim_core.physics.mesh import SurfaceMesh, TetMesh, write_surface, write_tets
@@ -158,7 +158,7 @@ def import_mjcf(path: str | Path, law: str | None = None) -> ImportedScene:
         raise MjcfError(loaded.file, f"does not become a scene: {error}") from error
 
 
-def _converted(loaded: Loaded, law: str | None) -> ImportedScene:
+def _converted(loaded: CompiledModel, law: str | None) -> ImportedScene:
     found, joints = carriers(loaded)
     soft = soft_bodies(loaded, found, law)
     rigid = rigid_bodies(loaded, found)
@@ -196,11 +196,11 @@ def _converted(loaded: Loaded, law: str | None) -> ImportedScene:
     )
 
 
-def _is_off(loaded: Loaded, word: str) -> bool:
+def _is_off(loaded: CompiledModel, word: str) -> bool:
     return bool(loaded.model.opt.disableflags & getattr(loaded.mujoco.mjtDisableBit, f"mjDSBL_{word}"))
 
 
-def _damping(loaded: Loaded, soft: tuple[SoftBody, ...]) -> float:
+def _damping(loaded: CompiledModel, soft: tuple[SoftBody, ...]) -> float:
     """Return the Rayleigh damping in [s]; a scene has one value for all bodies."""
     values = sorted({each.damping for each in soft})
     if len(values) > 1:

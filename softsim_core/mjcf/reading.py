@@ -28,7 +28,7 @@ _CHECKED = (
 
 
 @dataclass(slots=True)
-class Told:
+class ConversionNotes:
     """Messages on parts that a conversion leaves out or changes, without duplicates."""
 
     lines: list[str] = field(default_factory=list)
@@ -58,7 +58,7 @@ class Names:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Loaded:
+class CompiledModel:
     """A compiled model.
 
     Attributes:
@@ -78,7 +78,7 @@ class Loaded:
     model: Any
     data: Any
     vertices: Array
-    told: Told
+    told: ConversionNotes
     names: Names
 
     @property
@@ -134,7 +134,7 @@ def _vertices(mujoco: Any, model: Any) -> Array:
     return np.asarray(carries & three & (np.array(model.body_geomnum) == 0))
 
 
-def load_model(path: str | Path) -> Loaded:
+def load_model(path: str | Path) -> CompiledModel:
     """Read and compile a model.
 
     Args:
@@ -165,4 +165,6 @@ def load_model(path: str | Path) -> Loaded:
             raise MjcfError(
                 source.file, f"holds a number that is not finite (in MuJoCo's {name}); correct it"
             )
-    return Loaded(source, mujoco, spec, model, data, _vertices(mujoco, model), Told(), Names())
+    return CompiledModel(
+        source, mujoco, spec, model, data, _vertices(mujoco, model), ConversionNotes(), Names()
+    )

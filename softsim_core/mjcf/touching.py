@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from softsim_core.mjcf.flexes import SoftBody
 from softsim_core.mjcf.geoms import RigidGeom
-from softsim_core.mjcf.reading import Loaded
+from softsim_core.mjcf.reading import CompiledModel
 from softsim_core.physics.contact import ContactSettings, PairFriction
 from softsim_core.scene import CollisionDescription, JointDescription
 
@@ -47,7 +47,7 @@ class _Surface:
 
 
 def collisions(
-    loaded: Loaded,
+    loaded: CompiledModel,
     soft: tuple[SoftBody, ...],
     rigid: tuple[RigidGeom, ...],
     joints: tuple[JointDescription, ...],
@@ -94,7 +94,7 @@ def _touches(surface: _Surface) -> bool:
     return bool(surface.contype or surface.conaffinity)
 
 
-def _soft(loaded: Loaded, soft: tuple[SoftBody, ...]) -> Iterator[_Surface]:
+def _soft(loaded: CompiledModel, soft: tuple[SoftBody, ...]) -> Iterator[_Surface]:
     m = loaded.model
     for each in soft:
         f = each.flex
@@ -111,7 +111,7 @@ def _soft(loaded: Loaded, soft: tuple[SoftBody, ...]) -> Iterator[_Surface]:
         )
 
 
-def _rigid(loaded: Loaded, rigid: tuple[RigidGeom, ...]) -> Iterator[_Surface]:
+def _rigid(loaded: CompiledModel, rigid: tuple[RigidGeom, ...]) -> Iterator[_Surface]:
     m = loaded.model
     for each in rigid:
         contype, conaffinity, friction = 0, 0, 0.0
@@ -126,20 +126,20 @@ def _rigid(loaded: Loaded, rigid: tuple[RigidGeom, ...]) -> Iterator[_Surface]:
         )
 
 
-def _crossing(loaded: Loaded) -> list[set[int]]:
+def _crossing(loaded: CompiledModel) -> list[set[int]]:
     """Return the pairs of geoms that intersect at the start according to MuJoCo."""
     d = loaded.data
     pairs = (set(map(int, d.contact[k].geom)) for k in range(d.ncon) if d.contact[k].dist < 0.0)
     return [pair for pair in pairs if min(pair) >= 0]
 
 
-def _is_unfiltered(loaded: Loaded) -> bool:
+def _is_unfiltered(loaded: CompiledModel) -> bool:
     """Return whether bodies may touch the parent body of their joint."""
     return bool(loaded.model.opt.disableflags & loaded.mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
 
 
 def _settings(
-    loaded: Loaded, surfaces: list[_Surface], meeting: list[tuple[_Surface, _Surface]]
+    loaded: CompiledModel, surfaces: list[_Surface], meeting: list[tuple[_Surface, _Surface]]
 ) -> ContactSettings:
     """Return gap and friction: for a pair, MuJoCo uses the larger friction of the two."""
     radii = [each.radius for each in surfaces if each.radius > 0.0]

@@ -14,13 +14,13 @@ from softsim_core.base import Array, Backend, IndexArray, SceneError, float_arra
 from softsim_core.physics.actuation import ActuatorView
 from softsim_core.physics.contact import CollisionModel, CollisionSurface, ContactLimits
 from softsim_core.physics.dynamics import (
+    ActuatorStateStepper,
     BossakStepper,
     Condensed,
     ContactReport,
     ContactStepper,
     FreeTurning,
     IteratedStepper,
-    KeepingStepper,
     StaticResponse,
     Stepper,
     StepReport,
@@ -128,7 +128,7 @@ class SceneState:
             stepper = ContactStepper(euler, collisions, smooth)
         if relaxing_groups(model):
             stepper = ViscousStepper(stepper)
-        return KeepingStepper(stepper) if self._actuators.keeps else stepper
+        return ActuatorStateStepper(stepper) if self._actuators.keeps else stepper
 
     def _euler_of(self, model: Model) -> IteratedStepper:
         settings = self.scene.solver

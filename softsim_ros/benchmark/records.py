@@ -121,7 +121,7 @@ def judge(records: Iterable[Record]) -> None:
             record.limit, record.against = LIMITS[record.scene] / HELD_MS, "held"
 
 
-class Measured(Protocol):
+class JsonRecord(Protocol):
     """A measurement with a JSON form."""
 
     def as_json(self) -> dict[str, object]:
@@ -129,7 +129,7 @@ class Measured(Protocol):
         ...
 
 
-def write_json(records: Iterable[Measured], file: Path) -> None:
+def write_json(records: Iterable[JsonRecord], file: Path) -> None:
     """Write the records as a list of objects.
 
     Raises:

@@ -56,7 +56,7 @@ class SensorTime:
         }
 
 
-class _Sensed:
+class _PressedScene:
     """A scene that presses on its sensors, and the times that these took."""
 
     def __init__(self, description: RobotDescription) -> None:
@@ -80,7 +80,7 @@ def measure_sensors(rounds: int) -> list[SensorTime]:
     alone = {f"{each.name} ({each.kind})": (each,) for each in every}
     groups: dict[str, tuple[SimulatedSensorDescription, ...]] = {**alone, ALL: every}
     scenes = {
-        name: _Sensed(replace(robot, scene=replace(robot.scene, sensors=sensors)))
+        name: _PressedScene(replace(robot, scene=replace(robot.scene, sensors=sensors)))
         for name, sensors in groups.items()
     }
     with no_garbage_collection():

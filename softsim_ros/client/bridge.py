@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from softsim_ros import StateListener
 from softsim_ros.client.services import AsyncService, Done, Outcome, Request, unheeded
-from softsim_ros.client.state import BridgeState, Known
+from softsim_ros.client.state import BridgeState, RobotSnapshot
 
 STATES: Final[dict[int, BridgeState]] = {
     State.PRIMARY_STATE_UNCONFIGURED: "init",
@@ -31,7 +31,7 @@ class Bridge:
         known: Storage of its state.
     """
 
-    def __init__(self, node: Node, known: Known) -> None:
+    def __init__(self, node: Node, known: RobotSnapshot) -> None:
         self._known = known
         self._change = AsyncService(node, ChangeState, "servo_bridge/change_state")
         self._stop = Request(node, Trigger, "servo_bridge/e_stop", "servo bridge", known.say)

@@ -16,7 +16,7 @@ from softsim_ros.client.services import Done, Outcome, Switch, unheeded
 from softsim_ros.client.state import (
     STALE_AFTER_S,
     EffectorPose,
-    Known,
+    RobotSnapshot,
     RobotState,
     Tilt,
     known_effector,
@@ -51,7 +51,7 @@ class ClosedLoop:
         known: Storage of its reference.
     """
 
-    def __init__(self, node: Node, known: Known) -> None:
+    def __init__(self, node: Node, known: RobotSnapshot) -> None:
         self._known, self._clock = known, node.get_clock()
         self._references = node.create_publisher(Vector3Stamped, "tilt_reference", NEWEST_ONLY)
         self._enabled = StateListener(node, "closed_loop/enabled", self._on_change)
@@ -90,7 +90,7 @@ class Inverse:
         known: Storage of effector pose, goal and switch.
     """
 
-    def __init__(self, node: Node, known: Known) -> None:
+    def __init__(self, node: Node, known: RobotSnapshot) -> None:
         self._known, self._clock = known, node.get_clock()
         self._enable = Switch(node, "inverse_controller/enable", "inverse control", known.say)
         self._goals = node.create_publisher(PoseStamped, "effector_goal", NEWEST_ONLY)

@@ -23,7 +23,7 @@ from softsim_ros.client.services import Done, Outcome, unheeded
 from softsim_ros.client.state import (
     REACHED,
     STALE_AFTER_S,
-    Known,
+    RobotSnapshot,
     RobotState,
     commandable,
     enforces_limits,
@@ -216,7 +216,7 @@ class Joints:
         simulated: Returns whether a simulator has been found.
     """
 
-    def __init__(self, node: Node, known: Known, simulated: Callable[[], bool]) -> None:
+    def __init__(self, node: Node, known: RobotSnapshot, simulated: Callable[[], bool]) -> None:
         self._known, self._simulated = known, simulated
         self._order: tuple[tuple[str, ...], list[int] | None] = ((), None)
         self._states_at = self._held_at = -math.inf

@@ -24,7 +24,7 @@ from softsim_ros.client.discovery import running_robot, running_robots
 from softsim_ros.client.joints import Joints
 from softsim_ros.client.services import Outcome
 from softsim_ros.client.simulator import Simulator
-from softsim_ros.client.state import Known, Reports, RobotState, Watcher
+from softsim_ros.client.state import Reports, RobotSnapshot, RobotState, Watcher
 
 POLL_PERIOD_S: Final = 0.1
 
@@ -54,7 +54,7 @@ class RobotClient:
         self, node: Node, robot: RobotDescription, say: Callable[[str], None] = lambda _: None
     ) -> None:
         self.node = node
-        self._known = known = Known(robot, say)
+        self._known = known = RobotSnapshot(robot, say)
         self.inverse = Inverse(node, known)
         self.closed_loop = ClosedLoop(node, known)
         self.joints = Joints(node, known, lambda: self.simulator.is_there)

@@ -24,7 +24,7 @@ from softsim_ros import StateListener
 from softsim_ros.client.control import Inverse
 from softsim_ros.client.joints import INVERSE_OWNS, Joints
 from softsim_ros.client.services import AsyncService, Done, Outcome, Request, Switch, unheeded
-from softsim_ros.client.state import Known
+from softsim_ros.client.state import RobotSnapshot
 from softsim_ros.messages import Proposal, base_target, header, read_proposal, write_edits
 
 POLL_PERIOD_S: Final = 1.0
@@ -43,7 +43,7 @@ class Parameters:
         known: Storage of the switch of the limits.
     """
 
-    def __init__(self, node: Node, known: Known) -> None:
+    def __init__(self, node: Node, known: RobotSnapshot) -> None:
         self._known = known
         self._get = AsyncService(node, GetParameters, "simulator/get_parameters", 2.0)
         self._set = AsyncService(
@@ -212,7 +212,7 @@ class Simulator:
         parameters: Its parameters.
     """
 
-    def __init__(self, node: Node, known: Known, joints: Joints, inverse: Inverse) -> None:
+    def __init__(self, node: Node, known: RobotSnapshot, joints: Joints, inverse: Inverse) -> None:
         self._known, self._joints, self._inverse, self._clock = known, joints, inverse, node.get_clock()
         self.parameters = Parameters(node, known)
 

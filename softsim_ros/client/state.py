@@ -206,7 +206,7 @@ Watcher = Callable[[RobotState], None]
 """Called with the state after every change, in the thread that serves the node."""
 
 
-class Known:
+class RobotSnapshot:
     """The robot's description and its newest state.
 
     Args:
@@ -247,7 +247,7 @@ class Reports:
         on_inverse: Called with the report of inverse control.
     """
 
-    def __init__(self, node: Node, known: Known, on_inverse: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, known: RobotSnapshot, on_inverse: Callable[[str], None]) -> None:
         self._known, self._on_inverse = known, on_inverse
         space = node.get_namespace().strip("/")
         self._simulator, self._inverse = (

@@ -16,7 +16,7 @@ from softsim_ros import chambers_of
 from softsim_ros.description.links import links_of
 
 
-class Shown(NamedTuple):
+class LayoutTopic(NamedTuple):
     """A topic in a layout.
 
     Attributes:
@@ -46,17 +46,17 @@ _CLOUD: Final = {
 }  # fmt: skip
 
 SHOWN: Final = (
-    Shown("mesh/marker", "visualization_msgs/msg/Marker", "Marker", "Silicone"),
-    Shown(
+    LayoutTopic("mesh/marker", "visualization_msgs/msg/Marker", "Marker", "Silicone"),
+    LayoutTopic(
         "mesh/points", "sensor_msgs/msg/PointCloud2", "PointCloud2", "Stress", enabled=False, options=_CLOUD
     ),
-    Shown("cables", _MARKERS, "MarkerArray", "Cables"),
-    Shown("chambers", _MARKERS, "MarkerArray", "Pressure chambers"),
-    Shown("bodies/topology", _MARKERS, "MarkerArray", "Rigid bodies", latched=True),
-    Shown("contacts", _MARKERS, "MarkerArray", "Contacts"),
-    Shown("collisions", _MARKERS, "MarkerArray", "Collision surfaces", enabled=False),
-    Shown("effector_pose", _POSE, "Pose", "Effector", options=_AXES),
-    Shown("effector_goal", _POSE, "Pose", "Goal", options={"Color": "255; 25; 0", **_AXES}),
+    LayoutTopic("cables", _MARKERS, "MarkerArray", "Cables"),
+    LayoutTopic("chambers", _MARKERS, "MarkerArray", "Pressure chambers"),
+    LayoutTopic("bodies/topology", _MARKERS, "MarkerArray", "Rigid bodies", latched=True),
+    LayoutTopic("contacts", _MARKERS, "MarkerArray", "Contacts"),
+    LayoutTopic("collisions", _MARKERS, "MarkerArray", "Collision surfaces", enabled=False),
+    LayoutTopic("effector_pose", _POSE, "Pose", "Effector", options=_AXES),
+    LayoutTopic("effector_goal", _POSE, "Pose", "Goal", options={"Color": "255; 25; 0", **_AXES}),
 )
 
 

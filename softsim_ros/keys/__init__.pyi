@@ -15,7 +15,7 @@ from .press import (
     KeyState as KeyState,
     MoveGoal as MoveGoal,
     Quit as Quit,
-    Refer as Refer,
+    SetReference as SetReference,
     goal_help as goal_help,
     key_of as key_of,
     key_table as key_table,

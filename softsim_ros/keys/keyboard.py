@@ -22,7 +22,7 @@ from softsim_ros.keys.press import (
     KeyState,
     MoveGoal,
     Quit,
-    Refer,
+    SetReference,
     press,
 )
 
@@ -112,7 +112,7 @@ class Keyboard:
             self._actions[deed.action]()
         elif isinstance(deed, MoveGoal):
             self._client.inverse.move_goal(deed.shift)
-        elif isinstance(deed, Refer):
+        elif isinstance(deed, SetReference):
             self._client.closed_loop.refer(deed.reference)
         else:
             self._client.joints.obey(deed)

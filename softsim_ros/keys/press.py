@@ -102,7 +102,7 @@ class MoveGoal:
 
 
 @dataclass(frozen=True, slots=True)
-class Refer:
+class SetReference:
     """Action that sends the closed loop a reference."""
 
     reference: Tilt
@@ -120,7 +120,7 @@ class Quit:
     """Action that ends the program."""
 
 
-Deed: TypeAlias = StepJoints | GoToPose | MoveGoal | Refer | CallAction | Quit
+Deed: TypeAlias = StepJoints | GoToPose | MoveGoal | SetReference | CallAction | Quit
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +228,7 @@ def _turn(keys: KeyState, reference: Tilt, name: str) -> Pressed:
         return Pressed(keys, None, tilt_line(reference, keys.axis))
     step = TILT_STEP_RAD if name == "plus" else -TILT_STEP_RAD
     turned = reference._replace(**{keys.axis: round(getattr(reference, keys.axis) + step, 9)})
-    return Pressed(keys, Refer(turned), tilt_line(turned, keys.axis))
+    return Pressed(keys, SetReference(turned), tilt_line(turned, keys.axis))
 
 
 def tilt_line(reference: Tilt, axis: str) -> str:

@@ -23,7 +23,7 @@ from .scene import (
     write_proposal as write_proposal,
 )
 from .sensors import (
-    Told as Told,
+    SensorMessage as SensorMessage,
     contact_cloud as contact_cloud,
     read_contact_cloud as read_contact_cloud,
     read_step_profile as read_step_profile,

@@ -104,7 +104,7 @@ TACTILE_ENCODING: Final = "32FC1"
 Write: TypeAlias = Callable[[Header, SensorReading], Any]
 
 
-class Told(NamedTuple):
+class SensorMessage(NamedTuple):
     """A message that a kind of sensor publishes: topic suffix, type, and the function that writes it."""
 
     below: str
@@ -194,27 +194,27 @@ def numbers(_: Header, reading: SensorReading) -> Float64MultiArray:
     return Float64MultiArray(data=message_array(reading.value, "d"))
 
 
-KINDS: Final[dict[type[SimulatedSensorDescription], tuple[Told, ...]]] = {
-    WrenchSensorDescription: (Told("", WrenchStamped, wrench),),
-    ForceTorqueDescription: (Told("", WrenchStamped, wrench),),
-    TactileArrayDescription: (Told("", Image, tactile_image),),
-    StrainSensorDescription: (Told("", Float64, number),),
-    ImuDescription: (Told("", Imu, imu),),
-    MarkersDescription: (Told("", PoseArray, marker_poses),),
-    CableSensorDescription: (Told("", JointState, cable_state),),
+KINDS: Final[dict[type[SimulatedSensorDescription], tuple[SensorMessage, ...]]] = {
+    WrenchSensorDescription: (SensorMessage("", WrenchStamped, wrench),),
+    ForceTorqueDescription: (SensorMessage("", WrenchStamped, wrench),),
+    TactileArrayDescription: (SensorMessage("", Image, tactile_image),),
+    StrainSensorDescription: (SensorMessage("", Float64, number),),
+    ImuDescription: (SensorMessage("", Imu, imu),),
+    MarkersDescription: (SensorMessage("", PoseArray, marker_poses),),
+    CableSensorDescription: (SensorMessage("", JointState, cable_state),),
 }
 """Messages of the sensor kinds of this package; for chambers see `told_of`, for others `numbers`."""
 
 
-def told_of(described: SimulatedSensorDescription, atmosphere: float) -> tuple[Told, ...]:
+def told_of(described: SimulatedSensorDescription, atmosphere: float) -> tuple[SensorMessage, ...]:
     """Return the messages of a sensor; `atmosphere` is the absolute pressure of the air in [Pa]."""
     if isinstance(described, ChamberSensorDescription):
 
         def pressure(header: Header, reading: SensorReading) -> FluidPressure:
             return chamber_pressure(atmosphere, header, reading)
 
-        return Told("", FluidPressure, pressure), Told("/volume", Float64, chamber_volume)
-    return KINDS.get(type(described), (Told("", Float64MultiArray, numbers),))
+        return SensorMessage("", FluidPressure, pressure), SensorMessage("/volume", Float64, chamber_volume)
+    return KINDS.get(type(described), (SensorMessage("", Float64MultiArray, numbers),))
 
 
 def _vectors(value: Array) -> tuple[Vector3, Vector3]:

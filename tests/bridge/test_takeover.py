@@ -14,7 +14,14 @@ from node_processes import spin_until
 from servo_bridge import PortError
 from servo_bridge.driver import STALL_S, ServoDriver, angle_to_width
 from servo_bridge.emulator import VirtualBoard
-from servo_bridge.protocols import DEAF_PATIENCE, PATIENCE, BoardFlags, ExtendedProtocol, Following, Telemetry
+from servo_bridge.protocols import (
+    DEAF_PATIENCE,
+    PATIENCE,
+    BoardFlags,
+    ExtendedProtocol,
+    PoseComparison,
+    Telemetry,
+)
 from softsim_core.physics.mechanics import JointLimits
 
 pytestmark = pytest.mark.slow
@@ -221,7 +228,7 @@ def test_no_pose_is_sent_faster_than_the_board_moves() -> None:
 def test_telemetry_that_contradicts_twice_is_a_deviation(
     flags: BoardFlags, widths: tuple[int, ...], words: str
 ) -> None:
-    following = Following()
+    following = PoseComparison()
     for seq, width in enumerate((1200, 1400, 1500), start=1):
         following.sent()
         following.told(seq, (width, 1500, 1500))
@@ -235,7 +242,7 @@ def test_telemetry_that_contradicts_twice_is_a_deviation(
 
 
 def test_a_board_that_acknowledges_nothing_is_deaf() -> None:
-    following = Following()
+    following = PoseComparison()
     for seq in range(1, DEAF_PATIENCE + 2):
         assert following.deviation == ""
         following.told(seq, (1500,) * 3)
@@ -245,7 +252,7 @@ def test_a_board_that_acknowledges_nothing_is_deaf() -> None:
 
 
 def test_a_board_that_acknowledges_now_and_then_is_not_deaf() -> None:
-    following, last = Following(), 0
+    following, last = PoseComparison(), 0
     for seq in range(1, 60):
         following.told(seq, (1500,) * 3)
         following.sent()

@@ -23,7 +23,7 @@ from node_processes import Client, ProcessGroup, parameter_words, private_ros, s
 
 from softsim_core import load_scene
 from softsim_core.base import SoftSimError
-from softsim_ros import Plan, Wishes, board_link, plan
+from softsim_ros import LaunchArguments, Plan, board_link, plan
 from softsim_ros.cli.running import NODES
 from softsim_ros.description import SHOWN, companions
 
@@ -38,11 +38,13 @@ def started(planned: Plan) -> list[str]:
 
 def test_every_robot_gets_what_it_has(tmp_path: Path) -> None:
     bridged = ["simulator", "virtual_board", "servo_bridge"]
-    assert started(plan(Wishes(), tmp_path)) == bridged
-    assert started(plan(Wishes(robot="cable_gripper"), tmp_path)) == ["simulator"]  # no board, no bridge
-    assert started(plan(Wishes(port="/dev/ttyACM7"), tmp_path)) == ["simulator", "servo_bridge"]
-    assert started(plan(Wishes(board="none"), tmp_path)) == ["simulator"]
-    everything = Wishes(board="emulated", inverse="true", viewer="true", control="true", rviz="true")
+    assert started(plan(LaunchArguments(), tmp_path)) == bridged
+    assert started(plan(LaunchArguments(robot="cable_gripper"), tmp_path)) == [
+        "simulator"
+    ]  # no board, no bridge
+    assert started(plan(LaunchArguments(port="/dev/ttyACM7"), tmp_path)) == ["simulator", "servo_bridge"]
+    assert started(plan(LaunchArguments(board="none"), tmp_path)) == ["simulator"]
+    everything = LaunchArguments(board="emulated", inverse="true", viewer="true", control="true", rviz="true")
     others = ["inverse_controller", "viewer", "ros2_control_node", "spawner", "rviz2"]
     planned = plan(everything, tmp_path)
     assert started(planned) == ["simulator", "emulated_board", "servo_bridge", *others]
@@ -57,22 +59,22 @@ def test_servos_on_a_bus_are_emulated_by_the_virtual_board(tmp_path: Path) -> No
         "name: bus\njoints: [{name: a}]\nboard: {baud_rate: 1000000, servos: [{joint: a, id: 1}]}\n"
     )
     for word in ("virtual", "emulated"):
-        planned = plan(Wishes(robot=str(file), board=word), tmp_path)
+        planned = plan(LaunchArguments(robot=str(file), board=word), tmp_path)
         assert started(planned) == ["simulator", "virtual_board", "servo_bridge"]
         assert planned.nodes[1].parameters["robot"] == str(file)
 
 
 def test_each_node_gets_its_enclave_where_that_is_wished(tmp_path: Path) -> None:
-    everything = plan(Wishes(namespace="lab/left", enclaves="true", rviz="true"), tmp_path)
+    everything = plan(LaunchArguments(namespace="lab/left", enclaves="true", rviz="true"), tmp_path)
     assert {each.enclave for each in everything.nodes} == {
         f"/lab/left/{name}" for name in ("simulator", "virtual_board", "servo_bridge", "rviz2")
     }
     assert everything.hint.endswith("--enclave /lab/left/teleop")
-    assert {each.enclave for each in plan(Wishes(), tmp_path).nodes} == {""}
+    assert {each.enclave for each in plan(LaunchArguments(), tmp_path).nodes} == {""}
 
 
 def test_two_robots_share_neither_namespace_nor_board(tmp_path: Path) -> None:
-    left, right = (plan(Wishes(namespace=name), tmp_path) for name in ("/left", "/lab/left"))
+    left, right = (plan(LaunchArguments(namespace=name), tmp_path) for name in ("/left", "/lab/left"))
     assert (left.namespace, right.namespace) == ("left", "lab/left")
     links = {
         node.parameters["port"] for each in (left, right) for node in each.nodes if "port" in node.parameters
@@ -86,15 +88,18 @@ def test_two_robots_share_neither_namespace_nor_board(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wishes", "words"),
     [
-        (Wishes(robot="cable_gripper", board="virtual"), "argument board: cable_gripper has no servo board"),
-        (Wishes(board="virtual", port="/dev/ttyACM0"), "argument port: belongs to board:=real"),
-        (Wishes(board="/dev/ttyACM0"), "argument board: '/dev/ttyACM0' is not one of auto, virtual"),
-        (Wishes(rviz="yes"), "argument rviz: 'yes' is not one of false, true"),
-        (Wishes(robot="tripo"), "did you mean tripod"),
+        (
+            LaunchArguments(robot="cable_gripper", board="virtual"),
+            "argument board: cable_gripper has no servo board",
+        ),
+        (LaunchArguments(board="virtual", port="/dev/ttyACM0"), "argument port: belongs to board:=real"),
+        (LaunchArguments(board="/dev/ttyACM0"), "argument board: '/dev/ttyACM0' is not one of auto, virtual"),
+        (LaunchArguments(rviz="yes"), "argument rviz: 'yes' is not one of false, true"),
+        (LaunchArguments(robot="tripo"), "did you mean tripod"),
     ],
 )
 def test_what_does_not_go_together_is_said_before_anything_starts(
-    wishes: Wishes, words: str, tmp_path: Path
+    wishes: LaunchArguments, words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(SoftSimError, match=words):
         plan(wishes, tmp_path)
@@ -137,7 +142,7 @@ def test_what_is_planned_runs_and_shows_what_rviz_and_foxglove_ask_for(tmp_path:
     from rcl_interfaces.srv import ListParameters
     from sensor_msgs.msg import JointState
 
-    planned = plan(Wishes(namespace="/lab/left", inverse="true", autostart="activate"), tmp_path)
+    planned = plan(LaunchArguments(namespace="/lab/left", inverse="true", autostart="activate"), tmp_path)
     processes = ProcessGroup(tmp_path)
     client = Client(domain, planned.namespace, processes)
     try:
@@ -217,7 +222,9 @@ def launch_file(monkeypatch: pytest.MonkeyPatch) -> Callable[..., dict[str, Any]
     def load(name: str, **words: str) -> dict[str, Any]:
         class LaunchConfiguration(Recorded):
             def perform(self, context: object) -> str:
-                default = next(each.default for each in fields(Wishes) if each.name == self.positional[0])
+                default = next(
+                    each.default for each in fields(LaunchArguments) if each.name == self.positional[0]
+                )
                 return words.get(self.positional[0], str(default))
 
         for module_name, classes in DOCUMENTED.items():
@@ -245,13 +252,13 @@ def test_the_launch_file_hands_over_what_is_planned(
     *declared, opaque = launch_file("robot.launch.py", namespace="/left")[
         "generate_launch_description"
     ]().positional[0]
-    assert [each.positional[0] for each in declared] == [each.name for each in fields(Wishes)]
+    assert [each.positional[0] for each in declared] == [each.name for each in fields(LaunchArguments)]
     choices = {each.positional[0]: each.keywords["choices"] for each in declared}
     assert choices["inverse"] == ["false", "true"]
     assert choices["robot"] is None
     hint, *nodes = opaque.keywords["function"](None)
     assert "__ns:=/left" in hint.keywords["msg"]
-    planned = plan(Wishes(namespace="/left"), tmp_path).nodes
+    planned = plan(LaunchArguments(namespace="/left"), tmp_path).nodes
     for node, wanted in zip(nodes, planned, strict=True):
         assert (node.keywords["package"], node.keywords["executable"]) == (wanted.package, wanted.executable)
         assert node.keywords["namespace"] == "left"
@@ -289,7 +296,7 @@ def test_the_real_launch_takes_it() -> None:
     file = BRINGUP / "launch" / "robot.launch.py"
     description = get_launch_description_from_python_launch_file(str(file))
     declared = [each for each in description.entities if isinstance(each, DeclareLaunchArgument)]
-    assert {each.name for each in declared} == {each.name for each in fields(Wishes)}
+    assert {each.name for each in declared} == {each.name for each in fields(LaunchArguments)}
     context = LaunchContext()
     for each in declared:
         each.visit(context)

@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import softsim_core
-from softsim_ros import Wishes, plan
+from softsim_ros import LaunchArguments, plan
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LOCKED = re.compile(r"^([a-z0-9._-]+==[^\n\\]+)((?:\\\n    --hash=\S+ ?)*)", re.MULTILINE)
@@ -119,7 +119,7 @@ def test_the_workspace_links_to_the_packages(package: str) -> None:
 def test_what_a_launch_starts_is_named_in_package_xml(tmp_path: Path) -> None:
     root = ElementTree.parse(WORKSPACE / "softsim_bringup" / "package.xml").getroot()
     declared = {element.text for element in root.iter("exec_depend")}
-    everything = Wishes(inverse="true", viewer="true", control="true", rviz="true")
+    everything = LaunchArguments(inverse="true", viewer="true", control="true", rviz="true")
     started = {node.package for node in plan(everything, tmp_path).nodes}
     assert {"softsim_ros", "servo_bridge", "controller_manager", "rviz2"} <= started <= declared
     files = (WORKSPACE / "softsim_bringup" / "launch").glob("*.py")

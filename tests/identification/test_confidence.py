@@ -25,7 +25,7 @@ from softsim_core.lab.identification import (
 )
 from softsim_core.simulation import Simulation
 from softsim_ros.cli import main
-from softsim_ros.cli.measurements import Further, page, told_of_endings
+from softsim_ros.cli.measurements import RequestedResults, page, told_of_endings
 from tests.identification.test_calibration import (
     DATA_SET,
     OVERLAY,
@@ -215,7 +215,7 @@ def test_the_command_tells_all(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_the_page_draws_intervals_and_correlations() -> None:
-    text = page("<arm>", found(), Further())
+    text = page("<arm>", found(), RequestedResults())
     assert "&lt;arm&gt;" in text
     assert text.count('<svg class="bar"') == 2
     told = [float(each) for each in re.findall(r"%\)\">([+-]\d\.\d\d)", text)]

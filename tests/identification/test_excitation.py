@@ -14,7 +14,7 @@ from softsim_core.lab.identification import (
     CommandColumns,
     DataSetDescription,
     ExcitationSettings,
-    Room,
+    MotionLimits,
     SensorDescription,
     SessionDescription,
     SplitDescription,
@@ -38,12 +38,12 @@ from softsim_core.lab.identification import (
 )
 
 
-def random_room(seed: int) -> Room:
+def random_room(seed: int) -> MotionLimits:
     random = np.random.default_rng(seed)
     joints = int(random.integers(1, 5))
     low, home, high = np.sort(random.uniform(-2.0, 2.0, (3, joints)), axis=0)
     speed = random.uniform(0.05, 5.0, joints)
-    return Room(home, low, high, speed, speed * random.uniform(1.0, 30.0, joints))
+    return MotionLimits(home, low, high, speed, speed * random.uniform(1.0, 30.0, joints))
 
 
 @pytest.mark.parametrize("seed", range(12))

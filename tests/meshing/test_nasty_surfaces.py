@@ -35,7 +35,7 @@ from part_surfaces import (
 )
 
 from softsim_core.base import MeshError
-from softsim_core.lab.meshing import Repaired, read_part, repaired, simplified
+from softsim_core.lab.meshing import RepairedSurface, read_part, repaired, simplified
 from softsim_core.physics.mesh import is_closed
 
 CUBE = 8000.0
@@ -315,7 +315,7 @@ CASES: dict[str, Callable[[], Mended | Refused]] = {
 }
 
 
-def mended(case: Mended, folder: Path) -> Repaired:
+def mended(case: Mended, folder: Path) -> RepairedSurface:
     part = read_part(write(folder, case.surface, case.name), case.unit)
     hole = None if case.hole is None else case.hole * part.unit.metres
     return repaired(part, hole, case.largest, simplified)

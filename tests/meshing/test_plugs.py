@@ -12,7 +12,7 @@ from part_surfaces import Surface, bottle, box, joined, lattice, moved, tilted, 
 from softsim_core.base import Array, MeshError
 from softsim_core.lab.meshing import (
     MeshingOptions,
-    Repaired,
+    RepairedSurface,
     have_mesher,
     mesh_part,
     open_hollows,
@@ -66,7 +66,7 @@ PARTS = {
 }
 
 
-def plugged(folder: Path, surface: Surface) -> tuple[Repaired, Repaired, float]:
+def plugged(folder: Path, surface: Surface) -> tuple[RepairedSurface, RepairedSurface, float]:
     """A part before and after it was plugged, and the width of its opening in [m]."""
     part = read_part(write(folder, surface))
     before = repaired(part)

@@ -49,7 +49,7 @@ def test_objects_are_moved_and_weighed(
 
 
 def test_what_counts_as_put_down() -> None:
-    from softsim_ros.cli.demos import AWAY, Taken
+    from softsim_ros.cli.demos import AWAY, MeasuredObject
 
     start = np.array([0.3, -0.2, 0.03])
     for lifted, end, why in (
@@ -59,4 +59,4 @@ def test_what_counts_as_put_down() -> None:
         (0.1, start + AWAY + [0.0, 0.0, -0.02], "does not stand upright (-20 mm)"),
         (0.1, np.full(3, np.nan), "stands nan mm from its place"),
     ):
-        assert Taken(start, lifted=lifted, end=np.asarray(end)).why_not == why
+        assert MeasuredObject(start, lifted=lifted, end=np.asarray(end)).why_not == why

@@ -41,7 +41,7 @@ from softsim_node import LATCHED  # noqa: E402
 from softsim_ros import SpinThread, StateListener  # noqa: E402
 from softsim_ros.messages import pose_stamped, time_message  # noqa: E402
 from softsim_ros.nodes.policy import (  # noqa: E402
-    Heard,
+    LatestReadings,
     PolicyNode,
 )
 
@@ -118,7 +118,7 @@ def start_policy(ros_domain: int, client: Any, tmp_path: Path) -> Iterator[Calla
 def expected(file: Path, commands: list[float]) -> np.ndarray:
     """What the environment's own code commands on what the bench says."""
     policy = load_policy(file)
-    heard = Heard(policy.task.asks, policy.task.goal_size)
+    heard = LatestReadings(policy.task.asks, policy.task.goal_size)
     heard.take("joint_positions", np.array(JOINTS), 0.0)
     heard.take_pose(Pose(np.array(PLACE), np.array(UPRIGHT)), 0.0)
     heard.aim(np.array(GOAL))

@@ -65,9 +65,9 @@ def filled(
     They have been filled before, with what another solve has moved, as in a step that is done again.
     """
     from softsim_core.physics.dynamics.numba_backend.cells import (
+        CellInputs,
+        CellOutputs,
         CellPlaces,
-        Given,
-        Into,
         cell_batches,
         compiled_law,
         point_cells,
@@ -81,16 +81,18 @@ def filled(
     tune(cells, group, p)
     forces, kept = np.zeros_like(x), np.zeros((count * pairs, 3, 3))
     nothing = np.zeros((0, 1, 3, 3)) if held is None else held
-    given = Given(x, x[:0] if moved is None else moved, velocities, nothing, positive, 0.01, mean_share, 3.0)
+    given = CellInputs(
+        x, x[:0] if moved is None else moved, velocities, nothing, positive, 0.01, mean_share, 3.0
+    )
     law = compiled_law(group.material)
     assert law is not None
     other = np.random.default_rng(5).normal(size=x.shape)
     law.fill(
         given._replace(moved=0.001 * other, positive=False),
         cells,
-        Into(places, np.zeros_like(x), np.zeros(1), np.zeros_like(kept)),
+        CellOutputs(places, np.zeros_like(x), np.zeros(1), np.zeros_like(kept)),
     )
-    law.fill(given, cells, Into(places, forces, np.zeros(1), kept))
+    law.fill(given, cells, CellOutputs(places, forces, np.zeros(1), kept))
     blocks, (first, second) = np.empty((count, a, a, 3, 3)), np.triu_indices(a)
     blocks[:, first, second] = kept.reshape(count, pairs, 3, 3) / 3.0
     blocks[:, second, first] = np.swapaxes(blocks[:, first, second], -1, -2)

@@ -22,7 +22,7 @@ from softsim_ros.nodes.inverse import (
     STUCK_AFTER_S,
     ControllerSettings,
     ControlStatus,
-    Following,
+    FollowingCheck,
     Plant,
     checked_pose,
     has_moved,
@@ -73,7 +73,7 @@ def test_a_wrong_pose_is_refused(wrong: PoseStamped, sentence: str) -> None:
 
 
 def test_silent_joints_are_trouble_until_they_are_back() -> None:
-    following = Following(TRIPOD.joints, 0.0)
+    following = FollowingCheck(TRIPOD.joints, 0.0)
     assert "no joint states" in following.trouble(Plant(), START, 0.0)
     plant = Plant().with_joints(START, 1.0)
     assert following.trouble(plant, START, 1.0 + SILENT_AFTER_S) == ""
@@ -82,7 +82,7 @@ def test_silent_joints_are_trouble_until_they_are_back() -> None:
 
 
 def test_stuck_joints_are_trouble_until_they_follow() -> None:
-    following = Following(TRIPOD.joints, 0.0)
+    following = FollowingCheck(TRIPOD.joints, 0.0)
     command = START + np.array([0.0, 0.3, 0.0])
     for now in (0.0, 0.5 * STUCK_AFTER_S, STUCK_AFTER_S):
         assert following.trouble(Plant().with_joints(START, now), command, now) == ""

@@ -16,7 +16,7 @@ import pytest
 from small_kernels import SOURCE, loaded
 from waiting import DEADLINE_S
 
-from softsim_core.physics.kernels import CompileProcess, Wanted, compile_process
+from softsim_core.physics.kernels import CompileProcess, KernelRequest, compile_process
 
 pytest.importorskip("numba")
 pytestmark = pytest.mark.numba
@@ -112,18 +112,18 @@ def test_a_process_that_compiles_may_die_and_cannot_compile_everything(importabl
         assert process.compile(wanted("four_times", float))
         assert not process.compile(wanted("twice", str))
         assert not process.compile(wanted("thrice", float))
-        assert not process.compile(Wanted("kernels_nowhere", "twice", ()))
+        assert not process.compile(KernelRequest("kernels_nowhere", "twice", ()))
     finally:
         process.close()
     with pytest.raises(TypingError):
         importable.twice("text")
 
 
-def wanted(name: str, of: type) -> Wanted:
+def wanted(name: str, of: type) -> KernelRequest:
     """A kernel of the importable package, for an array of floats, or for a text."""
     from numba import float64, types
 
-    return Wanted("kernels_there", name, (types.unicode_type if of is str else float64[::1],))
+    return KernelRequest("kernels_there", name, (types.unicode_type if of is str else float64[::1],))
 
 
 @pytest.mark.slow

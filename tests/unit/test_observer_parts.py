@@ -9,9 +9,9 @@ from scipy.stats import chi2
 from softsim_core.base import SoftSimError
 from softsim_core.control.observer import (
     WINDOWS,
-    Belief,
     JumpDetector,
     ObserverSettings,
+    StateEstimate,
     chi_square_limit,
     squared_distance,
 )
@@ -20,7 +20,7 @@ from softsim_core.control.observer import (
 def test_a_belief_after_many_measurements_is_the_least_squares_estimate() -> None:
     rng = np.random.default_rng(3)
     prior, noise = np.diag([0.3, 2.0, 1.0]) ** 2, np.diag([0.1, 0.2]) ** 2
-    truth, belief = rng.standard_normal(3), Belief(np.zeros(3), prior)
+    truth, belief = rng.standard_normal(3), StateEstimate(np.zeros(3), prior)
     information, score = np.linalg.inv(prior), np.zeros(3)
     for _ in range(40):
         rows = rng.standard_normal((2, 3))
@@ -33,7 +33,7 @@ def test_a_belief_after_many_measurements_is_the_least_squares_estimate() -> Non
 
 
 def test_a_random_walk_seen_through_noise_has_the_variance_of_the_riccati_equation() -> None:
-    belief, q, r = Belief(np.zeros(1), np.eye(1)), 0.04, 0.5
+    belief, q, r = StateEstimate(np.zeros(1), np.eye(1)), 0.04, 0.5
     for _ in range(200):
         belief = belief.spread(np.array([q])).updated(np.zeros(1), np.eye(1), r * np.eye(1))
     predicted = q / 2.0 + np.sqrt(q * q / 4.0 + q * r)  # the steady state, in closed form
@@ -43,7 +43,7 @@ def test_a_random_walk_seen_through_noise_has_the_variance_of_the_riccati_equati
 def test_what_is_pinned_stays_out_and_what_is_opened_is_independent() -> None:
     rng = np.random.default_rng(0)
     root = rng.standard_normal((4, 4))
-    belief = Belief(rng.standard_normal(4), root @ root.T).pinned(slice(2, 4))
+    belief = StateEstimate(rng.standard_normal(4), root @ root.T).pinned(slice(2, 4))
     assert belief.deviation[2:] == pytest.approx(0.0)
     for _ in range(5):
         belief = belief.updated(rng.standard_normal(2), rng.standard_normal((2, 4)), np.eye(2))

@@ -31,7 +31,7 @@ from softsim_core.base import (
     degrees,
 )
 from softsim_core.control.inverse.pacing import AdaptiveDamping, Pace, pace, slowest_period
-from softsim_core.control.inverse.problem import QP, Aim, Limits, Solution, build, need_daqp
+from softsim_core.control.inverse.problem import QP, Limits, Solution, StepTarget, build, need_daqp
 from softsim_core.control.inverse.sensitivity import Sensitivity, analytic_sensitivity
 from softsim_core.control.inverse.static import (
     effector,
@@ -318,7 +318,7 @@ class InverseController:
         taken_up = np.clip(robot.joints - self.command, 0.0, most) if rows else np.zeros_like(most)
         qp = build(
             [task], robot._replace(pose=pose, joints=self.command + taken_up), limits, self.settings,
-            aim=Aim(shares.approach, shares.full, -shares.catch_up * self._lag),
+            aim=StepTarget(shares.approach, shares.full, -shares.catch_up * self._lag),
             posture=self._posture, constraints=rows,
             damping=self._damping.at(self._sensitivity.effector * limits.scale),
         )  # fmt: skip

@@ -46,7 +46,7 @@ NOTHING = 1e-8
 _ONE = np.ones(1)
 
 
-class Aim(NamedTuple):
+class StepTarget(NamedTuple):
     """Part of the error that one step shall remove.
 
     Attributes:
@@ -60,7 +60,7 @@ class Aim(NamedTuple):
     ahead: Array | None = None
 
 
-WHOLE = Aim()
+WHOLE = StepTarget()
 """Remove the whole error at once."""
 
 
@@ -165,7 +165,7 @@ def build(
     limits: Limits,
     settings: InverseSettings,
     *,
-    aim: Aim = WHOLE,
+    aim: StepTarget = WHOLE,
     posture: Array | None = None,
     damping: float = 0.0,
     constraints: Sequence[Constraint] = (),
@@ -226,7 +226,7 @@ def _least_curvature(P: Array) -> float:
     return max(float(values[values >= NOTHING * values[-1]][0]), 1e-300)
 
 
-def wanted(task: Task, current: Pose, settings: InverseSettings, aim: Aim = WHOLE) -> Array:
+def wanted(task: Task, current: Pose, settings: InverseSettings, aim: StepTarget = WHOLE) -> Array:
     """Return the part of a task's error that one step shall remove, in [m] and [rad], shape (k,)."""
     most = aim.full / aim.share
     near = aim.share * limited(

@@ -1,7 +1,7 @@
 from .filter import (
     WINDOWS as WINDOWS,
-    Belief as Belief,
     JumpDetector as JumpDetector,
+    StateEstimate as StateEstimate,
     chi_square_limit as chi_square_limit,
     squared_distance as squared_distance,
 )

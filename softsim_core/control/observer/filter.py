@@ -41,7 +41,7 @@ from softsim_core.simulation import Simulation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class StateEstimate:
     """Estimate of the unknowns: mean z (p,) and covariance P (p, p). It is never changed in place."""
 
     mean: Array
@@ -52,11 +52,11 @@ class Belief:
         """Standard deviations of the unknowns, shape (p,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
-    def spread(self, variance: Array) -> Belief:
+    def spread(self, variance: Array) -> StateEstimate:
         """Return the estimate after independent changes with the given variances (p,)."""
-        return Belief(self.mean, self.covariance + np.diag(variance))
+        return StateEstimate(self.mean, self.covariance + np.diag(variance))
 
-    def updated(self, innovation: Array, rows: Array, noise: Array) -> Belief:
+    def updated(self, innovation: Array, rows: Array, noise: Array) -> StateEstimate:
         """Return the estimate after a measurement.
 
         Args:
@@ -68,17 +68,17 @@ class Belief:
         gain = np.linalg.solve(rows @ across + noise, across.T).T
         left = np.eye(len(self.mean)) - gain @ rows
         covariance = left @ self.covariance @ left.T + gain @ noise @ gain.T
-        return Belief(self.mean + gain @ innovation, 0.5 * (covariance + covariance.T))
+        return StateEstimate(self.mean + gain @ innovation, 0.5 * (covariance + covariance.T))
 
-    def pinned(self, which: slice) -> Belief:
+    def pinned(self, which: slice) -> StateEstimate:
         """Return the estimate with some unknowns fixed at 0 with zero covariance."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[which] = 0.0
         covariance[which] = 0.0
         covariance[:, which] = 0.0
-        return Belief(mean, covariance)
+        return StateEstimate(mean, covariance)
 
-    def opened(self, which: slice, mean: Array, covariance: Array) -> Belief:
+    def opened(self, which: slice, mean: Array, covariance: Array) -> StateEstimate:
         """Return the estimate with new mean and covariance of some unknowns, independent of the others."""
         opened = self.pinned(which)
         opened.mean[which] = mean
@@ -196,12 +196,12 @@ class Unknowns:
             if region.frame == self._frame and wrench:
                 self._region = np.append(self._region, region.nodes)
 
-    def prior(self, settings: ObserverSettings) -> Belief:
+    def prior(self, settings: ObserverSettings) -> StateEstimate:
         """Return the estimate before the first measurement, without contact."""
         s = settings
         slow = self._slow(s.joint_offset, s.load_share, s.push, s.push_moment)
         deviation = self._all_unknowns(slow, s.sensor_offset, s.sensor_turn)
-        return Belief(np.zeros(self.size), np.diag(deviation**2))
+        return StateEstimate(np.zeros(self.size), np.diag(deviation**2))
 
     def change(self, settings: ObserverSettings, dt: float, travel: Array) -> Array:
         """Return the variances (p,) of changes in a step of `dt` [s] while joints travel by `travel` (j,)."""

@@ -35,9 +35,9 @@ from softsim_core.base import (
 from softsim_core.control.inverse import place
 from softsim_core.control.observer.filter import (
     WINDOWS,
-    Belief,
     Jump,
     JumpDetector,
+    StateEstimate,
     Unknowns,
     chi_square_limit,
     squared_distance,
@@ -100,7 +100,7 @@ IMPLAUSIBLE = 5.0
 """Largest deviation of an unknown from its prior, in standard deviations, that counts as plausible."""
 
 
-class Judge:
+class ConsistencyTest:
     """Consistency test (NIS) on a window of v^T S^-1 v; their sum is chi-square distributed.
 
     Args:
@@ -110,7 +110,7 @@ class Judge:
     Source: Bar-Shalom, Li and Kirubarajan 2001, consistency of filters (normalised innovation squared).
     """
 
-    def __init__(self, steps: int, unknowns: Unknowns, prior: Belief) -> None:
+    def __init__(self, steps: int, unknowns: Unknowns, prior: StateEstimate) -> None:
         self._seen: deque[tuple[float, int]] = deque(maxlen=max(1, steps))
         self._unknowns, self._prior = unknowns, prior.deviation
 
@@ -124,7 +124,7 @@ class Judge:
         freedom = sum(m for _, m in self._seen)
         return sum(each for each, _ in self._seen) / freedom if freedom else 1.0
 
-    def sentence(self, belief: Belief) -> str:
+    def sentence(self, belief: StateEstimate) -> str:
         """Return a message with the evidence against the model; empty: there is none."""
         freedom, ratio = sum(m for _, m in self._seen), self.consistency
         if freedom and ratio * freedom > chi_square_limit(freedom, SURE):
@@ -208,8 +208,8 @@ class Observer:
         self._bad = dict.fromkeys(self.sensors, 0)
         self._learned = self._silent = 0.0
         self._touching, self._doubtful = False, 0.0
-        self._before: deque[Belief] = deque(maxlen=WINDOWS[-1])
-        self._judge = Judge(round(self.settings.window / self.dt), self.unknowns, self.belief)
+        self._before: deque[StateEstimate] = deque(maxlen=WINDOWS[-1])
+        self._judge = ConsistencyTest(round(self.settings.window / self.dt), self.unknowns, self.belief)
         self._detector.forget()
         for _ in range(self._motion.parts):
             self._linearised = self._linearise()
@@ -359,7 +359,7 @@ class Observer:
         missed = NONLINEAR * (belief.mean - before)
         self._believe(belief.spread(missed**2))
 
-    def _believe(self, belief: Belief) -> None:
+    def _believe(self, belief: StateEstimate) -> None:
         """Set the estimate, and move the model to the state that belongs to it."""
         change = (belief.mean - self.belief.mean)[: self.unknowns.acting]
         self.belief = belief

@@ -111,7 +111,7 @@ class ExcitationSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Room:
+class MotionLimits:
     """Motion limits of a robot's j joints, in [rad], [m] or the unit of their commands.
 
     Attributes:
@@ -149,7 +149,7 @@ class Motion:
         return len(self.commands) * self.period_s
 
 
-def room_of(robot: RobotDescription, reach: float) -> Room:
+def room_of(robot: RobotDescription, reach: float) -> MotionLimits:
     """Return the motion limits for the used part of a robot's joint ranges.
 
     Args:
@@ -173,10 +173,10 @@ def room_of(robot: RobotDescription, reach: float) -> Room:
     speed = np.minimum([each.speed for each in limits], (upper - lower) / UNLIMITED_S)
     acceleration = np.minimum([each.acceleration for each in limits], speed / SPEEDING_S)
     low, high = home + reach * (lower - home), home + reach * (upper - home)
-    return Room(home, low, high, speed, acceleration)
+    return MotionLimits(home, low, high, speed, acceleration)
 
 
-def way(start: Array, goal: Array, room: Room, share: float, period_s: float) -> Array:
+def way(start: Array, goal: Array, room: MotionLimits, share: float, period_s: float) -> Array:
     """Return commands (k, j) from `start` to `goal` in the shortest time within a share of the limits.
 
     The start itself is not included.
@@ -189,7 +189,7 @@ def way(start: Array, goal: Array, room: Room, share: float, period_s: float) ->
     return np.asarray(start + (goal - start) * (10.0 * tau**3 - 15.0 * tau**4 + 6.0 * tau**5))
 
 
-def grid(room: Room, settings: ExcitationSettings) -> Array:
+def grid(room: MotionLimits, settings: ExcitationSettings) -> Array:
     """Return grid poses (n, j) in an order of short moves; a large grid is sampled by the seed."""
     joints, levels = len(room.home), settings.levels
     random = np.random.default_rng(settings.seed)
@@ -205,7 +205,7 @@ def grid(room: Room, settings: ExcitationSettings) -> Array:
     return np.asarray(room.low + span * parts[order])
 
 
-def steps(room: Room, settings: ExcitationSettings) -> Motion:
+def steps(room: MotionLimits, settings: ExcitationSettings) -> Motion:
     """Move each joint in turn as fast as allowed: up, down and home, with a pause after each."""
     parts = [_still(room.home, LEAD_S, settings)]
     for joint in range(len(room.home)):
@@ -219,7 +219,7 @@ def steps(room: Room, settings: ExcitationSettings) -> Motion:
     return Motion("steps", np.concatenate(parts), settings.period_s)
 
 
-def chirp(room: Room, settings: ExcitationSettings) -> Motion:
+def chirp(room: MotionLimits, settings: ExcitationSettings) -> Motion:
     """Return a chirp: all joints oscillate about the middle with rising frequency and evenly spaced phases.
 
     The amplitude at each frequency is the largest that reach, speed and acceleration allow.
@@ -247,7 +247,7 @@ def chirp(room: Room, settings: ExcitationSettings) -> Motion:
     return Motion("chirp", np.concatenate(parts), period)
 
 
-def ring_down(room: Room, settings: ExcitationSettings) -> Motion:
+def ring_down(room: MotionLimits, settings: ExcitationSettings) -> Motion:
     """Move the first joint away and back as fast as allowed, then leave it in free motion."""
     goal = room.home.copy()
     farther = room.high[0] - room.home[0] >= room.home[0] - room.low[0]
@@ -259,7 +259,7 @@ def ring_down(room: Room, settings: ExcitationSettings) -> Motion:
     return Motion("ring_down", np.concatenate(parts), period, free=True)
 
 
-def motions(room: Room, settings: ExcitationSettings) -> list[Motion]:
+def motions(room: MotionLimits, settings: ExcitationSettings) -> list[Motion]:
     """Return the requested motions in time."""
     made = {"steps": steps, "chirp": chirp, "ring_down": ring_down}
     return [made[kind](room, settings) for kind in settings.kinds if kind in made]

@@ -207,7 +207,7 @@ LEAST_NOISE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Around:
+class NearbyPredictions:
     """Predictions of all sessions at a place, and with each parameter changed by a step.
 
     Attributes:
@@ -250,7 +250,7 @@ class Problem:
         self._priors = np.array([np.inf if each.prior is None else each.prior for each in wanted]) / self.span
         self.known: IndexArray = np.flatnonzero(np.isfinite(self._priors))
         self.noise, self._root = loss.scale, 1.0 / loss.scale
-        self.around: Around | None = None
+        self.around: NearbyPredictions | None = None
 
     def values(self, part: Array) -> Array:
         """Return the parameters (p,) at a place in parts of their bounds."""
@@ -284,7 +284,7 @@ class Problem:
     def _joined_slopes(self, errors: Array, slopes: Array) -> Array:
         return np.concatenate([self._root * self.loss.slopes(errors, slopes), self.prior_slopes])
 
-    def look_around(self, part: Array) -> Around:
+    def look_around(self, part: Array) -> NearbyPredictions:
         """Replay at a place and with each parameter changed; the last result is stored."""
         if self.around is None or not np.array_equal(self.around.part, part):
             steps = np.where(part + STEP <= 1.0, STEP, -STEP)
@@ -294,10 +294,10 @@ class Problem:
                 changes.append(self.misfit(self.values(part + each)) - errors)
                 moved.append(self.misfit.latest)
             slopes = np.asarray(np.array(changes).T / steps)
-            self.around = Around(part.copy(), steps, here, moved, errors, slopes)
+            self.around = NearbyPredictions(part.copy(), steps, here, moved, errors, slopes)
         return self.around
 
-    def again(self, around: Around, sessions: Sequence[Session]) -> tuple[Array, Array]:
+    def again(self, around: NearbyPredictions, sessions: Sequence[Session]) -> tuple[Array, Array]:
         """Return residuals (n,) and slopes (n, p) of existing replays with other fitted rows."""
         errors = self.misfit.errors(around.here, self.values(around.part), sessions)
         places = around.part + np.diag(around.steps)
@@ -316,7 +316,7 @@ class Problem:
         self.noise = max(float(np.sqrt(variance)) / flat, LEAST_NOISE)
         self._root = 1.0 / (self.noise * np.sqrt(flat))
 
-    def _unexplained(self, around: Around) -> Array:
+    def _unexplained(self, around: NearbyPredictions) -> Array:
         """Return the errors (n,) in [m] at a place without the part that other parameters would remove."""
         residuals, slopes = self.loss.residuals(around.errors), self.loss.slopes(around.errors, around.slopes)
         return np.asarray(around.errors - around.slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0])

@@ -24,7 +24,7 @@ Numbers: TypeAlias = NDArray[Any]
 """Numbers of types other than float64, such as float32 and bool."""
 
 
-class Sensed(NamedTuple):
+class ObservationGroup(NamedTuple):
     """One group of numbers in an observation.
 
     Attributes:
@@ -187,7 +187,7 @@ class Task:
     low: tuple[float, ...]
     high: tuple[float, ...]
     devices: Devices
-    sensed: tuple[Sensed, ...]
+    sensed: tuple[ObservationGroup, ...]
     goal_size: int
     thing: str = ""
     asks: tuple[str, ...]
@@ -251,10 +251,10 @@ def tilts(rotations: Array) -> Array:
 
 
 _DEGREE = math.radians(1.0)
-_JOINTS = Sensed("joint positions", "rad", -math.pi, math.pi, 3, "joint_noise", "joint_step")
-_COMMANDS = Sensed("commands of the action before", "rad", -math.pi, math.pi, 3)
-_EFFECTOR = Sensed("effector position", "m", -0.2, 0.2, 3, "position_noise")
-_TILTS = Sensed("effector tilts about x and y", "rad", -math.pi, math.pi, 2, "tilt_noise")
+_JOINTS = ObservationGroup("joint positions", "rad", -math.pi, math.pi, 3, "joint_noise", "joint_step")
+_COMMANDS = ObservationGroup("commands of the action before", "rad", -math.pi, math.pi, 3)
+_EFFECTOR = ObservationGroup("effector position", "m", -0.2, 0.2, 3, "position_noise")
+_TILTS = ObservationGroup("effector tilts about x and y", "rad", -math.pi, math.pi, 2, "tilt_noise")
 
 REACHED_M: Final = 0.002
 """Distance in [m] within which a goal counts as reached."""
@@ -436,7 +436,13 @@ TASKS: Mapping[str, Task] = {
         low=(-1.6,) * 3,
         high=(-0.4,) * 3,
         devices=_SERVOS,
-        sensed=(_JOINTS, _EFFECTOR, _TILTS, _COMMANDS, Sensed("goal of the effector", "m", -0.2, 0.2, 3)),
+        sensed=(
+            _JOINTS,
+            _EFFECTOR,
+            _TILTS,
+            _COMMANDS,
+            ObservationGroup("goal of the effector", "m", -0.2, 0.2, 3),
+        ),
         goal_size=3,
         asks=("joint_positions", "effector_position", "effector_rotation"),
         camera=(-60.0, 25.0, (0.0, 0.0, 0.025), 0.15),
@@ -471,9 +477,9 @@ TASKS: Mapping[str, Task] = {
         sensed=(
             _JOINTS,
             _TILTS,
-            Sensed("angular rate of the effector", "rad/s", -100.0, 100.0, 3, "rate_noise"),
-            Sensed("specific force of the effector", "m/s^2", -1000.0, 1000.0, 3, "force_noise"),
-            Sensed("ball on the plate, x and y", "m", -1.0, 1.0, 2, "position_noise"),
+            ObservationGroup("angular rate of the effector", "rad/s", -100.0, 100.0, 3, "rate_noise"),
+            ObservationGroup("specific force of the effector", "m/s^2", -1000.0, 1000.0, 3, "force_noise"),
+            ObservationGroup("ball on the plate, x and y", "m", -1.0, 1.0, 2, "position_noise"),
             _COMMANDS,
         ),
         goal_size=0,
@@ -503,10 +509,10 @@ TASKS: Mapping[str, Task] = {
             effort_noise=0.1,
         ),
         sensed=(
-            Sensed("joint positions", "m", -0.2, 0.2, 5, "joint_noise"),
-            Sensed("cable tensions", "N", -100.0, 100.0, 3, "effort_noise"),
-            Sensed("cube position", "m", -5.0, 5.0, 3, "position_noise"),
-            Sensed("commands of the action before", "m", -0.2, 0.2, 5),
+            ObservationGroup("joint positions", "m", -0.2, 0.2, 5, "joint_noise"),
+            ObservationGroup("cable tensions", "N", -100.0, 100.0, 3, "effort_noise"),
+            ObservationGroup("cube position", "m", -5.0, 5.0, 3, "position_noise"),
+            ObservationGroup("commands of the action before", "m", -0.2, 0.2, 5),
         ),
         goal_size=0,
         thing="cube",

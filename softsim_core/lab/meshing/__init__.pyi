@@ -23,7 +23,7 @@ from .part import (
     read_part as read_part,
 )
 from .repair import (
-    Repaired as Repaired,
+    RepairedSurface as RepairedSurface,
     repaired as repaired,
 )
 from .sizing import (

@@ -13,7 +13,7 @@ from softsim_core.base import MeshError
 from softsim_core.lab.meshing.filling import Filling, filled, keep, kept, key_of, pieces
 from softsim_core.lab.meshing.openings import open_hollows, without_channel
 from softsim_core.lab.meshing.part import Part, read_part
-from softsim_core.lab.meshing.repair import Repaired, repaired
+from softsim_core.lab.meshing.repair import RepairedSurface, repaired
 from softsim_core.lab.meshing.sizing import TOLERANCE, Sized, simplified, with_nodes
 from softsim_core.lab.meshing.topology import largest_distance
 from softsim_core.physics.mesh import (
@@ -82,7 +82,7 @@ class MeshedPart:
     """
 
     mesh: TetMesh
-    source: Repaired
+    source: RepairedSurface
     report: MeshReport
     edge: float
     distance: float
@@ -142,7 +142,7 @@ def mesh_part(
     return replace(_judged(part, source, replace(mesh, name=str(path)), edge, options), known=True)
 
 
-def _plugged(part: Part, source: Repaired, options: MeshingOptions) -> Repaired:
+def _plugged(part: Part, source: RepairedSurface, options: MeshingOptions) -> RepairedSurface:
     """Return a part with the openings of its cavities closed by plugs."""
     unit, told = source.unit, list(source.told)
     openings = open_hollows(source.surface)
@@ -166,7 +166,7 @@ def _check(options: MeshingOptions) -> None:
 
 
 def _sized(
-    source: Repaired,
+    source: RepairedSurface,
     options: MeshingOptions,
     progress: Callable[[str], None],
     fill: Callable[[SurfaceMesh, float, Filling], TetMesh],
@@ -197,7 +197,9 @@ def _sized(
     return min(sized, fewer, key=lambda each: abs(len(each.mesh.points) - wished))
 
 
-def _judged(part: Part, source: Repaired, mesh: TetMesh, edge: float, options: MeshingOptions) -> MeshedPart:
+def _judged(
+    part: Part, source: RepairedSurface, mesh: TetMesh, edge: float, options: MeshingOptions
+) -> MeshedPart:
     """Check a mesh and return it with its quality; raise MeshError if it does not represent the part.
 
     Straight edges cannot invert a quadratic cell with the corners of a valid linear one.
@@ -247,9 +249,9 @@ def _judged(part: Part, source: Repaired, mesh: TetMesh, edge: float, options: M
     return replace(result, told=tuple(told))
 
 
-def _deviation(source: Repaired, options: MeshingOptions) -> float:
+def _deviation(source: RepairedSurface, options: MeshingOptions) -> float:
     return DEVIATION * _diagonal(source) if options.deviation is None else options.deviation
 
 
-def _diagonal(source: Repaired) -> float:
+def _diagonal(source: RepairedSurface) -> float:
     return float(np.linalg.norm(np.ptp(source.surface.points, axis=0)))

@@ -141,7 +141,7 @@ _MOST_HOLES = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Repaired:
+class RepairedSurface:
     """A closed surface.
 
     Attributes:
@@ -166,7 +166,7 @@ def repaired(
     hole: float | None = None,
     largest: bool = False,
     simplify: Callable[[SurfaceMesh], SurfaceMesh] | None = None,
-) -> Repaired:
+) -> RepairedSurface:
     """Repair a part's triangles to a closed surface.
 
     Corners at one place are merged. Degenerate triangles, duplicates and loose flaps are removed. Holes are
@@ -213,7 +213,7 @@ def repaired(
     return _bodies(points, triangles, replace(part, told=tuple(told)), largest)
 
 
-def _bodies(points: Array, triangles: IndexArray, part: Part, largest: bool) -> Repaired:
+def _bodies(points: Array, triangles: IndexArray, part: Part, largest: bool) -> RepairedSurface:
     """Select the shells to use and determine their nesting."""
     name, unit, told = part.surface.name, part.unit, list(part.told)
     found = nested(points, triangles)
@@ -256,7 +256,7 @@ def _bodies(points: Array, triangles: IndexArray, part: Part, largest: bool) -> 
         told.append(f"touches itself in {_count(len(pinched), 'point')}, the first at {where}")
     volume = float(np.where(found.cavities, -found.volumes, found.volumes)[kept].sum())
     surface = SurfaceMesh(np.ascontiguousarray(points[used]), faces, name)
-    return Repaired(surface, unit, tuple(told), volume, len(crossing) > 0, cavities)
+    return RepairedSurface(surface, unit, tuple(told), volume, len(crossing) > 0, cavities)
 
 
 def _count(number: int, noun: str) -> str:

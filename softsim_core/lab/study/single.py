@@ -186,7 +186,7 @@ def _measured(work: Work, values: Sequence[float] | Array, watch: Watch | None) 
             watch(simulation)
         return {wanted.name: found.read(simulation) for wanted, found in told}
     steps = round(study.duration / simulation.dt)
-    kept = [_Kept(wanted, found, simulation.dt) for wanted, found in told]
+    kept = [_RunningValues(wanted, found, simulation.dt) for wanted, found in told]
     due = {round(each.time / simulation.dt): (joints, shift) for each, joints, shift in commands}
     for step in range(steps + 1):
         if step:
@@ -242,7 +242,7 @@ def stride_of(wanted: QuantityDescription, dt: float) -> int:
     return 1 if wanted.every is None else max(1, round(wanted.every / dt))
 
 
-class _Kept:
+class _RunningValues:
     """Accumulated values of a quantity over the steps of a run."""
 
     def __init__(self, wanted: QuantityDescription, found: Quantity, dt: float) -> None:

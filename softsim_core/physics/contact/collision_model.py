@@ -60,7 +60,7 @@ class Place(NamedTuple):
     turned: Array
 
 
-class Known(NamedTuple):
+class LastDetection(NamedTuple):
     """Configuration at which detection last ran, and its result.
 
     Attributes:
@@ -167,7 +167,7 @@ class CollisionModel:
             for each in self._movable
             if each.vertices.start == surface.vertices.start
         )
-        self._known: Known | None = None
+        self._known: LastDetection | None = None
 
     def of_another_copy(self) -> CollisionModel:
         """Return the same surfaces for another copy of the scene; both share the detector's buffers."""
@@ -330,12 +330,12 @@ class CollisionModel:
         parted = self._parts[near.pair].any(axis=1)
         return float(near.distance[parted].min(initial=self.settings.alarm_distance))
 
-    def _looked(self, place: Place) -> Known:
+    def _looked(self, place: Place) -> LastDetection:
         """Run detection at a configuration, with a margin for the next step at about the current speed."""
         motion_subspace = self.motion_subspace(place)
         travel = self._expected(place, motion_subspace)
         near = self._detector.candidates(place.points, self.settings.alarm_distance, travel)
-        return Known(place.state.buffer.copy(), place, travel, near, motion_subspace)
+        return LastDetection(place.state.buffer.copy(), place, travel, near, motion_subspace)
 
     def _expected(self, place: Place, motion_subspace: MotionSubspace | None) -> Array:
         """Return a bound on the travel of each surface's vertices in the next step in [m], shape (s,).

@@ -27,7 +27,7 @@ from .iterations import (
     IteratedStepper as IteratedStepper,
 )
 from .memory import (
-    KeepingStepper as KeepingStepper,
+    ActuatorStateStepper as ActuatorStateStepper,
     ViscousStepper as ViscousStepper,
     let_relax as let_relax,
     relaxing_groups as relaxing_groups,

@@ -105,7 +105,7 @@ class ViscousStepper(StepperAround):
             yield p, state.extra[memory_name(k)], state.extra[held_name(k)], relaxing
 
 
-class KeepingStepper(StepperAround):
+class ActuatorStateStepper(StepperAround):
     """Step that advances the internal state of actuators, such as the gas mass of a pressure line.
 
     Args:

@@ -75,7 +75,7 @@ class ScipyStepper:
         before.copy_from(state)
         return ScipyFreeMotion(self.model, self._unknowns, self._advance(state, control, parameters), before)
 
-    def _advance(self, state: State, control: Control, parameters: Parameters) -> _Solved:
+    def _advance(self, state: State, control: Control, parameters: Parameters) -> _SolvedStep:
         started = perf_counter()
         control.check(len(self.model.joints), len(self.model.rest))
         model, h, at = self.model, self.model.dt, self._unknowns
@@ -101,7 +101,7 @@ class ScipyStepper:
                     factors = self._matrices.factor(solved_rows[:, at.solved])
             known_part = solved_rows[:, at.fixed] @ change[at.fixed]
             change[at.solved] = factors.solve(rhs[at.solved] - known_part)
-        solved = _Solved(state, matrix, factors, mapping, self.actuators)
+        solved = _SolvedStep(state, matrix, factors, mapping, self.actuators)
         pulled = self._hold_actuators(solved, change, control)
         ended = perf_counter()
 
@@ -133,7 +133,7 @@ class ScipyStepper:
         )
         return solved
 
-    def _hold_actuators(self, solved: _Solved, change: Array, control: Control) -> Array:
+    def _hold_actuators(self, solved: _SolvedStep, change: Array, control: Control) -> Array:
         """Solve for the multipliers t, add their effect to the velocity change (d,), return H^T t (d,)."""
         actuators, model, h, at, state = (
             self.actuators,
@@ -249,7 +249,7 @@ class ScipyStepper:
         return matrix.tocsc(), rhs, mapping
 
 
-class _Solved:
+class _SolvedStep:
     """A solved step: its matrix, and the multipliers of the actuators."""
 
     def __init__(
@@ -292,7 +292,7 @@ class ScipyFreeMotion:
 
     defect: Array | None = None
 
-    def __init__(self, model: Model, at: Unknowns, solved: _Solved, before: State) -> None:
+    def __init__(self, model: Model, at: Unknowns, solved: _SolvedStep, before: State) -> None:
         self.state, self.before, self.report = solved.state, before, solved.report
         self.violations = solved.violations
         self._model, self._at, self._solved = model, at, solved

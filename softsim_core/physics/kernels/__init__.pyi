@@ -7,7 +7,7 @@ from .compiler import (
 from .dispatchers import get_ready_to_load as get_ready_to_load
 from .worker import (
     CompileProcess as CompileProcess,
-    Wanted as Wanted,
+    KernelRequest as KernelRequest,
     alone as alone,
     compile_process as compile_process,
 )

@@ -10,7 +10,7 @@ from typing import Any
 from numba.core.registry import CPUDispatcher, cpu_target
 
 from softsim_core.physics.kernels.cache import KernelCache
-from softsim_core.physics.kernels.worker import Wanted, compile_process
+from softsim_core.physics.kernels.worker import KernelRequest, compile_process
 
 
 class Inside(CPUDispatcher):
@@ -47,7 +47,7 @@ class _CompiledElsewhere(KernelCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = super().load_overload(sig, target_context)
-        if found is None and compile_process.compile(Wanted(self._module, self._name, tuple(sig))):
+        if found is None and compile_process.compile(KernelRequest(self._module, self._name, tuple(sig))):
             found = super().load_overload(sig, target_context)
             if found is None:  # a full disk stores nothing
                 compile_process.compile_here()

@@ -27,7 +27,7 @@ IDLE_S: Final = 10.0
 """The process ends after this time in [s] without work, since it uses half a gigabyte of memory."""
 
 
-class Wanted(NamedTuple):
+class KernelRequest(NamedTuple):
     """A kernel for arguments of some types (Numba types)."""
 
     module: str
@@ -43,7 +43,7 @@ class CompileProcess:
         self._process: Popen[bytes] | None = None
         self._used = bool(sys.executable) and not getattr(sys, "frozen", False)
 
-    def compile(self, wanted: Wanted) -> bool:
+    def compile(self, wanted: KernelRequest) -> bool:
         """Compile a kernel into the cache in the other process and wait.
 
         False: it failed, whatever the reason.
@@ -122,7 +122,7 @@ def _import_paths() -> list[str]:
 def _compiled(paths: list[str], request: bytes) -> bool:
     """Compile a kernel, unless another process has done so meanwhile."""
     sys.path[:] = paths  # also those of a new package
-    wanted: Wanted = pickle.loads(request)
+    wanted: KernelRequest = pickle.loads(request)
     kernel = getattr(import_module(wanted.module), wanted.name).for_python
     with alone(Path(kernel.stats.cache_path) / "compiling"):
         kernel.compile(wanted.types)

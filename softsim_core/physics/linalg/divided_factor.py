@@ -167,7 +167,7 @@ DEEP = 4 * STRIP
 """Later rows from which one task subtracts."""
 
 
-class Room(NamedTuple):
+class PanelBuffers(NamedTuple):
     """Buffers that threads share while they factor one panel.
 
     Attributes:
@@ -179,10 +179,10 @@ class Room(NamedTuple):
     strips: Numbers
 
 
-def room_for(tree: Tree, division: Division, kind: type[np.floating[Any]]) -> Room:
+def room_for(tree: Tree, division: Division, kind: type[np.floating[Any]]) -> PanelBuffers:
     """Return buffers for the factor of a divided tree in numbers of one type."""
     widest = int(tree.width[division.above].max(initial=0))
-    return Room(np.zeros((BLOCK // ROWS, ROWS * ROWS), kind), np.zeros(strips_length(widest), kind))
+    return PanelBuffers(np.zeros((BLOCK // ROWS, ROWS * ROWS), kind), np.zeros(strips_length(widest), kind))
 
 
 @kernel
@@ -213,7 +213,15 @@ def factor_triangle(
 
 @kernel
 def factor_columns(
-    panels: Numbers, begin: int, width: int, low: int, high: int, first: int, end: int, room: Room, goal: int
+    panels: Numbers,
+    begin: int,
+    width: int,
+    low: int,
+    high: int,
+    first: int,
+    end: int,
+    room: PanelBuffers,
+    goal: int,
 ) -> None:
     """Factor columns first .. end of rows low .. high, and copy them as strips from `goal` on."""
     row, strips, coefficients = begin + low * width, room.strips, room.coefficients
@@ -249,7 +257,7 @@ def subtract_later(tree: Tree, store: Factor, s: int, low: int, high: int, row: 
 
 @kernel
 def factor_task(
-    tree: Tree, store: Factor, division: Division, room: Room, kind: int, s: int, low: int, task: int
+    tree: Tree, store: Factor, division: Division, room: PanelBuffers, kind: int, s: int, low: int, task: int
 ) -> None:
     """Run one task of a phase for supernode `s` with the block that starts at row `low`."""
     if kind == PART:
@@ -277,10 +285,16 @@ def factor_task(
 
 @kernel
 def factor_phase(
-    tree: Tree, store: Factor, division: Division, room: Room, agenda: IndexArray, kind: int, s: int, low:
-        int,
+    tree: Tree,
+    store: Factor,
+    division: Division,
+    room: PanelBuffers,
+    agenda: IndexArray,
+    kind: int,
+    s: int,
+    low: int,
     count: int,
-) -> None:  # fmt: skip
+) -> None:
     """Publish a phase, take part in it, and wait until it is done."""
     publish(agenda, kind, s, low, count)
     task = claim(agenda)
@@ -292,7 +306,9 @@ def factor_phase(
 
 
 @kernel
-def lead_factor(tree: Tree, store: Factor, division: Division, room: Room, agenda: IndexArray) -> None:
+def lead_factor(
+    tree: Tree, store: Factor, division: Division, room: PanelBuffers, agenda: IndexArray
+) -> None:
     """Factor the matrix in the panels as `cholesky.factor`, as the thread that writes the agenda."""
     factor_phase(tree, store, division, room, agenda, PART, ZERO, ZERO, len(division.first))
     panels = store.panels
@@ -318,7 +334,9 @@ def lead_factor(tree: Tree, store: Factor, division: Division, room: Room, agend
 
 
 @kernel
-def support_factor(tree: Tree, store: Factor, division: Division, room: Room, agenda: IndexArray) -> None:
+def support_factor(
+    tree: Tree, store: Factor, division: Division, room: PanelBuffers, agenda: IndexArray
+) -> None:
     """Take tasks of a factorisation from the agenda until it closes, as a supporting thread."""
     task = claim_or_leave(agenda)
     while task != CLOSED:

@@ -121,7 +121,7 @@ GRAVITY: Final = 9.81
 
 
 @dataclass
-class Taken:
+class MeasuredObject:
     """Measurements of an object.
 
     Attributes:
@@ -171,7 +171,7 @@ class PickAndPlace:
         self.duration_s = sum(each.duration_s for each in self._phases)
         self.began: float | None = None
         self.heard, self._now, self._empty = 0, 0.0, 0.0
-        self.taken: dict[str, Taken] = {}
+        self.taken: dict[str, MeasuredObject] = {}
         names = client.robot.scene.body_names
         self._fingers = np.array([k for k, each in enumerate(client.robot.scene.bodies)])
         self._numbers = {name: names.index(name) for name in objects_of(client.robot)}
@@ -227,7 +227,7 @@ class PickAndPlace:
             return
         for name in self._numbers:
             here = bodies[name].position
-            seen = self.taken.setdefault(name, Taken(here))
+            seen = self.taken.setdefault(name, MeasuredObject(here))
             seen.end = here
             phase = self._phase
             if phase is not None and (phase.name, phase.object) == ("carry", name):

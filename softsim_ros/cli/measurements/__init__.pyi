@@ -1,6 +1,6 @@
 from .calibrate_page import page as page
 from .calibrate_report import (
-    Further as Further,
+    RequestedResults as RequestedResults,
     plain as plain,
     sentences as sentences,
     told_of_endings as told_of_endings,

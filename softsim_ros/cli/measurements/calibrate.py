@@ -16,7 +16,7 @@ import numpy as np
 
 from softsim_node import takes_escapes
 from softsim_ros.cli.measurements.calibrate_report import (
-    Further,
+    RequestedResults,
     plain,
     sentences,
     write_distribution,
@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     description, file = load_calibration(arguments.calibration)
     data = data_of(description, file, arguments.data)
     progress = _Progress()
-    further = Further()
+    further = RequestedResults()
     try:
         result = calibrate(description, data, arguments.every, progress, progress.rows)
         if not result.stopped:
@@ -123,11 +123,11 @@ def run(arguments: argparse.Namespace) -> int:
     return EXIT_INTERRUPTED if result.stopped else 0
 
 
-def _judged(result: Calibration, arguments: argparse.Namespace, progress: _Progress) -> Further:
+def _judged(result: Calibration, arguments: argparse.Namespace, progress: _Progress) -> RequestedResults:
     """Return what the options request; an interrupt leaves out what is not finished."""
     from softsim_core.lab.identification import cross_validated, next_poses, profiled
 
-    further = Further()
+    further = RequestedResults()
     try:
         if arguments.folds:
             further = replace(further, folds=cross_validated(result, arguments.folds, done=progress.folds))

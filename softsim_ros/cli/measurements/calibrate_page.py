@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softsim_core.base import DataError, write_file
-from softsim_ros.cli.measurements.calibrate_report import Further, interval, sentences, verdict
+from softsim_ros.cli.measurements.calibrate_report import RequestedResults, interval, sentences, verdict
 from softsim_ros.cli.measurements.validate_report import PAGE, STYLE
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ td, th { white-space: nowrap } pre { max-width: none }
 """
 
 
-def write(file: Path, robot: str, result: Calibration, further: Further) -> None:
+def write(file: Path, robot: str, result: Calibration, further: RequestedResults) -> None:
     """Write the page.
 
     Raises:
@@ -38,7 +38,7 @@ def write(file: Path, robot: str, result: Calibration, further: Further) -> None
         raise DataError(file, "", f"cannot be written ({error.strerror})") from error
 
 
-def page(robot: str, result: Calibration, further: Further) -> str:
+def page(robot: str, result: Calibration, further: RequestedResults) -> str:
     """Return the page as HTML; `robot` is the model that was fitted."""
     told = "\n".join([*sentences(result), *further.sentences(result)])
     stopped = "<p class=beyond>Interrupted: the best that was tried.</p>" if result.stopped else ""
@@ -61,7 +61,7 @@ def page(robot: str, result: Calibration, further: Further) -> str:
     )
 
 
-def _parameters(result: Calibration, further: Further) -> str:
+def _parameters(result: Calibration, further: RequestedResults) -> str:
     start = result.problem.values(result.problem.start)
     half = result.half_widths
     rows = []
@@ -124,7 +124,7 @@ def _cell(value: float) -> str:
     )
 
 
-def _sessions(result: Calibration, further: Further) -> str:
+def _sessions(result: Calibration, further: RequestedResults) -> str:
     folds = further.folds
     rows = [
         [

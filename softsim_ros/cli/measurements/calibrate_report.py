@@ -23,7 +23,7 @@ TOGETHER = 0.9
 
 
 @dataclass(frozen=True, slots=True)
-class Further:
+class RequestedResults:
     """Requested results beside the fit; None if not requested."""
 
     folds: Folds | None = None
@@ -208,7 +208,7 @@ def plain(result: Calibration) -> dict[str, Any]:
     }
 
 
-def write_overlay(file: Path, robot: str, result: Calibration, further: Further) -> None:
+def write_overlay(file: Path, robot: str, result: Calibration, further: RequestedResults) -> None:
     """Write a scene file that extends the robot by the parameters found."""
     import yaml
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.base import Box, ConfigError, SceneError, listing, write_file
-from softsim_core.lab.meshing import Guess, MeshedPart, Repaired, guess, mesh_part, open_hollows
+from softsim_core.lab.meshing import Guess, MeshedPart, RepairedSurface, guess, mesh_part, open_hollows
 from softsim_core.physics.fem.materials import elastomer
 from softsim_core.physics.mechanics import euler_of, rotation_euler
 from softsim_core.physics.mesh import write_tets
@@ -317,7 +317,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def inlet_notes(source: Repaired) -> list[str]:
+def inlet_notes(source: RepairedSurface) -> list[str]:
     """Return a message for each hollow that an inlet opens to the outside; it is no air chamber."""
     return [
         f"a hollow of about {1e6 * each.volume:.2g} cm^3 is open to the outside, about "

@@ -14,7 +14,7 @@ from .control_thread import (
     STUCK_AFTER_S as STUCK_AFTER_S,
     CommandsOut as CommandsOut,
     ControlStatus as ControlStatus,
-    Following as Following,
+    FollowingCheck as FollowingCheck,
     has_moved as has_moved,
 )
 from .inverse_node import InverseControl as InverseControl

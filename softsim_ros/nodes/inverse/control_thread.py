@@ -29,7 +29,7 @@ STUCK_AFTER_S: Final = 1.0
 """Time in [s] after which joints away from their command count as not following."""
 
 
-class Following:
+class FollowingCheck:
     """Checks whether the joints of a robot under control follow their commands.
 
     Args:
@@ -175,7 +175,7 @@ class ControlThread:
         self._mode: Mode = "off"
         self._foreign = ""
         self._base_shift = 0.0
-        self._following = Following(joints, 0.0)
+        self._following = FollowingCheck(joints, 0.0)
         self._command: Array | None = None
         self._rate = 0.0
         self._stages_ms: tuple[tuple[str, float], ...] = ()
@@ -252,7 +252,7 @@ class ControlThread:
             with self._goal_lock:
                 self._goal = None
             self._command = self._report = None
-            self._following = Following(self._joints, time.monotonic())
+            self._following = FollowingCheck(self._joints, time.monotonic())
             self._pacer.start()
             self._meter.take(time.monotonic())
             self._mode = "on"

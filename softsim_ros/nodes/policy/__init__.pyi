@@ -1,5 +1,5 @@
 from . import policy_node as policy_node
 from .policy_node import (
-    Heard as Heard,
+    LatestReadings as LatestReadings,
     PolicyNode as PolicyNode,
 )

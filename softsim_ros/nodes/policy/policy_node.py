@@ -48,7 +48,7 @@ class PolicyParameters(RobotSettings):
     )
 
 
-class Heard:
+class LatestReadings:
     """Latest sensor values of one robot, each with its time of arrival; implements `Senses` for k = 1.
 
     Args:
@@ -167,7 +167,7 @@ class PolicyNode(RobotNode):
         self._thing = self._policy.check_robot(robot)
         self._robot_shift = self._policy.task.description().start_shift  # its episodes begin there
         task = self._policy.task
-        self._heard = Heard(task.asks, task.goal_size)
+        self._heard = LatestReadings(task.asks, task.goal_size)
         self._timeout = values.measure_timeout
         self._wanted, self._enabled, self._problem, self._said = values.enabled, False, "", ""
         self._sent = 0

@@ -24,7 +24,7 @@ from softsim_ros.nodes.simulator.monitor import (
     SpeedMeter,
     StepHistory,
 )
-from softsim_ros.nodes.simulator.setpoints import Commanded, Follower, LedJoints
+from softsim_ros.nodes.simulator.setpoints import Commanded, DrivenJoints, Follower
 
 
 class _Lines:
@@ -206,7 +206,7 @@ class PhysicsThread:
         self._commanded.command(target, delay_s, follower)
 
     @property
-    def led(self) -> LedJoints:
+    def led(self) -> DrivenJoints:
         """Externally driven joints."""
         return self._commanded.led
 

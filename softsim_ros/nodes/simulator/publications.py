@@ -54,7 +54,7 @@ from softsim_core.simulation import Simulation
 from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY, WORLD, RobotFrames
 from softsim_ros import chambers_of, messages, optional_type, topic_words
 from softsim_ros.description import control_topics, urdf
-from softsim_ros.messages import Told, contact_cloud, header, shown, told_of
+from softsim_ros.messages import SensorMessage, contact_cloud, header, shown, told_of
 from softsim_ros.nodes.simulator.monitor import RateGate, StageTime
 from softsim_ros.nodes.simulator.scene_topics import FrameTree, StructurePublications
 
@@ -363,7 +363,9 @@ class SensorPublications:
         self._node, self._base = node, base
         self._contacts = node.create_publisher(PointCloud2, "contacts/points", NEWEST_ONLY)
         self._publishers: dict[tuple[str, type], Publisher] = {}
-        self._sensors: list[tuple[str, str, list[tuple[Publisher, Told]]]] = []  # name, frame, topics
+        self._sensors: list[
+            tuple[str, str, list[tuple[Publisher, SensorMessage]]]
+        ] = []  # name, frame, topics
         self._sent: dict[str, SensorReading] = {}
 
     def show_scene(self, simulation: Simulation, tree: FrameTree) -> None:

@@ -398,7 +398,7 @@ class NextScene(NamedTuple):
     text: str | None = None
 
 
-class Tried(NamedTuple):
+class Attempt(NamedTuple):
     """Result of building the scene that a parameter change (name and value) asks for, or the error."""
 
     wish: tuple[str, str]

@@ -152,7 +152,7 @@ LONGEST_S: Final = 0.2
 """Longest time in [s] over which positions are interpolated from one message to the next."""
 
 
-class LedJoints:
+class DrivenJoints:
     """Positions of externally driven joints by name, interpolated from one message to the next.
 
     A joint moves for as long as the difference between the stamps of the last two messages. Attached bodies
@@ -267,7 +267,7 @@ class Commanded:
         self._delay = 0.0
         self._course: _Course | None = None
         self._leaving: list[tuple[Follower, str]] = []
-        self.led = LedJoints()
+        self.led = DrivenJoints()
         self.clamped = self.refused = 0
 
     # --- from any thread ------------------------------------------------------------------------------

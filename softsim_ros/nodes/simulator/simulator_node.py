@@ -23,7 +23,7 @@ from softsim_core.scene import BodyDescription, SceneCatalog
 from softsim_core.scene.building import Body
 from softsim_core.scene.io import folders_of
 from softsim_node import (
-    Aside,
+    BackgroundWorker,
     LiveParameters,
     ParameterError,
     Program,
@@ -46,11 +46,11 @@ from softsim_ros.nodes.simulator.physics_thread import PhysicsStatus, PhysicsThr
 from softsim_ros.nodes.simulator.publications import Publications, stage_statistics
 from softsim_ros.nodes.simulator.scene_editing import Running, SceneEditing, SceneWriter
 from softsim_ros.nodes.simulator.scene_files import (
+    Attempt,
     CompiledLater,
     NextScene,
     SceneBuilder,
     SceneFiles,
-    Tried,
     reason,
 )
 from softsim_ros.nodes.simulator.services import RunServices, SnapshotServices
@@ -148,8 +148,8 @@ class Simulator(RobotNode):
 
     def _begin(self, robot: RobotDescription) -> None:
         keep_freed_memory()
-        self._aside = Aside("another scene is being loaded")
-        self._tried: Tried | None = None
+        self._aside = BackgroundWorker("another scene is being loaded")
+        self._tried: Attempt | None = None
         first = declare(self, SceneSettings(robot=self.robot_parameter))
         self._files = SceneFiles(robot)
         self._files.overrides = first.overrides
@@ -298,9 +298,9 @@ class Simulator(RobotNode):
             if len(wishes) == 1:
                 try:
                     built = await self._aside.run(partial(self._prepare, *wishes[0]))
-                    self._tried = Tried(wishes[0], built, None)
+                    self._tried = Attempt(wishes[0], built, None)
                 except Exception as error:
-                    self._tried = Tried(wishes[0], None, error)
+                    self._tried = Attempt(wishes[0], None, error)
             try:
                 return callback(request, response)
             finally:
@@ -391,7 +391,7 @@ class Simulator(RobotNode):
         for name in names & SCENE:
             wish = (name, settings.robot if name == "robot" else settings.overrides)
             if self._tried is None or self._tried.wish != wish:
-                self._tried = Tried(wish, self._prepare(*wish), None)
+                self._tried = Attempt(wish, self._prepare(*wish), None)
             if self._tried.error is not None:
                 error, self._tried = self._tried.error, None
                 raise error

@@ -14,7 +14,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from softsim_core.base import CommandError, SoftSimError
 from softsim_core.scene.io import MOST_NAMES, names_up_to
 from softsim_core.simulation import Simulation, checked, rotation_from
-from softsim_node import WORLD, Aside, GuardedNode, ending, one_line, sentence_of
+from softsim_node import WORLD, BackgroundWorker, GuardedNode, ending, one_line, sentence_of
 from softsim_ros import messages, optional_module, optional_type
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 from softsim_ros.nodes.simulator.spawning import RequestError, Spawner
@@ -65,7 +65,7 @@ class StandardServices:
         spawner: Spawner,
     ) -> None:
         self._node, self._physics, self._stamp, self._spawner = node, physics, stamp, spawner
-        self._aside = Aside("steps are being done")
+        self._aside = BackgroundWorker("steps are being done")
         self._stopped = False
         self._messages = optional_module("simulation_interfaces.msg")
         self._offered: list[str] = []

@@ -18,7 +18,7 @@ from softsim_core.scene.editing import Region
 from softsim_ros.client import Editing, Outcome
 from softsim_ros.messages import Proposal
 from softsim_ros.nodes.viewer.edit_session import CLICKS, EditSession, Field, dragged
-from softsim_ros.nodes.viewer.panel import Control, Inbox, Shown
+from softsim_ros.nodes.viewer.panel import Control, HtmlElement, Inbox
 from softsim_ros.nodes.viewer.picture import Picture
 from softsim_ros.nodes.viewer.surface import MM, Part, box_lines, sphere_lines
 
@@ -379,7 +379,7 @@ class EditTab:
     def __init__(self, gui: Any, inbox: Inbox, mode: EditMode) -> None:
         session = mode.session
         self._gui, self._inbox, self._mode, self._session = gui, inbox, mode, session
-        self._status = Shown(gui.add_html(""))
+        self._status = HtmlElement(gui.add_html(""))
         switch = gui.add_checkbox("Edit", session.is_on, hint="shows the scene at rest, as it is proposed")
         self._switch = inbox.on_change(switch, self._turn)
         for row in (("Undo", "Redo", "Discard"), ("Apply", "Save", "Copy")):

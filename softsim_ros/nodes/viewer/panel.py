@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 
-class Spoken:
+class LastMessage:
     """The newest message for the user.
 
     Attributes:
@@ -132,7 +132,7 @@ class Control:
         return bool(abs(value - self._on_page) < 0.5 * step)
 
 
-class Shown:
+class HtmlElement:
     """An HTML element that is sent only when its content changes."""
 
     def __init__(self, handle: Any) -> None:

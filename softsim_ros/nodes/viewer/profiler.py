@@ -17,7 +17,7 @@ from softsim_core.physics.dynamics import PART_OF, stage_tree
 from softsim_node import NEWEST_ONLY
 from softsim_ros.client import STALE_AFTER_S, RobotState
 from softsim_ros.messages import read_step_profile
-from softsim_ros.nodes.viewer.panel import Inbox, Shown
+from softsim_ros.nodes.viewer.panel import HtmlElement, Inbox
 from softsim_ros.nodes.viewer.readings import box
 
 
@@ -277,7 +277,7 @@ class ProfilerView:
         )
         follow = gui.add_checkbox("Follow the newest step", True)
         slowest = gui.add_button("Jump to the slowest step")
-        self._table = Shown(gui.add_html(""))
+        self._table = HtmlElement(gui.add_html(""))
         look_at = self._profile.look_at
         self._row = inbox.on_change(self._slider, lambda row: self._change(lambda: look_at(int(row))))
         self._following = inbox.on_change(follow, self._switch)

@@ -27,7 +27,7 @@ from softsim_ros.client import (
 from softsim_ros.keys import Keyboard, KeyPress, key_table
 from softsim_ros.nodes.viewer import readings
 from softsim_ros.nodes.viewer.edit_mode import EditMode, EditTab
-from softsim_ros.nodes.viewer.panel import Control, Inbox, Shown, Spoken
+from softsim_ros.nodes.viewer.panel import Control, HtmlElement, Inbox, LastMessage
 from softsim_ros.nodes.viewer.parameters import KILO, Tunable, tunables
 from softsim_ros.nodes.viewer.part_tree import Part, PartPanel, PartTree, parts_of
 from softsim_ros.nodes.viewer.picture import Picture
@@ -164,7 +164,7 @@ class DriveTab:
         hint: Hint,
     ) -> None:
         self._robot, self._client = robot, client
-        self._bars = Shown(gui.add_html(""))
+        self._bars = HtmlElement(gui.add_html(""))
         self._sliders: list[Control] = []
         for joint in robot.joints:
             start = slider_value(joint, joint.rest)
@@ -217,9 +217,9 @@ class LogTab:
         spoken: Messages of the page itself.
     """
 
-    def __init__(self, gui: Any, log: RobotLog, spoken: Spoken) -> None:
+    def __init__(self, gui: Any, log: RobotLog, spoken: LastMessage) -> None:
         self._log, self._spoken = log, spoken
-        self._lines = Shown(gui.add_html(""))
+        self._lines = HtmlElement(gui.add_html(""))
         self._said = ""
         self._shown, self._due = -1, 0.0
 
@@ -315,7 +315,7 @@ class ViewTab:
     def __init__(self, gui: Any, inbox: Inbox, picture: Picture, mouse: MousePull) -> None:
         self._picture = picture
         view = picture.view
-        self._legend = Shown(gui.add_html(""))
+        self._legend = HtmlElement(gui.add_html(""))
         colours = gui.add_dropdown("Colours of stress", STRESS_MAPS, initial_value=view.stress_map)
         self._colours = inbox.on_change(colours, lambda chosen: picture.change(stress_map=chosen))
         top = gui.add_number(
@@ -602,7 +602,7 @@ class TimingTab:
 
     def __init__(self, gui: Any, inbox: Inbox, statistics: StepStatistics) -> None:
         self._statistics = statistics
-        self._stages = Shown(gui.add_html(""))
+        self._stages = HtmlElement(gui.add_html(""))
         self._profiler = ProfilerView(gui, inbox)
 
     def refresh(self) -> None:
@@ -635,7 +635,7 @@ class PageParts:
 
     client: RobotClient
     keyboard: Keyboard
-    spoken: Spoken
+    spoken: LastMessage
     picture: Picture
     mouse: MousePull
     statistics: StepStatistics
@@ -670,9 +670,9 @@ class Controls:
     def __init__(self, gui: Any, inbox: Inbox, parts: PageParts, namespace: str) -> None:
         self._parts, self._namespace = parts, namespace
         gui.add_html(NARROW)
-        self._status = Shown(gui.add_html(""))
-        self._lamps = Shown(gui.add_html(""))
-        self._message = Shown(gui.add_html(""))
+        self._status = HtmlElement(gui.add_html(""))
+        self._lamps = HtmlElement(gui.add_html(""))
+        self._message = HtmlElement(gui.add_html(""))
         client, picture, robot = parts.client, parts.picture, parts.picture.robot
         _add_run(gui, inbox, client.simulator)
         stop = gui.add_button("E-STOP", color="red", icon="hand-stop", hint="hold the servos still, latched")

@@ -20,7 +20,7 @@ from softsim_ros.client import Editing, RobotClient, RobotLog, Warnings
 from softsim_ros.keys import Keyboard, KeySettings
 from softsim_ros.nodes.viewer.edit_mode import EditMode
 from softsim_ros.nodes.viewer.guard import AccessRule, GuardedServer, ViewerError, is_loopback
-from softsim_ros.nodes.viewer.panel import Inbox, Spoken
+from softsim_ros.nodes.viewer.panel import Inbox, LastMessage
 from softsim_ros.nodes.viewer.parameters import ViewerSettings, requested_settings
 from softsim_ros.nodes.viewer.picture import Picture
 from softsim_ros.nodes.viewer.profiler import StepStatistics
@@ -81,7 +81,7 @@ class Viewer(ClosableNode):
         self._inbox.put(lambda: self.parts.picture.leave(client))
 
     def _make_parts(self, robot: RobotDescription, settings: ViewerSettings) -> PageParts:
-        spoken = Spoken()
+        spoken = LastMessage()
         client = RobotClient(self, robot, spoken.say)
         simulator = client.simulator
 

@@ -21,7 +21,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from softsim_ros import PlannedNode, Wishes, plan
+from softsim_ros import LaunchArguments, PlannedNode, plan
 
 _folders = []  # of files that nodes read; removed when the launch ends
 
@@ -35,16 +35,16 @@ def generate_launch_description() -> LaunchDescription:
             description=each.metadata["about"],
             choices=list(each.metadata["choices"]) or None,
         )
-        for each in fields(Wishes)
+        for each in fields(LaunchArguments)
     ]
     return LaunchDescription([*arguments, OpaqueFunction(function=_start)])
 
 
 def _start(context: LaunchContext) -> list[object]:
     """Nothing, with a sentence, where something is missing; else all nodes."""
-    words = {each.name: LaunchConfiguration(each.name).perform(context) for each in fields(Wishes)}
+    words = {each.name: LaunchConfiguration(each.name).perform(context) for each in fields(LaunchArguments)}
     _folders.append(tempfile.TemporaryDirectory(prefix="softsim_launch_"))
-    planned = plan(Wishes(**words), Path(_folders[-1].name))
+    planned = plan(LaunchArguments(**words), Path(_folders[-1].name))
     for package in dict.fromkeys(node.package for node in planned.nodes):
         try:
             get_package_prefix(package)

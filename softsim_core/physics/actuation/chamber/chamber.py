@@ -248,7 +248,7 @@ REACHED = 1e-9
 """Difference of two pressures, as a share of the atmosphere's, up to which they count as equal."""
 
 
-class _Measured(NamedTuple):
+class _VolumeSlopes(NamedTuple):
     """Volume in [m^3] and its slopes in [m^2], shape (k, 3), at node positions in [m], shape (k, 3)."""
 
     places: Array
@@ -301,7 +301,7 @@ class Chamber(Actuator):
         self._spread = sp.csr_matrix((np.ones(len(corner)), (self.faces.ravel(), corner)))
         rest = surroundings.model.rest[self.place]
         self.middle = rest.mean(axis=0)
-        self._known = _Measured(np.full(rest.shape, np.nan), 0.0, rest)
+        self._known = _VolumeSlopes(np.full(rest.shape, np.nan), 0.0, rest)
         self.at_rest = self._volume((rest - self.middle)[self.faces])
         self.rest_volume = self.at_rest + self._volume(lids - self.middle)
         self.line = _line(described, self.rest_volume)
@@ -433,7 +433,7 @@ class Chamber(Actuator):
             volume=self.rest_volume + self.value(model, state),
         )
 
-    def _measured(self, state: State) -> _Measured:
+    def _measured(self, state: State) -> _VolumeSlopes:
         """Return volume and slopes at a state.
 
         Cached, because a step asks several times for the same state.
@@ -444,7 +444,7 @@ class Chamber(Actuator):
             slopes = self._slopes(corners)
             row = np.asarray(self._spread @ slopes.reshape(-1, 3))
             row.flags.writeable = False
-            self._known = _Measured(places, float((corners * slopes).sum() / 3.0), row)
+            self._known = _VolumeSlopes(places, float((corners * slopes).sum() / 3.0), row)
         return self._known
 
     def _slopes(self, corners: Array) -> Array:

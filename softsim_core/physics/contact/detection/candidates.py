@@ -12,7 +12,7 @@ from softsim_core.physics.contact.detection.geometry import Vector
 from softsim_core.physics.contact.detection.topology import Topology
 
 
-class Found(NamedTuple):
+class ContactBuffers(NamedTuple):
     """Buffers for contacts; the first `counter[0]` rows are valid. Fields have the meaning of Proximities.
 
     Attributes:
@@ -40,9 +40,9 @@ class Found(NamedTuple):
     counter: IndexArray
 
 
-def allocate_found(size: int) -> Found:
+def allocate_found(size: int) -> ContactBuffers:
     """Return buffers for `size` contacts."""
-    return Found(
+    return ContactBuffers(
         a=np.zeros((size, 3), dtype=np.int64),
         a_weights=np.zeros((size, 3)),
         b=np.zeros((size, 3), dtype=np.int64),
@@ -107,7 +107,7 @@ def mixed(nodes: IndexArray, weights: Array, k: int, points: Array) -> Vector:
 
 
 @kernel
-def move(source: int, target: int, found: Found) -> None:
+def move(source: int, target: int, found: ContactBuffers) -> None:
     """Copy contact `source` over contact `target`."""
     for d in range(3):
         found.a[target, d] = found.a[source, d]

@@ -10,7 +10,12 @@ import numpy as np
 from softsim_core.base import Array, BoolArray, DetectionOverflowError, IndexArray
 from softsim_core.physics.contact import CollisionSurface, ContactLimits
 from softsim_core.physics.contact.detection.broad_phase import allocate
-from softsim_core.physics.contact.detection.candidates import Found, allocate_found, allocate_near, mixed
+from softsim_core.physics.contact.detection.candidates import (
+    ContactBuffers,
+    allocate_found,
+    allocate_near,
+    mixed,
+)
 from softsim_core.physics.contact.detection.compile import kernel
 from softsim_core.physics.contact.detection.geometry import (
     Vector,
@@ -24,7 +29,7 @@ from softsim_core.physics.contact.detection.geometry import (
     scaled,
 )
 from softsim_core.physics.contact.detection.narrow_phase import KnownEdges, meet_known_edges, sweep
-from softsim_core.physics.contact.detection.passage import Way, free_share
+from softsim_core.physics.contact.detection.passage import VertexMotion, free_share
 from softsim_core.physics.contact.detection.topology import build_topology
 from softsim_core.physics.kernels import OneSignature
 
@@ -373,7 +378,7 @@ class Detector:
         Raises:
             DetectionOverflowError: more pairs of features come close than are ever listed.
         """
-        way = Way(self._rest, before, after, watched, self._contact_distance)
+        way = VertexMotion(self._rest, before, after, watched, self._contact_distance)
         while True:
             share, needed = self._free_share(way, self._topology, self._boxes, self._near)
             if needed <= len(self._near.leaves):
@@ -392,7 +397,7 @@ class Detector:
         self._near, self._found = allocate_near(2 * needed), allocate_found(2 * needed)
 
 
-def _listed(found: Found) -> Proximities:
+def _listed(found: ContactBuffers) -> Proximities:
     """Return copies of the contacts that were found."""
     k = found.counter[0]
     return Proximities(

@@ -21,7 +21,7 @@ from softsim_core.physics.contact.detection.broad_phase import (
     surface_boxes,
 )
 from softsim_core.physics.contact.detection.candidates import (
-    Found,
+    ContactBuffers,
     Near,
     features,
     mixed,
@@ -66,7 +66,14 @@ _TOUCHING = 1.0e-7
 
 @kernel
 def meet_leaves(
-    sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
+    sa: int,
+    sb: int,
+    reach: float,
+    points: Array,
+    topology: Topology,
+    boxes: Boxes,
+    near: Near,
+    found: ContactBuffers,
 ) -> None:
     """Test the vertices of close leaves against triangles, and list the edges whose interiors are close.
 
@@ -126,7 +133,14 @@ def insides_meet(points: Array, e0: int, e1: int, f0: int, f1: int, reach: float
 
 @kernel
 def meet_vertices(
-    sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
+    sa: int,
+    sb: int,
+    reach: float,
+    points: Array,
+    topology: Topology,
+    boxes: Boxes,
+    near: Near,
+    found: ContactBuffers,
 ) -> None:
     """Test the listed vertices and spheres against triangles; sides a and b are surfaces sa and sb.
 
@@ -208,7 +222,7 @@ def meet_vertices(
 @kernel
 def meet_edges(
     sa: int, sb: int, reach: float, begin: int, points: Array, topology: Topology, boxes: Boxes, near: Near,
-    found: Found,
+    found: ContactBuffers,
 ) -> None:  # fmt: skip
     """Test the listed edges of surface sa against those of surface sb where their interiors are closest.
 
@@ -265,7 +279,14 @@ def meet_edges(
 
 @kernel
 def meet_corners(
-    sa: int, sb: int, reach: float, points: Array, topology: Topology, boxes: Boxes, near: Near, found: Found
+    sa: int,
+    sb: int,
+    reach: float,
+    points: Array,
+    topology: Topology,
+    boxes: Boxes,
+    near: Near,
+    found: ContactBuffers,
 ) -> None:
     """Test the listed spheres against all vertices of a deformable surface within `reach` that face them.
 
@@ -293,7 +314,7 @@ def meet_corners(
 
 @kernel
 def meet_spheres(
-    v: int, w: int, sa: int, sb: int, reach: float, points: Array, topology: Topology, found: Found
+    v: int, w: int, sa: int, sb: int, reach: float, points: Array, topology: Topology, found: ContactBuffers
 ) -> None:
     """Test sphere v of surface sa against sphere w of surface sb; a vertex is a sphere of radius zero."""
     gap = minus(row(points, v), row(points, w))
@@ -386,7 +407,9 @@ class KnownEdges(NamedTuple):
 
 
 @kernel
-def meet_known_edges(known: KnownEdges, points: Array, rest: Array, topology: Topology, found: Found) -> None:
+def meet_known_edges(
+    known: KnownEdges, points: Array, rest: Array, topology: Topology, found: ContactBuffers
+) -> None:
     """Find the closest points of known edge pairs, end points included; pairs that have crossed are left out.
 
     Args:
@@ -451,7 +474,7 @@ def sweep(
     topology: Topology,
     boxes: Boxes,
     near: Near,
-    found: Found,
+    found: ContactBuffers,
 ) -> int:
     """Find the contacts of all pairs of surfaces; return the buffer size that contacts and pairs need.
 
@@ -507,7 +530,13 @@ def sweep(
 
 @kernel
 def _sift(
-    begin: int, end: int, least_rest: float, points: Array, rest_points: Array, boxes: Boxes, found: Found
+    begin: int,
+    end: int,
+    least_rest: float,
+    points: Array,
+    rest_points: Array,
+    boxes: Boxes,
+    found: ContactBuffers,
 ) -> int:
     """Retain the valid contacts of one pair of surfaces and return the new end.
 
@@ -538,14 +567,14 @@ def _sift(
 
 
 @kernel
-def _squared_gap(k: int, points: Array, found: Found) -> float:
+def _squared_gap(k: int, points: Array, found: ContactBuffers) -> float:
     """Return the squared distance between the two points of contact k."""
     between = minus(mixed(found.a, found.a_weights, k, points), mixed(found.b, found.b_weights, k, points))
     return dot(between, between)
 
 
 @kernel
-def _same_points(k: int, other: int, points: Array, found: Found) -> bool:
+def _same_points(k: int, other: int, points: Array, found: ContactBuffers) -> bool:
     """Return whether two contacts have the same points."""
     a = minus(mixed(found.a, found.a_weights, k, points), mixed(found.a, found.a_weights, other, points))
     b = minus(mixed(found.b, found.b_weights, k, points), mixed(found.b, found.b_weights, other, points))

@@ -40,7 +40,7 @@ _SUNK = 0.8
 """Distance of two spheres, as a share of the sum of their radii, below which one passes the other."""
 
 
-class Way(NamedTuple):
+class VertexMotion(NamedTuple):
     """Motion of all collision vertices in a step.
 
     Attributes:
@@ -59,7 +59,7 @@ class Way(NamedTuple):
 
 
 @kernel
-def free_share(way: Way, topology: Topology, boxes: Boxes, near: Near) -> tuple[float, int]:
+def free_share(way: VertexMotion, topology: Topology, boxes: Boxes, near: Near) -> tuple[float, int]:
     """Return the share of the motion in 0..1 without passing, 1 for all, and the size that `near` needs.
 
     The arrays of `boxes` and `near` are overwritten.
@@ -95,7 +95,7 @@ def free_share(way: Way, topology: Topology, boxes: Boxes, near: Near) -> tuple[
 
 
 @kernel
-def _swept_box(s: int, way: Way, topology: Topology, out: Array) -> None:
+def _swept_box(s: int, way: VertexMotion, topology: Topology, out: Array) -> None:
     """Compute the box that the vertices of surface s sweep."""
     first, end = topology.surface_vertex[s, 0], topology.surface_vertex[s, 1]
     radius = topology.radius[first]
@@ -108,7 +108,7 @@ def _swept_box(s: int, way: Way, topology: Topology, out: Array) -> None:
 
 
 @kernel
-def _swept_tree(s: int, way: Way, topology: Topology, boxes: Boxes) -> None:
+def _swept_tree(s: int, way: VertexMotion, topology: Topology, boxes: Boxes) -> None:
     """Compute the boxes that the triangles and tree nodes of surface s sweep."""
     first, end = topology.surface_node[s]
     if topology.node_count[first] == 0:
@@ -126,7 +126,7 @@ def _swept_tree(s: int, way: Way, topology: Topology, boxes: Boxes) -> None:
 
 
 @kernel
-def _leaves(i: int, j: int, together: float, way: Way, topology: Topology, boxes: Boxes) -> float:
+def _leaves(i: int, j: int, together: float, way: VertexMotion, topology: Topology, boxes: Boxes) -> float:
     """Return the free share of the motion for the features of two leaves."""
     share, triangles, owns, edges = 1.0, topology.triangles, topology.owns, topology.triangle_edges
     first, count = topology.node_first, topology.node_count
@@ -150,7 +150,9 @@ def _leaves(i: int, j: int, together: float, way: Way, topology: Topology, boxes
 
 
 @kernel
-def _vertex_passes(v: int, t: int, together: float, way: Way, topology: Topology, boxes: Boxes) -> float:
+def _vertex_passes(
+    v: int, t: int, together: float, way: VertexMotion, topology: Topology, boxes: Boxes
+) -> float:
     """Return the share of the motion at which vertex v passes triangle t from outside, 1 if it does not."""
     for d in range(3):
         low, high = way.before[v, d], way.after[v, d]
@@ -179,7 +181,7 @@ def _vertex_passes(v: int, t: int, together: float, way: Way, topology: Topology
 
 
 @kernel
-def _edge_passes(e: int, f: int, together: float, way: Way, topology: Topology) -> float:
+def _edge_passes(e: int, f: int, together: float, way: VertexMotion, topology: Topology) -> float:
     """Return the share of the motion at which facing edges e and f pass each other, 1 if they do not."""
     i, j, k, m = topology.edges[e, 0], topology.edges[e, 1], topology.edges[f, 0], topology.edges[f, 1]
     for d in range(3):
@@ -211,7 +213,9 @@ def _edge_passes(e: int, f: int, together: float, way: Way, topology: Topology) 
 
 
 @kernel
-def _faces(edge: int, at: Vector, direction: Vector, share: float, way: Way, topology: Topology) -> bool:
+def _faces(
+    edge: int, at: Vector, direction: Vector, share: float, way: VertexMotion, topology: Topology
+) -> bool:
     """Return whether an edge faces `direction` and no triangle of it rises that way from the point `at`."""
     outward, limit = (0.0, 0.0, 0.0), CONE * length(direction)
     for side in range(2):
@@ -226,7 +230,7 @@ def _faces(edge: int, at: Vector, direction: Vector, share: float, way: Way, top
 
 
 @kernel
-def _opposes(v: int, outward: Vector, share: float, way: Way, topology: Topology) -> bool:
+def _opposes(v: int, outward: Vector, share: float, way: VertexMotion, topology: Topology) -> bool:
     """Return whether v is a sphere, or a triangle around it faces against the other surface's `outward`."""
     if topology.radius[v] > 0.0:
         return True
@@ -237,7 +241,7 @@ def _opposes(v: int, outward: Vector, share: float, way: Way, topology: Topology
 
 
 @kernel
-def _normal(t: int, share: float, way: Way, topology: Topology) -> Vector:
+def _normal(t: int, share: float, way: VertexMotion, topology: Topology) -> Vector:
     """Return the unit normal of a triangle after a share of the motion."""
     i, j, k = topology.triangles[t, 0], topology.triangles[t, 1], topology.triangles[t, 2]
     a = _at(share, i, way)
@@ -245,14 +249,14 @@ def _normal(t: int, share: float, way: Way, topology: Topology) -> Vector:
 
 
 @kernel
-def _at(share: float, v: int, way: Way) -> Vector:
+def _at(share: float, v: int, way: VertexMotion) -> Vector:
     """Return the position of vertex v after a share of its motion."""
     p = row(way.before, v)
     return add(p, scaled(minus(row(way.after, v), p), share))
 
 
 @kernel
-def _volume(share: float, p: int, a: int, b: int, c: int, way: Way) -> float:
+def _volume(share: float, p: int, a: int, b: int, c: int, way: VertexMotion) -> float:
     """Return six times the volume of a tetrahedron, positive if a, b, c turn left as seen from p."""
     base = _at(share, a, way)
     normal = cross(minus(_at(share, b, way), base), minus(_at(share, c, way), base))
@@ -260,7 +264,7 @@ def _volume(share: float, p: int, a: int, b: int, c: int, way: Way) -> float:
 
 
 @kernel
-def _sign_change(p: int, a: int, b: int, c: int, way: Way) -> float:
+def _sign_change(p: int, a: int, b: int, c: int, way: VertexMotion) -> float:
     """Return the last share of the motion found at which the volume still has its initial sign."""
     low, high = 0.0, 1.0
     positive = _volume(0.0, p, a, b, c, way) > 0.0
@@ -274,7 +278,7 @@ def _sign_change(p: int, a: int, b: int, c: int, way: Way) -> float:
 
 
 @kernel
-def _spheres(v: int, w: int, way: Way, topology: Topology) -> float:
+def _spheres(v: int, w: int, way: VertexMotion, topology: Topology) -> float:
     """Return the share of the motion at which spheres v and w overlap too far, 1 if they never do."""
     limit = _SUNK * (topology.radius[v] + topology.radius[w])
     start = minus(row(way.before, v), row(way.before, w))

@@ -31,6 +31,6 @@ from .laws import (
     tune as tune,
 )
 from .points import (
-    Given as Given,
-    Into as Into,
+    CellInputs as CellInputs,
+    CellOutputs as CellOutputs,
 )

@@ -39,8 +39,8 @@ from softsim_core.physics.dynamics.numba_backend.cells.elements import (
 )
 from softsim_core.physics.dynamics.numba_backend.cells.laws import compiled_law, own_values, point_cells, tune
 from softsim_core.physics.dynamics.numba_backend.cells.points import (
-    Given,
-    Into,
+    CellInputs,
+    CellOutputs,
     Memory,
     PointCells,
     hold,
@@ -204,11 +204,11 @@ class PairedCells:
             if points is not None and fill_points is not None:
                 found = moved is not None and mean_volume_law(group) is not None
                 fill_points(
-                    Given(
+                    CellInputs(
                         x, by if found else forces[:0], velocities, _NOTHING if held is None else held,
                         positive and not found, lag, mean_share, scale,
                     ),
-                    points, Into(self._places[k], forces, self._panels, kept),
+                    points, CellOutputs(self._places[k], forces, self._panels, kept),
                 )  # fmt: skip
                 continue
             if strain is not None and positive:
@@ -328,7 +328,7 @@ class RelaxingCells:
             self._tuned = p
         nothing = positions[:0]
         still = np.zeros_like(positions)
-        given = Given(positions, nothing, still, np.zeros((0, 1, 3, 3)), False, 0.0, 1.0, 1.0)
+        given = CellInputs(positions, nothing, still, np.zeros((0, 1, 3, 3)), False, 0.0, 1.0, 1.0)
         self._remember(given, self._cells, self._memory(p, memory, h))
 
     def _memory(self, p: Array, memory: Array, h: float) -> Memory:

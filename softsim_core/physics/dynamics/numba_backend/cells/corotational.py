@@ -46,8 +46,8 @@ from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
     signed_stretches,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.points import (
-    Given,
-    Into,
+    CellInputs,
+    CellOutputs,
     Memory,
     PointCells,
     deform,
@@ -363,7 +363,7 @@ def _choose(b: Batch, which: Any, one: Lanes, other: Lanes) -> Lanes:
 
 
 @kernel
-def corotational_points(batch: int, given: Given, cells: PointCells) -> None:
+def corotational_points(batch: int, given: CellInputs, cells: PointCells) -> None:
     """Compute stress and tangent at all points of a batch."""
     points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
@@ -381,7 +381,7 @@ def corotational_points(batch: int, given: Given, cells: PointCells) -> None:
 
 
 @kernel
-def fill_corotational(given: Given, cells: PointCells, into: Into) -> None:
+def fill_corotational(given: CellInputs, cells: PointCells, into: CellOutputs) -> None:
     """Add forces and stiffness of all cells."""
     for batch in range(len(cells.cells.nodes)):
         corotational_points(batch, given, cells)
@@ -389,7 +389,7 @@ def fill_corotational(given: Given, cells: PointCells, into: Into) -> None:
 
 
 @kernel
-def remember_corotational(given: Given, cells: PointCells, memory: Memory) -> None:
+def remember_corotational(given: CellInputs, cells: PointCells, memory: Memory) -> None:
     """Advance the memory of all cells after a step."""
     for batch in range(len(cells.cells.nodes)):
         corotational_points(batch, given, cells)

@@ -37,7 +37,7 @@ from softsim_core.physics.fem import FLATTEST
 from softsim_core.physics.linalg import LANES
 
 
-class Room(NamedTuple):
+class BatchBuffers(NamedTuple):
     """Buffers for one batch, each a multiple of LANES numbers; see `room_for`.
 
     Attributes:
@@ -64,12 +64,12 @@ class Room(NamedTuple):
     blocks: Array
 
 
-def room_for(a: int, count: int) -> Room:
+def room_for(a: int, count: int) -> BatchBuffers:
     """Return buffers for batches of cells with a nodes and `count` points."""
     rows = (3 * a, POINT_ROWS * count, 9 * count, 6 * count, 4, 1, 3 * a, 3 * a, LEFT_ROWS * count)
     values, points, steps, held, means, bulk, volumes, pulls, left = (aligned((each, LANES)) for each in rows)
     blocks = aligned((3 * a * (a + 1) // 2, LANES, 4))
-    return Room(values, points, steps, held, means, bulk, volumes, pulls, left, blocks)
+    return BatchBuffers(values, points, steps, held, means, bulk, volumes, pulls, left, blocks)
 
 
 class PointCells(NamedTuple):
@@ -88,10 +88,10 @@ class PointCells(NamedTuple):
     weights: Array
     moduli: Array
     memory: IndexArray
-    room: Room
+    room: BatchBuffers
 
 
-class Given(NamedTuple):
+class CellInputs(NamedTuple):
     """Inputs for the forces and stiffness of cells.
 
     Attributes:
@@ -115,7 +115,7 @@ class Given(NamedTuple):
     scale: float
 
 
-class Into(NamedTuple):
+class CellOutputs(NamedTuple):
     """Outputs for the forces and stiffness of cells.
 
     Attributes:
@@ -132,7 +132,7 @@ class Into(NamedTuple):
 
 
 @kernel
-def deform(batch: int, given: Given, cells: PointCells) -> None:
+def deform(batch: int, given: CellInputs, cells: PointCells) -> None:
     """Compute rows 0 to 18 of all points, and the gradients of `moved`, which are zero if it has no rows."""
     nodes, gradients = cells.cells.nodes, cells.cells.gradients
     room = cells.room
@@ -193,7 +193,7 @@ def gather_held(batch: int, held: Array, cells: PointCells, out: Array) -> None:
 
 
 @kernel
-def finish(batch: int, given: Given, cells: PointCells, into: Into) -> None:
+def finish(batch: int, given: CellInputs, cells: PointCells, into: CellOutputs) -> None:
     """Compute forces and blocks of a batch from stress and tangent at its points."""
     nodes, gradients, weights, moduli = cells.cells.nodes, cells.cells.gradients, cells.weights, cells.moduli
     room = cells.room

@@ -36,8 +36,8 @@ from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
     put_tangent,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.points import (
-    Given,
-    Into,
+    CellInputs,
+    CellOutputs,
     Memory,
     PointCells,
     deform,
@@ -119,7 +119,7 @@ def put_rubber_modes(typing: Any, points: Any, row: Any, moduli: Any, place: Any
 
 
 @kernel
-def rubber_points(batch: int, given: Given, cells: PointCells) -> None:
+def rubber_points(batch: int, given: CellInputs, cells: PointCells) -> None:
     """Compute stress and tangent at all points of a batch."""
     points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
@@ -141,7 +141,7 @@ def rubber_points(batch: int, given: Given, cells: PointCells) -> None:
 
 
 @kernel
-def fill_rubber(given: Given, cells: PointCells, into: Into) -> None:
+def fill_rubber(given: CellInputs, cells: PointCells, into: CellOutputs) -> None:
     """Add forces and stiffness of all cells."""
     for batch in range(len(cells.cells.nodes)):
         rubber_points(batch, given, cells)
@@ -149,7 +149,7 @@ def fill_rubber(given: Given, cells: PointCells, into: Into) -> None:
 
 
 @kernel
-def remember_rubber(given: Given, cells: PointCells, memory: Memory) -> None:
+def remember_rubber(given: CellInputs, cells: PointCells, memory: Memory) -> None:
     """Advance the memory of all cells after a step."""
     for batch in range(len(cells.cells.nodes)):
         rubber_points(batch, given, cells)
@@ -255,7 +255,7 @@ def put_powers(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> A
 
 
 @kernel
-def power_points(batch: int, given: Given, cells: PointCells) -> None:
+def power_points(batch: int, given: CellInputs, cells: PointCells) -> None:
     """Compute stress and tangent at all points of a batch."""
     points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
@@ -276,7 +276,7 @@ def power_points(batch: int, given: Given, cells: PointCells) -> None:
 
 
 @kernel
-def fill_powers(given: Given, cells: PointCells, into: Into) -> None:
+def fill_powers(given: CellInputs, cells: PointCells, into: CellOutputs) -> None:
     """Add forces and stiffness of all cells."""
     for batch in range(len(cells.cells.nodes)):
         power_points(batch, given, cells)
@@ -284,7 +284,7 @@ def fill_powers(given: Given, cells: PointCells, into: Into) -> None:
 
 
 @kernel
-def remember_powers(given: Given, cells: PointCells, memory: Memory) -> None:
+def remember_powers(given: CellInputs, cells: PointCells, memory: Memory) -> None:
     """Advance the memory of all cells after a step."""
     for batch in range(len(cells.cells.nodes)):
         power_points(batch, given, cells)
