@@ -164,3 +164,38 @@ def test_a_class_that_moves_within_its_package_touches_few_files_elsewhere() -> 
         candidates = (file for file in sources() if module in naming(file) and owner(file) != package)
         elsewhere = [file for file in candidates if named.search(file.read_text(encoding="utf-8"))]
         assert len(elsewhere) <= MOST_FILES_OF_A_MOVE, f"{module}.{name}: {elsewhere}"
+
+
+LEAST_LINES = 80
+ALONE = {
+    "softsim_core.base.program_starter": "runs a program of ours in another process",
+    "softsim_core.lab.learning.registration": "only where Gymnasium is installed",
+    "softsim_core.mjcf.probe": "runs in a process that a broken model may end",
+    "softsim_core.physics.contact.warmup": "the kernels of contact that are compiled ahead",
+    "softsim_core.physics.mesh.follower": "points that follow a body, embedded once",
+    "softsim_core.robots.tentacle_mesh": "a generator, run as a program",
+    "softsim_core.simulation.batch.worker": "runs in the processes of a batch",
+    "softsim_ros.recording.svg": "drawings of a report's page",
+    **{f"{package}.executables": "entry points of ros2 run" for package in ("servo_bridge", "softsim_ros")},
+}
+"""Modules with at most one importer and fewer lines than a concept has, that are neither a law nor a command."""
+
+
+def test_no_small_module_stands_alone() -> None:
+    """A file with one importer belongs into that file, but for seams, commands and programs of their own."""
+    importers: dict[str, set[Path]] = {}
+    for file in sources():
+        if file.relative_to(REPOSITORY).parts[0] in PRODUCT and file.suffix == ".py":
+            for module, name, _ in imports(file):
+                found = home(module, name)
+                importers.setdefault(f"{found}.{name}" if found in packages() else found, set()).add(file)
+    alone = set()
+    for package in packages():
+        for name in modules(package):
+            lines = (
+                REPOSITORY.joinpath(*package.split("."), f"{name}.py").read_text(encoding="utf-8").count("\n")
+            )
+            if lines < LEAST_LINES and len(importers.get(f"{package}.{name}", ())) < 2:
+                alone.add(f"{package}.{name}")
+    seams = ("softsim_core.physics.fem.materials.", "softsim_ros.cli.")
+    assert {name for name in alone if not name.startswith(seams)} == set(ALONE)
