@@ -28,7 +28,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
 
 from servo_bridge.nodes import bridge_node, emulated_board_node, virtual_board_node  # noqa: E402
 from softsim_core import load_scene  # noqa: E402
-from softsim_node import Program, described  # noqa: E402
+from softsim_node import Program, parameters_of  # noqa: E402
 from softsim_ros.nodes.inverse import closed_loop_node, inverse_node, path_follower_node  # noqa: E402
 from softsim_ros.nodes.observer import observer_node  # noqa: E402
 from softsim_ros.nodes.policy import policy_node  # noqa: E402
@@ -160,10 +160,10 @@ def with_viewer(context: Context) -> Iterator[tuple[Program, list[Callable[[], A
 def parameters(program: Program) -> list[str]:
     """A row for each parameter."""
     shown = []
-    for name, default, about in chain.from_iterable(map(described, program.settings)):
+    for name, default, about in chain.from_iterable(map(parameters_of, program.settings)):
         value = str(default).lower() if isinstance(default, bool) else str(default) or "empty"
         fixed = "at the start" if about.fixed else "any time"
-        shown.append(f"| `{name}` | `{value}` | {about.allowed(default)} | {fixed} | {about.text} |")
+        shown.append(f"| `{name}` | `{value}` | {about.describe_allowed(default)} | {fixed} | {about.text} |")
     return shown
 
 

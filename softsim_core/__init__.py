@@ -40,13 +40,10 @@ MOVED: Final = {
         }.items()
         for name in names.split()
     },
-    "softsim_core.fem.elements.element": "softsim_core.physics.fem.elements.cell",
-    "softsim_core.fem.materials.material": "softsim_core.physics.fem.materials.law",
     "softsim_core.linalg.linear_solver": "softsim_core.physics.linalg.solver_interface",
     "softsim_core.scene.attachment": "softsim_core.scene.deformable",
     "softsim_core.scene.material_region": "softsim_core.scene.deformable",
     "softsim_core.scene.objects": "softsim_core.scene.description",
-    "softsim_core.scene.placed": "softsim_core.scene.placement",
     "softsim_core.scene.python_loader": "softsim_core.scene.io.loaders",
     "softsim_core.scene.reinforcement": "softsim_core.scene.rod",
     "softsim_core.scene.solver_settings": "softsim_core.scene.description",

@@ -22,21 +22,21 @@ from .guards import (
     REFUSAL_PERIOD_S as REFUSAL_PERIOD_S,
     GuardedNode as GuardedNode,
     Refusals as Refusals,
-    message_door as message_door,
-    parameter_door as parameter_door,
-    service_door as service_door,
+    guard_parameters as guard_parameters,
+    guard_service as guard_service,
+    guard_subscription as guard_subscription,
 )
 from .parameters import (
-    About as About,
     LiveParameters as LiveParameters,
     ParameterError as ParameterError,
+    ParameterInfo as ParameterInfo,
     Program as Program,
-    checked as checked,
+    check_value as check_value,
     declare as declare,
     declare_value as declare_value,
-    described as described,
     parameter as parameter,
     parameter_probe as parameter_probe,
+    parameters_of as parameters_of,
 )
 from .process import (
     keep_freed_memory as keep_freed_memory,
@@ -55,12 +55,12 @@ from .signals import (
 )
 from .text import (
     LONGEST_SENTENCE as LONGEST_SENTENCE,
-    named as named,
+    error_message as error_message,
+    list_names as list_names,
     one_line as one_line,
     printable as printable,
     sentence as sentence,
-    sentence_of as sentence_of,
-    shortened as shortened,
+    shorten as shorten,
     takes_escapes as takes_escapes,
 )
 from .topics import (
@@ -72,6 +72,6 @@ from .topics import (
     STATE_TOPICS as STATE_TOPICS,
     Facts as Facts,
     StateTopics as StateTopics,
-    hearing_all as hearing_all,
-    latched as latched,
+    latched_qos as latched_qos,
+    matching_qos as matching_qos,
 )

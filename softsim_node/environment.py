@@ -10,7 +10,7 @@ from pathlib import Path
 
 from softsim_core.base import SoftSimError, listing, runtime_folder
 
-WISH = "SOFTSIM_DISCOVERY_RANGE"
+DISCOVERY_VARIABLE = "SOFTSIM_DISCOVERY_RANGE"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS = "ROS_STATIC_PEERS"
 SKIP_CURRENT_FOLDER = "SKIP_DEFAULT_XML_FILE"
@@ -29,7 +29,7 @@ class DiscoveryError(SoftSimError, ValueError):
     """The requested discovery range is none of those that ROS knows."""
 
 
-def wished_range(environment: Mapping[str, str]) -> str:
+def requested_range(environment: Mapping[str, str]) -> str:
     """Return the discovery range for this process: SOFTSIM_DISCOVERY_RANGE, else LOCALHOST.
 
     If ROS_AUTOMATIC_DISCOVERY_RANGE is OFF, the default is OFF, too. That variable alone cannot widen the
@@ -38,11 +38,13 @@ def wished_range(environment: Mapping[str, str]) -> str:
     Raises:
         DiscoveryError: SOFTSIM_DISCOVERY_RANGE is not one of REACHES.
     """
-    wish = environment.get(WISH, "")
+    wish = environment.get(DISCOVERY_VARIABLE, "")
     if not wish:
         return "OFF" if environment.get(RANGE) == "OFF" else "LOCALHOST"
     if wish not in REACHES:
-        raise DiscoveryError(f"{WISH}={wish[:40]!r} is refused; allowed: {listing(REACHES)}; or unset it")
+        raise DiscoveryError(
+            f"{DISCOVERY_VARIABLE}={wish[:40]!r} is refused; allowed: {listing(REACHES)}; or unset it"
+        )
     return wish
 
 
@@ -50,20 +52,20 @@ def set_range(environment: MutableMapping[str, str]) -> None:
     """Apply the range to a process with this environment, and to those that it starts.
 
     Raises:
-        DiscoveryError: as `wished_range`.
+        DiscoveryError: as `requested_range`.
     """
-    environment[RANGE] = wished_range(environment)
+    environment[RANGE] = requested_range(environment)
     environment.pop("ROS_LOCALHOST_ONLY", None)  # used by older releases; it would override the range
     environment.setdefault(SKIP_CURRENT_FOLDER, "1")
 
 
 def sentence(environment: Mapping[str, str]) -> str:
     """Return a message that says who can reach the nodes of a process, and how to change it."""
-    reach = wished_range(environment)
+    reach = requested_range(environment)
     peers = environment.get(PEERS, "")
     among = f", and the computers in {PEERS} ({peers[:60]})" if peers and reach != "OFF" else ""
     domain = environment.get("ROS_DOMAIN_ID") or "0"
-    change = f"; {WISH}=SUBNET opens it to the network" if reach == "LOCALHOST" else ""
+    change = f"; {DISCOVERY_VARIABLE}=SUBNET opens it to the network" if reach == "LOCALHOST" else ""
     return f"reached by {REACHES[reach]}{among} (domain {domain}, {reach}{change})"
 
 

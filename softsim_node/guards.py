@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from softsim_core.base import known_names
 from softsim_core.scene.io import shortened
 from softsim_node.parameters import with_decimals
-from softsim_node.text import one_line, sentence_of
+from softsim_node.text import error_message, one_line
 
 REFUSAL_PERIOD_S: Final = 1.0
 """Shortest time in [s] between two refusals that begin alike."""
@@ -53,7 +53,7 @@ class Refusals:
             self._say(line)
 
 
-def message_door(callback: Guarded, refuse: Callable[[str], None], topic: str) -> Guarded:
+def guard_subscription(callback: Guarded, refuse: Callable[[str], None], topic: str) -> Guarded:
     """Wrap a topic's callback so that its error is passed to `refuse` as a message."""
 
     @functools.wraps(callback)
@@ -61,25 +61,25 @@ def message_door(callback: Guarded, refuse: Callable[[str], None], topic: str) -
         try:
             callback(*arguments)
         except Exception as error:
-            refuse(f"message on {topic} {sentence_of(error)}")
+            refuse(f"message on {topic} {error_message(error)}")
 
     return receive
 
 
-def service_door(callback: Guarded, refuse: Callable[[str], None], service: str) -> Guarded:
+def guard_service(callback: Guarded, refuse: Callable[[str], None], service: str) -> Guarded:
     """Wrap a service's callback so that its error becomes the response; long responses are shortened.
 
     A callback that is a coroutine stays one.
     """
 
-    def refused(response: Any, error: Exception) -> Any:
-        sentence = sentence_of(error)
+    def set_refusal(response: Any, error: Exception) -> Any:
+        sentence = error_message(error)
         refuse(f"request to {service} {sentence}")
         if hasattr(response, "success") and hasattr(response, "message"):
             response.success, response.message = False, sentence
         return response
 
-    def bounded(response: Any) -> Any:
+    def shorten_message(response: Any) -> Any:
         if isinstance(getattr(response, "message", None), str):
             response.message = one_line(response.message)
         return response
@@ -87,21 +87,21 @@ def service_door(callback: Guarded, refuse: Callable[[str], None], service: str)
     @functools.wraps(callback)
     def answer(request: Any, response: Any) -> Any:
         try:
-            return bounded(callback(request, response))
+            return shorten_message(callback(request, response))
         except Exception as error:
-            return refused(response, error)
+            return set_refusal(response, error)
 
     @functools.wraps(callback)
     async def answer_later(request: Any, response: Any) -> Any:
         try:
-            return bounded(await callback(request, response))
+            return shorten_message(await callback(request, response))
         except Exception as error:
-            return refused(response, error)
+            return set_refusal(response, error)
 
     return answer_later if inspect.iscoroutinefunction(callback) else answer
 
 
-def parameter_door(callback: Guarded, refuse: Callable[[str], None]) -> Guarded:
+def guard_parameters(callback: Guarded, refuse: Callable[[str], None]) -> Guarded:
     """Wrap a callback for new parameters so that its error refuses them; long reasons are shortened."""
 
     @functools.wraps(callback)
@@ -109,7 +109,7 @@ def parameter_door(callback: Guarded, refuse: Callable[[str], None]) -> Guarded:
         try:
             result: SetParametersResult = callback(parameters)
         except Exception as error:
-            result = SetParametersResult(successful=False, reason=sentence_of(error))
+            result = SetParametersResult(successful=False, reason=error_message(error))
             refuse(f"parameters {result.reason}")
         result.reason = one_line(result.reason)
         return result
@@ -142,18 +142,18 @@ class GuardedNode(Node):
         except Exception as error:
             if not self.context.ok():
                 raise
-            self.refuse(f"{what} {sentence_of(error)}")
+            self.refuse(f"{what} {error_message(error)}")
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *args: Any, **options: Any
     ) -> Any:
         """Create a subscription like rclpy; a ROS message on which `callback` fails is refused."""
-        behind = message_door(callback, self.refuse, topic)
+        behind = guard_subscription(callback, self.refuse, topic)
         return super().create_subscription(msg_type, topic, behind, *args, **options)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
         """Create a service like rclpy; a request on which `callback` fails is answered with a message."""
-        behind = service_door(callback, self.refuse, srv_name)
+        behind = guard_service(callback, self.refuse, srv_name)
         return super().create_service(srv_type, srv_name, behind, **options)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
@@ -176,4 +176,4 @@ class GuardedNode(Node):
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         """Add a callback like rclpy; parameters on which `callback` fails are refused."""
-        super().add_on_set_parameters_callback(parameter_door(callback, self.refuse))
+        super().add_on_set_parameters_callback(guard_parameters(callback, self.refuse))

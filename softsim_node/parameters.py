@@ -25,7 +25,7 @@ from rclpy.parameter import Parameter
 from rclpy.utilities import remove_ros_args
 
 from softsim_core.base import SoftSimError, listing
-from softsim_node.text import one_line, sentence_of
+from softsim_node.text import error_message, one_line
 
 _KEY: Final = "parameter"
 _SHOWN: Final = 40
@@ -36,7 +36,7 @@ class ParameterError(SoftSimError, ValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class About:
+class ParameterInfo:
     """Description of a parameter, and what values it allows.
 
     Attributes:
@@ -60,7 +60,7 @@ class About:
         """The description with the unit, as `ros2 param describe` shows it."""
         return f"{self.text} [{self.unit}]" if self.unit else self.text
 
-    def allowed(self, default: object) -> str:
+    def describe_allowed(self, default: object) -> str:
         """Return the allowed values in words; `default` gives the type."""
         if isinstance(default, bool):
             return "true or false"
@@ -95,11 +95,13 @@ def parameter(
         fixed: Whether it cannot change after the start.
     """
     count = len(default) if isinstance(default, tuple) else None
-    about = About(text=text, unit=unit, within=within, choices=tuple(choices), fixed=fixed, count=count)
+    about = ParameterInfo(
+        text=text, unit=unit, within=within, choices=tuple(choices), fixed=fixed, count=count
+    )
     return dataclasses.field(default=default, metadata={_KEY: about})
 
 
-def described(settings: Any) -> Iterator[tuple[str, object, About]]:
+def parameters_of(settings: Any) -> Iterator[tuple[str, object, ParameterInfo]]:
     """Yield name, value and description of each parameter of a dataclass instance, in its order."""
     for field in dataclasses.fields(settings):
         yield field.name, getattr(settings, field.name), field.metadata[_KEY]
@@ -117,11 +119,13 @@ def declare(node: Node, settings: Settings) -> Settings:
     Raises:
         ParameterError: a value given at the start is not allowed.
     """
-    values = {name: declare_value(node, name, default, about) for name, default, about in described(settings)}
+    values = {
+        name: declare_value(node, name, default, about) for name, default, about in parameters_of(settings)
+    }
     return dataclasses.replace(settings, **values)  # type: ignore[type-var]
 
 
-def declare_value(node: Node, name: str, default: Any, about: About, *, given: bool = True) -> Any:
+def declare_value(node: Node, name: str, default: Any, about: ParameterInfo, *, given: bool = True) -> Any:
     """Declare a parameter with a name or range that is known only at run time; return its value.
 
     Args:
@@ -135,13 +139,13 @@ def declare_value(node: Node, name: str, default: Any, about: About, *, given: b
         ParameterError: the value given at the start is not allowed.
     """
     if node.has_parameter(name):
-        return checked(name, node.get_parameter(name).value, default, about)
+        return check_value(name, node.get_parameter(name).value, default, about)
     first = list(default) if isinstance(default, tuple) else default
-    allowed = about.allowed(default)
+    allowed = about.describe_allowed(default)
     descriptor = _descriptor(default, about)
     try:
         if given and isinstance(default, float | tuple):
-            found = _given(node, name, first)
+            found = _read_start_value(node, name, first)
             if (number := with_decimals(found)) is not found:
                 first, given = number, False
         value = node.declare_parameter(name, first, descriptor, ignore_override=not given).value
@@ -149,7 +153,7 @@ def declare_value(node: Node, name: str, default: Any, about: About, *, given: b
         raise ParameterError(f"parameter {name} has the wrong type; allowed is {allowed}") from error
     except InvalidParameterValueException as error:
         raise ParameterError(f"parameter {name} is refused; allowed is {allowed}") from error
-    return checked(name, value, default, about)
+    return check_value(name, value, default, about)
 
 
 @contextmanager
@@ -175,7 +179,7 @@ def parameter_probe(name: str, **node_options: Any) -> Iterator[Node]:
         node.destroy_node()
 
 
-def checked(name: str, value: Any, default: Any, about: About) -> Any:
+def check_value(name: str, value: Any, default: Any, about: ParameterInfo) -> Any:
     """Return a parameter's value in the type of the dataclass, after a check.
 
     Args:
@@ -201,7 +205,9 @@ def checked(name: str, value: Any, default: Any, about: About) -> Any:
         fits = fits and len(numbers) == about.count
     if not fits:
         shown = one_line(repr(value)[:_SHOWN])
-        raise ParameterError(f"parameter {name} = {shown} is refused; allowed is {about.allowed(default)}")
+        raise ParameterError(
+            f"parameter {name} = {shown} is refused; allowed is {about.describe_allowed(default)}"
+        )
     return value
 
 
@@ -234,7 +240,7 @@ class LiveParameters(Generic[Settings]):
     ) -> None:
         self.values = declare(node, settings)
         self._node, self._check, self._apply = node, check, apply
-        self._about = {name: (default, about) for name, default, about in described(self.values)}
+        self._about = {name: (default, about) for name, default, about in parameters_of(self.values)}
         self._is_quiet = False
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
@@ -252,9 +258,9 @@ class LiveParameters(Generic[Settings]):
         finally:
             self._is_quiet = False
 
-    def _changed(self, changes: Sequence[Parameter]) -> tuple[frozenset[str], Settings]:
+    def _merge_changes(self, changes: Sequence[Parameter]) -> tuple[frozenset[str], Settings]:
         values = {
-            change.name: checked(change.name, change.value, *self._about[change.name])
+            change.name: check_value(change.name, change.value, *self._about[change.name])
             for change in changes
             if change.name in self._about
         }
@@ -262,23 +268,23 @@ class LiveParameters(Generic[Settings]):
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         try:
-            names, values = self._changed(changes)
+            names, values = self._merge_changes(changes)
             if names and not self._is_quiet:
                 self._check(names, values)
         except Exception as error:
-            return SetParametersResult(successful=False, reason=sentence_of(error))
+            return SetParametersResult(successful=False, reason=error_message(error))
         return SetParametersResult(successful=True)
 
     def _post_set(self, changes: list[Parameter]) -> None:
-        names, self.values = self._changed(changes)
+        names, self.values = self._merge_changes(changes)
         if names and not self._is_quiet:
             try:
                 self._apply(names, self.values)
             except Exception as error:  # rclpy has stored the values and has no answer for this
-                self._node.get_logger().error(f"parameters are stored, but: {sentence_of(error)}")
+                self._node.get_logger().error(f"parameters are stored, but: {error_message(error)}")
 
 
-def _given(node: Node, name: str, default: Any) -> Any:
+def _read_start_value(node: Node, name: str, default: Any) -> Any:
     """Return the start value, of any type, that the node was given for a parameter not declared yet."""
     value = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
     node.undeclare_parameter(name)
@@ -294,10 +300,10 @@ def with_decimals(value: Any) -> Any:
     return value
 
 
-def _descriptor(default: object, about: About) -> ParameterDescriptor:
+def _descriptor(default: object, about: ParameterInfo) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=about.description,
-        additional_constraints=about.allowed(default) if about.choices or about.count else "",
+        additional_constraints=about.describe_allowed(default) if about.choices or about.count else "",
         read_only=about.fixed,
     )
     if about.within is not None and isinstance(default, float):
@@ -352,10 +358,10 @@ class Program:
 
     def _parameters(self) -> str:
         lines = ["parameters, each given as --ros-args -p NAME:=VALUE:"]
-        for name, default, about in chain.from_iterable(map(described, self.settings)):
+        for name, default, about in chain.from_iterable(map(parameters_of, self.settings)):
             shown = str(default).lower() if isinstance(default, bool) else str(default) or "empty"
             fixed = "; fixed after the start" if about.fixed else ""
-            lines.append(f"  {name}: {about.allowed(default)}; default {shown}{fixed}")
+            lines.append(f"  {name}: {about.describe_allowed(default)}; default {shown}{fixed}")
             lines += textwrap.wrap(about.text, _WIDTH, initial_indent="      ", subsequent_indent="      ")
         if self.more:
             lines += textwrap.wrap(self.more, _WIDTH, initial_indent="  ", subsequent_indent="  ")

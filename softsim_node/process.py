@@ -28,7 +28,7 @@ from softsim_node import environment
 from softsim_node.environment import check_ros_variables, prepare_environment
 from softsim_node.parameters import Program
 from softsim_node.signals import OUTLIVE, ending
-from softsim_node.text import sentence_of
+from softsim_node.text import error_message
 
 ENABLE: Final = "ROS_SECURITY_ENABLE"
 STRATEGY: Final = "ROS_SECURITY_STRATEGY"
@@ -163,7 +163,7 @@ def outliving(executor: Executor) -> Iterator[None]:
         if not executor.context.ok():
             raise
         for node in list(executor.get_nodes())[:1]:
-            node.get_logger().error(sentence_of(error), throttle_duration_sec=REFUSAL_PERIOD_S)
+            node.get_logger().error(error_message(error), throttle_duration_sec=REFUSAL_PERIOD_S)
 
 
 def serve_callbacks(node: Any) -> None:

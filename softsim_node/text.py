@@ -13,7 +13,7 @@ LONGEST_SENTENCE: Final = 300
 """Longest message about a refusal in the log and in a response, in characters."""
 
 
-def sentence_of(error: BaseException) -> str:
+def error_message(error: BaseException) -> str:
     """Return the message of an error on one line of at most LONGEST_SENTENCE characters."""
     text = str(error)
     if not isinstance(error, SoftSimError):
@@ -46,20 +46,20 @@ def printable(text: str) -> str:
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
-def shortened(text: str, length: int = LONGEST_NAME) -> str:
+def shorten(text: str, length: int = LONGEST_NAME) -> str:
     """Return at most `length` printable characters of the text; an ellipsis marks omitted ones."""
     safe = printable(text[: length + 1])
     return safe if len(safe) <= length else f"{safe[: length - 3]}..."
 
 
-def named(names: Collection[str]) -> str:
+def list_names(names: Collection[str]) -> str:
     """Return names for a message: at most ten, shortened, and the number of others; "none" without any."""
     few: Iterable[str] = islice(names, MOST_NAMES)
-    text = ", ".join(shortened(each, LONGEST_LISTED) for each in few)
+    text = ", ".join(shorten(each, LONGEST_LISTED) for each in few)
     more = len(names) - MOST_NAMES
     return f"{text} and {more} more" if more > 0 else text or "none"
 
 
 def sentence(error: BaseException | str) -> str:
     """Return the text of an error as a message of at most 300 printable characters."""
-    return shortened(str(error), LONGEST_SENTENCE)
+    return shorten(str(error), LONGEST_SENTENCE)

@@ -32,12 +32,12 @@ LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL
 """Values that stay valid: reliable, and late subscribers receive the newest message, too."""
 
 
-def latched(depth: int) -> QoSProfile:
+def latched_qos(depth: int) -> QoSProfile:
     """Return a profile like LATCHED that gives late subscribers the newest `depth` messages."""
     return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def hearing_all(publishers: Sequence[Any], depth: int) -> QoSProfile:
+def matching_qos(publishers: Sequence[Any], depth: int) -> QoSProfile:
     """Return a profile that receives from every one of these publishers.
 
     It is reliable if all of them are, and latched if all of them are.

@@ -8,8 +8,8 @@ from .calibration import (
     CalibrationAbortedError as CalibrationAbortedError,
     ServoMover as ServoMover,
     ServoObservation as ServoObservation,
+    apply_observation as apply_observation,
     calibrate as calibrate,
-    calibrated as calibrated,
     calibrated_robot as calibrated_robot,
     default_file as default_file,
     file_for as file_for,
@@ -30,9 +30,9 @@ from .ports import (
     BOARD_USB_IDS as BOARD_USB_IDS,
     CLONE_USB_IDS as CLONE_USB_IDS,
     SerialTransport as SerialTransport,
-    find_again as find_again,
     find_port as find_port,
-    opening_sentence as opening_sentence,
+    find_same_device as find_same_device,
+    opening_error_message as opening_error_message,
     stable_name as stable_name,
     usb_identity as usb_identity,
 )
@@ -64,7 +64,7 @@ from .servo import (
 from .takeover import STALL_S as STALL_S
 from .writer import (
     HANG_S as HANG_S,
-    HangWatch as HangWatch,
+    HangDetector as HangDetector,
     PeriodFigures as PeriodFigures,
     PeriodicThread as PeriodicThread,
 )

@@ -12,7 +12,7 @@ from servo_bridge.driver.ports import Transport
 from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
 from softsim_core.scene import BoardDescription
 
-Word: TypeAlias = Literal[Ability.HOLD, Ability.RELAX]
+PoselessPacket: TypeAlias = Literal[Ability.HOLD, Ability.RELAX]
 
 
 class BoardPort:
@@ -112,7 +112,7 @@ class BoardPort:
         self.link = BoardLink(transport.port, boards, quiet_s, self._clock(), before, silent_allowed)
         self._reader = Reader(transport, self.link, self._clock, self.on_tilt)
 
-    def _take_out(self, words: Sequence[Word] = ()) -> Callable[[], None]:
+    def _take_out(self, words: Sequence[PoselessPacket] = ()) -> Callable[[], None]:
         """Detach the port and return a function that sends the last packets and closes it.
 
         The returned function may block for as long as the port or the protocol does.
@@ -148,7 +148,7 @@ class BoardPort:
         if question:
             transport.write(question)
 
-    def _say(self, word: Word) -> bool:
+    def _say(self, word: PoselessPacket) -> bool:
         """Send a packet without a pose; return False, with nothing sent, if the board lacks the ability.
 
         Raises:
@@ -158,7 +158,7 @@ class BoardPort:
         return transport is not None and link is not None and _say(transport, link, word)
 
 
-def _say(transport: Transport, link: BoardLink, word: Word) -> bool:
+def _say(transport: Transport, link: BoardLink, word: PoselessPacket) -> bool:
     with link.speaking() as board:
         if word not in board.abilities:
             return False

@@ -13,11 +13,11 @@ from typing import Literal, TypeAlias
 
 from servo_bridge import PortError, WriterError
 from servo_bridge.driver.driver import ServoDriver
-from servo_bridge.driver.ports import find_again, stable_name, usb_identity
-from servo_bridge.driver.writer import HangWatch, PeriodFigures, PeriodicThread
+from servo_bridge.driver.ports import find_same_device, stable_name, usb_identity
+from servo_bridge.driver.writer import HangDetector, PeriodFigures, PeriodicThread
 from softsim_node import sentence
 
-Wish: TypeAlias = Literal["none", "configure", "activate"]
+RequestedState: TypeAlias = Literal["none", "configure", "activate"]
 
 DELAYS_S = (0.5, 1.0, 2.0, 4.0, 5.0)
 """Delays between attempts in [s]; the last one repeats."""
@@ -38,12 +38,12 @@ class Recovery:
 
     def __init__(self, jitter: float = 0.0, random: Random | None = None) -> None:
         self._jitter, self._random = jitter, random or Random()
-        self.wish: Wish = "none"
+        self.wish: RequestedState = "none"
         self.tries = 0
         self._next_try = 0.0
         self._reached: float | None = None
 
-    def want(self, wish: Wish, now: float, *, wait: bool) -> None:
+    def want(self, wish: RequestedState, now: float, *, wait: bool) -> None:
         """Request a state; the first attempt is due at once, or after a delay.
 
         The delay is the first of DELAYS_S. If the state reached before was lost within PROVEN_S, the back-off
@@ -55,9 +55,9 @@ class Recovery:
             self.tries = 0
         self._next_try = now
         if wait:
-            self.failed(now)
+            self.record_failure(now)
 
-    def reached(self, now: float) -> None:
+    def record_success(self, now: float) -> None:
         """Record that the requested state was reached at `now`."""
         self.wish, self._reached = "none", now
 
@@ -69,7 +69,7 @@ class Recovery:
         """Return whether an attempt is due."""
         return self.wish != "none" and now >= self._next_try
 
-    def failed(self, now: float) -> None:
+    def record_failure(self, now: float) -> None:
         """Record a failed attempt and lengthen the delay before the next one."""
         self._next_try = now + self._delay(self.tries)
         self.tries += 1
@@ -103,7 +103,7 @@ class BoardSession:
         self.sending = False
         self._sent = sent
         self._writer: PeriodicThread | None = None  # while the port is open
-        self._watch: HangWatch | None = None  # of that thread
+        self._watch: HangDetector | None = None  # of that thread
         self._stable_port = ""  # link to the device that survives a new port number; empty: none
         self._usb = ""  # identity that the port's USB chip reports; empty: none
 
@@ -177,7 +177,7 @@ class BoardSession:
                 " said no number, and its port has no USB identity), and it is told nothing; look, then"
                 " cleanup and configure",
             )
-        name = find_again(port, self._stable_port, self._usb)
+        name = find_same_device(port, self._stable_port, self._usb)
         driver.connect(name, open_wait_s, again=True, silent_allowed=known_port)
         if usb_identity(name) != self._usb:
             driver.disconnect()
@@ -258,7 +258,7 @@ class BoardSession:
                 self._sent(driver)
 
         self._writer = PeriodicThread(tick, driver.period)
-        self._watch = HangWatch(self._writer)
+        self._watch = HangDetector(self._writer)
 
     def _end_writer(self) -> None:
         """End the thread; a thread that hangs is abandoned."""

@@ -77,7 +77,7 @@ def load_calibration(file: Path, robot: str, servos: Sequence[AnyServo]) -> tupl
         if joint in seen:
             raise ConfigError(file, f"{where}.joint", f"{joint} is given twice")
         seen.add(joint)
-        found[joint] = _changed(found[joint], entry, file, where)
+        found[joint] = _apply_entry(found[joint], entry, file, where)
     return tuple(found[servo.joint] for servo in servos)
 
 
@@ -117,7 +117,7 @@ def save_calibration(file: Path, robot: str, servos: Sequence[Servo]) -> None:
         raise ConfigError(file, "", f"cannot be written ({error.strerror or error})") from error
 
 
-def _changed(servo: AnyServo, entry: dict[str, Any], file: Path, where: str) -> AnyServo:
+def _apply_entry(servo: AnyServo, entry: dict[str, Any], file: Path, where: str) -> AnyServo:
     known = asdict(servo)
     for key, value in entry.items():
         if key not in known:
@@ -175,7 +175,7 @@ class ServoObservation:
     byte_max: int | None = None
 
 
-def calibrated(servo: ServoCalibration, seen: ServoObservation) -> ServoCalibration:
+def apply_observation(servo: ServoCalibration, seen: ServoObservation) -> ServoCalibration:
     """Return the calibration of a servo after an observation.
 
     At the reference angle the servo is sent the byte at which the user saw the joint in place. A mirrored
@@ -296,7 +296,7 @@ def calibrate(robot: RobotDescription, mover: ServoMover, ask: Ask, say: Say) ->
     results = []
     for number, servo in enumerate(robot.board.hobby_servos, start=1):
         say(f"\n{servo.joint}, servo {number} of {len(robot.board.hobby_servos)}")
-        results.append(calibrated(servo, _observe(robot, servo, mover, ask, say)))
+        results.append(apply_observation(servo, _observe(robot, servo, mover, ask, say)))
     return tuple(results)
 
 

@@ -15,23 +15,23 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from servo_bridge import PortError, ProtocolError
-from servo_bridge.driver.board_port import BoardPort, Word
+from servo_bridge.driver.board_port import BoardPort, PoselessPacket
 from servo_bridge.driver.link import BoardLink
 from servo_bridge.driver.ports import SerialTransport, Transport
 from servo_bridge.driver.safety import EStop, MotionSettings, ServoMotion, rest_angle, servo_limits
 from servo_bridge.driver.servo import within
 from servo_bridge.driver.takeover import BoardPose, Takeover
-from servo_bridge.driver.writer import ends_in_time
+from servo_bridge.driver.writer import run_with_timeout
 from servo_bridge.protocols import AUTO, WAITING, Ability, TiltReading, candidates
 from softsim_core.base import CommandError, SceneError
 from softsim_core.physics.mechanics import check_command, check_named_command
 from softsim_core.scene import BoardDescription, BusServo, RobotDescription
-from softsim_node import named, sentence
+from softsim_node import list_names, sentence
 
 REST_REPEATS = 3
 """Number of repetitions of the last packets, since one lost byte must not decide where the servos stop."""
 
-Aim: TypeAlias = Literal["listen", "follow", "settle"]
+Mode: TypeAlias = Literal["listen", "follow", "settle"]
 
 
 class DriverMode:
@@ -44,7 +44,7 @@ class DriverMode:
     def __init__(self) -> None:
         self.settled = threading.Event()
         self.settled.set()
-        self._aim: Aim = "follow"
+        self._aim: Mode = "follow"
         self._settle_until = 0.0
         self._rest_packets = 0  # sent at the end of settling
 
@@ -84,7 +84,7 @@ class DriverMode:
             return motion.step(now)
         return motion.brake(now) if self._late(now) else motion.step_to_rest(now)
 
-    def sent(self, motion: ServoMotion, now: float) -> bool:
+    def record_sent(self, motion: ServoMotion, now: float) -> bool:
         """Record that the pose of `step` was sent; return whether settling ends with it.
 
         Settling ends at the rest pose, or when its time is over and the servos have stopped.
@@ -128,7 +128,7 @@ class ServoCommands:
         missing = [name for name in self._servo_joints if name not in positions]
         if missing:
             raise CommandError(
-                f"joint states without {named(missing)} refused; they name {named(positions)};"
+                f"joint states without {list_names(missing)} refused; they name {list_names(positions)};"
                 " nothing was moved"
             )
         return [positions[name] for name in self._servo_joints]
@@ -293,7 +293,7 @@ class ServoDriver(BoardPort):
         with self._lock:
             self._open(transport, quiet_s, self.met if again else None, silent_allowed)
             self._course.follow()
-            self._pose.opened()
+            self._pose.record_opening()
 
     def disconnect(self, *, relax: bool = False) -> None:
         """Close the port if one is open; the last pose sent stays known.
@@ -302,14 +302,14 @@ class ServoDriver(BoardPort):
             relax: Switch the pulses off first, if the board can and its servos are at rest.
         """
         with self._lock:
-            words: Sequence[Word] = ()
+            words: Sequence[PoselessPacket] = ()
             if self.motion.e_stop.latched:
                 words = self._holds()
             elif relax and self._pose.moved and self.motion.at_rest and not self.waiting:
                 words = (Ability.RELAX,)
             close = self._take_out(words)
             self._end_course()
-        ends_in_time(close)
+        run_with_timeout(close)
 
     def start(self) -> None:
         """Start to send from the board's pose, else from the last one sent (at first the rest pose).
@@ -444,7 +444,7 @@ class ServoDriver(BoardPort):
     def hold_board(self) -> None:
         """Command the board to hold, if it can; for a caller that finds the ticks ended."""
         words = self._holds()
-        ends_in_time(lambda: [self._say(each) for each in words])
+        run_with_timeout(lambda: [self._say(each) for each in words])
 
     def _tick(self, now: float) -> tuple[int, ...] | None:
         transport, link = self._transport, self.link
@@ -461,7 +461,7 @@ class ServoDriver(BoardPort):
             if self._course.settles:
                 self._end_course()
             if self._say(Ability.HOLD):
-                self._pose.held()
+                self._pose.record_hold()
                 self.counts.packets += 1
                 return self.sent_bytes
         restarted, listens = link.take_restart(), self._course.listens
@@ -496,12 +496,12 @@ class ServoDriver(BoardPort):
         self.sent_bytes = packet.servo_bytes
         self._applied = packet.angles_rad if measured is None else tuple(measured)
         with self._lock:
-            if self._course.sent(self.motion, now):
+            if self._course.record_sent(self.motion, now):
                 self._end_course()
         return packet.servo_bytes
 
-    def _holds(self) -> Sequence[Word]:
-        hold: Word = Ability.HOLD
+    def _holds(self) -> Sequence[PoselessPacket]:
+        hold: PoselessPacket = Ability.HOLD
         return () if self.waiting else (hold,) * REST_REPEATS
 
     def _end_course(self) -> None:

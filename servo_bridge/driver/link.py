@@ -206,9 +206,10 @@ class BoardLink:
             if self._heard is not None and self.met is not None and self._is_stranger(board):
                 raise PortError(
                     self.port,
-                    f"another board is on {self.port} ({_described(board.name, board.identity() or '')}, not"
-                    f" {_described(self.met.protocol, self.met.identity)}), and is told nothing; plug in the"
-                    " one that was configured, or for this one cleanup and configure",
+                    f"another board is on {self.port}"
+                    f" ({_describe_board(board.name, board.identity() or '')},"
+                    f" not {_describe_board(self.met.protocol, self.met.identity)}), and is told nothing;"
+                    " plug in the one that was configured, or for this one cleanup and configure",
                 )
             if self._heard is None:
                 if self._must_speak and now > self._quiet_until + BANNER_GRACE_S:
@@ -260,7 +261,7 @@ class BoardLink:
         return None if tilt_time is None else max(now - tilt_time, 0.0)
 
 
-def _described(protocol: str, identity: str) -> str:
+def _describe_board(protocol: str, identity: str) -> str:
     return f"protocol {protocol}, {identity or 'without a number'}"
 
 

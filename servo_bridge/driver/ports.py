@@ -63,7 +63,7 @@ class SerialTransport:
         try:
             self._serial = serial.Serial(port, baud_rate, timeout=READ_TIMEOUT_S, exclusive=True)
         except (OSError, ValueError) as error:  # SerialException is an OSError
-            raise PortError(port, opening_sentence(port, error)) from error
+            raise PortError(port, opening_error_message(port, error)) from error
 
     @property
     def is_open(self) -> bool:
@@ -97,7 +97,7 @@ class SerialTransport:
         except BlockingIOError:
             return 0
         except (OSError, TypeError) as error:  # TypeError: another thread closed the port
-            raise PortError(self.port, self._vanished()) from error
+            raise PortError(self.port, self._describe_loss()) from error
 
     def read(self) -> bytes:
         """Return what was received; wait for the first byte for 0.05 s at most.
@@ -110,7 +110,7 @@ class SerialTransport:
             waiting = self._serial.in_waiting if data else 0
             return data + bytes(self._serial.read(waiting)) if waiting else data
         except (OSError, TypeError) as error:
-            raise PortError(self.port, self._vanished()) from error
+            raise PortError(self.port, self._describe_loss()) from error
 
     def cancel_read(self) -> None:
         """End a `read` that waits in another thread."""
@@ -132,7 +132,7 @@ class SerialTransport:
             waiting = self._serial.in_waiting
             return len(self._serial.read(waiting)) if waiting else 0
         except (OSError, TypeError) as error:
-            raise PortError(self.port, self._vanished()) from error
+            raise PortError(self.port, self._describe_loss()) from error
 
     def close(self) -> None:
         """Close the port; a second call, or one on a vanished port, does nothing."""
@@ -149,12 +149,12 @@ class SerialTransport:
     ) -> None:
         self.close()
 
-    def _vanished(self) -> str:
+    def _describe_loss(self) -> str:
         sentence = f"port {self.port} vanished (board unplugged, or its USB supply failed); plug it in again"
         return f"{sentence}; {BRLTTY}" if _is_usb_adapter(self.port) else sentence
 
 
-def opening_sentence(port: str, error: BaseException) -> str:
+def opening_error_message(port: str, error: BaseException) -> str:
     """Return a message that says why a port cannot be opened, and what to do."""
     code = _error_number(error)
     if code in (errno.EACCES, errno.EPERM):
@@ -215,7 +215,7 @@ CLONE_USB_IDS = {(0x1A86, 0x7523), (0x0403, 0x6001), (0x10C4, 0xEA60)}
 Many of them have no serial number, or all the same one.
 """
 
-NAME_IT = "name it with the parameter port (port:=/dev/...)"
+NAME_PORT_HINT = "name it with the parameter port (port:=/dev/...)"
 
 
 class PortInfo(Protocol):
@@ -257,14 +257,17 @@ def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id:
     if len(boards) == 1:
         return next(iter(boards.values()))
     if boards:
-        raise PortError("", f"several boards found ({', '.join(sorted(boards.values()))}); {NAME_IT}")
+        raise PortError("", f"several boards found ({', '.join(sorted(boards.values()))}); {NAME_PORT_HINT}")
     clones = [f"{info.device} ({info.description})" for info in seen if (info.vid, info.pid) in CLONE_USB_IDS]
     if clones:
         raise PortError(
-            "", f"no certain board found; {', '.join(clones)} may be one or any other gadget: {NAME_IT}"
+            "",
+            f"no certain board found; {', '.join(clones)} may be one or any other gadget: {NAME_PORT_HINT}",
         )
     others = ", ".join(info.device for info in seen) or "none"
-    raise PortError("", f"no board found (serial ports seen: {others}); plug the board in, or {NAME_IT}")
+    raise PortError(
+        "", f"no board found (serial ports seen: {others}); plug the board in, or {NAME_PORT_HINT}"
+    )
 
 
 def stable_name(port: str, by_id: Path = BY_ID) -> str:
@@ -301,7 +304,9 @@ def _identity(info: PortInfo) -> str:
     return f"USB {info.vid:04x}:{info.pid:04x} {which}"
 
 
-def find_again(port: str, stable: str, usb: str = "", *, ports: Iterable[PortInfo] | None = None) -> str:
+def find_same_device(
+    port: str, stable: str, usb: str = "", *, ports: Iterable[PortInfo] | None = None
+) -> str:
     """Return the port to open after one was lost: that of the same device, whatever its number.
 
     Args:

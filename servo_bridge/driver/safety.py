@@ -266,7 +266,7 @@ class ServoMotion:
         return latched
 
     def _move(self, target: Sequence[float], top_speed: float, now: float) -> tuple[float, ...]:
-        dt = self._passed(now)
+        dt = self._measure_step(now)
         return self._take(
             replace(limits, speed=min(limits.speed, top_speed, self.top_speed)).step(
                 position, velocity, goal, dt
@@ -277,13 +277,13 @@ class ServoMotion:
         )
 
     def _brake(self, now: float) -> tuple[float, ...]:
-        dt = self._passed(now)
+        dt = self._measure_step(now)
         return self._take(
             limits.brake(position, velocity, dt)
             for limits, position, velocity in zip(self.limits, self.positions, self.velocities, strict=True)
         )
 
-    def _passed(self, now: float) -> float:
+    def _measure_step(self, now: float) -> float:
         passed = 0.0 if self._last_step is None else now - self._last_step
         self._last_step = now
         return min(max(passed, 0.0), self.settings.longest_step_s)  # time lost between ticks is not caught up

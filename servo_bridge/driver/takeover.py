@@ -84,7 +84,7 @@ class BoardPose:
         self._held = False  # commanded to hold, and no pose sent since
         self._last_tick: float | None = None
 
-    def opened(self) -> None:
+    def record_opening(self) -> None:
         """Record that a port was opened: the pose of the board behind it is unknown."""
         self.moved = self._held = False
         self.begin()
@@ -94,7 +94,7 @@ class BoardPose:
         self._last_tick = None
         self.takeover.begin()
 
-    def held(self) -> None:
+    def record_hold(self) -> None:
         """Record that the board was commanded to hold."""
         self._held = True
 

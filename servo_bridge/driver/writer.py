@@ -125,7 +125,7 @@ class PeriodicThread:
                 due += skipped * self.period
 
 
-class HangWatch:
+class HangDetector:
     """Detects a call of a thread that does not return, by repeated checks while it lasts.
 
     One check counts for at most LONGEST_LOOK_S, however long ago the one before was, so a computer that slept
@@ -155,7 +155,7 @@ class HangWatch:
         return self.hangs
 
 
-def ends_in_time(call: Callable[[], object], timeout_s: float = JOIN_S) -> bool:
+def run_with_timeout(call: Callable[[], object], timeout_s: float = JOIN_S) -> bool:
     """Run a call that may hang in a thread of its own; return whether it ended in time, also by an error."""
 
     def run() -> None:

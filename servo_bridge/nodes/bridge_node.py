@@ -217,9 +217,9 @@ class ServoBridge(GuardedLifecycleNode):
             now = time.monotonic()
             if self._recovery.due(now):
                 if self._pursue():
-                    self._recovery.reached(time.monotonic())
+                    self._recovery.record_success(time.monotonic())
                 else:
-                    self._recovery.failed(time.monotonic())
+                    self._recovery.record_failure(time.monotonic())
 
     def _lose_writer(self, error: WriterError) -> None:
         """React to a dead thread: the servos hold, and the bridge is inactive until it is activated."""

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from servo_bridge.driver import EStop
 from softsim_core.base import listing
-from softsim_node import GuardedNode, sentence, shortened
+from softsim_node import GuardedNode, sentence, shorten
 
 
 class GuardedLifecycleNode(GuardedNode, LifecycleNode):
@@ -51,7 +51,7 @@ class GuardedLifecycleNode(GuardedNode, LifecycleNode):
         if (label in offered.values()) if label else (request.transition.id in offered):
             return self._change_state(request, response)
         self.get_logger().error(
-            f"transition {shortened(label) or request.transition.id} refused in state {self.lifecycle_state};"
+            f"transition {shorten(label) or request.transition.id} refused in state {self.lifecycle_state};"
             f" possible are: {listing(sorted(set(offered.values())))}"
         )
         response.success = False

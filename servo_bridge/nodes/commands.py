@@ -18,7 +18,7 @@ from std_msgs.msg import Float64MultiArray
 from servo_bridge.driver import ServoDriver
 from softsim_core.base import CommandError
 from softsim_core.physics.mechanics import check_age, check_positions_only
-from softsim_node import named, sentence
+from softsim_node import list_names, sentence
 
 MOST_BYTES = 65_536
 """Longest ROS message that is deserialised: a thousand joints, which delays no packet."""
@@ -42,7 +42,7 @@ def command_values(data: bytes) -> Sequence[float]:
     Raises:
         CommandError: the message is too long or damaged.
     """
-    values: Sequence[float] = _unpacked(data, Float64MultiArray).data
+    values: Sequence[float] = _deserialize(data, Float64MultiArray).data
     return values
 
 
@@ -53,7 +53,7 @@ def joint_positions(data: bytes) -> dict[str, float]:
         CommandError: the message is too long or damaged, names a joint twice, or has another number of names
             than of positions.
     """
-    message = _unpacked(data, JointState)
+    message = _deserialize(data, JointState)
     if len(message.name) != len(message.position):
         raise CommandError(
             f"{len(message.name)} names with {len(message.position)} positions refused; nothing was moved"
@@ -62,7 +62,8 @@ def joint_positions(data: bytes) -> dict[str, float]:
     if len(positions) != len(message.name):
         twice = [name for name, count in Counter(message.name).items() if count > 1]
         raise CommandError(
-            f"joint states that name {named(twice)} twice refused; name every joint once; nothing was moved"
+            f"joint states that name {list_names(twice)} twice refused; name every joint once;"
+            " nothing was moved"
         )
     return positions
 
@@ -77,14 +78,14 @@ def named_command(data: bytes, now_s: float) -> NamedCommand:
     Raises:
         CommandError: the message is too long, damaged or too old, or it has more than positions.
     """
-    message = _unpacked(data, JointState)
+    message = _deserialize(data, JointState)
     stamp = message.header.stamp
     check_age(stamp.sec + 1e-9 * stamp.nanosec, now_s)
     check_positions_only(message.velocity, message.effort)
     return NamedCommand(message.name, message.position)
 
 
-def _unpacked(data: bytes, message_type: type[Any]) -> Any:
+def _deserialize(data: bytes, message_type: type[Any]) -> Any:
     if len(data) > MOST_BYTES:
         raise CommandError(
             f"message of {len(data)} bytes refused; allowed are {MOST_BYTES}; nothing was moved"

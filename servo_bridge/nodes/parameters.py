@@ -18,7 +18,7 @@ from servo_bridge.driver import (
 from servo_bridge.protocols import AUTO, TiltReading, names
 from softsim_core.base import ConfigError, SoftSimError, listing
 from softsim_core.scene import RobotDescription
-from softsim_node import ParameterError, declare, parameter, parameter_probe, shortened
+from softsim_node import ParameterError, declare, parameter, parameter_probe, shorten
 
 Loaded = TypeVar("Loaded")
 
@@ -44,7 +44,7 @@ def read_named(parameter: str, value: str, read: Callable[[], Loaded]) -> Loaded
         raise ConfigError(
             "servo_bridge",
             f"parameter {parameter}",
-            f"{shortened(value)!r} cannot be read ({type(error).__name__}: {shortened(str(error), 100)});"
+            f"{shorten(value)!r} cannot be read ({type(error).__name__}: {shorten(str(error), 100)});"
             " give a name or a readable file",
         ) from error
 

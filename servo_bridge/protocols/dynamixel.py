@@ -241,12 +241,12 @@ class DynamixelProtocol(BoardProtocol):
         ]:
             there = [str(each) for each in self._servos if each in self._models]
             return (
-                f"hears nothing from {self._named(missing)} at {self.board.baud_rate} baud (answers come"
-                f" from: {listing(there)}); {self.advice}"
+                f"hears nothing from {self._list_servos(missing)} at {self.board.baud_rate} baud (answers"
+                f" come from: {listing(there)}); {self.advice}"
             )
         for servo_id in self._servos:
             if problem := self._problem(servo_id):
-                return f"cannot be driven: {self._named([servo_id])} {problem}"
+                return f"cannot be driven: {self._list_servos([servo_id])} {problem}"
         return ""
 
     def _problem(self, servo_id: int) -> str:
@@ -307,7 +307,7 @@ class DynamixelProtocol(BoardProtocol):
                 state = self._states[servo_id]
                 stopped = state.watchdog == table.WATCHDOG_TRIPPED
                 what = "was stopped by its bus watchdog" if stopped else "has lost its torque or its profile"
-                return f"goes its own way ({self._named([servo_id])} {what})"
+                return f"goes its own way ({self._list_servos([servo_id])} {what})"
         return ""
 
     def values(self) -> Mapping[str, object]:
@@ -370,7 +370,7 @@ class DynamixelProtocol(BoardProtocol):
         """
         return table.four(0) + table.four(max(1, int(self._servos[servo_id].speed / table.VELOCITY_UNIT)))
 
-    def _named(self, servo_ids: Iterable[int]) -> str:
+    def _list_servos(self, servo_ids: Iterable[int]) -> str:
         return listing([f"servo {each} ({self._servos[each].joint})" for each in servo_ids])
 
 

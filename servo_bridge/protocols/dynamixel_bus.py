@@ -180,7 +180,7 @@ class EmulatedServo:
         """Turn it by hand to a position in pulses."""
         self.position = pulse
 
-    def heard(self, now: float) -> None:
+    def record_instruction(self, now: float) -> None:
         """Record that an instruction packet was on the bus."""
         self._fed = now
 
@@ -333,7 +333,7 @@ class DynamixelBus(BoardModel):
             if packet.instruction == Instruction.STATUS or self.faults.happens(self.faults.unheard):
                 continue
             for servo in self.servos.values():
-                servo.heard(now)
+                servo.record_instruction(now)
             if self._carry_out(packet):
                 poses.append(tuple(servo.goal for servo in self.servos.values()))
         self._accepted += len(poses)

@@ -186,7 +186,7 @@ class PacketStream:
         self._data += data
         found: list[Packet] = []
         while (end := self._whole()) is not None:
-            taken = _unpacked(bytes(self._data[:end])) if end else None
+            taken = _parse_packet(bytes(self._data[:end])) if end else None
             if taken is None:
                 self.damaged += 1
                 del self._data[:1]
@@ -214,7 +214,7 @@ class PacketStream:
         return end if len(self._data) >= end else None
 
 
-def _unpacked(data: bytes) -> Packet | None:
+def _parse_packet(data: bytes) -> Packet | None:
     """Parse a packet; return None if its CRC is wrong, or if it is a status without an error byte."""
     if crc16(data[:-2]) != int.from_bytes(data[-2:], "little"):
         return None

@@ -72,11 +72,11 @@ class PoseComparison:
         self._told.clear()
         self._contradictions = self._deaf = 0
 
-    def sent(self) -> None:
+    def record_frame(self) -> None:
         """Record that a frame was sent."""
         self._sent += 1
 
-    def told(self, seq: int, widths_us: Sequence[int]) -> None:
+    def record_pose(self, seq: int, widths_us: Sequence[int]) -> None:
         """Record that a pose was sent, in the frame with that number."""
         self._told.append((seq, tuple(widths_us)))
 
@@ -194,7 +194,7 @@ class ExtendedProtocol(BoardProtocol):
         """Encode a SET frame of pulse widths."""
         widths = [angle_to_width(angle, servo) for angle, servo in zip(angles_rad, self.servos, strict=True)]
         seq = self._next_seq()
-        self._following.told(seq, widths)
+        self._following.record_pose(seq, widths)
         return EncodedPacket(
             frames.set_widths(seq, widths),
             tuple(round(width_to_byte(width)) for width in widths),
@@ -355,6 +355,6 @@ class ExtendedProtocol(BoardProtocol):
             self.counts.most_unacknowledged = max(self.counts.most_unacknowledged, self.unacknowledged)
 
     def _next_seq(self) -> int:
-        self._following.sent()
+        self._following.record_frame()
         self.seq = 1 if self.seq is None else (self.seq + 1) % frames.SEQUENCES
         return self.seq

@@ -130,7 +130,7 @@ class BoardMotion:
         """Stop where the servos are."""
         self._target = list(self._current)
 
-    def heard(self) -> None:
+    def record_command(self) -> None:
         """Record a valid command; after a silence the servos first stop where they are."""
         if not self.linked:
             self.stop()
@@ -321,7 +321,7 @@ class ExtendedBoard(BoardModel):
             motion.relaxed |= frame.kind is FrameType.RELAX
             motion.hold_asked |= frame.kind is FrameType.HOLD
             motion.stop()
-        motion.heard()
+        motion.record_command()
         self.seq, self._framed = frame.seq, True
         return True
 

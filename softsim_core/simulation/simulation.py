@@ -34,7 +34,7 @@ from softsim_core.physics.dynamics import (
     taut_commands,
 )
 from softsim_core.physics.fem import locking_warning
-from softsim_core.physics.linalg import linear_solver
+from softsim_core.physics.linalg import choose_linear_solver
 from softsim_core.physics.mechanics import (
     WARM_START_COLUMNS,
     Control,
@@ -485,7 +485,7 @@ class Simulation(SceneState):
             self.parameters,
             actuators=self._actuators,
             tolerance=tolerance,
-            solver=linear_solver(self._linear_solver),
+            solver=choose_linear_solver(self._linear_solver),
         )
 
     def settle(

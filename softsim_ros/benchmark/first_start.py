@@ -111,11 +111,11 @@ class FirstStart:
             self.output.append(line.rstrip())
             for pattern, phase in _LINES:
                 if found := pattern.search(line):
-                    self._ended(phase or re.sub(r" (in /|\().*", "", found[1]))
+                    self._record_phase(phase or re.sub(r" (in /|\().*", "", found[1]))
         with self._news:
             self._news.notify_all()
 
-    def _ended(self, phase: str) -> None:
+    def _record_phase(self, phase: str) -> None:
         with self._news:
             if phase not in self.phases:
                 self.phases[phase] = time.monotonic() - self._began
@@ -151,7 +151,7 @@ class FirstStart:
             if MOTION not in self.phases:
                 commands.publish(Float64MultiArray(data=[each - TOLD_RAD for each in first]))
             if max((abs(a - b) for a, b in zip(now, first, strict=False)), default=0.0) > MOVED_RAD:
-                self._ended(MOTION)
+                self._record_phase(MOTION)
                 seen.set()
 
         def note(message: DiagnosticArray) -> None:

@@ -90,7 +90,7 @@ class TouchingScene:
             leader.start_animation()
         for step in range(LEAD_IN[name]):
             if description.start is None:
-                leader.command(_pulled(leader, name, step / LEAD_IN[name]))
+                leader.command(_compute_command(leader, name, step / LEAD_IN[name]))
             leader.step()
         self._home, self._command = leader.snapshot(), leader.joint_targets
         self._random = np.random.default_rng(1)
@@ -103,7 +103,7 @@ class TouchingScene:
         self.simulation.command(self._command + self._random.uniform(-size, size, len(self._command)))
 
 
-def _pulled(simulation: Simulation, name: str, share: float) -> Array:
+def _compute_command(simulation: Simulation, name: str, share: float) -> Array:
     """Return the command at a fraction of the lead-in: first down if there is a cube, then closed."""
     down = 0.4 if name == "gripper_grasp" else 0.0
     cables = [not joint.moves_frame for joint in simulation.model.joints]

@@ -106,7 +106,7 @@ def _beside_factor(name: str, limit: float, rounds: int) -> RubberTime:
         Contender("step", moving.simulation.step, STEPS_A_TURN, moving.stir),
         Contender("splu", factorisation.run, 1, factorisation.prepare),
     ]
-    return _told(name, moving, contenders, rounds, limit)
+    return _time_contenders(name, moving, contenders, rounds, limit)
 
 
 def _beside_none(name: str, rounds: int) -> RubberTime:
@@ -117,10 +117,10 @@ def _beside_none(name: str, rounds: int) -> RubberTime:
         Contender("step", moving.simulation.step, STEPS_A_TURN, moving.stir),
         Contender("none", none.simulation.step, STEPS_A_TURN),
     ]
-    return _told(name, moving, contenders, rounds, CHAMBER_LIMIT)
+    return _time_contenders(name, moving, contenders, rounds, CHAMBER_LIMIT)
 
 
-def _told(
+def _time_contenders(
     name: str, moving: _Moving, contenders: Sequence[Contender], rounds: int, limit: float
 ) -> RubberTime:
     times = take_turns(contenders, rounds)

@@ -87,10 +87,10 @@ def measure_sensors(rounds: int) -> list[SensorTime]:
         for _ in range(rounds):
             for scene in scenes.values():
                 scene.turn()
-    return [_told(name, np.array(scene.times)) for name, scene in scenes.items()]
+    return [_to_sensor_time(name, np.array(scene.times)) for name, scene in scenes.items()]
 
 
-def _told(name: str, times: Array) -> SensorTime:
+def _to_sensor_time(name: str, times: Array) -> SensorTime:
     return SensorTime(name, float(times.min()), float(np.median(times)), LIMIT_MS if name == ALL else None)
 
 

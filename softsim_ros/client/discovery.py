@@ -66,7 +66,7 @@ def running_robot(
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     try:
-        spaces = _settled(node, executor, namespace, within_s)
+        spaces = _await_namespaces(node, executor, namespace, within_s)
         if len(spaces) > 1:
             raise RobotChoiceError(f"several robots run: {listing(spaces)}; name the one that is meant")
         if not spaces:
@@ -78,7 +78,7 @@ def running_robot(
         context.try_shutdown()
 
 
-def _settled(
+def _await_namespaces(
     node: Node, executor: SingleThreadedExecutor, namespace: str | None, within_s: float
 ) -> list[str]:
     """Return the namespaces of robots once no more appear; for a named one, wait for it alone."""

@@ -155,12 +155,12 @@ def _command(
         check_command(wanted, robot.joint_names)
     except CommandError as error:
         return Decision(state, str(error), None)
-    values, stopped = _limited(state, robot, wanted, moved)
+    values, stopped = _clamp_to_limits(state, robot, wanted, moved)
     sentence = listing(stopped) if stopped else title
     return Decision(with_command(state, robot, values, now, own=True), sentence, values)
 
 
-def _limited(
+def _clamp_to_limits(
     state: RobotState, robot: RobotDescription, wanted: Sequence[float], moved: Sequence[str]
 ) -> tuple[tuple[float, ...], list[str]]:
     """Return the requested positions, clamped to enforced limits.
@@ -184,15 +184,15 @@ def _limit_name(limits: JointLimits, value: float) -> str:
 
 def format_position(joint: JointDescription, position: float) -> str:
     """Return a joint position as text: "-1.4965 rad (-85.7 deg)" or "0.0123 m (12.3 mm)"."""
-    return _told(position, joint.units.position)
+    return _format_in_unit(position, joint.units.position)
 
 
 def format_command(joint: JointDescription, command: float) -> str:
     """Return a command as text: as a position, or "2000 Pa (2.0 kPa)"."""
-    return _told(command, joint.units.command)
+    return _format_in_unit(command, joint.units.command)
 
 
-def _told(value: float, unit: Unit) -> str:
+def _format_in_unit(value: float, unit: Unit) -> str:
     value = round(value, 3 - round(math.log10(unit.step))) + 0.0  # no rounding errors, no -0
     digits = f"{value:.4f}" if unit.si in ("rad", "m") else f"{value:.4g}"
     return f"{digits} {unit.si} ({value * unit.per_si:.1f} {unit.shown})"

@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from softsim_core.base import SoftSimError, listing
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_node import prepare_environment, sentence_of
+from softsim_node import error_message, prepare_environment
 from softsim_ros import ClosableNode, SpinThread
 from softsim_ros.client.bridge import Bridge
 from softsim_ros.client.control import ClosedLoop, Inverse
@@ -155,7 +155,7 @@ class RobotSession:
             try:
                 action(*arguments, keep)
             except Exception as error:  # invalid arguments, such as a text for a position
-                keep(Outcome(False, f"{action.__qualname__} {sentence_of(error)}"))
+                keep(Outcome(False, f"{action.__qualname__} {error_message(error)}"))
 
         self._spinner.executor.create_task(act)
         with self._changed:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
-from softsim_node import EVERY_ONE, latched
+from softsim_node import EVERY_ONE, latched_qos
 
 LENGTH: Final = 200
 """Largest number of stored lines."""
@@ -51,7 +51,7 @@ class RobotLog:
         self.lines: deque[LogLine] = deque(maxlen=LENGTH)
         self.count = 0
         self._space = node.get_namespace()
-        node.create_subscription(Log, "/rosout", self._on_log, latched(LENGTH))
+        node.create_subscription(Log, "/rosout", self._on_log, latched_qos(LENGTH))
 
     def add(self, line: LogLine) -> None:
         """Store one more line."""

@@ -75,11 +75,11 @@ class Parameters:
         idle = not (self._set.is_busy or self._get.is_busy or self._wanted)
         if idle and now >= self._next_poll and self._get.is_there:
             self._next_poll = now + POLL_PERIOD_S
-            names = self._followed()
+            names = self._list_followed_names()
             request = GetParameters.Request(names=names)
             self._get.call(request, now, lambda answer: self._on_answer(names, answer))
 
-    def _followed(self) -> list[str]:
+    def _list_followed_names(self) -> list[str]:
         return list(dict.fromkeys((LIMITS, *self._names)))
 
     def _send(self, now: float) -> None:
@@ -109,7 +109,7 @@ class Parameters:
 
     def _on_event(self, event: ParameterEvent) -> None:
         if event.node == self._owner and not (self._set.is_busy or self._wanted):
-            followed = self._followed()
+            followed = self._list_followed_names()
             changed = {parameter.name: parameter.value for parameter in event.changed_parameters}
             self._tell({name: value for name, value in changed.items() if name in followed})
 

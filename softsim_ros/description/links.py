@@ -79,12 +79,14 @@ def links_of(robot: RobotDescription) -> tuple[Link, ...]:
     carriers = {**moved, **names, **{f"{joint.name}_base": _base(joint) for joint in scene.joints}}
     for body in scene.rigid_bodies:
         if body.on != "world":
-            place, rotation = _placed(body.pose)
+            place, rotation = _pose_of(body.pose)
             carrier, part = carriers[body.on], f"rigid_bodies/{body.name}"
-            links.append(_fixed(_free(body.name, links), carrier, place, rotation, part))
+            links.append(_make_fixed_link(_free(body.name, links), carrier, place, rotation, part))
     for soft in scene.bodies:
         part = f"bodies/{soft.name}"
-        links.append(_fixed(_free(f"{soft.name}_at_rest", links), BASE_LINK, np.zeros(3), np.eye(3), part))
+        links.append(
+            _make_fixed_link(_free(f"{soft.name}_at_rest", links), BASE_LINK, np.zeros(3), np.eye(3), part)
+        )
     return tuple(links)
 
 
@@ -104,7 +106,7 @@ def _base(joint: JointDescription) -> str:
 def _frame_links(joint: JointDescription, scene: SceneDescription, moved: dict[str, str]) -> list[Link]:
     """Return a joint's base link and the link that it moves."""
     parent = BASE_LINK if joint.parent is None else moved[joint.parent]
-    position, rotation = _seen_from(_carrier_at_rest(joint.parent, scene), _placed(joint.base))
+    position, rotation = _seen_from(_carrier_at_rest(joint.parent, scene), _pose_of(joint.base))
     bounded = math.isfinite(joint.limits.lower) or math.isfinite(joint.limits.upper)
     kind: Kind = ("revolute" if bounded else "continuous") if _turns(joint) else "prismatic"
     part = f"joints/{joint.name}"
@@ -130,12 +132,12 @@ def _end_link(joint: JointDescription, moved: dict[str, str], scene: SceneDescri
 
 def _free_link(attachment: AttachmentDescription, name: str) -> Link:
     assert attachment.frame is not None  # with_rest_frames sets all of them
-    position, rotation = _placed(attachment.frame)
+    position, rotation = _pose_of(attachment.frame)
     part = f"attachments/{attachment.name}"
     return Link(name, BASE_LINK, f"{name}_motion", "floating", position, rotation, _Z, part, attachment.name)
 
 
-def _fixed(name: str, parent: str, position: Array, rotation: Array, part: str) -> Link:
+def _make_fixed_link(name: str, parent: str, position: Array, rotation: Array, part: str) -> Link:
     return Link(name, parent, f"{name}_mount", "fixed", position, rotation, _Z, part)
 
 
@@ -144,7 +146,7 @@ def _carrier_at_rest(joint: str | None, scene: SceneDescription) -> tuple[Array,
     if joint is None:
         return np.zeros(3), np.eye(3)
     described = scene.joints[scene.joint_names.index(joint)]
-    position, rotation = _placed(described.base)  # in the world, with its carrier at rest
+    position, rotation = _pose_of(described.base)  # in the world, with its carrier at rest
     axis = np.array(described.axis, dtype=float)
     if _turns(described):
         return position, rotation @ rotation_exp(described.rest * axis)
@@ -157,7 +159,7 @@ def _seen_from(frame: tuple[Array, Array], place: tuple[Array, Array]) -> tuple[
     return turn.T @ (position - origin), turn.T @ rotation
 
 
-def _placed(placement: Placement) -> tuple[Array, Array]:
+def _pose_of(placement: Placement) -> tuple[Array, Array]:
     return np.array(placement.translation, dtype=float), rotation_matrix(placement.rotation_deg)
 
 

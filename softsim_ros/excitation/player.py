@@ -61,7 +61,7 @@ class Player:
         self._heard: tuple[Readings, ...] = ()
         topic = "applied_joint_states" if real else "joint_states"
         node = session.client.node
-        self.joints = Readings(topic, self._told)
+        self.joints = Readings(topic, self._to_command)
         node.create_subscription(JointState, topic, self.joints, DEPTH)
         node.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, DEPTH)
         self._shift: list[float] = []
@@ -83,7 +83,7 @@ class Player:
         assert self._at is not None
         return self._at
 
-    def _told(self, message: JointState) -> Sequence[float]:
+    def _to_command(self, message: JointState) -> Sequence[float]:
         """Return joint states as a command.
 
         For a real robot, and for joints that follow exactly, these are the positions; for others the last

@@ -14,7 +14,7 @@ from sensor_msgs.msg import Imu
 
 from softsim_core.base import Array, SoftSimError, Vector, listing
 from softsim_core.lab.identification import EFFECTOR, SensorDescription
-from softsim_node import hearing_all
+from softsim_node import matching_qos
 from softsim_ros.excitation.readings import Readings
 
 
@@ -125,7 +125,7 @@ def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[
         ExcitationError: there is no such topic, it is of another type, or the mounts of its points are
             unknown.
     """
-    sensors = [_hear(node, each) for each in choices] if choices else _found(node, unknown)
+    sensors = [_hear(node, each) for each in choices] if choices else _find_sensors(node, unknown)
     if all(each.kind == IMU for each in sensors):
         raise ExcitationError(
             f"{listing(each.topic for each in sensors)}: an IMU tells no place; name a topic of PoseStamped "
@@ -137,9 +137,9 @@ def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[
     return sensors
 
 
-def _found(node: Node, unknown: Callable[[str], None]) -> list[Sensor]:
+def _find_sensors(node: Node, unknown: Callable[[str], None]) -> list[Sensor]:
     """Return existing sensors that publish; if none measures a position, add the simulator's."""
-    sensors = [_hear(node, each) for each in _offered(node, unknown)]
+    sensors = [_hear(node, each) for each in _find_choices(node, unknown)]
     end = time.monotonic() + SETTLED_S
     while not all(len(each.readings) for each in sensors) and time.monotonic() < end:
         time.sleep(0.05)
@@ -152,7 +152,7 @@ def _found(node: Node, unknown: Callable[[str], None]) -> list[Sensor]:
     return sensors
 
 
-def _offered(node: Node, unknown: Callable[[str], None]) -> list[SensorChoice]:
+def _find_choices(node: Node, unknown: Callable[[str], None]) -> list[SensorChoice]:
     prefix = node.get_namespace().rstrip("/") + "/"
     found: dict[str, str] = {}
     end = time.monotonic() + SETTLED_S
@@ -193,13 +193,13 @@ def _hear(node: Node, choice: SensorChoice) -> Sensor:
         )
     if kind == POSE and len(places) != 1:
         raise ExcitationError(f"{full} is one pose, and {len(places)} places are given for it")
-    described = () if kind == IMU else _described(choice.topic, places)
+    described = () if kind == IMU else _describe_sensors(choice.topic, places)
     readings = Readings(full, _NUMBERS[kind](len(places)))
-    node.create_subscription(TYPES[kind], full, readings, hearing_all(infos, DEPTH))
+    node.create_subscription(TYPES[kind], full, readings, matching_qos(infos, DEPTH))
     return Sensor(choice.topic, kind, readings, described)
 
 
-def _described(topic: str, places: Sequence[str | Vector]) -> tuple[SensorDescription, ...]:
+def _describe_sensors(topic: str, places: Sequence[str | Vector]) -> tuple[SensorDescription, ...]:
     word, told = _word(topic), []
     for k, place in enumerate(places):
         name = word if len(places) == 1 else f"{word}_{k}"

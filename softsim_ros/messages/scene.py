@@ -304,7 +304,7 @@ def read_proposal(text: str) -> Proposal:
             is_changed=data["changed"] is True,
             is_applied=data["applied"] is True,
             sentence=text_of(data["sentence"]),
-            chosen=tuple(map(_chosen, listed(data["chosen"]))),
+            chosen=tuple(map(_parse_chosen_points, listed(data["chosen"]))),
             routes={name_of(name): _points(rows) for name, rows in dict(data["routes"]).items()},
         )
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
@@ -315,7 +315,7 @@ def read_proposal(text: str) -> Proposal:
         ) from error
 
 
-def _chosen(data: Any) -> ChosenPoints:
+def _parse_chosen_points(data: Any) -> ChosenPoints:
     points = _points(data["points"])
     return ChosenPoints(name_of(data["part"]), whole(data["count"]), points, text_of(data["problem"]))
 

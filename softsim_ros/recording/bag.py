@@ -104,7 +104,7 @@ class Bag:
         """
         self._reader.close()
         if isinstance(error, DAMAGE) and not isinstance(error, SoftSimError):
-            raise self._damaged("is damaged, or no bag of a robot", error) from error
+            raise self._make_damage_error("is damaged, or no bag of a robot", error) from error
 
     @contextmanager
     def _sentences(self, what: str) -> Iterator[None]:
@@ -114,9 +114,9 @@ class Bag:
         except SoftSimError:
             raise
         except (ReaderError, OSError, AssertionError, *DAMAGE) as error:
-            raise self._damaged(what, error) from error
+            raise self._make_damage_error(what, error) from error
 
-    def _damaged(self, what: str, error: BaseException) -> BagError:
+    def _make_damage_error(self, what: str, error: BaseException) -> BagError:
         reason = shortened(str(error), MOST_REASON) or "no reason given"
         told = reason if isinstance(error, ReaderError | OSError) else f"{type(error).__name__}: {reason}"
         return BagError(self.path, f"{what} ({told})")

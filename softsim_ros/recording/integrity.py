@@ -256,14 +256,14 @@ def _check_sums(path: Path, file: Path) -> None:
 
 def _zstd(data: bytes, size: int) -> bytes:
     module: Any = storage_mcap
-    return _bounded(module.zstd.ZstdDecompressor(), data, size)
+    return _unpack_bounded(module.zstd.ZstdDecompressor(), data, size)
 
 
 def _lz4(data: bytes, size: int) -> bytes:
-    return _bounded(LZ4FrameDecompressor(), data, size)
+    return _unpack_bounded(LZ4FrameDecompressor(), data, size)
 
 
-def _bounded(decompressor: Any, data: bytes, size: int) -> bytes:
+def _unpack_bounded(decompressor: Any, data: bytes, size: int) -> bytes:
     """Return unpacked data, at most one byte more than `size`."""
     if size > MOST_CHUNK_BYTES:
         raise ReaderError(f"a chunk would unpack to {size} bytes")

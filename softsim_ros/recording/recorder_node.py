@@ -32,7 +32,7 @@ from std_srvs.srv import SetBool
 
 from softsim_core import load_scene
 from softsim_core.base import SoftSimError
-from softsim_node import Program, StateTopics, declare, hearing_all, parameter, parameter_probe, run_node
+from softsim_node import Program, StateTopics, declare, matching_qos, parameter, parameter_probe, run_node
 from softsim_ros import ClosableNode
 from softsim_ros.messages import load_message
 from softsim_ros.recording.bag_writer import BagWriter
@@ -239,7 +239,7 @@ class Recorder(ClosableNode):
             if self._bag is not None:
                 self.end()
         except RecordingError as error:
-            self._failed(error)
+            self._record_failure(error)
         finally:
             self.destroy_node()
 
@@ -264,7 +264,7 @@ class Recorder(ClosableNode):
         if topic in self._unknown:
             return
         publishers = self.get_publishers_info_by_topic(topic)
-        qos = hearing_all(publishers, DEPTH)
+        qos = matching_qos(publishers, DEPTH)
         kind = (qos.reliability, qos.durability)
         if topic in self._heard and (not publishers or self._heard[topic][1] == kind):
             return
@@ -293,7 +293,7 @@ class Recorder(ClosableNode):
             self._bag.add_topic(topic, type_name)
             self._bag.write(topic, time.time_ns(), data)
         except RecordingError as error:
-            self._failed(error)
+            self._record_failure(error)
 
     def _take_what_waits(self) -> None:
         """Record the messages that wait for the executor."""
@@ -312,7 +312,7 @@ class Recorder(ClosableNode):
         try:
             self._bag.flush()
         except RecordingError as error:
-            self._failed(error)
+            self._record_failure(error)
             return
         limit = self._settings.size_limit
         if 0.0 < limit <= 1e-6 * self._bag.size:
@@ -323,9 +323,9 @@ class Recorder(ClosableNode):
         try:
             self.end()
         except RecordingError as error:
-            self._failed(error)
+            self._record_failure(error)
 
-    def _failed(self, error: RecordingError) -> None:
+    def _record_failure(self, error: RecordingError) -> None:
         self._bag, self.failure = None, error
         with suppress(Exception):  # during shutdown there may be no log any more
             self.get_logger().error(str(error))

@@ -20,9 +20,9 @@ from servo_bridge.driver import (
     ServoMover,
     ServoObservation,
     angle_to_byte,
+    apply_observation,
     byte_to_angle,
     calibrate,
-    calibrated,
     calibrated_robot,
     calibration,
     default_file,
@@ -130,7 +130,7 @@ def test_the_default_file_is_used_where_it_exists(tmp_path: Path, monkeypatch: p
 def test_at_the_reference_the_servo_is_sent_what_proved_right(mirrored: bool, offset: float) -> None:
     servo = ServoCalibration(joint="a", trim_deg=1.5)
     reference = byte_to_angle(100, servo)
-    after = calibrated(servo, ServoObservation(mirrored, reference, offset))
+    after = apply_observation(servo, ServoObservation(mirrored, reference, offset))
     assert abs(angle_to_byte(reference, after) - (100 + offset)) <= 1
     assert (after.sign == -1) == mirrored
     if not mirrored:  # the rest angle stays where it was
@@ -141,9 +141,9 @@ def test_at_the_reference_the_servo_is_sent_what_proved_right(mirrored: bool, of
 
 def test_nothing_seen_changes_nothing_and_an_empty_range_is_refused() -> None:
     servo = ServoCalibration(joint="a")
-    assert calibrated(servo, ServoObservation(False, -1.4965, 0.0)) == servo
+    assert apply_observation(servo, ServoObservation(False, -1.4965, 0.0)) == servo
     with pytest.raises(SceneError, match="byte_min <= rest_byte"):
-        calibrated(servo, ServoObservation(False, -1.4965, 0.0, 150, 140))
+        apply_observation(servo, ServoObservation(False, -1.4965, 0.0, 150, 140))
 
 
 @pytest.fixture

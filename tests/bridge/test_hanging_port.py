@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
-from servo_bridge.driver import HANG_S, HangWatch, PeriodicThread, SerialTransport
+from servo_bridge.driver import HANG_S, HangDetector, PeriodicThread, SerialTransport
 from servo_bridge.emulator import VirtualBoard
 from servo_bridge.nodes import ServoBridge
 from servo_bridge.protocols import LegacyProtocol
@@ -125,7 +125,7 @@ def test_a_call_hangs_after_looks_and_not_because_nobody_looked() -> None:
 
     thread = PeriodicThread(tick, 0.01)
     assert began.wait(60.0)
-    watch = HangWatch(thread, lambda: now[0])
+    watch = HangDetector(thread, lambda: now[0])
     assert not watch.look()
     now[0] = 3600.0  # the computer slept
     assert not watch.look()

@@ -14,7 +14,7 @@ def test_tries_are_due_after_half_one_two_four_and_then_every_five_seconds() -> 
         now = 10.0 + tick / 100.0
         if recovery.due(now):
             due.append(round(now - 10.0, 1))
-            recovery.failed(now)
+            recovery.record_failure(now)
     assert due == [0.5, 1.5, 3.5, 7.5, 12.5, 17.5, 22.5, 27.5, 32.5, 37.5]
 
 
@@ -38,7 +38,7 @@ def test_jitter_parts_bridges_and_stays_within_its_fraction() -> None:
             now += 0.001
             if each.due(now):
                 due.append(now)
-                each.failed(now)
+                each.record_failure(now)
         starts.append(due)
     assert starts[0] == starts[1] != starts[2]
     for due in starts:

@@ -34,7 +34,7 @@ from servo_bridge.nodes import (
     main,
 )
 from softsim_core.base import CommandError, SceneError, SoftSimError
-from softsim_node import LONGEST_SENTENCE, named, sentence
+from softsim_node import LONGEST_SENTENCE, list_names, sentence
 
 pytestmark = pytest.mark.slow
 
@@ -98,10 +98,10 @@ def test_a_refusal_is_short_and_printable_whatever_the_names_are() -> None:
 
 
 def test_names_and_sentences_are_bounded() -> None:
-    assert named([]) == "none"
-    assert named(["servo_0", "servo_1"]) == "servo_0, servo_1"
-    assert named([str(number) for number in range(12)]) == "0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more"
-    assert named(["a" * 100]) == "a" * 13 + "..."
+    assert list_names([]) == "none"
+    assert list_names(["servo_0", "servo_1"]) == "servo_0, servo_1"
+    assert list_names([str(number) for number in range(12)]) == "0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more"
+    assert list_names(["a" * 100]) == "a" * 13 + "..."
     assert sentence("x\x1b[0m\n" * 1000).isprintable()
     assert len(sentence("\U0001f600\x00" * 10_000)) <= LONGEST_SENTENCE
 
@@ -218,7 +218,7 @@ def test_a_port_that_takes_no_data_is_tried_ever_more_seldom(
     usual = BoardSession.open_again
     monkeypatch.setattr(BoardSession, "open_again", open_again)
     monkeypatch.setattr(board_session, "usb_identity", lambda port: "one board")  # which may be opened again
-    monkeypatch.setattr(board_session, "find_again", lambda port, stable, usb: port)
+    monkeypatch.setattr(board_session, "find_same_device", lambda port, stable, usb: port)
     overrides = {"port": full_port, "autostart": "activate"}
     bridge = ServoBridge(
         scene=robot(),

@@ -18,7 +18,7 @@ from servo_bridge.driver import (
     MetBoard,
     ServoDriver,
     board_session,
-    find_again,
+    find_same_device,
     link,
     usb_identity,
 )
@@ -210,7 +210,7 @@ def test_a_board_driven_before_it_said_its_number_is_not_opened_again(original: 
 def test_a_silent_board_is_known_by_its_usb_chip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     chip = ["USB 2341:0043 serial number 7"]
     monkeypatch.setattr(board_session, "usb_identity", lambda port: chip[0])
-    monkeypatch.setattr(board_session, "find_again", lambda port, stable, usb: port)
+    monkeypatch.setattr(board_session, "find_same_device", lambda port, stable, usb: port)
     with VirtualBoard(link=tmp_path / "board") as board:
         bridge = Bridge(board.port)
         assert bridge.drives(board)
@@ -318,12 +318,12 @@ def test_a_usb_chip_is_found_by_its_serial_number_else_by_its_socket() -> None:
     identity = usb_identity("/dev/a", [uno, clone])
     assert identity == "USB 2341:0043 serial number 7 interface 1.0"
     assert usb_identity("/dev/c", [uno, clone]) == ""
-    assert find_again("/dev/a", "", identity, ports=[chip("/dev/c", UNO, "7", "2-4:1.0")]) == "/dev/c"
+    assert find_same_device("/dev/a", "", identity, ports=[chip("/dev/c", UNO, "7", "2-4:1.0")]) == "/dev/c"
     with pytest.raises(PortError, match=r"serial number 7 .* is not plugged in"):
-        find_again("/dev/a", "", identity, ports=[chip("/dev/a", UNO, "8", "1-1:1.0")])
+        find_same_device("/dev/a", "", identity, ports=[chip("/dev/a", UNO, "8", "1-1:1.0")])
     socket = usb_identity("/dev/b", [uno, clone])
     assert socket == "USB 1a86:7523 in USB socket 1-2"
     with pytest.raises(PortError, match="not plugged in"):
-        find_again("/dev/b", "", socket, ports=[chip("/dev/b", CH340, None, "1-3")])
+        find_same_device("/dev/b", "", socket, ports=[chip("/dev/b", CH340, None, "1-3")])
     with pytest.raises(PortError, match="are the same to USB"):
-        find_again("/dev/a", "", identity, ports=[uno, chip("/dev/c", UNO, "7", "1-3:1.0")])
+        find_same_device("/dev/a", "", identity, ports=[uno, chip("/dev/c", UNO, "7", "1-3:1.0")])

@@ -230,8 +230,8 @@ def test_telemetry_that_contradicts_twice_is_a_deviation(
 ) -> None:
     following = PoseComparison()
     for seq, width in enumerate((1200, 1400, 1500), start=1):
-        following.sent()
-        following.told(seq, (width, 1500, 1500))
+        following.record_frame()
+        following.record_pose(seq, (width, 1500, 1500))
     for _ in range(PATIENCE):
         assert following.deviation == ""
         following.hear(Telemetry(3, flags, widths, 0, 0))
@@ -245,8 +245,8 @@ def test_a_board_that_acknowledges_nothing_is_deaf() -> None:
     following = PoseComparison()
     for seq in range(1, DEAF_PATIENCE + 2):
         assert following.deviation == ""
-        following.told(seq, (1500,) * 3)
-        following.sent()
+        following.record_pose(seq, (1500,) * 3)
+        following.record_frame()
         following.hear(Telemetry(0, DRIVEN, (1500,) * 3, 0, 0))
     assert following.deviation.startswith("acknowledges nothing of what it is told")
 
@@ -254,8 +254,8 @@ def test_a_board_that_acknowledges_nothing_is_deaf() -> None:
 def test_a_board_that_acknowledges_now_and_then_is_not_deaf() -> None:
     following, last = PoseComparison(), 0
     for seq in range(1, 60):
-        following.told(seq, (1500,) * 3)
-        following.sent()
+        following.record_pose(seq, (1500,) * 3)
+        following.record_frame()
         if seq % (DEAF_PATIENCE - 1) == 0:
             last = seq
         following.hear(Telemetry(last, DRIVEN, (1500,) * 3, 0, 0))

@@ -13,7 +13,13 @@ import pytest
 import serial
 
 from servo_bridge import PortError
-from servo_bridge.driver import SerialTransport, find_again, find_port, opening_sentence, stable_name
+from servo_bridge.driver import (
+    SerialTransport,
+    find_port,
+    find_same_device,
+    opening_error_message,
+    stable_name,
+)
 from servo_bridge.emulator import VirtualBoard
 
 REST = bytes([255, 150, 150, 150])
@@ -75,7 +81,7 @@ def test_files_and_folders_are_no_serial_ports(tmp_path: Path) -> None:
 
 
 def test_no_permission_gives_the_command_to_run() -> None:
-    sentence = opening_sentence("/dev/ttyACM0", PermissionError(errno.EACCES, "Permission denied"))
+    sentence = opening_error_message("/dev/ttyACM0", PermissionError(errno.EACCES, "Permission denied"))
     assert "sudo usermod -aG dialout $USER" in sentence
     assert "log out" in sentence
 
@@ -179,22 +185,22 @@ def test_a_board_that_comes_back_under_another_number_is_found_again(tmp_path: P
     link.symlink_to(old)
     stable = stable_name(str(old), by_id)
     assert stable == str(link)
-    assert find_again(str(old), stable) == str(link)
+    assert find_same_device(str(old), stable) == str(link)
     old.rename(new)
     link.unlink()
     with pytest.raises(PortError, match=r"usb-Arduino-if00 is not plugged in; plug it in, or for another"):
-        find_again(str(old), stable)
+        find_same_device(str(old), stable)
     old.write_text("")  # another device has the old number now
     with pytest.raises(PortError, match=r"ttyACM0 may be another device by now; plug it in"):
-        find_again(str(old), stable)
+        find_same_device(str(old), stable)
     with pytest.raises(PortError, match="is not plugged in"):
-        find_again("", stable)  # nor is a board taken that a search would find
+        find_same_device("", stable)  # nor is a board taken that a search would find
     link.symlink_to(new)
-    assert find_again(str(old), stable) == find_again("", stable) == str(link)
-    assert find_again(str(old), "") == str(old)
+    assert find_same_device(str(old), stable) == find_same_device("", stable) == str(link)
+    assert find_same_device(str(old), "") == str(old)
     assert stable_name("/dev/ttyS7", by_id) == stable_name("/dev/ttyS7", tmp_path / "absent") == ""
 
 
 def test_who_else_may_hold_the_port_is_named() -> None:
-    assert "ModemManager" in opening_sentence("/dev/ttyACM0", OSError(errno.EBUSY, "busy"))
-    assert "99-tripod.rules" in opening_sentence("/dev/ttyACM0", PermissionError(errno.EACCES, "no"))
+    assert "ModemManager" in opening_error_message("/dev/ttyACM0", OSError(errno.EBUSY, "busy"))
+    assert "99-tripod.rules" in opening_error_message("/dev/ttyACM0", PermissionError(errno.EACCES, "no"))

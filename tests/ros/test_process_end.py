@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
 from servo_bridge.emulator import VirtualBoard  # noqa: E402
-from softsim_node import described  # noqa: E402
+from softsim_node import parameters_of  # noqa: E402
 from softsim_ros.cli.running import NODES  # noqa: E402
 
 COMMANDS = "position_controller/commands"
@@ -136,7 +136,7 @@ def test_help_of_every_executable_names_it_and_its_parameters(
     shown = capsys.readouterr().out
     assert f"usage: {name} " in shown
     assert "fixed after the start" in shown
-    for parameter, _, about in chain.from_iterable(map(described, module.PROGRAM.settings)):
+    for parameter, _, about in chain.from_iterable(map(parameters_of, module.PROGRAM.settings)):
         assert f"  {parameter}: " in shown
         assert not about.text.endswith((".", "]"))  # the unit stands beside it
 

@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 import servo_bridge.executables  # noqa: E402
 import softsim_ros.executables  # noqa: E402
 from servo_bridge.nodes import ServoBridge  # noqa: E402
-from softsim_node import described  # noqa: E402
+from softsim_node import parameters_of  # noqa: E402
 from softsim_ros.nodes.inverse import PathFollower  # noqa: E402
 from softsim_ros.nodes.simulator import Simulator  # noqa: E402
 
@@ -54,7 +54,7 @@ def test_no_other_text_can_be_set() -> None:
     found: dict[str, set[str]] = {}
     for program in programs():
         for settings in program.settings:
-            for name, value, about in described(settings):
+            for name, value, about in parameters_of(settings):
                 if isinstance(value, str) and not about.fixed and not about.choices:
                     found.setdefault(program.name, set()).add(name)
     assert found == SETTABLE

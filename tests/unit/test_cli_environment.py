@@ -33,7 +33,12 @@ def wheels(prefix: Path) -> Path:
 def test_discovery_stays_on_this_computer_unless_the_user_wishes_otherwise(
     tmp_path: Path, wish: str, ros: str, taken: str, told: str
 ) -> None:
-    given = {environment.WISH: wish, environment.RANGE: ros, "ROS_LOCALHOST_ONLY": "1", "HOME": str(tmp_path)}
+    given = {
+        environment.DISCOVERY_VARIABLE: wish,
+        environment.RANGE: ros,
+        "ROS_LOCALHOST_ONLY": "1",
+        "HOME": str(tmp_path),
+    }
     variables = {name: value for name, value in given.items() if value}
     environment.set_defaults(variables, tmp_path)
     assert variables[environment.RANGE] == taken
@@ -55,7 +60,7 @@ def test_an_unknown_discovery_range_is_refused_with_what_is_allowed() -> None:
     with pytest.raises(
         environment.DiscoveryError, match="'everybody' is refused; allowed: LOCALHOST, SUBNET"
     ):
-        environment.wished_range({environment.WISH: "everybody"})
+        environment.requested_range({environment.DISCOVERY_VARIABLE: "everybody"})
 
 
 def test_computers_named_by_hand_are_told() -> None:

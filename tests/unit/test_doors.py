@@ -14,11 +14,11 @@ from softsim_node import (
     LONGEST_SENTENCE,
     REFUSAL_PERIOD_S,
     Refusals,
-    message_door,
+    error_message,
+    guard_parameters,
+    guard_service,
+    guard_subscription,
     one_line,
-    parameter_door,
-    sentence_of,
-    service_door,
 )
 
 pytestmark = pytest.mark.ros
@@ -29,11 +29,11 @@ def failing(*_: object) -> None:
 
 
 def test_sentences_are_short_and_on_one_line() -> None:
-    assert sentence_of(CommandError("refused: no such joint")) == "refused: no such joint"
-    sentence = sentence_of(ValueError("bad\nvalue\x1b[31m" + 10**6 * "x"))
+    assert error_message(CommandError("refused: no such joint")) == "refused: no such joint"
+    sentence = error_message(ValueError("bad\nvalue\x1b[31m" + 10**6 * "x"))
     assert sentence.startswith("refused: ValueError (bad value [31m")
     assert len(sentence) == LONGEST_SENTENCE
-    assert sentence_of(KeyError()) == "refused: KeyError"
+    assert error_message(KeyError()) == "refused: KeyError"
     assert one_line("é ü") == "é ü"
 
 
@@ -53,14 +53,14 @@ def test_a_flood_of_refusals_is_a_few_lines_a_period() -> None:
 
 def test_a_message_that_fails_is_told_and_forgotten() -> None:
     said: list[str] = []
-    message_door(failing, said.append, "joint_states")(object())
+    guard_subscription(failing, said.append, "joint_states")(object())
     assert len(said) == 1
     assert said[0].startswith("message on joint_states refused: ValueError")
 
 
 def test_a_request_that_fails_is_answered() -> None:
     said: list[str] = []
-    answer = service_door(failing, said.append, "save")(Trigger.Request(), Trigger.Response(success=True))
+    answer = guard_service(failing, said.append, "save")(Trigger.Request(), Trigger.Response(success=True))
     assert not answer.success
     assert answer.message.startswith("refused: ValueError")
     assert len(answer.message) <= LONGEST_SENTENCE
@@ -69,10 +69,10 @@ def test_a_request_that_fails_is_answered() -> None:
 
 def test_parameters_that_fail_are_refused_and_long_reasons_are_cut() -> None:
     said: list[str] = []
-    result = parameter_door(failing, said.append)([])
+    result = guard_parameters(failing, said.append)([])
     assert not result.successful
     assert result.reason.startswith("refused: ValueError")
-    long = parameter_door(lambda _: SetParametersResult(successful=False, reason=10**6 * "y"), said.append)(
+    long = guard_parameters(lambda _: SetParametersResult(successful=False, reason=10**6 * "y"), said.append)(
         []
     )
     assert len(long.reason) == LONGEST_SENTENCE

@@ -178,7 +178,7 @@ ALONE = {
     "softsim_ros.recording.svg": "drawings of a report's page",
     **{f"{package}.executables": "entry points of ros2 run" for package in ("servo_bridge", "softsim_ros")},
 }
-"""Modules with at most one importer and fewer lines than a concept has, that are neither a law nor a command."""
+"""Small modules with at most one importer that are neither a law nor a command, and why they are modules."""
 
 
 def test_no_small_module_stands_alone() -> None:

@@ -190,7 +190,7 @@ def test_what_kernels_need_is_imported_before_the_robot_moves() -> None:
         "import sys\n"
         "from softsim_core import Simulation, load_scene\n"
         "from softsim_core.simulation import get_ready_to_load\n"
-        "from softsim_ros.nodes.simulator.scene_files import scene_files._compiled\n"
+        "from softsim_ros.nodes.simulator import scene_files\n"
         "counts = [len(sys.modules)]\n"
         "get_ready_to_load()\n"
         "counts.append(len(sys.modules))\n"

@@ -14,7 +14,7 @@ from softsim_core.physics.linalg import (
     Factoriser,
     Factors,
     SuperLU,
-    linear_solver,
+    choose_linear_solver,
     linear_solver_names,
     register_linear_solver,
 )
@@ -65,7 +65,7 @@ def random_matrix(nodes: int, dense: int, rng: np.random.Generator, scalars: int
 
 
 def answers(solver: str, matrix: sp.csc_matrix, dense: int = 0) -> Factors:
-    return Factoriser(linear_solver(solver), dense).factor(matrix)
+    return Factoriser(choose_linear_solver(solver), dense).factor(matrix)
 
 
 def assert_close(found: Array, expected: Array, share: float = 1e-9) -> None:
@@ -102,7 +102,7 @@ def test_a_plan_is_used_again_for_other_values_and_made_anew_for_another_pattern
 ) -> None:
     rng = np.random.default_rng(0)
     matrix = random_matrix(15, 3, rng)
-    chosen, plans = linear_solver(solver), []
+    chosen, plans = choose_linear_solver(solver), []
     made = type(chosen).plan
     monkeypatch.setattr(type(chosen), "plan", lambda self, p: plans.append(p) or made(self, p))
     factoriser = Factoriser(chosen, 3)
@@ -127,7 +127,7 @@ def test_indefinite_matrices_are_found_not_positive_and_solved(solver: str, wher
     assert not factors.positive
     right = rng.normal(size=matrix.shape[0])
     assert_close(factors.solve(right), np.linalg.solve(matrix.toarray(), right))
-    factoriser = Factoriser(linear_solver(solver), 4)  # and a plan recovers
+    factoriser = Factoriser(choose_linear_solver(solver), 4)  # and a plan recovers
     assert not factoriser.factor(matrix).positive
     matrix[place, place] += 1e4
     assert factoriser.factor(matrix).positive
@@ -152,11 +152,11 @@ def test_singular_and_infinite_matrices_raise_the_typed_error(solver: str, where
 
 
 def test_names() -> None:
-    assert linear_solver(AUTO).name in linear_solver_names()
+    assert choose_linear_solver(AUTO).name in linear_solver_names()
     with pytest.raises(
         SceneError, match="unknown linear solver 'none'; known: supernodal, iterative, superlu"
     ):
-        linear_solver("none")
+        choose_linear_solver("none")
     with pytest.raises(SceneError, match="linear solver 'superlu' is the package's own"):
         register_linear_solver(SuperLU())
 

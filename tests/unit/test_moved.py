@@ -10,6 +10,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+from faces import face
 
 import servo_bridge
 import softsim_core
@@ -29,8 +30,6 @@ DOCUMENTED = {
     "softsim_core.arrays": ("Array", "IndexArray"),
     "softsim_core.editing": ("SceneDocument",),
     "softsim_core.editing.parts": ("add_attachment",),
-    "softsim_core.fem.elements.element": ("ElementData",),
-    "softsim_core.fem.materials.material": ("Material",),
     "softsim_core.fem.elements": ("ElementData", "element", "register_element"),
     "softsim_core.fem.materials": ("Material", "MaterialParameter", "register_material"),
     "softsim_core.inverse.closed_loop": ("read_closed_loop_log",),
@@ -109,6 +108,14 @@ def test_every_new_name_is_a_module(package: object) -> None:
     for old, new in table.items():
         assert not REPOSITORY.joinpath(*old.split(".")).with_suffix(".py").exists(), old
         assert importlib.util.find_spec(new) is not None, new
+
+
+def test_no_former_name_hides_a_public_one() -> None:
+    """An import of `old.name` sets `name` in what is now the package of `old`."""
+    for finder in FINDERS:
+        for old in finder._modules:
+            package, _, name = old.rpartition(".")
+            assert name not in face(finder._new_name(package) or package), old
 
 
 def test_a_program_runs_by_its_former_name_and_warns() -> None:

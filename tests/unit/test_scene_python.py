@@ -194,7 +194,7 @@ def test_files_that_do_not_run(tmp_path: Path, text: str, key: str, words: list[
         ),
         ("import softsim_core.dynamics.simulation", "import softsim_core.simulation in its place"),
         (
-            "from softsim_core.scene import KeyBinding",
+            "from softsim_core.scene.description import KeyBinding",
             "not in softsim_core.scene.description any more; write `from softsim_core import KeyBinding`",
         ),
         ("from softsim_core.physics.mesh import nothing", "ImportError: cannot import name 'nothing'"),

@@ -10,7 +10,7 @@ from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.dynamics.scipy_backend import ScipyStepper
 from softsim_core.physics.dynamics.stepper import Stepper
 from softsim_core.physics.kernels import why_plain
-from softsim_core.physics.linalg import AUTO, COMPILED, ITERATIVE, linear_solver
+from softsim_core.physics.linalg import AUTO, COMPILED, ITERATIVE, choose_linear_solver
 from softsim_core.physics.mechanics import Model
 
 
@@ -45,7 +45,7 @@ def make_stepper(
         SceneError: the solver is unknown or does not fit the backend, or kernels are not compiled here.
     """
     actuators = actuators if actuators is not None else Actuators()
-    chosen, compiled = linear_solver(solver), has_compiled_step(solver)
+    chosen, compiled = choose_linear_solver(solver), has_compiled_step(solver)
     if backend == "numba" and not compiled:
         raise SceneError(
             f"backend numba is one with the linear solver {COMPILED}: for {solver} set backend: scipy"

@@ -28,7 +28,7 @@ from softsim_core.physics.dynamics.iterations import FreeTurning
 from softsim_core.physics.dynamics.report import StepReport
 from softsim_core.physics.dynamics.stepper import Condensed
 from softsim_core.physics.fem import BlockPattern, inverted_cells, von_mises_stress
-from softsim_core.physics.linalg import Factoriser, Factors, LinearSolver, linear_solver, solve_bounded
+from softsim_core.physics.linalg import Factoriser, Factors, LinearSolver, choose_linear_solver, solve_bounded
 from softsim_core.physics.mechanics import (
     MOVED,
     Control,
@@ -57,7 +57,7 @@ class ScipyStepper:
         self.model, self.actuators = model, actuators
         self._unknowns = at = Unknowns(model)
         self._turning = FreeTurning(model)
-        solver = solver or linear_solver()
+        solver = solver or choose_linear_solver()
         self._matrices = Factoriser(solver, int((at.solved >= at.first_reduced).sum()))
         self._tangents = Factoriser(solver)
 

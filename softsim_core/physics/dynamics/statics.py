@@ -45,7 +45,7 @@ from softsim_core.physics.dynamics.assembly import (
 )
 from softsim_core.physics.dynamics.stepper import Condensed
 from softsim_core.physics.fem import inverted_cells
-from softsim_core.physics.linalg import Factoriser, LinearSolver, linear_solver
+from softsim_core.physics.linalg import Factoriser, LinearSolver, choose_linear_solver
 from softsim_core.physics.mechanics import Control, Model, Parameters, RigidRegion, State, nearest_rotation
 
 
@@ -559,7 +559,7 @@ def solve_static(
     Raises:
         NotConvergedError: there is none, none that is stable, or it could not be reached from `state`.
     """
-    chosen, acting = solver or linear_solver(), actuators or Actuators()
+    chosen, acting = solver or choose_linear_solver(), actuators or Actuators()
     with np.errstate(all="ignore"):  # far from an equilibrium numbers overflow: such steps are refused
         problem = StaticProblem(model, control, parameters, state, acting, chosen)
         try:

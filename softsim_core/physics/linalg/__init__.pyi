@@ -75,7 +75,7 @@ from .solvers import (
     AUTO as AUTO,
     COMPILED as COMPILED,
     ITERATIVE as ITERATIVE,
-    linear_solver as linear_solver,
+    choose_linear_solver as choose_linear_solver,
     linear_solver_names as linear_solver_names,
     register_linear_solver as register_linear_solver,
 )

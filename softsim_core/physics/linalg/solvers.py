@@ -30,7 +30,7 @@ def register_linear_solver(solver: LinearSolver) -> None:
     _solvers.register(solver)
 
 
-def linear_solver(name: str = AUTO) -> LinearSolver:
+def choose_linear_solver(name: str = AUTO) -> LinearSolver:
     """Return the solver of that name; "auto" is the one that runs everywhere and with every matrix.
 
     Raises:
@@ -40,5 +40,5 @@ def linear_solver(name: str = AUTO) -> LinearSolver:
 
 
 def linear_solver_names() -> tuple[str, ...]:
-    """Return all names that `linear_solver` knows besides "auto"."""
+    """Return all names that `choose_linear_solver` knows besides "auto"."""
     return _solvers.names()

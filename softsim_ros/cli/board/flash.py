@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if shutil.which(command[0]) is None:
         return _refuse("avrdude is not installed; run: sudo apt-get install avrdude")
-    if not arguments.yes and not _confirmed():
+    if not arguments.yes and not _ask_confirmation():
         return _refuse("nothing was done; answer yes, or give --yes")
     _check_free(port, arguments.baud)
     code = run_process(command).returncode
@@ -84,7 +84,7 @@ def is_as_recorded(image: Path) -> bool:
     return any(line.split() == wanted for line in record.read_text().splitlines())
 
 
-def _confirmed() -> bool:
+def _ask_confirmation() -> bool:
     if not sys.stdin.isatty():
         return False
     return input("write it? [yes/no] ").strip().lower() in ("y", "yes")

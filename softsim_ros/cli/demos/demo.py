@@ -113,14 +113,14 @@ def run(arguments: argparse.Namespace) -> int:
         if _play(show, robot):
             told = show.told()
     if told is None:
-        return _unfinished()
+        return _report_unfinished()
     sentences, passed = told
     print("\n".join(sentences))
     print(f"{arguments.name}: {'passed' if passed else 'missed its marks'}")
     return int(arguments.check and not passed)
 
 
-def _unfinished() -> int:
+def _report_unfinished() -> int:
     """Report why the plan was not played to its end; return the exit code."""
     from softsim_node import ending
 

@@ -16,7 +16,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from softsim_core.base import known_names
-from softsim_node import ending, environment, hearing_all, ros_process
+from softsim_node import ending, environment, matching_qos, ros_process
 from softsim_ros.client import FIRST_WITHIN_S, OTHERS_S, running_robots
 from softsim_ros.messages import load_message
 
@@ -76,7 +76,7 @@ OWN_NAME = "_softsim_topics"
 def where() -> str:
     """Return a description of the part of the ROS network that this process can reach."""
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    return f"domain {domain}, discovery range {environment.wished_range(os.environ)}"
+    return f"domain {domain}, discovery range {environment.requested_range(os.environ)}"
 
 
 @contextlib.contextmanager
@@ -139,7 +139,7 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
     Returns:
         Exit code.
     """
-    found = _published(node, topic, wait_s)
+    found = _find_publishers(node, topic, wait_s)
     if found is None:
         if not ending.asked:
             rows = [row[0] for row in topic_rows(node)]
@@ -155,14 +155,14 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
         return 1
     seen = _Echo(limit) if show else Rate()
     raw = not show  # a rate needs no decoding
-    node.create_subscription(message_class, topic, seen, hearing_all(infos, KEPT), raw=raw)
+    node.create_subscription(message_class, topic, seen, matching_qos(infos, KEPT), raw=raw)
     while not ending.asked and (count is None or seen.lines < count):
         _turn(node)
         seen.report()
     return 0
 
 
-def _published(node: Node, topic: str, wait_s: float) -> tuple[str, list[Any]] | None:
+def _find_publishers(node: Node, topic: str, wait_s: float) -> tuple[str, list[Any]] | None:
     """Return the full name of a topic and its publishers.
 
     Return None if nobody publishes it within the wait in [s].

@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         result = calibrate(description, data, arguments.every, progress, progress.rows)
         if not result.stopped:
-            further = _judged(result, arguments, progress)
+            further = _compute_requested(result, arguments, progress)
     finally:
         progress.end()
     if arguments.json:
@@ -123,7 +123,9 @@ def run(arguments: argparse.Namespace) -> int:
     return EXIT_INTERRUPTED if result.stopped else 0
 
 
-def _judged(result: Calibration, arguments: argparse.Namespace, progress: _Progress) -> RequestedResults:
+def _compute_requested(
+    result: Calibration, arguments: argparse.Namespace, progress: _Progress
+) -> RequestedResults:
     """Return what the options request; an interrupt leaves out what is not finished."""
     from softsim_core.lab.identification import cross_validated, next_poses, profiled
 

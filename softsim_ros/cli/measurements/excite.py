@@ -136,7 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
             _simulate(stack, robot, namespace)
         within_s = CONNECT_WITHIN_S if arguments.attach else COMPILED_WITHIN_S
         session = stack.enter_context(connect(robot, namespace=namespace, within_s=within_s))
-        return _measured(arguments, settings, session, folder)
+        return _measure_robot(arguments, settings, session, folder)
     return EXIT_INTERRUPTED  # requested while the robot started
 
 
@@ -155,7 +155,7 @@ def _simulate(stack: contextlib.ExitStack[bool | None], robot: RobotDescription,
     stack.enter_context(SpinThread([simulator]))
 
 
-def _measured(
+def _measure_robot(
     arguments: argparse.Namespace, settings: ExcitationSettings, session: RobotSession, folder: Path
 ) -> int:
     """Measure the robot of a session; return the exit code."""

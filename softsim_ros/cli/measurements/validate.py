@@ -111,7 +111,7 @@ def _results(
     )
 
     alignments = read_alignments(arguments.alignment) if arguments.alignment is not None else None
-    chosen = [_with_limits(each, arguments) for each in _chosen(data, arguments.session)]
+    chosen = [_with_limits(each, arguments) for each in _choose_sessions(data, arguments.session)]
     sessions = [load_session(data, each, arguments.every) for each in chosen]  # all, before a replay
     results: list[SessionResult] = []
     failed = interrupted = False
@@ -136,7 +136,7 @@ def _results(
     return results, failed, interrupted
 
 
-def _chosen(data: DataSet, names: list[str]) -> list[SessionDescription]:
+def _choose_sessions(data: DataSet, names: list[str]) -> list[SessionDescription]:
     known = data.description.session_names
     for name in names:
         if name not in known:

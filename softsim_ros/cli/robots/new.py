@@ -313,7 +313,7 @@ def run(arguments: argparse.Namespace) -> int:
     factor = STIFFNESS_FACTOR if preset == PRESET else 1.0
     scene = scene_text(name, made, assumed, preset, factor, inlets)
     _write(folder, name, scene, made, assumed, on_arm)
-    print("\n".join(_told(name, made, assumed, link, inlets)))
+    print("\n".join(_describe_result(name, made, assumed, link, inlets)))
     return 0
 
 
@@ -340,7 +340,7 @@ def _write(folder: Path, name: str, scene: str, made: MeshedPart, assumed: Guess
         raise ConfigError(folder, "", f"cannot be written: {error.strerror or error}") from error
 
 
-def _told(name: str, made: MeshedPart, assumed: Guess, link: str, inlets: list[str]) -> list[str]:
+def _describe_result(name: str, made: MeshedPart, assumed: Guess, link: str, inlets: list[str]) -> list[str]:
     scene = f"./{name}/{name}.yaml"
     moved = "the pressure of its hollow" if made.source.cavities == 1 else "one cable"
     askew = f"it lies askew by {assumed.tilt_deg:.0f} degrees in its file; guesses are along its own axes"

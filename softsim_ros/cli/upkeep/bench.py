@@ -201,7 +201,7 @@ def _peers(
 
     chosen = meshes if arguments.mesh else [mesh for mesh in meshes if mesh in PEER_MESHES]
     cases = [Case("held_centre", mesh, describe("held_centre", mesh, reference)) for mesh in chosen]
-    records = _compared(cases, _rounds(arguments))
+    records = _compare_engines(cases, _rounds(arguments))
     for found in records:
         for record in ours:  # also store the sag of the same run with our own time
             if (record.scene, record.mesh, record.path) == ("held_centre", found.mesh, "numba"):
@@ -209,7 +209,7 @@ def _peers(
     return records
 
 
-def _compared(cases: Sequence[Case], rounds: int, to_rest: bool = True) -> list[Record]:
+def _compare_engines(cases: Sequence[Case], rounds: int, to_rest: bool = True) -> list[Record]:
     """Measure clamped bodies in other engines and print them; return the records."""
     from softsim_ros.benchmark import peer_table
     from softsim_ros.benchmark.peers import compare
@@ -312,7 +312,7 @@ def _scaling_peers(sizes: Sequence[str]) -> list[Record]:
         Case("scaling", f"{shape} {size}", RobotDescription(scene=held_scene(mesh_of(shape, size))))
         for shape, size in bodies
     ]
-    return _compared(cases, PEER_ROUNDS, to_rest=False)
+    return _compare_engines(cases, PEER_ROUNDS, to_rest=False)
 
 
 def _rubber(arguments: argparse.Namespace) -> int:
@@ -326,7 +326,7 @@ def _rubber(arguments: argparse.Namespace) -> int:
     print("\nwhole Simulation.step() in turns with one factorisation of its matrix, or with the same scene")
     print("without its chambers; what is judged is the shortest time, or what that is longer by")
     print("\n".join(rubber_table(times)))
-    return _ended(times, arguments)
+    return _write_results(times, arguments)
 
 
 def _sensors(arguments: argparse.Namespace) -> int:
@@ -339,10 +339,10 @@ def _sensors(arguments: argparse.Namespace) -> int:
     times = measure_sensors(_rounds(arguments))
     print(f"\nstage `sensors` of a step of {SCENE}, each sensor alone, then all, read once per step")
     print("\n".join(sensor_table(times)))
-    return _ended(times, arguments)
+    return _write_results(times, arguments)
 
 
-def _ended(times: Sequence[RubberTime] | Sequence[SensorTime], arguments: argparse.Namespace) -> int:
+def _write_results(times: Sequence[RubberTime] | Sequence[SensorTime], arguments: argparse.Namespace) -> int:
     """Write the file of `--json`; return 1 if that fails, or if a target is missed and `--check` is given."""
     from softsim_ros.benchmark import write_json
 

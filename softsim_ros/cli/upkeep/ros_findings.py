@@ -69,9 +69,10 @@ def mixture() -> list[Finding]:
 
 def reach() -> list[Finding]:
     """Check which computers can reach the nodes started here."""
-    wished, text = environment.wished_range(os.environ), environment.sentence(os.environ)
+    wished, text = environment.requested_range(os.environ), environment.sentence(os.environ)
     if wished in ("SUBNET", "SYSTEM_DEFAULT") or os.environ.get(environment.PEERS):
-        advice = f"unset {environment.WISH} and {environment.PEERS} to keep the robot to this computer"
+        names = f"{environment.DISCOVERY_VARIABLE} and {environment.PEERS}"
+        advice = f"unset {names} to keep the robot to this computer"
         return [Finding(Level.WARNING, "discovery", text, advice)]
     return [Finding(Level.OK, "discovery", text)]
 

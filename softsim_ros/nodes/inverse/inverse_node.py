@@ -84,7 +84,7 @@ class InverseControl(RobotNode):
             robot.scene.dt,
             self._publish,
             self.refuse,
-            self._ended,
+            self._report_end,
         )
         self._control.feedback = start.feedback
         JointStates(self, SILENT_AFTER_S, self._measure)
@@ -201,7 +201,7 @@ class InverseControl(RobotNode):
             self.control.tune(tuned)
         self.control.feedback = settings.feedback
 
-    def _ended(self, sentence: str) -> None:
+    def _report_end(self, sentence: str) -> None:
         if self.context.ok() and not self._closed:
             self.get_logger().error(sentence)
 

@@ -100,7 +100,7 @@ class ControllerSettings(RobotSettings):
     @classmethod
     def of(cls, robot: RobotDescription, named: str) -> ControllerSettings:
         """Return the settings of a robot's file; `named` is the value of the parameter `robot`."""
-        own = {name: getattr(robot.inverse, name) for name in _shared()}
+        own = {name: getattr(robot.inverse, name) for name in _list_shared_settings()}
         own["gain"] = robot.inverse.gain or 0.0
         return cls(robot=named, base_shift=robot.start_shift, **own)
 
@@ -110,11 +110,11 @@ class ControllerSettings(RobotSettings):
         Raises:
             SoftSimError: they do not fit together.
         """
-        shared = {name: getattr(self, name) for name in _shared()}
+        shared = {name: getattr(self, name) for name in _list_shared_settings()}
         return dataclasses.replace(own, **{**shared, "gain": self.gain or None})
 
 
-def _shared() -> list[str]:
+def _list_shared_settings() -> list[str]:
     """Return the names of the settings of control that are parameters."""
     known = {field.name for field in dataclasses.fields(InverseSettings)}
     return [field.name for field in dataclasses.fields(ControllerSettings) if field.name in known]

@@ -275,7 +275,7 @@ class PathFollower(RobotNode):
             self._begin_path(path)
             if self._live.values.enable_inverse:
                 self._warn(f"nobody serves {self._inverse.service}: the goals are given all the same")
-            return _started(path)
+            return _describe_start(path)
         task = self._task()
         if task:
             self._inverse.follow(task)
@@ -283,7 +283,7 @@ class PathFollower(RobotNode):
             self._begin_path(path)
         else:
             self._switch_on(path, time.monotonic() + DISCOVERY_S)
-        return _started(path)
+        return _describe_start(path)
 
     def _switch_on(self, path: EffectorPath, give_up_at: float) -> None:
         """Switch the inverse controller on, then start; retry until `give_up_at` in [s]."""
@@ -310,7 +310,7 @@ class PathFollower(RobotNode):
         task = self._live.values.task
         if task != AUTO:
             return "" if task == LEAVE else task
-        is_plan = self._received is None and self._found(self._file).suffix == ".json"
+        is_plan = self._received is None and self._find_file(self._file).suffix == ".json"
         return "height_tilt" if is_plan else self._own_task
 
     def _begin_path(self, path: EffectorPath) -> None:
@@ -356,13 +356,13 @@ class PathFollower(RobotNode):
         if not self._file:
             raise CommandError("there is no path; set the parameter file, or send one on the topic path")
         start = self._rest
-        if self._live.values.start_from == "measured" and self._found(self._file).suffix == ".json":
+        if self._live.values.start_from == "measured" and self._find_file(self._file).suffix == ".json":
             if self._measured is None:
                 raise CommandError(
                     "no effector_pose was heard yet; start the simulator, or set start_from to rest"
                 )
             start = self._measured
-        return read_path(self._found(self._file), start)
+        return read_path(self._find_file(self._file), start)
 
     def _on_inverse(self, is_on: bool) -> None:
         """Handle that the inverse controller went on or off, or is silent."""
@@ -411,7 +411,7 @@ class PathFollower(RobotNode):
         except SoftSimError as error:
             self._warn(str(error))
 
-    def _found(self, name: str) -> Path:
+    def _find_file(self, name: str) -> Path:
         """Return the file of a path that may be requested at run time.
 
         This is a known path, or the file that the start command named.
@@ -430,7 +430,7 @@ class PathFollower(RobotNode):
 
     def _check_path(self, names: frozenset[str], settings: FollowerSettings) -> None:
         if "file" in names and settings.file:
-            read_path(self._found(settings.file), self._rest)
+            read_path(self._find_file(settings.file), self._rest)
 
     def _take_path(self, names: frozenset[str], settings: FollowerSettings) -> None:
         if "file" in names:
@@ -485,7 +485,7 @@ class PathFollower(RobotNode):
         self.get_logger().warning(sentence)
 
 
-def _started(path: EffectorPath) -> str:
+def _describe_start(path: EffectorPath) -> str:
     return f"path started: {path.duration:g} s"
 
 

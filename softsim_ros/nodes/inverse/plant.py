@@ -26,7 +26,7 @@ def trigger(action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Res
     """Return a callback of a Trigger service; an error of this project sets success to false."""
 
     def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return _filled(response, action)
+        return _fill_response(response, action)
 
     return answer
 
@@ -35,12 +35,12 @@ def switch(action: Callable[[bool], str]) -> Callable[[SetBool.Request, SetBool.
     """Return a callback of a SetBool service; an error of this project sets success to false."""
 
     def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        return _filled(response, lambda: action(bool(request.data)))
+        return _fill_response(response, lambda: action(bool(request.data)))
 
     return answer
 
 
-def _filled(response: Any, action: Callable[[], str]) -> Any:
+def _fill_response(response: Any, action: Callable[[], str]) -> Any:
     try:
         response.success, response.message = True, action()
     except SoftSimError as error:

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 
 from softsim_core.scene import RobotDescription
 from softsim_core.simulation import Simulation
-from softsim_node import About, ParameterError, checked, declare_value, parameter, sentence_of
+from softsim_node import ParameterError, ParameterInfo, check_value, declare_value, error_message, parameter
 from softsim_ros import RobotSettings
 from softsim_ros.nodes.simulator.snapshot_folder import default_folder
 
@@ -140,7 +140,7 @@ class Tunable(NamedTuple):
     """A physical parameter: its value in the scene's file, and its access in a running simulation."""
 
     value: float
-    about: About
+    about: ParameterInfo
     read: Callable[[Simulation], float]
     write: Callable[[Simulation, float], None]
 
@@ -156,7 +156,7 @@ def tunables(robot: RobotDescription) -> dict[str, Tunable]:
         prefix = scene.parameter_prefix(owner)
         for each in law.parameters:
             ends = (max(each.lower, -LARGEST), min(each.upper, LARGEST))
-            about = About(
+            about = ParameterInfo(
                 text=f"{each.description} of {owner}",
                 unit="" if each.unit == "-" else each.unit,
                 within=RANGES.get(each.name, ends),
@@ -165,13 +165,13 @@ def tunables(robot: RobotDescription) -> dict[str, Tunable]:
             found[f"{prefix}{each.name}"] = Tunable(values[each.name], about, *read_and_write)
     found["rayleigh_stiffness"] = Tunable(
         scene.solver.rayleigh_stiffness,
-        About(text="Damping per stiffness", unit="s", within=(0.0, 10.0)),
+        ParameterInfo(text="Damping per stiffness", unit="s", within=(0.0, 10.0)),
         lambda simulation: simulation.parameters.rayleigh_stiffness,
         lambda simulation, value: simulation.set_damping(rayleigh_stiffness=value),
     )
     found["rayleigh_mass"] = Tunable(
         scene.solver.rayleigh_mass,
-        About(text="Damping per mass", unit="1/s", within=(0.0, 1.0e4)),
+        ParameterInfo(text="Damping per mass", unit="1/s", within=(0.0, 1.0e4)),
         lambda simulation: simulation.parameters.rayleigh_mass,
         lambda simulation, value: simulation.set_damping(rayleigh_mass=value),
     )
@@ -276,7 +276,7 @@ class TuningParameters:
         for change in changes:
             tunable = self._tunables.get(change.name)
             if tunable is not None:
-                values[change.name] = checked(change.name, change.value, tunable.value, tunable.about)
+                values[change.name] = check_value(change.name, change.value, tunable.value, tunable.about)
         return values
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
@@ -287,7 +287,7 @@ class TuningParameters:
                     raise ParameterError("set robot or overrides first, and then what the physics has there")
                 with_values(self._robot, values)
         except Exception as error:
-            return SetParametersResult(successful=False, reason=sentence_of(error))
+            return SetParametersResult(successful=False, reason=error_message(error))
         return SetParametersResult(successful=True)
 
     def _post_set(self, changes: list[Parameter]) -> None:

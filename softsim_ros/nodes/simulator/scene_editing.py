@@ -25,7 +25,7 @@ from softsim_core.scene import BodyDescription, RobotDescription
 from softsim_core.scene.building import Body
 from softsim_core.scene.editing import RestShapes, SceneDocument, chosen_by, rebased, routed_points
 from softsim_core.scene.io import installed_roots, limited_to, named_files, write_description
-from softsim_node import EVERY_ONE, LATCHED, one_line, sentence_of
+from softsim_node import EVERY_ONE, LATCHED, error_message, one_line
 from softsim_ros.messages import MOST_POINTS, ChosenPoints, Proposal, read_edits, write_proposal
 from softsim_ros.nodes.simulator.scene_files import NextScene, SceneBuilder, SceneFiles, files_of, reason
 
@@ -228,7 +228,7 @@ class SceneEditing:
         text = rebased(document.text, document.file, known)
         file = self._writer.copy(document.robot.name, text)
         applied = self._is_applied(document)
-        self._document = self._made(file, text)
+        self._document = self._make_document(file, text)
         self._runs = text if applied else self._runs
         return f"saved as {file}, which is edited from now on; start it with: softsim up {file}"
 
@@ -279,17 +279,17 @@ class SceneEditing:
                 is_changed=document.is_changed,
                 is_applied=self._is_applied(document),
                 sentence=sentence,
-                chosen=self._chosen(document.robot),
+                chosen=self._find_chosen(document.robot),
                 routes=_routes(document.robot),
             )
         self._proposal.publish(String(data=write_proposal(told, description)))
 
-    def _chosen(self, robot: RobotDescription) -> tuple[ChosenPoints, ...]:
+    def _find_chosen(self, robot: RobotDescription) -> tuple[ChosenPoints, ...]:
         found = []
         try:
             every = chosen_by(robot.scene, self._shapes)
         except Exception as error:  # such as a mesh that cannot be used, with which apply would fail too
-            return (ChosenPoints("scene", 0, np.zeros((0, 3)), sentence_of(error)),)
+            return (ChosenPoints("scene", 0, np.zeros((0, 3)), error_message(error)),)
         for each in every:
             stride = -(-len(each.points) // MOST_POINTS) or 1
             found.append(ChosenPoints(each.part, len(each.points), each.points[::stride], each.problem))
@@ -304,13 +304,13 @@ class SceneEditing:
         if source is None:
             raise SceneError("this scene came from no file, so there is none to edit")
         text = self._writer.read(source)
-        self._document, self._source = self._made(source, text), source
+        self._document, self._source = self._make_document(source, text), source
         self._runs = self._running.files().text or text
         for description, body in self._running.bodies():
             self._shapes.take(description, body)
         return f"editing {source.name}"
 
-    def _made(self, file: Path, text: str) -> SceneDocument:
+    def _make_document(self, file: Path, text: str) -> SceneDocument:
         """Return a document that may run only the running scene's programs, such as an arm's xacro file."""
         with limited_to(self._running.files().programs):
             return SceneDocument(file, text)
@@ -346,7 +346,7 @@ class SceneEditing:
         try:
             return action()
         except Exception as error:  # a remote request may fail anywhere
-            sentence = sentence_of(error)
+            sentence = error_message(error)
             self._node.refuse(sentence)
             return sentence
 

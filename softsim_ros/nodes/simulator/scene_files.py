@@ -340,7 +340,7 @@ def files_of(robot: RobotDescription) -> list[Path]:
         modules = (sys.modules[name] for name in _modules_beside(robot.source))
         files += [Path(module.__file__) for module in modules if module.__file__]
     else:
-        files += _extended(robot.source)
+        files += _find_extended(robot.source)
     for body in robot.scene.bodies:
         files += [mesh.file for mesh in (body.mesh, body.surface) if isinstance(mesh, MeshFile)]
     return list(dict.fromkeys(files))
@@ -359,7 +359,7 @@ def _stamp(file: Path) -> tuple[int, int] | None:
     return status.st_mtime_ns, status.st_size
 
 
-def _extended(file: Path) -> Iterator[Path]:
+def _find_extended(file: Path) -> Iterator[Path]:
     """Yield the files that a YAML file extends, in order; stop at one that cannot be read."""
     seen = {file}
     while True:

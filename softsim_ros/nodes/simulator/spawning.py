@@ -128,7 +128,7 @@ class Spawner:
                 )
             found = self._find(uri)
             called = _free_name(name or found.body.name, renames, robot.scene)
-            return (*spawned, _placed(found, called, position, rotation))
+            return (*spawned, _place_body(found, called, position, rotation))
 
         try:
             await self._exchange(added)
@@ -209,7 +209,7 @@ def _free_name(name: str, renames: bool, scene: SceneDescription) -> str:
     return next(other for number in count(1) if (other := f"{name[:55]}_{number}") not in taken)
 
 
-def _placed(found: Spawned, name: str, position: Array, rotation: Array) -> Spawned:
+def _place_body(found: Spawned, name: str, position: Array, rotation: Array) -> Spawned:
     """Return a body under another name, at rest, with its centre of mass at `position` (3,) in [m]."""
     at_origin = replace(found.body, pose=Placement())
     (built,) = rigid_objects(SceneDescription(name="spawned", rigid_bodies=(at_origin,)))

@@ -14,7 +14,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from softsim_core.base import CommandError, SoftSimError
 from softsim_core.scene.io import MOST_NAMES, names_up_to
 from softsim_core.simulation import Simulation, checked, rotation_from
-from softsim_node import WORLD, BackgroundWorker, GuardedNode, ending, one_line, sentence_of
+from softsim_node import WORLD, BackgroundWorker, GuardedNode, ending, error_message, one_line
 from softsim_ros import messages, optional_module, optional_type
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 from softsim_ros.nodes.simulator.spawning import RequestError, Spawner
@@ -96,7 +96,7 @@ class StandardServices:
                 code = getattr(results, f"RESULT_{refusal.kind}") if own is None else own
                 sentence = str(refusal)
             except Exception as error:
-                code, sentence = results.RESULT_OPERATION_FAILED, sentence_of(error)
+                code, sentence = results.RESULT_OPERATION_FAILED, error_message(error)
             if sentence:
                 self._node.refuse(sentence)
             if hasattr(response, "result"):

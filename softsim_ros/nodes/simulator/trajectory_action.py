@@ -144,9 +144,9 @@ def followed_goal(goal: Any, trajectory: JointTrajectory, joints: Sequence[Joint
             met.
     """
     if goal.multi_dof_trajectory.joint_names or goal.multi_dof_trajectory.points:
-        raise _refused("multi_dof_trajectory is not obeyed; leave it empty")
+        raise _refusal_of("multi_dof_trajectory is not obeyed; leave it empty")
     if goal.component_path_tolerance or goal.component_goal_tolerance:
-        raise _refused(
+        raise _refusal_of(
             "component tolerances belong to joints of several degrees of freedom; leave them empty"
         )
     moved = [next(joint for joint in joints if joint.name == name) for name in trajectory.joints]
@@ -174,7 +174,7 @@ def check_reachable(goal: FollowedGoal, joints: Sequence[JointDescription]) -> N
     ):
         limits = next(joint.limits for joint in joints if joint.name == name)
         if abs(position - limits.clamp(float(position))) > tolerance:
-            raise _refused(
+            raise _refusal_of(
                 f"its last way point, {position:g}, is beyond the limits of joint {name}, "
                 f"[{limits.lower:g}, {limits.upper:g}]"
             )
@@ -188,24 +188,24 @@ def _band(what: str, tolerances: Sequence[Any], joints: Sequence[JointDescriptio
     names = [joint.name for joint in joints]
     position, velocity = position.copy(), np.full(len(joints), ANY)
     if len(tolerances) > len(joints):
-        raise _refused(f"{what} has {len(tolerances)} entries for {len(joints)} joints")
+        raise _refusal_of(f"{what} has {len(tolerances)} entries for {len(joints)} joints")
     for each in tolerances:
         if each.name not in names:
             known = names_up_to(MOST_NAMES, names)
-            raise _refused(f"{what} names {names_up_to(1, [each.name])}, the trajectory moves {known}")
+            raise _refusal_of(f"{what} names {names_up_to(1, [each.name])}, the trajectory moves {known}")
         if not np.isfinite([each.position, each.velocity, each.acceleration]).all():
-            raise _refused(f"{what} of {each.name} is not finite; 0 stands for the default, -1 for none")
+            raise _refusal_of(f"{what} of {each.name} is not finite; 0 stands for the default, -1 for none")
         joint = names.index(each.name)
         if each.acceleration > 0.0 or (each.velocity > 0.0 and joints[joint].by_effort):
             unknown = "accelerations" if each.acceleration > 0.0 else "velocities"
-            raise _refused(f"{what} of {each.name}: its {unknown} are not measured; leave them 0")
+            raise _refusal_of(f"{what} of {each.name}: its {unknown} are not measured; leave them 0")
         for values, wish in ((position, each.position), (velocity, each.velocity)):
             if wish:
                 values[joint] = wish if wish > 0.0 else ANY
     return Band(position, velocity)
 
 
-def _refused(problem: str) -> CommandError:
+def _refusal_of(problem: str) -> CommandError:
     return CommandError(f"trajectory refused: {problem}; nothing was moved")
 
 

@@ -239,18 +239,18 @@ def _csi_key(parameters: str, final: str) -> KeyPress | None:
     if (parameters and not numbers) or _is_release(parameters):
         return None
     if final in _ARROWS:  # ESC [ A, ESC [ 1 ; 5 A, and the old ESC [ 5 A
-        return _modified(_ARROWS[final], numbers[1] if len(numbers) > 1 else numbers[0] if numbers else 1)
+        return _add_modifier(_ARROWS[final], numbers[1] if len(numbers) > 1 else numbers[0] if numbers else 1)
     if final in _RXVT_ARROWS and not numbers:
         return KeyPress(_RXVT_ARROWS[final])
     if not numbers:
         return None
     modifier = numbers[1] if len(numbers) > 1 else 1
     if final == "u":
-        return _coded(numbers[0], modifier)
+        return _decode_code(numbers[0], modifier)
     if final == "~" and numbers[0] == 27 and len(numbers) == 3:
-        return _coded(numbers[2], modifier)
+        return _decode_code(numbers[2], modifier)
     if final in "~$^@" and numbers[0] in _EDITING:  # rxvt: ^ is Ctrl, @ is Ctrl+Shift, $ is Shift
-        return _modified(_EDITING[numbers[0]], 5 if final in "^@" else modifier)
+        return _add_modifier(_EDITING[numbers[0]], 5 if final in "^@" else modifier)
     return None
 
 
@@ -262,7 +262,7 @@ def _ss3_key(parameters: str, final: str) -> KeyPress | None:
     if final in _RXVT_ARROWS and not numbers:
         return KeyPress(_RXVT_ARROWS[final], ctrl=True)
     name = _ARROWS.get(final) or _SS3_KEYPAD.get(final)
-    return None if name is None else _modified(name, numbers[-1] if numbers else 1)
+    return None if name is None else _add_modifier(name, numbers[-1] if numbers else 1)
 
 
 def _is_release(parameters: str) -> bool:
@@ -274,7 +274,7 @@ def _is_release(parameters: str) -> bool:
     return len(fields) > 1 and fields[1].split(":")[1:2] == ["3"]
 
 
-def _coded(code: int, modifier: int) -> KeyPress | None:
+def _decode_code(code: int, modifier: int) -> KeyPress | None:
     """Return the key of a character code (kitty and modifyOtherKeys) with its modifier."""
     ctrl = _ctrl(modifier)
     if ctrl is None:
@@ -284,6 +284,6 @@ def _coded(code: int, modifier: int) -> KeyPress | None:
     return next(_character(code, ctrl), None)
 
 
-def _modified(name: str, modifier: int) -> KeyPress | None:
+def _add_modifier(name: str, modifier: int) -> KeyPress | None:
     ctrl = _ctrl(modifier)
     return None if ctrl is None else KeyPress(name, ctrl)

@@ -359,8 +359,8 @@ class EditSession:
         if self.click == CHOOSE:
             self._pick(body, place, diagonal)
             return ""
-        at = _rounded(place, diagonal)
-        edge = _rounded(np.array(SHARE * diagonal), diagonal)
+        at = _round_lengths(place, diagonal)
+        edge = _round_lengths(np.array(SHARE * diagonal), diagonal)
         box = Box(center=_vector(at), size=(float(edge),) * 3)
         sphere = Sphere(center=_vector(at), radius=0.5 * float(edge))
         if self.click == ROUTE:
@@ -425,10 +425,10 @@ class EditSession:
 
     def drag(self, handle: str, place: Array, stroke: str) -> None:
         """Handle a drag of a handle of the chosen part to a place (3,) in [m]."""
-        if edits := self._moved(handle, place):
+        if edits := self._move_handle(handle, place):
             self._send(edits, stroke)
 
-    def _moved(self, handle: str, place: Array) -> Sequence[Edit]:
+    def _move_handle(self, handle: str, place: Array) -> Sequence[Edit]:
         """Return the edits that move a handle to a place."""
         robot, region, joint, cable = self.robot, self.regions.get(self.part), self._joint, self._cable
         if robot is None:
@@ -437,7 +437,7 @@ class EditSession:
             return (reshaped(robot.scene, region, dragged(region, handle, place)),)
         if joint is None or cable is None or not len(self.route):
             return ()
-        at = _rounded(place, 0.1)
+        at = _round_lengths(place, 0.1)
         if self.point < 0 and cable.pull_point is not None:
             return (Put(("joints", Item(joint.name), "cable", "pull_point"), plain_vector(at)),)
         points = self.route.copy()
@@ -452,7 +452,7 @@ class EditSession:
             return []
         found = fields_of(self.robot, self.part, self.regions.get(self.part))
         at = self.handles().get("point")
-        return found if at is None else [point_field(at, partial(self._moved, "point")), *found]
+        return found if at is None else [point_field(at, partial(self._move_handle, "point")), *found]
 
     def write(self, texts: Sequence[tuple[Field, str]]) -> None:
         """Propose the values that the user entered into fields.
@@ -503,14 +503,14 @@ def dragged(region: Region, handle: str, place: Array) -> Box | Sphere:
     """
     shape, diagonal = region.shape, 10.0 * float(np.linalg.norm(2.0 * _half(region.shape)))
     if handle == "centre":
-        return region.at(_rounded(place, diagonal))
+        return region.at(_round_lengths(place, diagonal))
     local = region.rotation.T @ (place - region.center)
     if isinstance(shape, Sphere):
         least = 1e-3 * diagonal
-        radius = _rounded(np.array(max(float(np.linalg.norm(local)), least)), diagonal)
+        radius = _round_lengths(np.array(max(float(np.linalg.norm(local)), least)), diagonal)
         return Sphere(center=shape.center, radius=float(radius))
     opposite = -_half(shape)
-    size = _rounded(np.maximum(local - opposite, 1e-3 * diagonal), diagonal)
+    size = _round_lengths(np.maximum(local - opposite, 1e-3 * diagonal), diagonal)
     center = region.center + region.rotation @ (opposite + 0.5 * size)
     moved = region.at(center)
     return Box(center=moved.center, size=_vector(size), rotation_deg=shape.rotation_deg)
@@ -523,7 +523,7 @@ def _half(shape: Box | Sphere) -> Array:
     return 0.5 * np.array(shape.size)
 
 
-def _rounded(values: Array, diagonal: float) -> Array:
+def _round_lengths(values: Array, diagonal: float) -> Array:
     """Round lengths to about a thousandth of a diagonal, the accuracy of a drag by hand."""
     digits = 4 - math.ceil(math.log10(max(diagonal, 1e-9)))
     return np.round(values, max(0, digits))

@@ -213,7 +213,7 @@ class InnerView:
         self._positions = positions
         if int(self._tetrahedra.max(initial=-1)) >= len(positions):
             return  # nodes of another scene
-        view, seen = self._view, self._seen(len(positions))
+        view, seen = self._view, self._mask_visible(len(positions))
         tetrahedra = self._tetrahedra[seen[self._tetrahedra[:, 0]]]
         if view.elements and len(tetrahedra):
             vertices, faces = shrunk_faces(positions, tetrahedra, ELEMENT_SHARE)
@@ -227,7 +227,7 @@ class InnerView:
             colour, points = REGION_COLOURS[number % len(REGION_COLOURS)], positions[nodes].astype(np.float32)
             self._draw(f"regions/{name}", "points", points, colour, size=REGION_SHARE * size)
 
-    def _seen(self, count: int) -> BoolArray:
+    def _mask_visible(self, count: int) -> BoolArray:
         """Return a mask of the `count` nodes: True for nodes of bodies that are not hidden."""
         seen = np.ones(count, dtype=bool)
         for name, nodes in self._bodies.items():

@@ -67,8 +67,8 @@ def stage_table(stages: Mapping[str, Stage]) -> str:
         return box("no statistics yet; is the simulator running?")
     rows = [
         (
-            _indented(name, int(values.get("level", "0"))),
-            *(_rounded(values.get(column, ""), digits) for column, (_, digits) in STATISTICS.items()),
+            _indent(name, int(values.get("level", "0"))),
+            *(_round_number(values.get(column, ""), digits) for column, (_, digits) in STATISTICS.items()),
         )
         for name, values in stages.items()
     ]
@@ -86,7 +86,7 @@ def step_table(step: int, time_s: float, times_ms: Mapping[str, float]) -> str:
     percent = 100.0 / (whole or 1.0)
     rows = [
         (
-            _indented(share.name, share.level),
+            _indent(share.name, share.level),
             f"{percent * share.total:.1f}",
             f"{percent * share.own:.1f}",
             f"{share.total:.3f}",
@@ -98,11 +98,11 @@ def step_table(step: int, time_s: float, times_ms: Mapping[str, float]) -> str:
     return _table(title, ("stage", "total %", "self %", "time ms", "self ms"), rows)
 
 
-def _indented(name: str, level: int) -> str:
+def _indent(name: str, level: int) -> str:
     return "\u00a0" * 2 * level + name  # non-breaking spaces, which HTML does not collapse
 
 
-def _rounded(number: str, digits: int) -> str:
+def _round_number(number: str, digits: int) -> str:
     return f"{float(number):.{digits}f}" if number else ""
 
 

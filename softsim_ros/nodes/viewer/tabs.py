@@ -545,8 +545,8 @@ class PlotsTab:
     ) -> None:
         self._robot, self._state, self._statistics = robot, state, statistics
         self._units = [unit_on_page(joint.units.position) for joint in robot.joints]
-        of_positions = _listed(unit for _, unit in self._units)
-        of_efforts = _listed(joint.units.effort for joint in robot.joints)
+        of_positions = _join_units(unit for _, unit in self._units)
+        of_efforts = _join_units(joint.units.effort for joint in robot.joints)
         charts = {
             "positions": (f"Joint positions [{of_positions}]", robot.joint_names),
             "error": ("Effector to goal [mm]", ("error",)),
@@ -611,7 +611,7 @@ class TimingTab:
         self._profiler.refresh(self._statistics.profile)
 
 
-def _listed(units: Iterable[str]) -> str:
+def _join_units(units: Iterable[str]) -> str:
     """Return each unit once: "rad or m"."""
     return " or ".join(dict.fromkeys(units))
 
@@ -730,10 +730,10 @@ def _lamp_states(state: RobotState) -> list[tuple[str, str]]:
 
 def have_same_controls(a: RobotDescription, b: RobotDescription) -> bool:
     """Return whether the controls of one scene, except the tab Scene, fit another one."""
-    return _controlled(a) == _controlled(b)
+    return _controls_of(a) == _controls_of(b)
 
 
-def _controlled(robot: RobotDescription) -> object:
+def _controls_of(robot: RobotDescription) -> object:
     """Return the part of a scene that determines the controls."""
     joints = [replace(joint, base=Placement(), actuator=None, kind="revolute") for joint in robot.joints]
     kinds = [(joint.kind, joint.units) for joint in robot.joints]
