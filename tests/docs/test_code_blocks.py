@@ -202,7 +202,7 @@ def _ros2(words: list[str]) -> None:
         assert words[2] == "softsim" or words[2] in NODES, words
     elif words[0] == "launch":
         launch = next((REPOSITORY / "ros2_ws" / "src").rglob(words[2])).read_text(encoding="utf-8")
-        wishes = importlib.import_module("softsim_ros.launch_plan").Wishes
+        wishes = importlib.import_module("softsim_ros.launch_plan").LaunchArguments
         known = {field.name for field in dataclasses.fields(wishes)}
         for word in words[3:]:
             name = word.split(":=")[0]

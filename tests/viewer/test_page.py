@@ -327,7 +327,7 @@ def test_what_lies_inside_can_be_switched_on(driven: Driven) -> None:
         page.tick(words)
         page.wait_until_gone(node)
     page.tab("Scene")
-    assert driven.shows("A scene, and how its robot is driven")
+    assert driven.shows("A scene with control, wiring and view of its robot")
 
 
 def test_time_and_stages_are_told_and_the_slowest_step_is_found(driven: Driven) -> None:

@@ -66,7 +66,9 @@ def scene(station: tuple[Any, str], browser: Any, spin_until: Callable[..., bool
 
 
 def test_a_part_is_changed_where_it_is_found_in_the_tree(scene: Scene) -> None:
-    scene.page.page.get_by_text("A scene, and how its robot is driven").wait_for(state="visible")
+    scene.page.page.get_by_text("A scene with control, wiring and view of its robot").wait_for(
+        state="visible"
+    )
     assert scene.visible("Show properties").count() == 1
     scene.open("joints", "servo_0", "base")
     assert scene.until(lambda: scene.visible("Show properties").count() == 3)  # the scene, servo 0, its base
