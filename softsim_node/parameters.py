@@ -166,8 +166,10 @@ def parameter_probe(name: str, **node_options: Any) -> Iterator[Node]:
         name: Name of the real node.
         **node_options: Passed on to rclpy's Node.
     """
+    no_service = Parameter("start_type_description_service", value=False)  # Fast DDS has hung in its end
     node = Node(
         name,
+        parameter_overrides=[no_service],
         start_parameter_services=False,
         enable_rosout=False,
         enable_logger_service=False,
