@@ -157,19 +157,22 @@ def declare_value(node: Node, name: str, default: Any, about: ParameterInfo, *, 
 
 
 @contextmanager
-def parameter_probe(name: str, **node_options: Any) -> Iterator[Node]:
+def parameter_probe(
+    name: str, *, parameter_overrides: Sequence[Parameter] | None = None, **node_options: Any
+) -> Iterator[Node]:
     """Create a temporary node to read the parameters from which the real node is made.
 
     Use it only before the real node exists: when a node ends, the graph drops every node with its name.
 
     Args:
         name: Name of the real node.
+        parameter_overrides: Values at the start, which override those of the command line.
         **node_options: Passed on to rclpy's Node.
     """
     no_service = Parameter("start_type_description_service", value=False)  # Fast DDS has hung in its end
     node = Node(
         name,
-        parameter_overrides=[no_service],
+        parameter_overrides=[*(parameter_overrides or ()), no_service],
         start_parameter_services=False,
         enable_rosout=False,
         enable_logger_service=False,
