@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from softsim_core.base import CommandError
-from softsim_core.scene.io import shortened
+from softsim_core.scene.io import shorten
 
 
 def prefix_of(namespace: str) -> str:
@@ -41,7 +41,7 @@ class RobotFrames:
     def __post_init__(self) -> None:
         if not _PREFIX.fullmatch(self.prefix):
             raise CommandError(
-                f"frame_prefix {shortened(self.prefix)!r} is refused; allowed are letters, digits, '_' and "
+                f"frame_prefix {shorten(self.prefix)!r} is refused; allowed are letters, digits, '_' and "
                 "'/', not beginning with '/', such as left/"
             )
 

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from softsim_core.base import known_names
-from softsim_core.scene.io import shortened
+from softsim_core.scene.io import shorten
 from softsim_node.parameters import with_decimals
 from softsim_node.text import error_message, one_line
 
@@ -164,8 +164,8 @@ class GuardedNode(Node):
         for each in parameter_list:
             if not self.has_parameter(each.name):
                 names = sorted(self.get_parameters_by_prefix(""))
-                known = known_names(shortened(each.name), names, "known parameters:")
-                return SetParametersResult(reason=one_line(f"no parameter {shortened(each.name)!r}; {known}"))
+                known = known_names(shorten(each.name), names, "known parameters:")
+                return SetParametersResult(reason=one_line(f"no parameter {shorten(each.name)!r}; {known}"))
         return super().set_parameters_atomically([self._as_declared(each) for each in parameter_list])
 
     def _as_declared(self, given: Parameter) -> Parameter:

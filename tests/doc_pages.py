@@ -84,7 +84,7 @@ def parsed_command(name: str, words: list[str]) -> argparse.Namespace:
 
     assert name in COMMANDS, f"unknown command {name}"
     parser = argparse.ArgumentParser(prog=name, allow_abbrev=False)
-    COMMANDS[name].imported().configure(parser)
+    COMMANDS[name].import_module().configure(parser)
     return parser.parse_args(words)
 
 

@@ -24,10 +24,10 @@ def nearest(given: object, names: Iterable[object]) -> list[str]:
 
     Case, blanks, hyphens, underscores and dots do not count.
     """
-    return [name for _, name in _ranked(given, names)]
+    return [name for _, name in _rank_names(given, names)]
 
 
-def _ranked(given: object, names: Iterable[object]) -> list[tuple[float, str]]:
+def _rank_names(given: object, names: Iterable[object]) -> list[tuple[float, str]]:
     """Return the nearest names with their similarity, up to 1; more for names with the same beginning."""
     wanted = _plain(str(given)[:_LONGEST])
     table: dict[str, str] = {}
@@ -59,7 +59,7 @@ def did_you_mean(given: object, names: Iterable[object]) -> str:
 
 def _best_of_few(given: object, names: Iterable[object]) -> str:
     """Return the question for a single nearest name, for a message that also lists all names."""
-    ranked = _ranked(given, names)
+    ranked = _rank_names(given, names)
     alone = len(ranked) == 1 or (len(ranked) > 1 and ranked[0][0] > ranked[1][0])
     return f"did you mean {ranked[0][1]}?" if alone else ""
 

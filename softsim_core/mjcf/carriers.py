@@ -63,12 +63,14 @@ def carriers(loaded: CompiledModel) -> tuple[dict[int, Carrier], tuple[JointDesc
         if m.body_mocapid[b] >= 0:
             told.say(f"body {m.body(b).name}", "mocap: it stays where it starts")
         for j in range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b]):
-            carrier = _moved(loaded, b, j, carrier, joints)
+            carrier = _add_joint(loaded, b, j, carrier, joints)
         found[b] = carrier
     return found, tuple(joints)
 
 
-def _moved(loaded: CompiledModel, b: int, j: int, below: Carrier, joints: list[JointDescription]) -> Carrier:
+def _add_joint(
+    loaded: CompiledModel, b: int, j: int, below: Carrier, joints: list[JointDescription]
+) -> Carrier:
     """Return the carrier of a body after one more of its joints."""
     m, d, told, kinds = loaded.model, loaded.data, loaded.told, loaded.mujoco.mjtJoint
     called, kind = f"joint {m.jnt(j).name or j} of body {m.body(b).name or b}", m.jnt_type[j]

@@ -171,7 +171,7 @@ def _add_cable(draft: Draft, joint: JointDescription, cable: CableDescription) -
             name=joint.name,
             tendon=joint.name,
             gear="-1",
-            ctrlrange=words([0.0, _bounded(joint, most)]),
+            ctrlrange=words([0.0, _upper_limit_of(joint, most)]),
         )
         return
     length = float(np.linalg.norm(np.diff([place for place, _ in places], axis=0), axis=1).sum())
@@ -187,11 +187,11 @@ def _add_cable(draft: Draft, joint: JointDescription, cable: CableDescription) -
         biastype="affine",
         biasprm=words([-_TIGHT * rest, -_TIGHT, 0.0]),
         forcerange=words([0.0, most]),
-        ctrlrange=words([max(joint.limits.lower, -rest), _bounded(joint, rest)]),
+        ctrlrange=words([max(joint.limits.lower, -rest), _upper_limit_of(joint, rest)]),
     )
 
 
-def _bounded(joint: JointDescription, otherwise: float) -> float:
+def _upper_limit_of(joint: JointDescription, otherwise: float) -> float:
     return joint.limits.upper if math.isfinite(joint.limits.upper) else otherwise
 
 

@@ -79,7 +79,7 @@ def _soft_body(
             loaded.flex_name(f),
             f"MuJoCo {loaded.mujoco.__version__} takes twice the first Lame parameter, 4.0 does not",
         )
-    held = dict(_held(loaded, f, found))
+    held = dict(_find_pinned_vertices(loaded, f, found))
     attachments = tuple(_attachments(loaded, name, held, found, frames))
     groups = {each.group or "": held[b] for b, each in zip(held, attachments, strict=True)}
     if m.flex_interp[f]:
@@ -93,7 +93,7 @@ def _soft_body(
         colour=colour(m.flex_rgba[f]),
         **_mass(loaded, f, mesh),
     )
-    body = replace(body, added_masses=tuple(_carried(loaded, body, held, found)))
+    body = replace(body, added_masses=tuple(_build_added_masses(loaded, body, held, found)))
     return SoftBody(f, body, attachments, float(spec.damping))
 
 
@@ -102,7 +102,9 @@ def _material(loaded: CompiledModel, f: int, law: str | None) -> MaterialDescrip
     return MaterialDescription(law=law, young_modulus=float(spec.young), poisson_ratio=float(spec.poisson))
 
 
-def _held(loaded: CompiledModel, f: int, found: dict[int, Carrier]) -> Iterator[tuple[int, IndexArray]]:
+def _find_pinned_vertices(
+    loaded: CompiledModel, f: int, found: dict[int, Carrier]
+) -> Iterator[tuple[int, IndexArray]]:
     """Yield the vertices that move with a body, with that body's number; 0 is the world."""
     m = loaded.model
     if m.flex_interp[f]:
@@ -163,7 +165,7 @@ def _attachments(
             )
 
 
-def _carried(
+def _build_added_masses(
     loaded: CompiledModel, body: BodyDescription, held: dict[int, IndexArray], found: dict[int, Carrier]
 ) -> Iterator[AddedMassDescription]:
     """Yield the mass of free bodies with pinned vertices, on those vertices, minus their own mass."""

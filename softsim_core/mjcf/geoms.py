@@ -50,7 +50,7 @@ def rigid_bodies(loaded: CompiledModel, found: dict[int, Carrier]) -> tuple[Rigi
                 geoms = [g for g in range(m.ngeom) if m.geom_bodyid[g] in with_it and _usable(loaded, g)]
                 rigid += _free(loaded, carrier, tuple(geoms), with_it)
         else:
-            rigid += [_carried(loaded, carrier, g) for g in geoms]
+            rigid += [_build_rigid_geom(loaded, carrier, g) for g in geoms]
     return tuple(rigid)
 
 
@@ -62,12 +62,14 @@ def _usable(loaded: CompiledModel, g: int) -> bool:
     )
     if kind not in map(int, known):
         word = kinds(kind).name.removeprefix("mjGEOM_").lower()
-        loaded.told.say(called(loaded, g), f"type {word} is not taken over; its shape has no surface here")
+        loaded.told.say(
+            describe_geom(loaded, g), f"type {word} is not taken over; its shape has no surface here"
+        )
         return False
     return True
 
 
-def called(loaded: CompiledModel, g: int) -> str:
+def describe_geom(loaded: CompiledModel, g: int) -> str:
     """Return the name of a geom in messages."""
     m = loaded.model
     body = int(m.geom_bodyid[g])
@@ -78,7 +80,7 @@ def _pose(loaded: CompiledModel, g: int) -> tuple[Array, Array]:
     return np.array(loaded.data.geom_xpos[g]), np.array(loaded.data.geom_xmat[g]).reshape(3, 3)
 
 
-def _carried(loaded: CompiledModel, carrier: Carrier, g: int) -> RigidGeom:
+def _build_rigid_geom(loaded: CompiledModel, carrier: Carrier, g: int) -> RigidGeom:
     m = loaded.model
     otherwise = m.body(m.geom_bodyid[g]).name or "geom"
     name = loaded.names.new(m.geom(g).name, "ground" if otherwise == "world" else otherwise)
@@ -109,7 +111,7 @@ def _free(
     else:
         loaded.told.say(f"body {carrier.name}", f"its {len(geoms)} geoms are their convex hull here")
         place, turn = centre, carrier.rotation
-        surface = _hull(np.concatenate([_placed(loaded, g, place, turn) for g in geoms]))
+        surface = _hull(np.concatenate([_transform_surface_points(loaded, g, place, turn) for g in geoms]))
         shape = Shape(mesh=MeshFile(file=Path(f"{carrier.name}.stl")))
     own = turn.T @ inertia @ turn
     size = float(
@@ -160,7 +162,8 @@ def _shape(loaded: CompiledModel, g: int, name: str) -> tuple[Shape, SurfaceMesh
         if not (x > 0.0 and y > 0.0):
             most = 10.0 * float(m.stat.extent)
             loaded.told.say(
-                called(loaded, g), f"its plane has no end in MuJoCo; here it is {2.0 * most:.3g} m wide"
+                describe_geom(loaded, g),
+                f"its plane has no end in MuJoCo; here it is {2.0 * most:.3g} m wide",
             )
             x, y = (x or most), (y or most)
         return Shape(plane=(2.0 * x, 2.0 * y)), None
@@ -174,7 +177,9 @@ def _surface(loaded: CompiledModel, g: int) -> SurfaceMesh:
         k = int(m.geom_dataid[g])
         vertices = slice(int(m.mesh_vertadr[k]), int(m.mesh_vertadr[k] + m.mesh_vertnum[k]))
         faces = slice(int(m.mesh_faceadr[k]), int(m.mesh_faceadr[k] + m.mesh_facenum[k]))
-        loaded.told.say(called(loaded, g), "touches with its mesh here, in MuJoCo with the convex hull of it")
+        loaded.told.say(
+            describe_geom(loaded, g), "touches with its mesh here, in MuJoCo with the convex hull of it"
+        )
         points = np.array(m.mesh_vert[vertices], dtype=float)
         return SurfaceMesh(points, np.array(m.mesh_face[faces], dtype=np.int64), m.mesh(k).name)
     if m.geom_type[g] == kinds.mjGEOM_ELLIPSOID:
@@ -185,7 +190,7 @@ def _surface(loaded: CompiledModel, g: int) -> SurfaceMesh:
     return _hull(np.concatenate([ball + up, ball - up]))
 
 
-def _placed(loaded: CompiledModel, g: int, origin: Array, rotation: Array) -> Array:
+def _transform_surface_points(loaded: CompiledModel, g: int, origin: Array, rotation: Array) -> Array:
     """Return surface points of a geom of any shape in another frame, shape (k, 3)."""
     shape, surface = _shape(loaded, g, "part")
     surface = surface_of(shape) if surface is None else surface

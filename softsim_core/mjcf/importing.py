@@ -153,12 +153,12 @@ def import_mjcf(path: str | Path, law: str | None = None) -> ImportedScene:
     """
     loaded = load_model(path)
     try:
-        return _converted(loaded, law)
+        return _convert_model(loaded, law)
     except (SceneError, MeshError) as error:
         raise MjcfError(loaded.file, f"does not become a scene: {error}") from error
 
 
-def _converted(loaded: CompiledModel, law: str | None) -> ImportedScene:
+def _convert_model(loaded: CompiledModel, law: str | None) -> ImportedScene:
     found, joints = carriers(loaded)
     soft = soft_bodies(loaded, found, law)
     rigid = rigid_bodies(loaded, found)

@@ -76,7 +76,7 @@ def read_source(path: str | Path) -> Source:
         length += len(text)
         if length > MOST_BYTES:
             raise MjcfError(file, f"is longer than {MOST_BYTES} bytes with what it includes; make it shorter")
-        root = _parsed(text, one)
+        root = _parse_xml(text, one)
         if one == file and root.tag != "mujoco":
             hint = "URDF; convert it with MuJoCo first" if root.tag == "robot" else "some other XML"
             raise MjcfError(file, f"is no MuJoCo model: its root is <{root.tag}>, not <mujoco> ({hint})")
@@ -104,7 +104,7 @@ def _text(one: Path, file: Path) -> bytes:
         raise MjcfError(one, f"cannot be read: {error.strerror or error}") from error
 
 
-def _parsed(text: bytes, one: Path) -> ElementTree.Element:
+def _parse_xml(text: bytes, one: Path) -> ElementTree.Element:
     if re.search(rb"<!(DOCTYPE|ENTITY)", text):
         raise MjcfError(one, "declares a document type or entities, which MJCF has no use for; remove them")
     try:
@@ -132,11 +132,14 @@ def _check(source: Source, folders: set[Path]) -> None:
         for name, text in element.attrib.items():
             if name not in _WORDS and re.search(r"(?i)(^|[\s+-])(nan|inf|infinity)($|\s)", text):
                 raise MjcfError(
-                    source.file, f"{_called(element)}: {name} is {text[:40]!r}, which is no finite number"
+                    source.file,
+                    f"{_describe_element(element)}: {name} is {text[:40]!r}, which is no finite number",
                 )
         for name in _FILES:
             if element.get(name) and element.tag != "include":
-                size += _size(element.get(name, ""), directories, source.file, f"{_called(element)}: {name}")
+                size += _size(
+                    element.get(name, ""), directories, source.file, f"{_describe_element(element)}: {name}"
+                )
         if element.tag in ("flexcomp", "composite"):
             vertices += _grid(element)
     if size > MOST_MESH_BYTES:
@@ -149,7 +152,7 @@ def _check(source: Source, folders: set[Path]) -> None:
         )
 
 
-def _called(element: ElementTree.Element) -> str:
+def _describe_element(element: ElementTree.Element) -> str:
     name = element.get("name")
     return f"{element.tag} {name}" if name else element.tag
 

@@ -68,7 +68,7 @@ def cable_finger(
         ConfigError: the mesh files are not among the configs.
     """
     rotation = placement.rotation_deg
-    base = Box(center=_placed(_BASE, placement), size=(0.020, 0.004, 0.020), rotation_deg=rotation)
+    base = Box(center=_place_point(_BASE, placement), size=(0.020, 0.004, 0.020), rotation_deg=rotation)
     body = BodyDescription(
         name=name,
         mesh=MeshFile(file=config_file("meshes/finger_low.vtk"), placement=placement),
@@ -171,7 +171,7 @@ def _surfaces(name: str, placement: Placement) -> tuple[CollisionDescription, ..
             groups=(side,),
             boxes=tuple(
                 Box(
-                    center=_placed((_BASE[0], along, 0.012), placement),
+                    center=_place_point((_BASE[0], along, 0.012), placement),
                     size=_WALL_SIZE,
                     rotation_deg=_leaning(placement, lean_deg),
                 )
@@ -183,7 +183,7 @@ def _surfaces(name: str, placement: Placement) -> tuple[CollisionDescription, ..
     return (whole, *walls)
 
 
-def _placed(point: Vector, placement: Placement) -> Vector:
+def _place_point(point: Vector, placement: Placement) -> Vector:
     x, y, z = place(np.array([point]), placement)[0].tolist()
     return x, y, z
 

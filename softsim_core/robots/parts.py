@@ -167,16 +167,16 @@ def elastic_body(
         density: Mass per volume in [kg/m^3], > 0; None takes `total_mass`.
     """
 
-    def placed(file: str | PathLike[str] | MeshFile) -> MeshFile:
+    def to_mesh_file(file: str | PathLike[str] | MeshFile) -> MeshFile:
         return file if isinstance(file, MeshFile) else MeshFile(file=Path(file), placement=placement)
 
     body = BodyDescription(
         name=name,
-        mesh=mesh if isinstance(mesh, TetMesh) else placed(mesh),
+        mesh=mesh if isinstance(mesh, TetMesh) else to_mesh_file(mesh),
         material=MaterialDescription(young_modulus=young_modulus, poisson_ratio=poisson_ratio),
         density=density,
         total_mass=total_mass if density is None else None,
-        surface=None if surface is None else placed(surface),
+        surface=None if surface is None else to_mesh_file(surface),
         colour=(0.98, 0.84, 0.72, 0.75),
     )
     return Part(bodies=(body,))

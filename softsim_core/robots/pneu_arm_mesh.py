@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softsim_core.base import MILLIMETRE, Array, BoolArray, IndexArray, MeshError
-from softsim_core.physics.mesh import MIDDLES, TetMesh, extrude, oriented, quadratic
+from softsim_core.physics.mesh import MIDDLES, TetMesh, extrude, orient_tets, quadratic
 from softsim_core.robots.level_files import write_mesh_files
 
 
@@ -82,8 +82,8 @@ def pneu_arm(shape: ArmShape | None = None, name: str = "pneu_arm") -> TetMesh:
     layers = len(heights) - 1
     layer = np.repeat(np.arange(layers), 3 * len(triangles))
     hollow = np.tile(is_chamber, 3 * layers) & (layer > 0) & (layer < layers - 1)
-    mesh = quadratic(TetMesh(solid, oriented(solid, tets[~hollow]), name))
-    return replace(mesh, points=_rounded(mesh, np.tile(rings, layers + 1)))
+    mesh = quadratic(TetMesh(solid, orient_tets(solid, tets[~hollow]), name))
+    return replace(mesh, points=_round_edges(mesh, np.tile(rings, layers + 1)))
 
 
 def _section(shape: ArmShape) -> tuple[Array, IndexArray, IndexArray, BoolArray, IndexArray]:
@@ -117,7 +117,7 @@ def _section(shape: ArmShape) -> tuple[Array, IndexArray, IndexArray, BoolArray,
     return np.array(points), np.array(triangles), np.array(labels), np.array(is_chamber), np.array(rings)
 
 
-def _rounded(mesh: TetMesh, rings: IndexArray) -> Array:
+def _round_edges(mesh: TetMesh, rings: IndexArray) -> Array:
     """Return the points of a quadratic mesh, with mid-edge nodes around the axis on interpolated circles."""
     points = mesh.points.copy()
     ends, middles = mesh.tets[:, MIDDLES].reshape(-1, 2), mesh.tets[:, 4:].ravel()

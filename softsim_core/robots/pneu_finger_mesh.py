@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from softsim_core.base import MILLIMETRE, MeshError
-from softsim_core.physics.mesh import TetMesh, extrude, oriented
+from softsim_core.physics.mesh import TetMesh, extrude, orient_tets
 from softsim_core.robots.level_files import write_mesh_files
 
 WIDTH = 14.0 * MILLIMETRE
@@ -71,7 +71,7 @@ def pneu_finger(chambers: int = CHAMBERS, name: str = "pneu_finger") -> TetMesh:
     layer = np.repeat(np.arange(len(lengths)), 3 * len(triangles))
     filling = np.tile(np.arange(len(triangles)) >= len(frame), 3 * len(lengths))
     points = points[:, [2, 0, 1]]
-    return TetMesh(points, oriented(points, tets[~(filling & (layer % 2 == 1))]), name)
+    return TetMesh(points, orient_tets(points, tets[~(filling & (layer % 2 == 1))]), name)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

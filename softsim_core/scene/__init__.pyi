@@ -52,7 +52,7 @@ from .material import (
 )
 from .placement import (
     Motion as Motion,
-    placed as placed,
+    place_scene as place_scene,
 )
 from .robot import (
     Controller as Controller,

@@ -117,9 +117,9 @@ class MaterialRegionDescription:
         """Parameters of its law by name."""
         return self.material.values
 
-    def changed(self, values: Mapping[str, float]) -> MaterialRegionDescription:
+    def with_values(self, values: Mapping[str, float]) -> MaterialRegionDescription:
         """Return the same region with other values of its law."""
-        return replace(self, material=self.material.changed(**values))
+        return replace(self, material=self.material.with_values(**values))
 
 
 MassDistribution: TypeAlias = Literal["volume", "consistent", "equal"]

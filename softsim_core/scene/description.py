@@ -303,37 +303,39 @@ class SceneDescription:
         frames = [joint.name for joint in self.joints if joint.moves_frame]
         free = [attachment.name for attachment in self.attachments if attachment.to == "free"]
 
-        def known(what: str, name: str | None, names: list[str] | tuple[str, ...]) -> None:
+        def check_known(what: str, name: str | None, names: list[str] | tuple[str, ...]) -> None:
             if name is not None and name not in names:
                 raise SceneError(f"scene {self.name}: unknown {what} {name!r}; {known_names(name, names)}")
 
         for j, each in enumerate(self.joints):
             what = f"parent of joint {each.name} (a revolute or prismatic joint before it)"
-            known(what, each.parent, [name for name in frames if name in joints[:j]])
+            check_known(what, each.parent, [name for name in frames if name in joints[:j]])
         for attachment in self.attachments:
-            known("body", attachment.body, bodies)
-            known("attachment target", attachment.to, ("world", "free", *frames, *free))
-            known("joint", attachment.relative_to, frames)
+            check_known("body", attachment.body, bodies)
+            check_known("attachment target", attachment.to, ("world", "free", *frames, *free))
+            check_known("joint", attachment.relative_to, frames)
         for each in self.joints:
             if each.actuator is not None:
                 for field_name, name in each.actuator.bodies().items():
-                    known(f"{field_name} of {each.kind} {each.name}", name, bodies)
+                    check_known(f"{field_name} of {each.kind} {each.name}", name, bodies)
                 for field_name, name in each.actuator.carriers().items():
-                    known(f"{field_name} of {each.kind} {each.name}", name, frames)
+                    check_known(f"{field_name} of {each.kind} {each.name}", name, frames)
         bases = [f"{name}_base" for name in frames]
         for rigid in self.rigid_bodies:
-            known(f"carrier of rigid body {rigid.name}", rigid.on, ("world", *free, *frames, *bases))
+            check_known(f"carrier of rigid body {rigid.name}", rigid.on, ("world", *free, *frames, *bases))
         for collision in self.collisions:
-            known(f"body of collision {collision.name}", collision.body, self.body_names)
+            check_known(f"body of collision {collision.name}", collision.body, self.body_names)
         touching = [*self.body_names, *(collision.name for collision in self.collisions)]
         for entry in self.contact.friction_pairs:
             for name in entry.between:
-                known("collision surface or body of contact.friction_pairs", name, touching)
+                check_known("collision surface or body of contact.friction_pairs", name, touching)
         rods = [body.name for body in self.bodies if body.rod is not None]
         for attachment in self.attachments:
             if attachment.end is not None:
-                known(f"body with an end (a rod) of attachment {attachment.name}", attachment.body, rods)
-        known("effector (an attachment with to = free)", self.effector, free)
+                check_known(
+                    f"body with an end (a rod) of attachment {attachment.name}", attachment.body, rods
+                )
+        check_known("effector (an attachment with to = free)", self.effector, free)
         places = (*(each.name for each in self.attachments), *(each.name for each in self.rigid_bodies))
         names = {ANY_BODY: self.body_names, SOFT_BODY: bodies, PLACE: ("world", *places, *frames, *bases)}
         names |= {

@@ -69,7 +69,7 @@ class MaterialDescription:
         object.__setattr__(self, "law", law)
         object.__setattr__(self, "preset", preset)
         object.__setattr__(self, "terms", terms)
-        object.__setattr__(self, "values", _checked(_law_of(law, terms), values))
+        object.__setattr__(self, "values", _check_values(_law_of(law, terms), values))
 
     @property
     def known_density(self) -> float | None:
@@ -87,7 +87,7 @@ class MaterialDescription:
         """Return the law; `rotation`, "polar" or "qr", determines the default law."""
         return _law_of(self.law or (REFERENCE_LAW if rotation == "qr" else DEFAULT_LAW), self.terms)
 
-    def changed(self, **values: float) -> MaterialDescription:
+    def with_values(self, **values: float) -> MaterialDescription:
         """Return the same law with other values."""
         return MaterialDescription(law=self.law, preset=self.preset, prony=(), **{**self.values, **values})
 
@@ -101,7 +101,7 @@ class MaterialDescription:
         return self.values[name]
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError("a material description does not change; `changed` makes another one")
+        raise AttributeError("a material description does not change; `with_values` makes another one")
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, MaterialDescription) and self._key() == other._key()
@@ -115,7 +115,7 @@ class MaterialDescription:
         )
 
     def __reduce__(self) -> tuple[Callable[..., MaterialDescription], tuple[object, ...]]:
-        return _described, (self.law, self.preset, self.values)
+        return _make_description, (self.law, self.preset, self.values)
 
     def _key(self) -> tuple[object, ...]:
         return (self.law, self.preset, *self.values.items())
@@ -145,7 +145,9 @@ def preset_values(preset: str, law: str) -> dict[str, float]:
     return material(law).values({"poisson_ratio": SILICONE_POISSON_RATIO, **constants})
 
 
-def _described(law: str | None, preset: str | None, values: Mapping[str, float]) -> MaterialDescription:
+def _make_description(
+    law: str | None, preset: str | None, values: Mapping[str, float]
+) -> MaterialDescription:
     return MaterialDescription(law=law, preset=preset, prony=(), **values)
 
 
@@ -161,7 +163,7 @@ def _law_of(law: object, terms: int = 0) -> Material:
         raise SceneError(f"material: {error}") from error
 
 
-def _checked(law: Material, values: Mapping[str, float]) -> dict[str, float]:
+def _check_values(law: Material, values: Mapping[str, float]) -> dict[str, float]:
     for name in values:
         if name not in law.names:
             known = known_names(name, law.names)

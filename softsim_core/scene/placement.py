@@ -49,7 +49,7 @@ class Motion:
         return Placement(scale=scale, rotation_deg=_vector(angles), translation=_vector(self.translation))
 
 
-def placed(scene: SceneDescription, motion: Motion) -> SceneDescription:
+def place_scene(scene: SceneDescription, motion: Motion) -> SceneDescription:
     """Move all positions and directions of a scene rigidly in the world; gravity is not changed.
 
     Placements, boxes, spheres and arrays of nodes are moved, except in fields marked LOCAL; vectors are moved
@@ -63,7 +63,7 @@ def placed(scene: SceneDescription, motion: Motion) -> SceneDescription:
     from softsim_core.scene.building import with_rest_frames  # late: most processes only read scenes
 
     scene = with_rest_frames(scene)
-    moved: SceneDescription = _placed(scene, motion)
+    moved: SceneDescription = _place_value(scene, motion)
     soft = {each.name for each in scene.bodies}
     return replace(
         moved,
@@ -82,7 +82,7 @@ def placed(scene: SceneDescription, motion: Motion) -> SceneDescription:
     )
 
 
-def _placed(value: Any, motion: Motion) -> Any:
+def _place_value(value: Any, motion: Motion) -> Any:
     if isinstance(value, Placement):
         return motion.after(Motion.to(value)).placement(value.scale)
     if isinstance(value, Box):
@@ -94,7 +94,7 @@ def _placed(value: Any, motion: Motion) -> Any:
     if isinstance(value, TetMesh):
         return replace(value, points=value.points @ motion.rotation.T + motion.translation)
     if isinstance(value, tuple):
-        return tuple(_placed(each, motion) for each in value)
+        return tuple(_place_value(each, motion) for each in value)
     if is_dataclass(value) and not isinstance(value, type):
         return replace(value, **_moved_fields(value, motion))
     return value
@@ -108,7 +108,7 @@ def _moved_fields(description: Any, motion: Motion) -> dict[str, Any]:
         if each.metadata in (POINT, DIRECTION):
             moved = _vectors(value, motion.point if each.metadata == POINT else motion.direction)
         else:
-            moved = value if each.metadata == LOCAL else _placed(value, motion)
+            moved = value if each.metadata == LOCAL else _place_value(value, motion)
         if moved is not value:
             result[each.name] = moved
     return result

@@ -121,7 +121,7 @@ class RobotDescription:
     def __post_init__(self) -> None:
         joints, poses = self.joint_names, tuple(self.poses)
 
-        def known(what: str, name: str | None, names: tuple[str, ...]) -> None:
+        def check_known(what: str, name: str | None, names: tuple[str, ...]) -> None:
             if name is not None and name not in names:
                 raise SceneError(f"scene {self.name}: unknown {what} {name!r}; {known_names(name, names)}")
 
@@ -132,21 +132,21 @@ class RobotDescription:
                 )
             need_finite(f"scene {self.name}", f"poses.{pose}", values)
         if self.start is not None:
-            known("pose", self.start.pose, poses)
-        known("pose", self.inverse.posture, poses)
+            check_known("pose", self.start.pose, poses)
+        check_known("pose", self.inverse.posture, poses)
         for part in self.view.hidden:
-            known("part to hide", part, self.shown_parts)
+            check_known("part to hide", part, self.shown_parts)
         for key, binding in self.keys.items():
             if key not in KEY_NAMES:
                 words = sorted(each for each in KEY_NAMES if len(each) > 1)
                 allowed = f"the name of a key: a letter, digit or sign, or {one_of(key, words)}"
                 raise FieldError(f"scene {self.name}", f"keys.{key}", repr(key), allowed)
-            known("pose", binding.pose, poses)
+            check_known("pose", binding.pose, poses)
             for joint in binding.joints:
-                known("joint", joint, joints)
+                check_known("joint", joint, joints)
         if self.board is not None:
             for servo in self.board.servos:
-                known("joint", servo.joint, joints)
+                check_known("joint", servo.joint, joints)
 
     @property
     def name(self) -> str:

@@ -69,7 +69,7 @@ class LayerDescription:
         """The parameters of its law by name."""
         return {"young_modulus": self.young_modulus, "poisson_ratio": self.poisson_ratio}
 
-    def changed(self, values: Mapping[str, float]) -> LayerDescription:
+    def with_values(self, values: Mapping[str, float]) -> LayerDescription:
         """Return the same layer with other values of its law."""
         values = {**self.values, **values}
         return replace(self, young_modulus=values["young_modulus"], poisson_ratio=values["poisson_ratio"])
@@ -140,7 +140,7 @@ class FibresDescription:
         """The parameters of its law by name."""
         return {"stiffness": self.stiffness}
 
-    def changed(self, values: Mapping[str, float]) -> FibresDescription:
+    def with_values(self, values: Mapping[str, float]) -> FibresDescription:
         """Return the same fibres with other values of their law."""
         return replace(self, stiffness=values.get("stiffness", self.stiffness))
 

@@ -1,6 +1,6 @@
 from .drive import (
     SPEED as SPEED,
-    checked as checked,
+    check_values as check_values,
     rotation_from as rotation_from,
 )
 from .scene_state import SceneState as SceneState

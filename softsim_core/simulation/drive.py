@@ -19,7 +19,7 @@ ROUNDED: Final = 1e-3
 """Allowed deviation of a quaternion's length from 1: quaternions in messages often have few digits."""
 
 
-def checked(what: str, values: ArrayLike, shape: tuple[int, ...], unit: str) -> Array:
+def check_values(what: str, values: ArrayLike, shape: tuple[int, ...], unit: str) -> Array:
     """Return the values as a new float64 array of a shape.
 
     Raises:
@@ -48,7 +48,7 @@ def rotation_from(quaternion_xyzw: ArrayLike) -> Array:
     Raises:
         CommandError: it is none.
     """
-    quaternion = checked("quaternion", quaternion_xyzw, (4,), "x, y, z, w")
+    quaternion = check_values("quaternion", quaternion_xyzw, (4,), "x, y, z, w")
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > ROUNDED:
         raise CommandError(f"quaternion of length {length:g} refused: expected 1; nothing was changed")

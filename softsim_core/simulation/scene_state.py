@@ -27,7 +27,7 @@ from softsim_core.physics.dynamics import (
     SubstepStepper,
     ViscousStepper,
     command_gains,
-    condensed,
+    condense_tangent,
     make_stepper,
     reduced_stiffness,
     relaxing_groups,
@@ -41,7 +41,7 @@ from softsim_core.physics.mesh import SurfaceFollower
 from softsim_core.physics.sensing import Seen, Sensors
 from softsim_core.scene import SceneDescription
 from softsim_core.scene.building import Body, BuiltScene, build, contacts, sensors
-from softsim_core.simulation.drive import checked, set_body_motion
+from softsim_core.simulation.drive import check_values, set_body_motion
 
 
 class SceneState:
@@ -295,7 +295,7 @@ class SceneState:
         Raises:
             FactorisationError: the free nodes have no stable equilibrium.
         """
-        return condensed(self._stepper, self._state, self.parameters, self.forces, rows)
+        return condense_tangent(self._stepper, self._state, self.parameters, self.forces, rows)
 
     def static_response(self, rows: Rows) -> StaticResponse:
         """Return the response of the present equilibrium to joint commands and to forces on rows.
@@ -410,7 +410,7 @@ class SceneState:
 
     @rigid_forces.setter
     def rigid_forces(self, loads: ArrayLike) -> None:
-        self._rigid_forces[:] = checked("rigid_forces", loads, self._rigid_forces.shape, "N and N m")
+        self._rigid_forces[:] = check_values("rigid_forces", loads, self._rigid_forces.shape, "N and N m")
 
     @property
     def actuators(self) -> tuple[ActuatorView, ...]:

@@ -50,7 +50,7 @@ from softsim_core.scene.building import need_apart
 from softsim_core.simulation.drive import (
     JointDrive,
     MovableBases,
-    checked,
+    check_values,
     number_of,
     rotation_from,
     set_body_motion,
@@ -142,12 +142,12 @@ class Simulation(SceneState):
         try:
             report = self._stepper.step(self._state, control, self.parameters)
         except (FactorisationError, DetectionOverflowError) as error:
-            raise self._refused(told) from error
+            raise self._reject_step(told) from error
         except Exception:  # an error of the scene's code, not of the physics: the state stays as it is
             self._go_back(told)
             raise
         if not report.top_speed < self._runaway_speed:  # also catches NaN
-            raise self._refused(told)
+            raise self._reject_step(told)
         self._report = report
         if self._bases.advance(self._state, self.dt):
             self._actuators.measure(self.model, self._state)
@@ -168,7 +168,7 @@ class Simulation(SceneState):
         points = np.concatenate([self.model.rest, self.collision_points])
         return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else math.inf
 
-    def _refused(self, told: Array) -> SolverDivergedError:
+    def _reject_step(self, told: Array) -> SolverDivergedError:
         """Restore the last good state and setpoints `told` (j,); return an error that locates the failure."""
         speed = np.nan_to_num(np.abs(self._state.velocities), nan=np.inf).max(axis=1, initial=0.0)
         worst = int(np.argmax(speed)) if len(speed) else 0
@@ -260,7 +260,7 @@ class Simulation(SceneState):
         Raises:
             CommandError: another shape, or not finite; nothing is changed.
         """
-        values = checked("velocities", velocities, self.model.rest.shape, "m/s")
+        values = check_values("velocities", velocities, self.model.rest.shape, "m/s")
         set_node_velocities(self.model, self._state, values)
 
     def set_body_velocity(
@@ -279,8 +279,8 @@ class Simulation(SceneState):
         """
         soft = [each.name for each in self.bodies]
         number = number_of("body that moves by itself", body, (*soft, *self.rigid_names))
-        linear = checked("velocity", velocity, (3,), "m/s")
-        angular = checked("angular_velocity", angular_velocity, (3,), "rad/s")
+        linear = check_values("velocity", velocity, (3,), "m/s")
+        angular = check_values("angular_velocity", angular_velocity, (3,), "rad/s")
         if number < len(soft):
             set_body_motion(self.model, self._state, self.bodies[number], linear, angular)
         else:
@@ -298,7 +298,7 @@ class Simulation(SceneState):
             CommandError: no such body, another shape, not finite, or no unit quaternion; nothing is changed.
         """
         number = number_of("rigid body with mass", body, self.rigid_names)
-        place, turn = checked("position", position, (3,), "m"), rotation_from(quaternion_xyzw)
+        place, turn = check_values("position", position, (3,), "m"), rotation_from(quaternion_xyzw)
         self._state.rigid_positions[number], self._state.rigid_rotations[number] = place, turn
         self._forget_contacts()
 
@@ -315,8 +315,8 @@ class Simulation(SceneState):
             CommandError: another shape, or not finite; nothing is changed.
         """
         model = self.model
-        shift = checked("displacement of the free nodes", nodes, (len(model.free_nodes), 3), "m")
-        turned = checked("displacement of frames and joints", reduced, (model.reduced_size,), "m or rad")
+        shift = check_values("displacement of the free nodes", nodes, (len(model.free_nodes), 3), "m")
+        turned = check_values("displacement of frames and joints", reduced, (model.reduced_size,), "m or rad")
         model.displace(self._state, shift, turned)
         self._actuators.measure(model, self._state)
 
@@ -341,7 +341,7 @@ class Simulation(SceneState):
     def material(self, body: str) -> MaterialDescription:
         """Return the law of a body and the present values of its parameters."""
         b = self._number(body, [each.name for each in self.bodies])
-        return self.scene.bodies[b].material.changed(**self.parameters.materials[b])
+        return self.scene.bodies[b].material.with_values(**self.parameters.materials[b])
 
     def _number(self, body: str, names: list[str]) -> int:
         """Return the index of a body among names."""
@@ -369,7 +369,7 @@ class Simulation(SceneState):
 
     def snapshot(self) -> bytes:
         """Return everything needed to continue as named arrays: state, commands, tuned parameters."""
-        return pack(self._fingerprint, self._saved())
+        return pack(self._fingerprint, self._collect_snapshot())
 
     def restore(self, data: bytes) -> None:
         """Restore a snapshot; the following steps give the same bytes as they did then.
@@ -377,10 +377,10 @@ class Simulation(SceneState):
         Raises:
             SnapshotError: not a snapshot of this scene, of another version, or damaged; nothing is changed.
         """
-        shapes = {name: array.shape for name, array in self._saved().items()}
+        shapes = {name: array.shape for name, array in self._collect_snapshot().items()}
         shapes["state.warm_start"] = (-1, WARM_START_COLUMNS)
         saved = unpack(data, self._fingerprint, shapes)
-        materials, damping, steps = self._checked(saved)  # before anything is changed
+        materials, damping, steps = self._check_snapshot(saved)  # before anything is changed
         self._state.take(_part(saved, "state."))
         self._drive.take(_part(saved, "drive."))
         self._bases.restore(saved["bases.targets"])
@@ -400,7 +400,7 @@ class Simulation(SceneState):
             SnapshotError: the scenes differ in more.
             SceneError: a body that only this scene has overlaps another one there. Nothing is changed.
         """
-        own, saved = self._saved(), other._saved()
+        own, saved = self._collect_snapshot(), other._collect_snapshot()
         shared = [name for name in self.rigid_names if name in other.rigid_names]
         here, there = ([each.rigid_names.index(name) for name in shared] for each in (self, other))
         for name in _OF_RIGID_BODIES:
@@ -419,7 +419,9 @@ class Simulation(SceneState):
             self.restore(before)
             raise
 
-    def _checked(self, saved: Mapping[str, Array]) -> tuple[list[dict[str, float]], tuple[float, float], int]:
+    def _check_snapshot(
+        self, saved: Mapping[str, Array]
+    ) -> tuple[list[dict[str, float]], tuple[float, float], int]:
         """Return materials, damping per stiffness and per mass, and steps of a snapshot.
 
         Raises:
@@ -508,7 +510,7 @@ class Simulation(SceneState):
         self._sense(self._steps)
         return solution
 
-    def _saved(self) -> dict[str, Array]:
+    def _collect_snapshot(self) -> dict[str, Array]:
         """Return everything that a snapshot contains, by name."""
         parameters = self.parameters
         return {

@@ -13,10 +13,10 @@ from .copies import (
     BatchRate as BatchRate,
     EnvironmentCost as EnvironmentCost,
     cost_table as cost_table,
+    describe_missed_targets as describe_missed_targets,
     measure_copies as measure_copies,
     measure_environments as measure_environments,
     measure_peer as measure_peer,
-    missed as missed,
     peer_missing as peer_missing,
     rate_table as rate_table,
 )
@@ -25,7 +25,7 @@ from .first_start import (
     KERNELS as KERNELS,
     MOTION as MOTION,
     FirstStart as FirstStart,
-    judged as judged,
+    compare_with_targets as compare_with_targets,
 )
 from .machine import (
     describe_machine as describe_machine,
@@ -70,7 +70,7 @@ from .scaling import (
     SIZES as SIZES,
     Scale as Scale,
     ScalingError as ScalingError,
-    held_scene as held_scene,
+    clamped_scene as clamped_scene,
     measure_scaling as measure_scaling,
     mesh_of as mesh_of,
     scaling_table as scaling_table,

@@ -18,7 +18,7 @@ from softsim_core.mjcf import MujocoRun, export_mjcf
 from softsim_core.scene import RobotDescription
 from softsim_ros.benchmark.measured_scenes import TOUCHING, TouchingScene, describe
 from softsim_ros.benchmark.peers import held_body
-from softsim_ros.benchmark.records import aligned
+from softsim_ros.benchmark.records import align_columns
 from softsim_ros.benchmark.timing import no_garbage_collection
 
 LIMIT = 0.10
@@ -72,13 +72,13 @@ def measure_environments(copies: int, rounds: int) -> list[EnvironmentCost]:
         batch, spent = robots.episodes.batch, [0.0]
         physics = batch.step
 
-        def timed(steps: int = 1, chosen: Sequence[int] | None = None) -> list[int]:
+        def step_timed(steps: int = 1, chosen: Sequence[int] | None = None) -> list[int]:
             started = perf_counter()
             failed = physics(steps, chosen)  # noqa: B023 (called within this turn of the loop only)
             spent[0] += perf_counter() - started  # noqa: B023
             return failed
 
-        batch.step = timed  # type: ignore[method-assign, assignment]
+        batch.step = step_timed  # type: ignore[method-assign, assignment]
         robots.reset(seed=0)
         still = np.zeros(robots.action_space.shape or (), dtype=np.float32)
         best, share = 0.0, 1.0
@@ -101,7 +101,7 @@ def cost_table(costs: Sequence[EnvironmentCost]) -> list[str]:
         (each.environment, str(each.copies), f"{each.rate:.0f}", f"{100.0 * each.overhead:.1f} %")
         for each in costs
     ]
-    return aligned([("environment", "copies", "actions/s", "overhead"), *rows])
+    return align_columns([("environment", "copies", "actions/s", "overhead"), *rows])
 
 
 MEASURED = (("tripod", "low"), ("tripod", "mid"), ("gripper_grasp", "low"))
@@ -260,7 +260,7 @@ def peer_missing() -> str | None:
     return None
 
 
-def missed(rates: Sequence[BatchRate]) -> list[str]:
+def describe_missed_targets(rates: Sequence[BatchRate]) -> list[str]:
     """Return one line for each missed target."""
     ours = [each for each in rates if each.engine == "softsim"]
     lines = [
@@ -284,7 +284,7 @@ def missed(rates: Sequence[BatchRate]) -> list[str]:
 def rate_table(rates: Sequence[BatchRate]) -> list[str]:
     """Return the rates as lines of aligned columns, head first."""
     head = ("engine", "scene", "mesh", "nodes", "copies", "cores", "steps/s", "single", "per core")
-    return aligned(
+    return align_columns(
         [
             head,
             *(

@@ -185,7 +185,7 @@ class FirstStart:
             context.try_shutdown()
 
 
-def judged(phases: Mapping[str, float], factors: Sequence[float]) -> tuple[list[str], int]:
+def compare_with_targets(phases: Mapping[str, float], factors: Sequence[float]) -> tuple[list[str], int]:
     """Return a message on each target, and the number of missed ones.
 
     Factors are those of FirstStart; they are not judged if there are none.

@@ -218,15 +218,15 @@ def peer_row(record: Record) -> tuple[str, ...]:
 
 def table(records: Iterable[Record]) -> list[str]:
     """Return the records as lines of aligned columns, head first."""
-    return aligned([HEAD, *(row(record) for record in records)])
+    return align_columns([HEAD, *(row(record) for record in records)])
 
 
 def peer_table(records: Iterable[Record]) -> list[str]:
     """Return records of other engines as lines of aligned columns, head first."""
-    return aligned([PEER_HEAD, *(peer_row(record) for record in records)])
+    return align_columns([PEER_HEAD, *(peer_row(record) for record in records)])
 
 
-def aligned(rows: list[tuple[str, ...]]) -> list[str]:
+def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
     """Return rows as lines with columns of equal width."""
     widths = [max(len(cells[column]) for cells in rows) for column in range(len(rows[0]))]
     return [

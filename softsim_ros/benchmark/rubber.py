@@ -10,7 +10,7 @@ import numpy as np
 
 from softsim_core import Simulation
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_ros.benchmark.records import aligned
+from softsim_ros.benchmark.records import align_columns
 from softsim_ros.benchmark.steps import COMMAND_SPREAD, Factorisation
 from softsim_ros.benchmark.timing import Contender, take_turns
 
@@ -148,4 +148,4 @@ def rubber_table(times: Sequence[RubberTime]) -> list[str]:
                 "MISSED" if each.missed else "ok",
             )
         )
-    return aligned(rows)
+    return align_columns(rows)

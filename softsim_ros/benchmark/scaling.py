@@ -29,10 +29,10 @@ from softsim_core import (
     box_mesh,
 )
 from softsim_core.base import python_command, run_process
-from softsim_core.physics.linalg import factorised
+from softsim_core.physics.linalg import factorise_matrix
 from softsim_core.physics.mechanics import Model
 from softsim_core.robots import tripod_mesh
-from softsim_ros.benchmark.records import aligned
+from softsim_ros.benchmark.records import align_columns
 from softsim_ros.benchmark.steps import step_matrix
 
 SIZES = ("1k", "3k", "10k", "30k", "50k")
@@ -113,7 +113,7 @@ def mesh_of(shape: str, size: str) -> TetMesh:
     return tripod_mesh.tripod_silicone(*SILICONE_LEVELS[size])
 
 
-def held_scene(mesh: TetMesh, threads: int = 1) -> SceneDescription:
+def clamped_scene(mesh: TetMesh, threads: int = 1) -> SceneDescription:
     """Return a silicone body that is clamped near the z axis at low height and falls under gravity."""
     near = Box(center=(0.0, 0.0, 0.0), size=(0.03, 0.03, 0.03))
     hold = AttachmentDescription(name="hold", body="body", to="world", box=near)
@@ -122,11 +122,11 @@ def held_scene(mesh: TetMesh, threads: int = 1) -> SceneDescription:
     return SceneDescription(name="scaling", bodies=(body,), attachments=(hold,), solver=solver)
 
 
-def held(mesh: TetMesh, threads: int = 1) -> Simulation:
-    """Return a compiled simulation of `held_scene`."""
+def build_clamped_simulation(mesh: TetMesh, threads: int = 1) -> Simulation:
+    """Return a compiled simulation of `clamped_scene`."""
     with warnings.catch_warnings():  # the warnings about slivers are known
         warnings.simplefilter("ignore", UserWarning)
-        return Simulation(held_scene(mesh, threads), backend="numba")
+        return Simulation(clamped_scene(mesh, threads), backend="numba")
 
 
 def measure_scale(shape: str, size: str) -> Scale:
@@ -134,7 +134,7 @@ def measure_scale(shape: str, size: str) -> Scale:
     from softsim_core.physics.linalg import alone, usable_cores
 
     threads = usable_cores()
-    simulation = held(mesh_of(shape, size), threads)
+    simulation = build_clamped_simulation(mesh_of(shape, size), threads)
     for _ in range(LEAD_IN_STEPS):
         simulation.step()
     steps: list[float] = []
@@ -154,7 +154,7 @@ def measure_scale(shape: str, size: str) -> Scale:
         simulation.step()
         by_clock[1].append(1e3 * (perf_counter() - clock))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6  # before SuperLU runs
-    plan_s, entries, flops = planned(simulation.model)
+    plan_s, entries, flops = measure_planning(simulation.model)
     splu = [factorisation_ms(simulation) for _ in range(3)] if size in SPLU_SIZES else []
     return Scale(
         shape,
@@ -175,7 +175,7 @@ def measure_scale(shape: str, size: str) -> Scale:
     )
 
 
-def planned(model: Model) -> tuple[float, int, float]:
+def measure_planning(model: Model) -> tuple[float, int, float]:
     """Return seconds of planning the elimination of a model's free nodes, entries and flops of the factor."""
     from softsim_core.physics.dynamics.numba_backend.cells import node_pairs
     from softsim_core.physics.linalg import LANES, ROWS, plan
@@ -197,7 +197,7 @@ def factorisation_ms(simulation: Simulation) -> float:
     """Return the processor time in [ms] of one SuperLU factorisation of the next step's matrix."""
     matrix = step_matrix(simulation)
     started = process_time()
-    factorised(matrix)
+    factorise_matrix(matrix)
     return 1e3 * (process_time() - started)
 
 
@@ -246,7 +246,7 @@ def scaling_table(scales: Iterable[Scale]) -> list[str]:
             )
         )
         before = each
-    return aligned(rows)
+    return align_columns(rows)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from softsim_core import Simulation
 from softsim_core.base import Array
 from softsim_core.physics.sensing import SimulatedSensorDescription
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_ros.benchmark.records import aligned
+from softsim_ros.benchmark.records import align_columns
 from softsim_ros.benchmark.timing import no_garbage_collection
 
 SCENE = "sensed_finger"
@@ -102,4 +102,4 @@ def sensor_table(times: Sequence[SensorTime]) -> list[str]:
             ("", "") if each.limit is None else (f"<= {each.limit:g} ms", "MISSED" if each.missed else "ok")
         )
         rows.append((each.sensor, f"{each.min_ms:.3f}", f"{each.median_ms:.3f}", *asked))
-    return aligned(rows)
+    return align_columns(rows)

@@ -16,7 +16,7 @@ from softsim_core.base import Array
 from softsim_core.control.inverse import InverseController
 from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.dynamics import ScipyStepper, Unknowns
-from softsim_core.physics.linalg import factorised
+from softsim_core.physics.linalg import factorise_matrix
 from softsim_core.physics.mechanics import Control, Pose
 from softsim_core.scene import RobotDescription
 from softsim_ros.benchmark.measured_scenes import TOUCHING, Case, TouchingScene
@@ -125,7 +125,7 @@ class Factorisation:
 
     def run(self) -> None:
         """Factorise it."""
-        factorised(self._matrix)
+        factorise_matrix(self._matrix)
 
 
 def measure(cases: Sequence[Case], paths: Sequence[Path], rounds: int) -> list[Record]:

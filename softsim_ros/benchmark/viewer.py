@@ -123,7 +123,7 @@ class ViewerFigures:
         ]
 
 
-def subdivided(surface: SurfaceMesh) -> SurfaceMesh:
+def subdivide_surface(surface: SurfaceMesh) -> SurfaceMesh:
     """Return the surface with each triangle divided into four at the midpoints of its edges."""
     triangles = surface.triangles
     edges = np.sort(
@@ -151,7 +151,7 @@ def measure_viewer(seconds: float = 6.0) -> ViewerFigures:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         log = stack.enter_context(open_in_place(folder / "log.txt", "w"))
-        surface = subdivided(read_surface(config_file("meshes/tripod_mid.stl"), Placement()))
+        surface = subdivide_surface(read_surface(config_file("meshes/tripod_mid.stl"), Placement()))
         write_surface(folder / "fine.stl", surface)
         robot = write_file(
             folder / "tripod_watched.yaml",

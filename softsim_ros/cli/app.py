@@ -193,7 +193,7 @@ def _dispatch(words: Sequence[str]) -> int:
     prepare_environment()
     if command.uses_ros:
         check_ros_variables()
-    module = command.imported()
+    module = command.import_module()
     own = Parser(prog=f"softsim {name}", description=command.help, allow_abbrev=False)
     module.configure(own)
     if command.passes_on:

@@ -65,6 +65,6 @@ class Command(NamedTuple):
     passes_on: bool = False
     uses_ros: bool = False
 
-    def imported(self) -> ModuleType:
+    def import_module(self) -> ModuleType:
         """Import and return its module."""
         return importlib.import_module(f"{__package__}.{self.module}")

@@ -57,7 +57,7 @@ def complete(commands: Mapping[str, Command]) -> None:
     for name, command in commands.items():
         own = below.add_parser(name, help=command.help, allow_abbrev=False)
         if name in words[1:2]:  # the others are not imported
-            command.imported().configure(own)
+            command.import_module().configure(own)
             for action in own._actions:
                 names = _NAMES.get((name, action.dest), _NAMES.get(("", action.dest)))
                 if names is not None:

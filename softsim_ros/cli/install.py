@@ -285,7 +285,7 @@ def uv_settings() -> dict[str, str]:
     return {"UV_NO_CONFIG": "1"}
 
 
-def locked(lock: str, wanted: Callable[[str], bool]) -> str:
+def select_locked_packages(lock: str, wanted: Callable[[str], bool]) -> str:
     """Return the part of a lock file with the packages of wanted names, with their versions and hashes."""
     return "".join(found[0] for found in LOCKED.finditer(lock) if wanted(found[1]))
 
@@ -346,7 +346,7 @@ def make_environment(root: Path, home: Path, stages: Stages, with_ros: bool) -> 
     }
     files = {what: home / f"requirements-{what}.txt" for what in needed}
     for what, wanted in needed.items():
-        files[what].write_text(locked(lock, wanted), encoding="utf-8")
+        files[what].write_text(select_locked_packages(lock, wanted), encoding="utf-8")
     found = installer(python, stages, files["uv"])
     pip: list[str | Path] = [*python_program(python, "pip"), "install", "--no-input"]
     for title, words in (

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from softsim_ros import StateListener
-from softsim_ros.client.services import AsyncService, Done, Outcome, Request, unheeded
+from softsim_ros.client.services import AsyncService, Done, Outcome, Request, ignore_outcome
 from softsim_ros.client.state import BridgeState, RobotSnapshot
 
 STATES: Final[dict[int, BridgeState]] = {
@@ -42,14 +42,14 @@ class Bridge:
 
     # --- actions --------------------------------------------------------------------------------------
 
-    def toggle(self, done: Done = unheeded) -> None:
+    def toggle(self, done: Done = ignore_outcome) -> None:
         """Start sending (opening the port first if needed), or stop it."""
         if self._known.state.bridge == "comm":
             self.stop(done)
         else:
             self.start(done)
 
-    def start(self, done: Done = unheeded) -> None:
+    def start(self, done: Done = ignore_outcome) -> None:
         """Start sending to the servo board, opening its port first if needed."""
         state = self._known.state.bridge
         if self._cannot_change(done):
@@ -63,7 +63,7 @@ class Bridge:
         else:
             self._end(False, f"the servo bridge is {state}; nothing was asked of it", done)
 
-    def stop(self, done: Done = unheeded) -> None:
+    def stop(self, done: Done = ignore_outcome) -> None:
         """Stop sending; the servos go to their rest pose first."""
         state = self._known.state.bridge
         if self._cannot_change(done):
@@ -73,11 +73,11 @@ class Bridge:
         else:
             self._end(False, f"the servo bridge is {state}; nothing was asked of it", done)
 
-    def e_stop(self, done: Done = unheeded) -> None:
+    def e_stop(self, done: Done = ignore_outcome) -> None:
         """Stop the servos where they are; the stop is latched."""
         self._stop.ask(Trigger.Request(), done)
 
-    def clear_e_stop(self, done: Done = unheeded) -> None:
+    def clear_e_stop(self, done: Done = ignore_outcome) -> None:
         """Clear the e-stop."""
         self._clear.ask(Trigger.Request(), done)
 

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from softsim_core.base import MILLIMETRE
 from softsim_node import MEASURED, NEWEST_ONLY
 from softsim_ros import StateListener
-from softsim_ros.client.services import Done, Outcome, Switch, unheeded
+from softsim_ros.client.services import Done, Outcome, Switch, ignore_outcome
 from softsim_ros.client.state import (
     STALE_AFTER_S,
     EffectorPose,
@@ -57,7 +57,7 @@ class ClosedLoop:
         self._enabled = StateListener(node, "closed_loop/enabled", self._on_change)
         self._reference = StateListener(node, "closed_loop/reference", self._on_change)
 
-    def refer(self, reference: Tilt, done: Done = unheeded) -> None:
+    def refer(self, reference: Tilt, done: Done = ignore_outcome) -> None:
         """Send the loop a reference; refused while it is off."""
         if self._known.state.tilt is None:
             self._known.say("reference not given: the closed loop is off")
@@ -105,20 +105,20 @@ class Inverse:
 
     # --- actions --------------------------------------------------------------------------------------
 
-    def enable(self, enabled: bool, done: Done = unheeded) -> None:
+    def enable(self, enabled: bool, done: Done = ignore_outcome) -> None:
         """Switch inverse control on or off."""
 
-        def switched() -> str:
+        def record_switch() -> str:
             self._known.put(with_inverse(self._known.state, enabled))
             return f"inverse control is {'on' if enabled else 'off'}"
 
-        self._enable.set(enabled, done, switched)
+        self._enable.set(enabled, done, record_switch)
 
-    def toggle(self, done: Done = unheeded) -> None:
+    def toggle(self, done: Done = ignore_outcome) -> None:
         """Switch inverse control on if it is off, and off if it is on."""
         self.enable(self._enable.opposite(self._known.state.inverse), done)
 
-    def give_goal(self, goal: EffectorPose, done: Done = unheeded) -> None:
+    def give_goal(self, goal: EffectorPose, done: Done = ignore_outcome) -> None:
         """Send a goal; refused while inverse control is off."""
         if not self._known.state.inverse:
             self._end(Outcome(False, "goal not given: inverse control is off"), done)
@@ -128,7 +128,7 @@ class Inverse:
         self._goals.publish(pose_stamped(stamp, "world", goal.position, goal.quaternion_xyzw))
         self._end(Outcome(True, ""), done)
 
-    def move_goal(self, shift: Sequence[float], done: Done = unheeded) -> None:
+    def move_goal(self, shift: Sequence[float], done: Done = ignore_outcome) -> None:
         """Move the goal; the first goal is the effector's present pose, moved.
 
         Args:

@@ -19,7 +19,7 @@ from softsim_core.base import CommandError, Unit, listing
 from softsim_core.physics.mechanics import JointLimits, check_command
 from softsim_core.scene import JointDescription, RobotDescription
 from softsim_node import MEASURED, NEWEST_ONLY
-from softsim_ros.client.services import Done, Outcome, unheeded
+from softsim_ros.client.services import Done, Outcome, ignore_outcome
 from softsim_ros.client.state import (
     REACHED,
     STALE_AFTER_S,
@@ -232,23 +232,23 @@ class Joints:
 
     # --- actions --------------------------------------------------------------------------------------
 
-    def step(self, joints: Sequence[str], by: float, done: Done = unheeded) -> None:
+    def step(self, joints: Sequence[str], by: float, done: Done = ignore_outcome) -> None:
         """Move joints `by` [rad] or [m] from where they are; the others stay."""
         self.obey(StepJoints(tuple(joints), by), done)
 
-    def move(self, joint: str, position: float, done: Done = unheeded) -> None:
+    def move(self, joint: str, position: float, done: Done = ignore_outcome) -> None:
         """Command a joint to a position in [rad] or [m]; the others stay."""
         self.obey(MoveJoint(joint, position), done)
 
-    def go_to(self, pose: str, done: Done = unheeded) -> None:
+    def go_to(self, pose: str, done: Done = ignore_outcome) -> None:
         """Command all joints to a pose of the robot's file."""
         self.obey(GoToPose(pose), done)
 
-    def command(self, positions: Sequence[float], done: Done = unheeded) -> None:
+    def command(self, positions: Sequence[float], done: Done = ignore_outcome) -> None:
         """Command all joints to positions in [rad] or [m], in joint order."""
         self.obey(MoveAll(tuple(positions)), done)
 
-    def obey(self, wish: Wish, done: Done = unheeded) -> None:
+    def obey(self, wish: Wish, done: Done = ignore_outcome) -> None:
         """Publish the command for a request, within the limits; report what was done or why nothing was."""
         now = time.monotonic()
         decision = decide(self._known.state, self._known.robot, wish, now)
@@ -261,7 +261,7 @@ class Joints:
     def follow(
         self,
         way_points: Sequence[tuple[float, Mapping[str, float]]],
-        done: Done = unheeded,
+        done: Done = ignore_outcome,
         *,
         begin_s: float = 0.0,
     ) -> None:

@@ -112,7 +112,7 @@ Done = Callable[[Outcome], None]
 """Called once, from the node's executor, with the outcome of an action."""
 
 
-def unheeded(_: Outcome) -> None:
+def ignore_outcome(_: Outcome) -> None:
     """Ignore the outcome."""
 
 
@@ -204,7 +204,9 @@ class Request:
         """Give up a call that has waited too long; `now` is a steady clock in [s]."""
         self._service.expire(now)
 
-    def ask(self, request: Any, done: Done = unheeded, on_success: Callable[[], str] = lambda: "") -> None:
+    def ask(
+        self, request: Any, done: Done = ignore_outcome, on_success: Callable[[], str] = lambda: ""
+    ) -> None:
         """Send a request.
 
         Args:
@@ -214,7 +216,7 @@ class Request:
         """
         service = self._service
 
-        def answered(response: Any) -> None:
+        def handle_response(response: Any) -> None:
             if response is None:
                 end = Outcome(False, f"{self._who}: no answer from {service.name}")
             elif not response.success:
@@ -230,7 +232,7 @@ class Request:
         elif not service.is_there:
             self._end(Outcome(False, f"{self._who} is not running (no service {service.full_name})"), done)
         else:
-            service.call(request, time.monotonic(), answered)
+            service.call(request, time.monotonic(), handle_response)
 
     def _end(self, end: Outcome, done: Done) -> None:
         if end.sentence:
@@ -282,7 +284,7 @@ class Switch:
                 overtaken[1](Outcome(False, f"{self._who}: a newer request came before the answer"))
             return
 
-        def ended(end: Outcome) -> None:
+        def finish(end: Outcome) -> None:
             following, self._next = self._next, None
             if following is None:
                 self._asked = None
@@ -290,4 +292,4 @@ class Switch:
             if following is not None:
                 self.set(*following)
 
-        self._request.ask(SetBool.Request(data=on), ended, on_success)
+        self._request.ask(SetBool.Request(data=on), finish, on_success)

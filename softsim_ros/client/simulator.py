@@ -23,7 +23,7 @@ from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY
 from softsim_ros import StateListener
 from softsim_ros.client.control import Inverse
 from softsim_ros.client.joints import INVERSE_OWNS, Joints
-from softsim_ros.client.services import AsyncService, Done, Outcome, Request, Switch, unheeded
+from softsim_ros.client.services import AsyncService, Done, Outcome, Request, Switch, ignore_outcome
 from softsim_ros.client.state import RobotSnapshot
 from softsim_ros.messages import Proposal, base_target, header, read_proposal, write_edits
 
@@ -61,7 +61,7 @@ class Parameters:
         """Call `on_values` with these parameters, in SI by name, whenever they arrive."""
         self._names, self._on_values = names, on_values
 
-    def set(self, name: str, value: Any, done: Done = unheeded) -> None:
+    def set(self, name: str, value: Any, done: Done = ignore_outcome) -> None:
         """Set a parameter; if requests follow quickly, only the newest value is sent."""
         self._wanted[name] = value
         self._waiting.append(done)
@@ -170,7 +170,7 @@ class Editing:
         self._edits.publish(String(data=write_edits(edits, stroke)))
         self._untold_since = time.monotonic()
 
-    def ask(self, name: str, done: Done = unheeded) -> None:
+    def ask(self, name: str, done: Done = ignore_outcome) -> None:
         """Send one of the requests in ACTIONS."""
         self._requests[name].ask(Trigger.Request(), done)
 
@@ -243,21 +243,21 @@ class Simulator:
 
     # --- time -----------------------------------------------------------------------------------------
 
-    def start(self, done: Done = unheeded) -> None:
+    def start(self, done: Done = ignore_outcome) -> None:
         """Play the robot's start animation; refused while inverse control is on."""
         if self._known.state.inverse:
             self._known.say(INVERSE_OWNS)
             done(Outcome(False, INVERSE_OWNS))
             return
 
-        def started() -> str:
+        def record_start() -> str:
             if self._known.robot.start is not None:
                 self._joints.expect(self._known.robot.start.pose)
             return "start pose"
 
-        self._start.ask(Trigger.Request(), done, started)
+        self._start.ask(Trigger.Request(), done, record_start)
 
-    def reset(self, done: Done = unheeded) -> None:
+    def reset(self, done: Done = ignore_outcome) -> None:
         """Reset the simulation to the start of the scene."""
 
         def was_reset() -> str:
@@ -275,20 +275,20 @@ class Simulator:
         else:
             go_on(Outcome(True, ""))
 
-    def pause(self, paused: bool, done: Done = unheeded) -> None:
+    def pause(self, paused: bool, done: Done = ignore_outcome) -> None:
         """Pause the simulation, or continue it."""
 
-        def changed() -> str:
+        def record_pause() -> str:
             self._known.change(simulator="paused" if paused else "running")
             return "simulation paused" if paused else "simulation goes on"
 
-        self._pause.set(paused, done, changed)
+        self._pause.set(paused, done, record_pause)
 
-    def toggle_pause(self, done: Done = unheeded) -> None:
+    def toggle_pause(self, done: Done = ignore_outcome) -> None:
         """Pause a running simulation, continue a paused one."""
         self.pause(self._pause.opposite(self._known.state.stands), done)
 
-    def step(self, done: Done = unheeded) -> None:
+    def step(self, done: Done = ignore_outcome) -> None:
         """Advance by one step; a running simulation is paused first."""
 
         def go_on(end: Outcome) -> None:
@@ -304,11 +304,11 @@ class Simulator:
 
     # --- scene ----------------------------------------------------------------------------------------
 
-    def reload(self, done: Done = unheeded) -> None:
+    def reload(self, done: Done = ignore_outcome) -> None:
         """Reload the scene's files."""
         self._reload.ask(Trigger.Request(), done)
 
-    def choose_scene(self, name: str, done: Done = unheeded) -> None:
+    def choose_scene(self, name: str, done: Done = ignore_outcome) -> None:
         """Run another robot or scene in place of this one."""
         self._known.say(f"loading {name} ...")
         self.parameters.set("robot", name, done)

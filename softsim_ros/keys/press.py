@@ -187,7 +187,7 @@ def press(
         return Pressed(acted, _goal_shift(key.name, goal_step_m))
     binding = key_table(robot).get(key.name)
     if binding is None:
-        return _unbound(keys, robot, key, held)
+        return _handle_unbound_key(keys, robot, key, held)
     if binding.action is not None:
         return _action(keys, key, binding.action, held)
     if since < _shortest_interval(robot, binding, repeat_interval_s):
@@ -197,7 +197,7 @@ def press(
     return Pressed(acted, StepJoints(binding.joints, binding.by))
 
 
-def _unbound(keys: KeyState, robot: RobotDescription, key: KeyPress, held: bool) -> Pressed:
+def _handle_unbound_key(keys: KeyState, robot: RobotDescription, key: KeyPress, held: bool) -> Pressed:
     if key.name == HELP_KEY:
         return Pressed(replace(keys, show_help=keys.show_help if held else not keys.show_help))
     if any(controller.on_key for controller in robot.controllers):

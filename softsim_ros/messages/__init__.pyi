@@ -50,6 +50,6 @@ from .types import (
     WARN as WARN,
     diagnostic_array as diagnostic_array,
     diagnostic_values as diagnostic_values,
+    format_value as format_value,
     load_message as load_message,
-    shown as shown,
 )

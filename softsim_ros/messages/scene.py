@@ -20,7 +20,7 @@ MOST_NAMES: Final = 5000
 LONGEST_NAME: Final = 300
 
 
-def listed(value: Any) -> list[Any]:
+def require_list(value: Any) -> list[Any]:
     """Return a list of at most MOST_NAMES items; raise TypeError for anything else."""
     if not isinstance(value, list) or len(value) > MOST_NAMES:
         raise TypeError(f"a list of at most {MOST_NAMES}")
@@ -103,10 +103,10 @@ def read_scene_message(text: str) -> SceneMessage:
             generation=whole(data["generation"]),
             robot=replace(read_description(text_of(data["description"])), source=source),
             overrides=text_of(data["overrides"]),
-            frames=tuple(map(name_of, listed(data["frames"]))),
-            bodies=tuple(map(_body, listed(data["bodies"]))),
-            regions=tuple(map(_region, listed(data["regions"]))),
-            scenes=tuple(map(name_of, listed(data["scenes"]))),
+            frames=tuple(map(name_of, require_list(data["frames"]))),
+            bodies=tuple(map(_body, require_list(data["bodies"]))),
+            regions=tuple(map(_region, require_list(data["regions"]))),
+            scenes=tuple(map(name_of, require_list(data["scenes"]))),
             places=places,
             checksums={
                 text_of(key): whole(number) for key, number in dict(data.get("checksums", {})).items()
@@ -304,7 +304,7 @@ def read_proposal(text: str) -> Proposal:
             is_changed=data["changed"] is True,
             is_applied=data["applied"] is True,
             sentence=text_of(data["sentence"]),
-            chosen=tuple(map(_parse_chosen_points, listed(data["chosen"]))),
+            chosen=tuple(map(_parse_chosen_points, require_list(data["chosen"]))),
             routes={name_of(name): _points(rows) for name, rows in dict(data["routes"]).items()},
         )
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:

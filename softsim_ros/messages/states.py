@@ -22,7 +22,7 @@ from sensor_msgs.msg import FluidPressure, JointState, MultiDOFJointState
 from std_msgs.msg import Header
 
 from softsim_core.base import CommandError
-from softsim_core.scene.io import shortened
+from softsim_core.scene.io import shorten
 
 _TYPECODES: dict[str, Any] = {"d": np.dtype("<f8"), "f": np.dtype("<f4"), "I": np.dtype("<u4")}
 
@@ -137,7 +137,7 @@ def read_base_target(message: MultiDOFJointState) -> tuple[str, tuple[float, flo
     """
     if message.header.frame_id != WORLD:
         raise CommandError(
-            f"base target refused: unknown frame_id {shortened(message.header.frame_id)!r}; allowed: {WORLD}"
+            f"base target refused: unknown frame_id {shorten(message.header.frame_id)!r}; allowed: {WORLD}"
         )
     if len(message.joint_names) != 1 or len(message.transforms) != 1:
         raise CommandError(

@@ -25,7 +25,7 @@ def load_message(type_name: str) -> type:
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """Return a value as text: floats with six significant digits, others as they print."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
@@ -48,7 +48,7 @@ def diagnostic_array(
         name=name,
         message=message,
         hardware_id=hardware_id,
-        values=[KeyValue(key=key, value=shown(value)) for key, value in values.items()],
+        values=[KeyValue(key=key, value=format_value(value)) for key, value in values.items()],
     )
     return DiagnosticArray(header=header(stamp, ""), status=[status])
 

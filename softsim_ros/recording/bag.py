@@ -15,7 +15,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from softsim_core.base import SoftSimError
-from softsim_core.scene.io import shortened
+from softsim_core.scene.io import shorten
 from softsim_ros.recording.errors import BagError
 from softsim_ros.recording.integrity import guard_reader, hold_budget, is_torn
 
@@ -86,8 +86,8 @@ class Bag:
         """Read robot, namespace and message types of the bag."""
         with self._sentences("cannot be read"):
             notes = getattr(self._reader.storage.metadata, "custom", None) or {}
-            self.namespace = shortened(str(notes.get("namespace") or self._common_namespace()), 200)
-            self.robot = shortened(str(notes.get("robot") or self.namespace.strip("/")), 200)
+            self.namespace = shorten(str(notes.get("namespace") or self._common_namespace()), 200)
+            self.robot = shorten(str(notes.get("robot") or self.namespace.strip("/")), 200)
             self._register_types()
 
     def __enter__(self) -> Bag:
@@ -117,7 +117,7 @@ class Bag:
             raise self._make_damage_error(what, error) from error
 
     def _make_damage_error(self, what: str, error: BaseException) -> BagError:
-        reason = shortened(str(error), MOST_REASON) or "no reason given"
+        reason = shorten(str(error), MOST_REASON) or "no reason given"
         told = reason if isinstance(error, ReaderError | OSError) else f"{type(error).__name__}: {reason}"
         return BagError(self.path, f"{what} ({told})")
 

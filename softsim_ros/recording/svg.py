@@ -37,7 +37,7 @@ def draw(chart: Chart, duration_s: float) -> str:
     FigureCanvasSVG(figure)
     axes = figure.add_axes(FRAME)
     for curve in chart.curves:
-        times, values = thinned(curve)
+        times, values = decimate_curve(curve)
         axes.plot(
             times, values, label=curve.name or None, color=f"C{curve.colour % 10}", **STYLES[curve.style]
         )
@@ -51,7 +51,7 @@ def draw(chart: Chart, duration_s: float) -> str:
     return figure_data(figure, "svg", metadata={"Date": None}).decode()
 
 
-def thinned(curve: Curve) -> tuple[Any, Any]:
+def decimate_curve(curve: Curve) -> tuple[Any, Any]:
     """Return times and values of a curve with at most MOST_POINTS.
 
     A longer curve has the lowest and the highest value of each interval.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay
 
-from softsim_core.physics.mesh import TetMesh, oriented
+from softsim_core.physics.mesh import TetMesh, orient_tets
 
 CORE = 1.5
 """Radius of the evenly meshed core over the radius of contact."""
@@ -37,7 +37,7 @@ def half_ball(radius: float, outer: float, spacing: float, growth: float) -> Tet
     edges = nodes[tets[:, 1:]] - nodes[tets[:, :1]]
     flat = np.abs(np.linalg.det(edges)) < 1e-3 * np.linalg.norm(edges, axis=2).max(axis=1) ** 3
     used, numbered = np.unique(tets[~flat], return_inverse=True)
-    return TetMesh(nodes[used], oriented(nodes[used], numbered.reshape(-1, 4)), "half_ball")
+    return TetMesh(nodes[used], orient_tets(nodes[used], numbered.reshape(-1, 4)), "half_ball")
 
 
 def _shell(radius: float, growth: float, random: np.random.Generator) -> np.ndarray:

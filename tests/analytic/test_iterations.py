@@ -86,7 +86,7 @@ def end_of_nonlinear_step(simulation: Simulation, load: float) -> Array:
             stiffness = stiffness_matrix(
                 solids, places, parameters.materials, positive=not exact, mean_share=0.0
             )
-            begun = FreeTurning(model).turned(model.rest, places)  # turning is no strain
+            begun = FreeTurning(model).fit_rigidly(model.rest, places)  # turning is no strain
             strained = (places - begun).ravel() / h
             pulled -= parameters.rayleigh_stiffness * (stiffness @ strained).reshape(-1, 3)
             change = elastic_forces(thin, places, parameters.materials)

@@ -190,4 +190,4 @@ def test_a_description_is_what_its_plain_form_says() -> None:
     assert described.plain()["prony"] == [{"share": 0.3, "time": 0.05}, {"share": 0.2, "time": 0.4}]
     preset = MaterialDescription(preset="Dragon Skin 20", prony=((0.1, 1.0),))
     assert preset.plain() == {"preset": "Dragon Skin 20", "prony": [{"share": 0.1, "time": 1.0}]}
-    assert preset.changed(prony_time_1=2.0).values["prony_time_1"] == 2.0
+    assert preset.with_values(prony_time_1=2.0).values["prony_time_1"] == 2.0

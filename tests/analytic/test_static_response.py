@@ -8,7 +8,7 @@ import pytest
 from softsim_core import Simulation, load_scene
 from softsim_core.base import Array, IndexArray
 from softsim_core.control.observer import field_rows, point_rows
-from softsim_core.physics.mechanics import joined
+from softsim_core.physics.mechanics import join_rows
 
 SCENES = {
     "tripod": ([-1.2, -1.0, -1.4], 1e-4, 0.035),
@@ -31,7 +31,7 @@ def test_the_response_is_the_derivative_of_the_equilibrium(name: str) -> None:
     simulation = Simulation(load_scene(name).robot_alone())
     simulation.settle(joints, shift)
     nodes, force = _watched(simulation)
-    rows = joined([field_rows(nodes, force[None]), *(point_rows(nodes[[k]], np.ones(1)) for k in (0, 1))])
+    rows = join_rows([field_rows(nodes, force[None]), *(point_rows(nodes[[k]], np.ones(1)) for k in (0, 1))])
     response = simulation.static_response(rows)
 
     def difference(by: float, command: float) -> Array:
@@ -54,7 +54,7 @@ def test_a_displaced_simulation_stands_where_its_response_says() -> None:
     simulation = Simulation(load_scene("tripod").robot_alone())
     simulation.settle([-1.2, -1.2, -1.2], 0.035)
     free = simulation.model.free_nodes
-    rows = joined(
+    rows = join_rows(
         [
             field_rows(free[:1], np.eye(1, 3)[None]),
             *(point_rows(free[[k]], np.ones(1)) for k in range(len(free))),

@@ -11,10 +11,10 @@ from softsim_ros.benchmark import (
     EnvironmentCost,
     copies,
     cost_table,
+    describe_missed_targets,
     measure_copies,
     measure_environments,
     measure_peer,
-    missed,
     rate_table,
 )
 
@@ -38,11 +38,11 @@ def rate(copies: int, workers: int, by_single: float) -> BatchRate:
 
 
 def test_what_is_slower_than_asked_is_told() -> None:
-    assert missed([rate(8, 1, 0.95), rate(8, 2, 1.75)]) == []
-    assert missed([rate(8, 1, 0.85)]) == [
+    assert describe_missed_targets([rate(8, 1, 0.95), rate(8, 2, 1.75)]) == []
+    assert describe_missed_targets([rate(8, 1, 0.85)]) == [
         "tripod low, 8 copies: 0.85 of the single run per core, target >= 0.9"
     ]
-    assert missed([rate(8, 1, 1.0), rate(8, 2, 1.5)]) == [
+    assert describe_missed_targets([rate(8, 1, 1.0), rate(8, 2, 1.5)]) == [
         "tripod low, 8 copies: two workers 1.50 times one, target >= 1.8"
     ]
 

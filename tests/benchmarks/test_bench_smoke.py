@@ -233,10 +233,10 @@ def test_other_engines_find_our_sag(package: str) -> None:
 def test_growing_bodies_are_compared_without_waiting_for_rest() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'softsim[mjcf]'")
     from softsim_core.scene import RobotDescription
-    from softsim_ros.benchmark import held_scene, mesh_of, peer_table
+    from softsim_ros.benchmark import clamped_scene, mesh_of, peer_table
     from softsim_ros.benchmark.peers import compare
 
-    scene = RobotDescription(scene=held_scene(mesh_of("silicone", "1k")))
+    scene = RobotDescription(scene=clamped_scene(mesh_of("silicone", "1k")))
     records, _ = compare(Case("scaling", "silicone 1k", scene), rounds=1, to_rest=False)
     assert {"mujoco", "mujoco_unconverged"} <= {each.path for each in records}
     for record in records:

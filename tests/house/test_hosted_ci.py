@@ -29,7 +29,7 @@ def steps(workflow: Path) -> list[tuple[str, dict[str, Any]]]:
 def parsed(words: list[str]) -> argparse.Namespace:
     """The words of a `softsim` command, as the command takes them."""
     parser = Parser(prog=words[0])
-    COMMANDS[words[0]].imported().configure(parser)
+    COMMANDS[words[0]].import_module().configure(parser)
     return parser.parse_args(words[1:])  # type: ignore[no-any-return]
 
 

@@ -22,9 +22,9 @@ from softsim_core.lab.identification import (
     ParameterDescription,
     calibrate,
     data_of,
-    filled,
     load_calibration,
     problem,
+    replace_expressions,
 )
 from softsim_core.simulation import Simulation
 from softsim_ros.cli import main
@@ -69,7 +69,7 @@ OVERLAY = {
 @cache
 def poses() -> tuple[Array, Array]:
     """Commands, and where the tip of the true arm is."""
-    robot = load_scene_text(filled(OVERLAY, TRUE))
+    robot = load_scene_text(replace_expressions(OVERLAY, TRUE))
     simulation = Simulation(robot, "scipy")
     commands = np.linspace(-1.1, 1.1, 13)
     places = []

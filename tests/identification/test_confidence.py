@@ -18,10 +18,10 @@ from softsim_core.lab.identification import (
     DistributionDescription,
     cross_validated,
     distribution_of,
-    filled,
     load_distribution,
     next_poses,
     profiled,
+    replace_expressions,
 )
 from softsim_core.simulation import Simulation
 from softsim_ros.cli import main
@@ -111,7 +111,9 @@ def rows_tell(result: Calibration, commands: Array) -> Array:
     steps, places = (1e-3, 0.02), []
     for k in range(-1, 2):
         zero, young = result.values + np.eye(3)[k, :2] * steps
-        simulation = Simulation(load_scene_text(filled(OVERLAY, {"zero": zero, "young": young})), "scipy")
+        simulation = Simulation(
+            load_scene_text(replace_expressions(OVERLAY, {"zero": zero, "young": young})), "scipy"
+        )
         tips = []
         for each in commands.tolist():
             simulation.settle([each])
@@ -147,7 +149,7 @@ def test_what_is_left_open_is_drawn(tmp_path: Path) -> None:
     assert np.array_equal(drawn, left_open.draw(4000, seed=3))
     assert drawn.mean(axis=0) == pytest.approx(left_open.mean, rel=0.01)
     assert np.cov(drawn.T) == pytest.approx(np.array(left_open.covariance), rel=0.15, abs=1e-6)
-    robot = load_scene(tmp_path / left_open.robot, left_open.overlaid(drawn[0]))
+    robot = load_scene(tmp_path / left_open.robot, left_open.fill_overlay(drawn[0]))
     assert robot.joints[0].rest == pytest.approx(-drawn[0, 0])
 
 

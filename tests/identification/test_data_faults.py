@@ -15,7 +15,7 @@ from softsim_core.lab.identification import (
     Prediction,
     Session,
     TimeColumn,
-    compared,
+    compare_session,
     load_data_set,
     load_session,
     validate_session,
@@ -129,12 +129,12 @@ def test_swapped_columns_are_seen_by_their_mirror_image(tmp_path: Path) -> None:
         DataError,
         match=r"session poses: a mirrored frame fits better.* are swapped",
     ):
-        compared(found, prediction())
+        compare_session(found, prediction())
 
 
 def test_columns_that_are_moved_around_are_warned_of(tmp_path: Path) -> None:
     found = session(write_bench(tmp_path, text=DESCRIPTION.replace("x_mm, y_mm, z_mm", "y_mm, z_mm, x_mm")))
-    (warning,) = compared(found, prediction()).warnings
+    (warning,) = compare_session(found, prediction()).warnings
     assert "the fitted frame is turned by" in warning
 
 
@@ -145,7 +145,7 @@ def test_lengths_in_another_unit_are_seen_by_their_size(tmp_path: Path) -> None:
     with pytest.raises(
         DataError, match=r"sensor tracker: moves .* mm where the model moves .*are the units right"
     ):
-        compared(found, prediction())
+        compare_session(found, prediction())
 
 
 def ring(delay: float) -> tuple[np.ndarray, np.ndarray]:
@@ -175,7 +175,7 @@ def ringing() -> Prediction:
 
 
 def test_a_delay_is_found(tmp_path: Path) -> None:
-    result = compared(in_time(tmp_path, 0.013), ringing())
+    result = compare_session(in_time(tmp_path, 0.013), ringing())
     assert result.alignment is not None
     assert result.alignment.delay == pytest.approx(0.013, abs=1e-3)
     assert result.of(result.judged).rms < 0.1 * result.of(result.judged, raw=True).rms
@@ -209,14 +209,14 @@ def test_repeats_of_one_load_case_are_rows(tmp_path: Path) -> None:
     for read in (places, np.tile(places[0], (24, 1))):  # with noise, and as rounded to the same digits
         columns = dict(zip(("x_mm", "y_mm", "z_mm"), read.T, strict=True))
         write_bench(tmp_path, edit={**commands, **columns}, text=text)
-        assert compared(session(tmp_path), held).of(np.ones(24, bool)).mean < 2e-3
+        assert compare_session(session(tmp_path), held).of(np.ones(24, bool)).mean < 2e-3
 
 
 def test_a_shifted_time_axis_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(
         DataError, match=r"column t_s: the measurement comes 50 ms or more .* is its time shifted\?"
     ):
-        compared(in_time(tmp_path, 0.11), ringing())
+        compare_session(in_time(tmp_path, 0.11), ringing())
 
 
 def test_time_that_goes_back_is_named(tmp_path: Path) -> None:

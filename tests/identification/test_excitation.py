@@ -21,13 +21,13 @@ from softsim_core.lab.identification import (
     TimeColumn,
     chirp,
     data_of,
-    filled,
     first_calibration,
     grid,
     load_calibration,
     load_data_set,
     load_session,
     motions,
+    replace_expressions,
     ring_down,
     room_of,
     steps,
@@ -165,7 +165,7 @@ def test_a_first_calibration_fits_its_robot(robot: str, sought: int, tmp_path: P
     read, _ = load_calibration(tmp_path)
     assert read == calibration
     values = {each.name: each.start for each in read.parameters}
-    moved = load_scene(robot, filled(read.overlay, values))
+    moved = load_scene(robot, replace_expressions(read.overlay, values))
     assert moved.joints == described.joints
     assert moved.scene.bodies[0].material.values == pytest.approx(described.scene.bodies[0].material.values)
     in_time = first_calibration("bench", described, ["chirp"], True)

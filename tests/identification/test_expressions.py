@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from softsim_core import SceneError
-from softsim_core.lab.identification import evaluated, filled, names_in
+from softsim_core.lab.identification import evaluate_expression, names_in, replace_expressions
 
 
 def test_expressions() -> None:
-    assert evaluated("= -(a + 2) * 3 / b ** 2", {"a": 1.0, "b": 3.0}) == pytest.approx(-1.0)
-    assert filled({"x": ["= a", 1, "text", None]}, {"a": 2.5}) == {"x": [2.5, 1, "text", None]}
+    assert evaluate_expression("= -(a + 2) * 3 / b ** 2", {"a": 1.0, "b": 3.0}) == pytest.approx(-1.0)
+    assert replace_expressions({"x": ["= a", 1, "text", None]}, {"a": 2.5}) == {"x": [2.5, 1, "text", None]}
     assert names_in({"x": ["= a * b", "c"], "y": {"z": "= d"}}) == {"a", "b", "d"}
 
 
@@ -34,4 +34,4 @@ def test_expressions() -> None:
 )
 def test_expressions_do_nothing_else(expression: str) -> None:
     with pytest.raises(SceneError):
-        evaluated(expression, {"a": 1.0})
+        evaluate_expression(expression, {"a": 1.0})

@@ -30,8 +30,8 @@ from softsim_core.lab.identification import (
     cross_validated,
     distribution_of,
     fit,
+    locate_sensors,
     profiled,
-    sensed,
 )
 from softsim_core.physics.mechanics import rotation_exp
 from softsim_ros.cli.measurements import plain, sentences
@@ -45,7 +45,7 @@ SAG = ParameterDescription(name="sag", start=2.0, lower=0.1, upper=6.0)
 class ArmMisfit(Misfit):
     """Rows of an arm in closed form: it turns by its command, and sags."""
 
-    def replayed(self, values: Array, near: Sequence[Near] | None = None) -> list[Prediction]:
+    def replay_sessions(self, values: Array, near: Sequence[Near] | None = None) -> list[Prediction]:
         """What the arm does in each session with values (p,)."""
         return [
             arm(
@@ -127,7 +127,7 @@ class Bench:
         used = np.ones(self.rows, bool)
         session = Session(description, table, np.zeros((self.rows, 1, 3)), {}, used, used, None)
         made = arm(session, values)
-        places = sensed(made.positions, made.rotations, np.zeros((1, 3)))
+        places = locate_sensors(made.positions, made.rotations, np.zeros((1, 3)))
         noise = NOISE * random.standard_normal(places.shape)
         wrong = random.standard_normal(places.shape)
         wrong *= (

@@ -18,7 +18,7 @@ from softsim_core.lab.identification import (
     Prediction,
     SessionResult,
     by_region,
-    compared,
+    compare_session,
     in_short_steps,
     load_data_set,
     load_session,
@@ -40,7 +40,7 @@ def beside(folder: Path) -> SessionResult:
     poses = tripod_poses()
     known = np.ones(len(poses.joints), bool)
     prediction = Prediction(poses.positions[:, None], poses.rotations[:, None], known)
-    return compared(load_session(data, data.description.sessions[0]), prediction)
+    return compare_session(load_session(data, data.description.sessions[0]), prediction)
 
 
 def test_the_replay_is_that_of_the_model_in_any_order(tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_rows_without_equilibrium_have_no_error(tmp_path: Path) -> None:
     known = np.arange(24) != 7
     positions = np.where(known[:, None], poses.positions, np.nan)[:, None]
     prediction = Prediction(positions, poses.rotations[:, None], known)
-    result = compared(load_session(data, data.description.sessions[0]), prediction)
+    result = compare_session(load_session(data, data.description.sessions[0]), prediction)
     assert result.of(result.judged).count == 23
     assert result.of(result.judged).max < 1e-7
     assert result.warnings == ("1 of 24 rows have no equilibrium of the model, and have no error",)
@@ -194,7 +194,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path: Path) -> None:
     found = replay(load_scene("tripod"), session, progress=stop)
     assert found.stopped
     assert found.reached.sum() == 15
-    result = compared(session, found)
+    result = compare_session(session, found)
     assert result.stopped
     assert result.warnings[0] == "9 of 24 rows were not replayed, and have no error"
     assert result.of(result.judged).count == 15
@@ -311,4 +311,4 @@ def test_a_model_that_reaches_nothing_is_said(tmp_path: Path) -> None:
     lost = np.full((24, 1, 3), np.nan)
     prediction = Prediction(lost, np.full((24, 1, 3, 3), np.nan), np.zeros(24, bool))
     with pytest.raises(DataError, match="session poses: the model reaches no row for training"):
-        compared(session, prediction)
+        compare_session(session, prediction)

@@ -18,7 +18,7 @@ from softsim_core.lab.learning import (
     RobotEnv,
     SpreadDescription,
     load_randomisation,
-    rounded,
+    round_to_steps,
 )
 
 OWN = """
@@ -158,6 +158,6 @@ def test_a_delay_gives_each_copy_its_own_past() -> None:
 
 
 def test_devices_round_and_check() -> None:
-    assert rounded(np.array([0.26, 0.26]), np.array([0.1, 0.0])).tolist() == pytest.approx([0.3, 0.26])
+    assert round_to_steps(np.array([0.26, 0.26]), np.array([0.1, 0.0])).tolist() == pytest.approx([0.3, 0.26])
     with pytest.raises(FieldError, match=">= 0"):
         Devices(joint_noise=-1.0)

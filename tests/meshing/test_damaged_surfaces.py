@@ -9,7 +9,7 @@ import pytest
 from part_surfaces import Surface, ball, box, joined, moved, rod, tilted, torus, write
 
 from softsim_core.base import MeshError
-from softsim_core.lab.meshing import read_part, repaired
+from softsim_core.lab.meshing import read_part, repair_part
 from softsim_core.physics.mesh import is_closed
 
 BASES = (ball(10.0, 1), box(20.0, 20.0, 20.0, 3), torus(15.0, 4.0, 16, 8), rod(5.0, 40.0, 8))
@@ -49,7 +49,7 @@ def test_damage_is_mended_or_told(base: int, tmp_path: Path) -> None:
         rng = np.random.default_rng([base, seed])
         file = write(tmp_path, damaged(BASES[base], rng))
         try:
-            result = repaired(read_part(file), 1e-2 if seed % 2 else None, largest=seed % 3 == 0)
+            result = repair_part(read_part(file), 1e-2 if seed % 2 else None, largest=seed % 3 == 0)
         except MeshError as refusal:
             refusals.append(str(refusal))
             continue

@@ -29,7 +29,7 @@ from softsim_core.lab.meshing import (
     Filling,
     MeshingOptions,
     distances,
-    filled,
+    fill_surface,
     have_mesher,
     largest_distance,
     mesh_part,
@@ -235,7 +235,7 @@ WRONG = {
 @pytest.mark.parametrize("code", WRONG)
 def test_whatever_becomes_of_the_mesher_is_said_in_one_sentence(code: str) -> None:
     with pytest.raises(MeshError, match=WRONG[code]) as refusal:
-        filled(
+        fill_surface(
             SURFACE, 5e-3, Filling(time_limit=0.1 if "sleep" in code else 60.0), (sys.executable, "-c", code)
         )
     assert "\n" not in str(refusal.value)
@@ -251,7 +251,7 @@ def test_a_mesher_that_works_for_long_says_so(monkeypatch: pytest.MonkeyPatch) -
             raise KeyboardInterrupt  # who waits has seen enough, and the mesher ends
 
     with pytest.raises(KeyboardInterrupt):
-        filled(
+        fill_surface(
             SURFACE,
             5e-3,
             Filling(time_limit=600.0, waited=waited),
@@ -264,13 +264,13 @@ def test_a_mesher_that_works_for_long_says_so(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.slow
 def test_too_little_memory_is_said() -> None:
     with pytest.raises(MeshError, match=r"memory|crashed"):
-        filled(SURFACE, 2e-4, Filling(memory=200 << 20, time_limit=60.0))
+        fill_surface(SURFACE, 2e-4, Filling(memory=200 << 20, time_limit=60.0))
 
 
 def test_without_the_mesher_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("softsim_core.lab.meshing.filling.compiled_part", lambda: None)
     with pytest.raises(MeshError, match=r"pip install .*\[mesh\]'"):
-        filled(SURFACE, 5e-3, Filling())
+        fill_surface(SURFACE, 5e-3, Filling())
 
 
 @pytest.mark.parametrize(("walls", "inner"), [(0.0, 1.0), (1.0, 0.0), (0.5, 0.5)])

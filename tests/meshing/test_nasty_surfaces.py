@@ -35,7 +35,7 @@ from part_surfaces import (
 )
 
 from softsim_core.base import MeshError
-from softsim_core.lab.meshing import RepairedSurface, read_part, repaired, simplified
+from softsim_core.lab.meshing import RepairedSurface, read_part, repair_part, simplify_surface
 from softsim_core.physics.mesh import is_closed
 
 CUBE = 8000.0
@@ -318,7 +318,7 @@ CASES: dict[str, Callable[[], Mended | Refused]] = {
 def mended(case: Mended, folder: Path) -> RepairedSurface:
     part = read_part(write(folder, case.surface, case.name), case.unit)
     hole = None if case.hole is None else case.hole * part.unit.metres
-    return repaired(part, hole, case.largest, simplified)
+    return repair_part(part, hole, case.largest, simplify_surface)
 
 
 def test_there_are_sixty() -> None:
@@ -330,7 +330,9 @@ def test_a_surface_is_repaired_with_a_word_or_refused_in_a_sentence(name: str, t
     case = CASES[name]()
     if isinstance(case, Refused):
         with pytest.raises(MeshError, match=case.word) as refusal:
-            repaired(read_part(write(tmp_path, case.surface, case.name), case.unit), None, False, simplified)
+            repair_part(
+                read_part(write(tmp_path, case.surface, case.name), case.unit), None, False, simplify_surface
+            )
         text = str(refusal.value)
         assert "\n" not in text
         assert len(text) < 500

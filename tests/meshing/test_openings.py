@@ -9,7 +9,7 @@ import pytest
 import yaml
 from part_surfaces import Surface, ball, bottle, box, inside_out, joined, moved, tilted, write
 
-from softsim_core.lab.meshing import CELLS, MeshedPart, guess, open_hollows, read_part, repaired
+from softsim_core.lab.meshing import CELLS, MeshedPart, guess, open_hollows, read_part, repair_part
 from softsim_core.physics.mesh import SurfaceMesh, box_mesh, check_tets, read_surface
 
 PARTS = Path(__file__).resolve().parents[2] / "configs"
@@ -57,7 +57,7 @@ def test_the_inlet_is_named_in_the_unit_of_the_file(tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
     from softsim_ros.cli.robots import inlet_notes
 
-    (note,) = inlet_notes(repaired(read_part(write(tmp_path, bottle(3.0)))))
+    (note,) = inlet_notes(repair_part(read_part(write(tmp_path, bottle(3.0)))))
     assert note.startswith("a hollow of about 36 cm^3 is open to the outside, about 5.8")
     assert "an air chamber needs a closed hollow" in note
     assert "make the robot anew with --plug, or close the opening in CAD with a plug" in note
@@ -67,7 +67,7 @@ def test_the_scene_says_so_where_it_guesses_a_cable(tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
     from softsim_ros.cli.robots import inlet_notes, scene_text
 
-    source = repaired(read_part(write(tmp_path, bottle(3.0))))
+    source = repair_part(read_part(write(tmp_path, bottle(3.0))))
     mesh = box_mesh((0.04, 0.04, 0.06), (2, 2, 3))
     made = MeshedPart(mesh, source, check_tets(mesh), 0.01, 0.0, (), False)
     notes = inlet_notes(source)

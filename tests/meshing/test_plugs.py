@@ -17,7 +17,7 @@ from softsim_core.lab.meshing import (
     mesh_part,
     open_hollows,
     read_part,
-    repaired,
+    repair_part,
     without_channel,
 )
 from softsim_core.physics.mesh import SurfaceMesh, TetMesh, box_mesh
@@ -69,10 +69,10 @@ PARTS = {
 def plugged(folder: Path, surface: Surface) -> tuple[RepairedSurface, RepairedSurface, float]:
     """A part before and after it was plugged, and the width of its opening in [m]."""
     part = read_part(write(folder, surface))
-    before = repaired(part)
+    before = repair_part(part)
     (opening,) = open_hollows(before.surface)
     cut = replace(part, surface=without_channel(before.surface, opening))
-    return before, repaired(cut, float("inf")), opening.width
+    return before, repair_part(cut, float("inf")), opening.width
 
 
 @pytest.mark.slow

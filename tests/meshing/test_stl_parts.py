@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softsim_core.lab.meshing import read_part, repaired
+from softsim_core.lab.meshing import read_part, repair_part
 from softsim_core.robots import stl_parts
 
 PARTS = Path(__file__).resolve().parents[2] / "configs" / "parts"
@@ -27,7 +27,7 @@ def test_the_files_are_what_the_script_writes(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.parametrize("name", ["fin_ray_finger", "bellows", "lattice_gripper"])
 def test_a_part_is_sound_and_stands_on_the_ground(name: str) -> None:
-    part = repaired(read_part(PARTS / f"{name}.stl"))
+    part = repair_part(read_part(PARTS / f"{name}.stl"))
     assert part.told == (("1 hollow inside",) if name == "bellows" else ())
     assert not part.crosses
     assert part.surface.points[:, 2].min() == 0.0
@@ -38,7 +38,7 @@ def test_the_fin_ray_finger_has_the_volume_of_its_profile() -> None:
     gap = (100.0 - 15.0 - 6 * 2.5) / 5
     depth = [30.0 - 22.0 * z / 100.0 - 6.0 for k in range(5) for z in (2.5 + k * (gap + 2.5) + gap / 2,)]
     area = 0.5 * (30.0 + 8.0) * 100.0 - gap * sum(depth)
-    part = repaired(read_part(PARTS / "fin_ray_finger.stl"))
+    part = repair_part(read_part(PARTS / "fin_ray_finger.stl"))
     assert 1e9 * part.volume == pytest.approx(20.0 * area, rel=1e-6)
 
 
@@ -53,7 +53,7 @@ def test_the_bellows_have_the_volume_of_their_rings() -> None:
         return share * float(((a * a + a * b + b * b) / 3.0 * 2.0).sum())
 
     ends = 2 * 4.0 * share * 10.0**2
-    part = repaired(read_part(PARTS / "bellows.stl"))
+    part = repair_part(read_part(PARTS / "bellows.stl"))
     assert 1e9 * part.volume == pytest.approx(frusta(outer) - frusta(outer - 2.0) + ends, rel=2e-3)
 
 
@@ -67,5 +67,5 @@ def test_the_lattice_has_the_volume_of_its_struts() -> None:
         else:
             layer = 6 * 9.0 if k % 2 else 23.0 * 13.0 - 2 * 49.0  # posts, or a grid with two windows
         expected += layer * (high - low) * (1.0 - 0.35 * 0.5 * (low + high) / z[-1])
-    part = repaired(read_part(PARTS / "lattice_gripper.stl"))
+    part = repair_part(read_part(PARTS / "lattice_gripper.stl"))
     assert 1e9 * part.volume == pytest.approx(expected, rel=1e-6)

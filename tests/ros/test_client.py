@@ -151,8 +151,12 @@ def test_the_robot_that_runs_is_found_where_none_is_named(
     with connect(domain=ros_domain, within_s=DEADLINE_S) as session:
         assert session.client.robot.name == "tripod"
     words = ["--ros-args", "-p", "robot:=tripod", "-r", "__ns:=/tripod"]
-    assert spin_until(lambda: run._found([]) == words)
-    assert run._found(["--ros-args", "-p", "robot:=tentacle"]) == run._found(["--help"]) == []
+    assert spin_until(lambda: run._name_running_robot([]) == words)
+    assert (
+        run._name_running_robot(["--ros-args", "-p", "robot:=tentacle"])
+        == run._name_running_robot(["--help"])
+        == []
+    )
     topics = [sys.executable, "-m", "softsim_ros.cli", "topics", "--echo", "joint_states", "--count", "1"]
     done = subprocess.run(
         topics, cwd=REPOSITORY, capture_output=True, text=True, timeout=DEADLINE_S, check=False

@@ -42,15 +42,15 @@ def test_a_saved_file_is_seen_once_it_rests(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     save(file, SCENE.format(base=tripod_yaml(), young=1.0e5))
     files = SceneFiles(load_scene(file))
-    assert not files.saved()
+    assert not files.has_changed_on_disk()
     save(file, SCENE.format(base=tripod_yaml(), young=2.0e5))
-    assert not files.saved()  # it may still be written to
-    assert files.saved()
+    assert not files.has_changed_on_disk()  # it may still be written to
+    assert files.has_changed_on_disk()
     assert files.load().scene.bodies[0].material.young_modulus == 2.0e5
-    assert not files.saved()
+    assert not files.has_changed_on_disk()
     file.unlink()
-    assert not files.saved()
-    assert not files.saved()  # an editor puts it back
+    assert not files.has_changed_on_disk()
+    assert not files.has_changed_on_disk()  # an editor puts it back
 
 
 def test_imported_modules_are_watched_and_loaded_anew(tmp_path: Path) -> None:
@@ -64,8 +64,8 @@ def test_imported_modules_are_watched_and_loaded_anew(tmp_path: Path) -> None:
     assert description.scene.dt == 0.1
     assert tmp_path / "live_scene_part.py" in files_of(description)
     save(tmp_path / "live_scene_part.py", "HEIGHT = 0.2\n")
-    assert not files.saved()
-    assert files.saved()
+    assert not files.has_changed_on_disk()
+    assert files.has_changed_on_disk()
     assert files.load().scene.dt == 0.2
 
 

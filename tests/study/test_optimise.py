@@ -39,10 +39,11 @@ def taught(found: optimisation._Search, generations: int) -> list[list[tuple[flo
     """The generations that it draws as it is told the objectives."""
     told = []
     for _ in range(generations):
-        drawn = found.drawn()
+        drawn = found.draw_generation()
         told.append(drawn)
         values = [
-            found.judged({"a": a, "b": b}, Outcome(DONE, "", {"told": np.asarray(1.0)})) for a, b in drawn
+            found.score_outcome({"a": a, "b": b}, Outcome(DONE, "", {"told": np.asarray(1.0)}))
+            for a, b in drawn
         ]
         found.learn(np.array([float(each.results[OBJECTIVE]) for each in values]))
     return told
@@ -66,7 +67,7 @@ def best_of(found: optimisation._Search, runs: int, objective: Callable[[float, 
     """The least of an objective in so many runs."""
     costs: list[float] = []
     while len(costs) < runs and not found.reason():
-        told = [objective(a, b) for a, b in found.drawn()]
+        told = [objective(a, b) for a, b in found.draw_generation()]
         found.learn(np.array(told))
         costs += told
     return min(costs)
@@ -88,7 +89,7 @@ def test_a_bowl_of_two_parameters_is_found_in_72_runs_at_any_scale(
 def test_a_generation_of_failed_runs_hides_no_small_objective(tmp_path: Path) -> None:
     found = search(tmp_path)
     for _ in range(30):
-        drawn = found.drawn()
+        drawn = found.draw_generation()
         costs = np.array([1e-12 * ((a - 0.3) ** 2 + (b / 50.0 - 0.5) ** 2) for a, b in drawn])
         costs[0] = np.nan
         found.learn(costs)
@@ -106,13 +107,13 @@ def test_the_most_is_the_least_of_the_opposite(tmp_path: Path) -> None:
 def test_runs_that_fail_count_as_worse_than_the_worst(tmp_path: Path) -> None:
     found = search(tmp_path)
     failed = Outcome(RAISED, "it broke", {})
-    assert found.judged({"a": 0.0, "b": 1.0}, failed) == failed
+    assert found.score_outcome({"a": 0.0, "b": 1.0}, failed) == failed
     broken = search(tmp_path, objective={"minimise": "= told / (a - a)"})
-    judged = broken.judged({"a": 0.5, "b": 1.0}, Outcome(DONE, "", {"told": np.asarray(1.0)}))
+    judged = broken.score_outcome({"a": 0.5, "b": 1.0}, Outcome(DONE, "", {"told": np.asarray(1.0)}))
     assert (judged.status, judged.results) == (RAISED, {})
-    found.drawn()
+    found.draw_generation()
     found.learn(np.full(found.population, np.nan))  # a generation of which nothing is known
-    assert len(found.drawn()) == found.population
+    assert len(found.draw_generation()) == found.population
 
 
 @pytest.mark.parametrize(

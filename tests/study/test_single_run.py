@@ -88,7 +88,7 @@ def test_arguments_reach_a_python_scene(tmp_path: Path) -> None:
     measure = [{"name": "told", "of": "joint.arm.position"}]
     work = prepare_study(written(tmp_path, measure=measure, **changes), [tmp_path]).work
     assert work.robot([0.25]).scene.gravity == (0.0, 0.0, -0.25)
-    assert work.unchanged().scene.gravity == (0.0, 0.0, -0.01)
+    assert work.load_unchanged().scene.gravity == (0.0, 0.0, -0.01)
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_a_run_that_sleeps_is_left_at_its_time_limit(tmp_path: Path) -> None:
     measure = [{"name": "told", "of": "python", "function": "sleeps.py:asleep"}]
     (tmp_path / "sleeps.py").write_text(SLEEPS)
     work = prepare_study(written(tmp_path, measure=measure, time_limit=0.2), [tmp_path]).work
-    Simulation(work.unchanged()).step()
+    Simulation(work.load_unchanged()).step()
     outcome = run_once(work, [0.5])
     assert (outcome.status, outcome.error) == (LATE, "exceeded its time limit of 0.2 s")
     assert not (tmp_path / "woken").exists()

@@ -149,7 +149,7 @@ def test_the_hash_of_a_scene_follows_what_its_files_hold(tmp_path: Path) -> None
         scene = scene.replace("../meshes", str(config_file("meshes/finger_low.vtk").parent))
         (tmp_path / folder / "scene.yaml").write_text(scene)
         work = prepare_study(written(tmp_path / folder, scene="scene.yaml")).work
-        hashes.add(scene_hash(work.unchanged()))
+        hashes.add(scene_hash(work.load_unchanged()))
     assert len(hashes) == 2  # where it lies does not matter
 
 

@@ -13,7 +13,7 @@ import pytest
 from softsim_core import ConfigError, NotReachedError, Simulation, load_scene
 from softsim_core.control.inverse import reach
 from softsim_core.physics.mechanics import rotation_euler, rotation_of
-from softsim_core.scene import Motion, placed
+from softsim_core.scene import Motion, place_scene
 from softsim_core.scene.arm import read_urdf
 from softsim_core.scene.io import ProgramRule, known_scenes, limited_to
 
@@ -291,7 +291,7 @@ def robots() -> list[str]:
 def test_a_moved_scene_does_what_it_did_elsewhere(name: str) -> None:
     original = load_scene(name).robot_alone().scene
     there = motion(len(name))
-    turned = replace(placed(original, there), gravity=tuple(there.direction(original.gravity).tolist()))
+    turned = replace(place_scene(original, there), gravity=tuple(there.direction(original.gravity).tolist()))
     here, moved = Simulation(original), Simulation(turned)
     ends = [each.limits.upper if np.isfinite(each.limits.upper) else 1.0 for each in original.joints]
     command = [each.rest + 0.2 * (end - each.rest) for each, end in zip(original.joints, ends, strict=True)]

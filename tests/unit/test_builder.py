@@ -21,7 +21,7 @@ from softsim_core.scene import (
     RodDescription,
     RodSectionDescription,
     SceneDescription,
-    placed,
+    place_scene,
 )
 from softsim_core.scene.building import build
 
@@ -132,7 +132,7 @@ def test_a_free_frame_that_is_not_given_is_in_the_middle_of_its_region() -> None
     np.testing.assert_allclose(pose.position, (0.5, 0.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(pose.quaternion_xyzw, (0.0, 0.0, 0.0, 1.0), atol=1e-12)
     turned = Motion(rotation_euler(np.array([0.0, 0.0, np.pi / 2])), np.array([0.0, 0.0, 1.0]))
-    there = build(placed(described, turned)).model
+    there = build(place_scene(described, turned)).model
     np.testing.assert_allclose(there.frame_rest[0], [(0.0, 0.5, 1.0)], atol=1e-12)
     np.testing.assert_allclose(there.frame_rest[1], [turned.rotation], atol=1e-12)
 

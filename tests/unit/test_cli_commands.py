@@ -145,4 +145,4 @@ def test_a_node_that_joins_a_robot_without_a_name_gets_none(monkeypatch: pytest.
     for robot, named in (("four", ["-p", "robot:=four"]), ("", [])):
         found = client.RunningRobot(robot, "/")
         monkeypatch.setattr(client, "running_robot", lambda found=found: found)
-        assert run._found([]) == ["--ros-args", *named, "-r", "__ns:=/"]
+        assert run._name_running_robot([]) == ["--ros-args", *named, "-r", "__ns:=/"]

@@ -85,7 +85,7 @@ def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
     """Every command's parser, and those of what it does: "mjcf import"."""
     for name, command in app.COMMANDS.items():
         parser = Parser(prog=name)
-        command.imported().configure(parser)
+        command.import_module().configure(parser)
         yield name, parser
         for action in parser._actions:
             if isinstance(action, argparse._SubParsersAction):

@@ -22,7 +22,7 @@ def test_it_waits_for_the_first_measure() -> None:
     loop = TiltLoop(TiltGains(), 0.5)
     loop.begin(100.0)
     assert loop.step(101.0) is None
-    loop.measured(np.zeros(2), 101.0)
+    loop.store_measurement(np.zeros(2), 101.0)
     step = loop.step(101.02)
     assert step is not None
     assert step.time == pytest.approx(0.02)
@@ -32,11 +32,11 @@ def test_a_stale_measure_holds_the_command_and_its_time_does_not_count() -> None
     loop = TiltLoop(TiltGains(), 0.5)
     loop.begin(0.0)
     loop.reference = np.array([0.1, -0.1])
-    loop.measured(np.zeros(2), 0.0)
+    loop.store_measurement(np.zeros(2), 0.0)
     before = [loop.step(0.02 * k) for k in range(1, 26)][-1]
     held = [loop.step(0.5 + 0.02 * k) for k in range(1, 100)]
     assert all(step.holds and np.array_equal(step.command, before.command) for step in held)
-    loop.measured(np.zeros(2), 2.5)
+    loop.store_measurement(np.zeros(2), 2.5)
     again = loop.step(2.5)
     assert not again.holds
     assert again.time == pytest.approx(before.time + 0.02)
@@ -51,7 +51,7 @@ def test_its_steps_replay_to_the_last_bit() -> None:
     for _ in range(300):
         now += rng.uniform(0.01, 0.03)
         loop.reference = rng.normal(size=2)
-        loop.measured(rng.normal(size=2), now)
+        loop.store_measurement(rng.normal(size=2), now)
         step = loop.step(now)
         times.append(step.time)
         commands.append(step.command)

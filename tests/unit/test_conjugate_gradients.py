@@ -16,7 +16,7 @@ from softsim_core.physics.linalg import (  # noqa: E402  # noqa: E402
     Sharing,
     conjugate_gradients,
     copy_matrix,
-    divided,
+    divide_tree,
     empty_factor,
     factor,
     matrix_layout,
@@ -65,7 +65,7 @@ def problem(seed: int, count: int = 60) -> tuple[Matrix, Preconditioner, Sharing
     by = Preconditioner(
         tree, store.panels, rotations, np.zeros(3 * count, np.float32), np.zeros(widest, np.float32)
     )
-    sharing = sharing_of(divided(layout, 0.0 if seed % 2 else np.inf), 3 * count)
+    sharing = sharing_of(divide_tree(layout, 0.0 if seed % 2 else np.inf), 3 * count)
     return matrix, by, sharing, dense
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from softsim_core import Simulation, load_scene
 from softsim_core.base import ArrayError
-from softsim_core.physics.mechanics import Control, Rows, joined
+from softsim_core.physics.mechanics import Control, Rows, join_rows
 
 pytest.importorskip("numba")
 
@@ -20,7 +20,7 @@ def random_rows(model: Any, rng: np.random.Generator, count: int) -> Rows:
         entries = int(rng.integers(1, 9))
         index = rng.integers(0, len(model.rest) + model.reduced_size, entries)
         parts.append(Rows(np.array([0, entries]), index, rng.normal(size=(entries, 3))))
-    return joined(parts)
+    return join_rows(parts)
 
 
 @pytest.mark.parametrize("compliant", [False, True])

@@ -23,18 +23,18 @@ from softsim_core.physics.linalg import (  # noqa: E402  # noqa: E402  # noqa: E
     conjugate,
     conjugate_gradients,
     copy_matrix,
-    divided,
+    divide_tree,
     empty_factor,
     factor,
     lead_factor,
     matrix_layout,
     matrix_of,
     open_agenda,
-    padded,
     plan,
     plan_stack,
     precondition,
     room_for,
+    round_up,
     sharing_of,
     support_factor,
     support_gradients,
@@ -71,7 +71,7 @@ def supernodes(layout: Plan) -> Any:
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_a_divided_factor_is_the_whole_one_and_the_same_for_any_threads(kind: type) -> None:
     layout, matrix = matrix_on_a_box()
-    division = divided(layout, 0.0)
+    division = divide_tree(layout, 0.0)
     sizes = np.diff(layout.panel)[division.above]
     assert len(division.first) > 4
     assert sizes.max() > LARGE  # panels that are factored in pieces
@@ -93,13 +93,13 @@ def test_a_divided_factor_is_the_whole_one_and_the_same_for_any_threads(kind: ty
 
 def test_divided_gradients_find_the_solution_and_the_same_for_any_threads() -> None:
     layout, matrix = matrix_on_a_box()
-    division = divided(layout, 0.0)
+    division = divide_tree(layout, 0.0)
     tree, store = tree_of(layout), empty_factor(layout, 0, np.float32)
     copy_matrix(matrix, tree, supernodes(layout), store.panels)
     factor(tree, store)
     count = len(layout.position)
     b, results = np.random.default_rng(1).normal(size=3 * count), []
-    for parts in (division, division, division, divided(layout, np.inf)):
+    for parts in (division, division, division, divide_tree(layout, np.inf)):
         rotations, line = np.broadcast_to(np.eye(3), (count, 3, 3)).copy(), int(layout.width.max()) + ROWS
         rotations[:, :2, :2] = np.array([[0.8, -0.6], [0.6, 0.8]])  # a poor preconditioner: many iterations
         by = Preconditioner(
@@ -120,7 +120,7 @@ def test_divided_gradients_find_the_solution_and_the_same_for_any_threads() -> N
 @pytest.mark.slow
 def test_parts_and_pieces_precondition_as_the_whole_tree_does() -> None:
     layout, matrix = matrix_on_a_box((16, 12, 12))
-    division, count = divided(layout, 0.0), len(layout.position)
+    division, count = divide_tree(layout, 0.0), len(layout.position)
     large = division.above[np.diff(layout.panel)[division.above] > LARGE]
     assert (
         (layout.columns[large] % conjugate.BLOCK > 0) & (layout.side[large] > 1)
@@ -131,7 +131,7 @@ def test_parts_and_pieces_precondition_as_the_whole_tree_does() -> None:
     rotations, room = np.broadcast_to(np.eye(3), (count, 3, 3)).copy(), np.zeros(3 * count, np.float32)
     line = np.zeros(int(layout.width.max()) + ROWS, np.float32)
     by, results = Preconditioner(tree, store.panels, rotations, room, line), []
-    for parts in (division, divided(layout, np.inf)):
+    for parts in (division, divide_tree(layout, np.inf)):
         sharing = sharing_of(parts, 3 * count)
         sharing.room[0] = np.random.default_rng(2).normal(size=3 * count)
         precondition(matrix, by, sharing, 1.0, open_agenda())
@@ -168,7 +168,7 @@ def test_updates_of_several_bodies_lie_apart_until_the_last_unknowns_have_taken_
         count += len(mesh.points)
     frame = np.stack(np.meshgrid(np.arange(count, step=5), np.arange(6)), axis=-1).reshape(-1, 2)
     layout = plan(count, np.concatenate(bodies), frame, 6, LANES, ROWS)
-    division = divided(layout, 0.0)
+    division = divide_tree(layout, 0.0)
     roomy = with_room_for(layout, division, ROWS)
     part = np.full(len(layout.parent), -1)
     for number, (low, high) in enumerate(zip(division.first, division.end, strict=True)):
@@ -176,7 +176,7 @@ def test_updates_of_several_bodies_lie_apart_until_the_last_unknowns_have_taken_
     roots = (layout.parent < 0) & (layout.side > 1)
     assert len(division.above) > 0
     assert (roots & (part >= 0)).any()  # a small body lies in a part as a whole
-    length = padded(layout.side, ROWS) * (layout.width - layout.later)
+    length = round_up(layout.side, ROWS) * (layout.width - layout.later)
     until = np.where(layout.parent < 0, len(layout.parent), layout.parent)
     for s in np.flatnonzero(length):
         for t in np.flatnonzero(length[:s]):

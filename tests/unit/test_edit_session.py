@@ -16,7 +16,16 @@ from softsim_core.physics.mesh import box_surface
 from softsim_core.scene.editing import Edit, RestShapes, SceneDocument, chosen_by, routed_points
 from softsim_core.scene.io import config_file, known_scenes
 from softsim_ros.messages import ChosenPoints, Proposal
-from softsim_ros.nodes.viewer import CHOOSE, CLICKS, ROUTE, EditSession, dragged, first_hit, lines_of, status
+from softsim_ros.nodes.viewer import (
+    CHOOSE,
+    CLICKS,
+    ROUTE,
+    EditSession,
+    drag_handle,
+    first_hit,
+    lines_of,
+    status,
+)
 
 FINGER = config_file("meshes/finger_coarse.vtk")
 BARE = f"""\
@@ -169,7 +178,7 @@ def test_handles_of_shipped_scenes_are_where_a_drag_puts_them(name: str) -> None
         for handle in ("centre", "size"):
             one.session.choose(part)
             wish = one.session.handles()[handle] + rng.uniform(0.0, 0.003, 3)
-            shape = dragged(region, handle, wish)
+            shape = drag_handle(region, handle, wish)
             again = type(region)(part, region.body, shape, region.steps, region.index, region.frame)
             if handle == "centre":
                 assert again.center == pytest.approx(wish, abs=1e-4)

@@ -24,11 +24,11 @@ from softsim_core.scene.editing import (
     add_chamber,
     add_collision,
     add_mass,
+    apply_edits,
     chosen_by,
-    edited,
     regions_of,
     remove,
-    reshaped,
+    reshape_region,
     route,
     routed_points,
 )
@@ -97,10 +97,10 @@ def test_a_value_changes_its_line_alone(file: Path) -> None:
 
 
 def test_what_is_taken_out_leaves_the_remarks_on_its_neighbours(file: Path) -> None:
-    text = edited(SCENE, [Remove(("attachments", Item("base")))], file)
+    text = apply_edits(SCENE, [Remove(("attachments", Item("base")))], file)
     assert changed_lines(SCENE, text)[1] == []
     assert "  # the tip is free\n  - name: tip   # its name" in text
-    text = edited(SCENE, [Remove(("attachments", Item("tip"))), Remove(("effector",))], file)
+    text = apply_edits(SCENE, [Remove(("attachments", Item("tip"))), Remove(("effector",))], file)
     assert "# what comes last\nposes: {start: [], 'bent': []}\n" in text
 
 
@@ -112,7 +112,7 @@ def test_what_is_added_stands_in_its_list_before_the_remarks_on_what_follows(fil
         "to": "world",
         "sphere": {"center": [0.0, 0.0, 1e-5], "radius": 0.1},
     }
-    after = edited(text, [Put(("attachments", Item("end")), item)], file)
+    after = apply_edits(text, [Put(("attachments", Item("end")), item)], file)
     assert remarks(after) == remarks(text)
     assert after.index("name: end") < after.index("# what comes last") < after.index("keys:")
     assert "1.0e-05" in after  # as YAML 1.1 reads a number
@@ -182,7 +182,7 @@ bodies:
 @pytest.mark.parametrize("name", ["a", "b", "c"])
 def test_what_an_alias_shares_is_changed_in_one_place(name: str) -> None:
     before = parse_yaml(ALIASES, MESH)
-    text = edited(ALIASES, [Put(("bodies", Item(name), "material", "young_modulus"), 3.0e6)], MESH)
+    text = apply_edits(ALIASES, [Put(("bodies", Item(name), "material", "young_modulus"), 3.0e6)], MESH)
     after = parse_yaml(text, MESH)
     for old, new in zip(before["bodies"], after["bodies"], strict=True):
         young = 3.0e6 if old["name"] == name else 1.0e6
@@ -253,7 +253,7 @@ def draw_edits(one: SceneDocument, rng: np.random.Generator) -> list[Edit]:
         return list(add_mass(robot, body, sphere, 0.01)[1])
     if kind == 5 and regions:
         region = regions[int(rng.integers(len(regions)))]
-        return [reshaped(robot.scene, region, region.at(np.array(places[2])))]
+        return [reshape_region(robot.scene, region, region.at(np.array(places[2])))]
     if kind == 6 and cables:
         name = cables[int(rng.integers(len(cables)))]
         return list(route(robot, name, [*routed_points(robot, name), tuple(places[0])]))
@@ -295,12 +295,12 @@ def test_undoing_all_gives_the_same_bytes_and_saving_the_same_scene(seed: int) -
 def test_every_shipped_file_takes_an_edit_with_one_line_and_gives_it_back(name: str) -> None:
     file = known_scenes()[name]
     text = file.read_text()
-    after = edited(text, [Put(("gravity",), [0.0, 0.0, -1.5])], file)
+    after = apply_edits(text, [Put(("gravity",), [0.0, 0.0, -1.5])], file)
     gone, new = changed_lines(text, after)
     assert len(gone) <= 1
     assert [line for line in new if "-1.5" in line] == new
     assert remarks(after) == remarks(text)
-    assert edited(text, [], file) == text
+    assert apply_edits(text, [], file) == text
 
 
 # --- what is chosen ----------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 
 from softsim_core import load_scene
 from softsim_core.base import CommandError, ConfigError
-from softsim_core.scene.editing import Put, Remove, rebased
+from softsim_core.scene.editing import Put, Remove, rebase_paths
 from softsim_core.scene.io import Item, config_file, named_files, write_description
 from softsim_ros.messages import (
     ChosenPoints,
@@ -101,7 +101,7 @@ def test_a_copy_elsewhere_is_the_same_scene(name: str, tmp_path: Path) -> None:
     robot = load_scene(name)
     assert robot.source is not None
     known = {*files_of(robot), *named_files(robot)} - {robot.source}
-    text = rebased(robot.source.read_text(), robot.source, known)
+    text = rebase_paths(robot.source.read_text(), robot.source, known)
     copy = tmp_path / "copy.yaml"
     copy.write_text(text)
     assert load_scene(copy).scene == robot.scene

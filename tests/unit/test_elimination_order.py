@@ -27,7 +27,7 @@ from softsim_core.physics.linalg import (  # noqa: E402
     graph_of,
     minimum_degree,
     nested_dissection,
-    postordered,
+    postorder,
 )
 
 
@@ -76,7 +76,7 @@ def test_column_counts_are_those_of_elimination_by_hand(seed: int) -> None:
     parent = elimination_tree(*graph, order)
     assert np.array_equal(column_counts(*graph, order, parent), expected.sum(axis=1))
     assert np.array_equal(parent, np.where(expected.any(axis=1), expected.argmax(axis=1), -1))
-    places = np.argsort(postordered(parent))
+    places = np.argsort(postorder(parent))
     assert (places[parent[parent >= 0]] > places[parent >= 0]).all()
 
 

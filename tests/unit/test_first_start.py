@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.benchmark import KERNELS, MOTION, FirstStart, judged
+from softsim_ros.benchmark import KERNELS, MOTION, FirstStart, compare_with_targets
 
 SCRIPT = """#!/bin/sh
 echo "[1/4] Making a Python 3.12.1 environment in /x/venv: done in 3 s"
@@ -65,12 +65,12 @@ def test_what_takes_too_long_is_ended(tmp_path: Path) -> None:
 
 
 def test_targets_are_judged() -> None:
-    told, missed = judged({MOTION: 30.0, KERNELS: 100.0}, [])
+    told, missed = compare_with_targets({MOTION: 30.0, KERNELS: 100.0}, [])
     assert (len(told), missed) == (2, 1)
     assert told[0].endswith("after 30.0 s, target 45 s: as wanted")
     assert "after 100.0 s, target 90 s: missed" in told[1]
-    assert judged({}, [])[1] == 2
-    told, missed = judged({MOTION: 30.0, KERNELS: 80.0}, [0.7, 1.0, 0.99])
+    assert compare_with_targets({}, [])[1] == 2
+    told, missed = compare_with_targets({MOTION: 30.0, KERNELS: 80.0}, [0.7, 1.0, 0.99])
     assert missed == 1
     assert "0.70 in the slowest second, median 0.99, target 0.9: missed" in told[2]
-    assert judged({MOTION: 30.0, KERNELS: 80.0}, [0.9, 1.0])[1] == 0
+    assert compare_with_targets({MOTION: 30.0, KERNELS: 80.0}, [0.9, 1.0])[1] == 0

@@ -128,7 +128,7 @@ def test_no_edit_opens_a_file(watch: Watch, bait: Path, tmp_path: Path) -> None:
     for steps in places:
         for name in references(bait, 2, COUNT // (10 * len(places))):
             with watch.on(bait) as seen, pytest.raises(ConfigError):
-                files.proposed(document, (Put(steps, name),))
+                files.propose(document, (Put(steps, name),))
             assert seen == [], (steps, name)
 
 
@@ -173,13 +173,13 @@ def test_no_study_runs_code_that_was_not_allowed(watch: Watch, bait: Path, tmp_p
             file.write_text(yaml.safe_dump({**LOAD, **changes}))
             with watch.on(bait) as seen, suppress(SoftSimError):
                 work = prepare_study(file).work
-                work.unchanged()
+                work.load_unchanged()
                 work.function(work.study.measure[0])
             assert not [each for each in seen if each.startswith(programs)], (changes, seen)
     file.write_text(yaml.safe_dump({**LOAD, "scene": str(bait / "nice.yaml")}))
     with pytest.raises(ConfigError, match="--allow-code"):
-        prepare_study(file).work.unchanged()
-    assert prepare_study(file, [bait]).work.unchanged().name == "nice"
+        prepare_study(file).work.load_unchanged()
+    assert prepare_study(file, [bait]).work.load_unchanged().name == "nice"
 
 
 def test_what_was_checked_is_what_runs(bait: Path, tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ def test_the_swap_loads_and_compiles_nothing(monkeypatch: pytest.MonkeyPatch) ->
     compiled_kernels()
     running = Simulation(load_scene("tripod"), backend="scipy")
     running.step()
-    loaded = scene_files._compiled(running)
+    loaded = scene_files._build_with_kernels(running)
     looked_up: list[Any] = []
     load = Cache.load_overload
 
@@ -197,7 +197,7 @@ def test_what_kernels_need_is_imported_before_the_robot_moves() -> None:
         "running = Simulation(load_scene('tripod'), backend='scipy')\n"
         "running.step()\n"
         "counts.append(len(sys.modules))\n"
-        "assert scene_files._compiled(running).compiled\n"
+        "assert scene_files._build_with_kernels(running).compiled\n"
         "counts.append(len(sys.modules))\n"
         "print(counts[1] - counts[0], counts[3] - counts[2])\n"
     )

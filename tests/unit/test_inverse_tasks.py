@@ -12,7 +12,7 @@ from softsim_core.control.inverse import (
     PoseTask,
     PositionTask,
     Task,
-    limited,
+    scale_to_limits,
     task_for,
     tilt_of,
 )
@@ -103,7 +103,7 @@ def test_upside_down_is_half_a_turn_away_and_leads_out(seed: int, off: float) ->
         assert np.linalg.norm(task.error(current)[turn]) > (2.5 if kind == "height_tilt" else 3.13)
         there, effector = current, np.eye(6)
         for _ in range(100):
-            error = limited(task.error(there), task.angular, 0.01, 0.1)
+            error = scale_to_limits(task.error(there), task.angular, 0.01, 0.1)
             step = np.linalg.lstsq(task.jacobian(effector, there), error, rcond=1e-6)[0]
             there = moved(there, step * min(1.0, 0.2 / max(np.linalg.norm(step), 1e-12)))
         assert np.abs(task.error(there)).max() < 1e-6
@@ -120,8 +120,8 @@ def test_a_goal_upside_down_is_no_upright_one() -> None:
 def test_target_limiting_keeps_the_direction() -> None:
     error = np.array([0.03, -0.06, 0.1])
     angular = (False, False, True)
-    near = limited(error, angular, 0.01, 1.0)
+    near = scale_to_limits(error, angular, 0.01, 1.0)
     np.testing.assert_allclose(near, error / 6.0)
-    np.testing.assert_allclose(limited(error, angular, 1.0, 0.05), error / 2.0)
-    np.testing.assert_array_equal(limited(error, angular, 1.0, 1.0), error)
-    np.testing.assert_array_equal(limited(np.zeros(3), angular, 0.01, 1.0), np.zeros(3))
+    np.testing.assert_allclose(scale_to_limits(error, angular, 1.0, 0.05), error / 2.0)
+    np.testing.assert_array_equal(scale_to_limits(error, angular, 1.0, 1.0), error)
+    np.testing.assert_array_equal(scale_to_limits(np.zeros(3), angular, 0.01, 1.0), np.zeros(3))

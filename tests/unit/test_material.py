@@ -70,7 +70,7 @@ def test_descriptions_are_values() -> None:
     assert one == MaterialDescription(law="stable_neo_hookean", poisson_ratio=0.4, young_modulus=2e5)
     assert one != MaterialDescription(young_modulus=2e5, poisson_ratio=0.4)
     assert {one: 1}[pickle.loads(pickle.dumps(one))] == 1
-    assert one.changed(young_modulus=1.0).young_modulus == 1.0
+    assert one.with_values(young_modulus=1.0).young_modulus == 1.0
     assert (one.young_modulus, one.law) == (2e5, "stable_neo_hookean")
     with pytest.raises(AttributeError, match="does not change"):
         one.young_modulus = 3.0

@@ -48,7 +48,7 @@ def test_a_name_is_found_however_it_is_written(name: str) -> None:
     assert material.values["c1"] == 66550.0
     assert material.plain() == {"preset": "Dragon Skin 20", "stiffness_factor": 1.75}
     assert pickle.loads(pickle.dumps(material)) == material
-    assert material.changed(c1=7e4).plain()["c1"] == 7e4
+    assert material.with_values(c1=7e4).plain()["c1"] == 7e4
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_the_factor_of_a_preset_is_tuned_while_it_runs() -> None:
     made_of = MaterialDescription(preset="Ecoflex 00-30", poisson_ratio=0.4, stiffness_factor=1.5)
     simulation = Simulation(scene(block(material=made_of, density=1000.0)), backend="scipy")
     simulation.set_material("block", stiffness_factor=2.0)
-    assert simulation.material("block") == made_of.changed(stiffness_factor=2.0)
+    assert simulation.material("block") == made_of.with_values(stiffness_factor=2.0)
     with pytest.raises(ValueError, match="stiffness_factor = nan must be > 0"):
         simulation.set_material("block", stiffness_factor=math.nan)
 

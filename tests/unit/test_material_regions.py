@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from softsim_core.base import ConfigError, SceneError
-from softsim_core.physics.mesh import TetMesh, box_mesh, linear, quadratic, read_tets, subdivided
+from softsim_core.physics.mesh import TetMesh, box_mesh, linear, quadratic, read_tets, subdivide_mesh
 from softsim_core.scene import MaterialDescription, load_scene
 from softsim_core.simulation import Simulation
 
@@ -60,7 +60,7 @@ def simulation(folder: Path, regions: str, backend: str = "scipy") -> Simulation
 @pytest.mark.parametrize("order", [1, 2])
 def test_groups_of_volumes_are_read_and_stay(order: int, tmp_path: Path) -> None:
     mesh = gmsh_file(tmp_path, order)
-    for each in (mesh, linear(mesh), quadratic(mesh), subdivided(mesh)):
+    for each in (mesh, linear(mesh), quadratic(mesh), subdivide_mesh(mesh)):
         assert np.array_equal(each.cell_groups["flesh"], np.flatnonzero(outer_half(each)))
         assert np.array_equal(each.cell_groups["bone"], np.flatnonzero(~outer_half(each)))
 
@@ -130,7 +130,7 @@ def test_a_region_is_tuned_by_its_name(tmp_path: Path) -> None:
         for _ in range(5):
             each.step()
     assert np.array_equal(tuned.positions, stiff.positions)
-    changed = tuned.scene.bodies[0].regions[0].changed({"young_modulus": 3e5})
+    changed = tuned.scene.bodies[0].regions[0].with_values({"young_modulus": 3e5})
     assert changed.material == MaterialDescription(young_modulus=3e5, poisson_ratio=0.0)
 
 

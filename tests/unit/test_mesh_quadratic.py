@@ -24,7 +24,7 @@ from softsim_core.physics.mesh import (
     linear,
     quadratic,
     read_tets,
-    subdivided,
+    subdivide_mesh,
     write_tets,
 )
 
@@ -63,12 +63,12 @@ def test_each_edge_gets_one_node_in_its_middle_and_loses_it_again() -> None:
     back = linear(mesh)
     assert back.order == 1
     np.testing.assert_array_equal(back.points[back.tets], mesh.points[mesh.tets[:, :4]])
-    assert linear(back) is back is subdivided(back)
+    assert linear(back) is back is subdivide_mesh(back)
 
 
 @pytest.mark.parametrize("mesh", [block(), bulged()], ids=["flat", "curved"])
 def test_eight_parts_fill_each_cell_and_their_boundary_is_closed(mesh: TetMesh) -> None:
-    parts = subdivided(mesh)
+    parts = subdivide_mesh(mesh)
     assert len(parts.tets) == 8 * len(mesh.tets)
     corners = parts.points[parts.tets]
     volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0

@@ -25,7 +25,7 @@ def test_a_belief_after_many_measurements_is_the_least_squares_estimate() -> Non
     for _ in range(40):
         rows = rng.standard_normal((2, 3))
         seen = rows @ truth + rng.standard_normal(2) * [0.1, 0.2]
-        belief = belief.updated(seen - rows @ belief.mean, rows, noise)
+        belief = belief.with_measurement(seen - rows @ belief.mean, rows, noise)
         information += rows.T @ np.linalg.inv(noise) @ rows
         score += rows.T @ np.linalg.inv(noise) @ seen
     assert belief.mean == pytest.approx(np.linalg.solve(information, score), abs=1e-12)
@@ -35,7 +35,7 @@ def test_a_belief_after_many_measurements_is_the_least_squares_estimate() -> Non
 def test_a_random_walk_seen_through_noise_has_the_variance_of_the_riccati_equation() -> None:
     belief, q, r = StateEstimate(np.zeros(1), np.eye(1)), 0.04, 0.5
     for _ in range(200):
-        belief = belief.spread(np.array([q])).updated(np.zeros(1), np.eye(1), r * np.eye(1))
+        belief = belief.spread(np.array([q])).with_measurement(np.zeros(1), np.eye(1), r * np.eye(1))
     predicted = q / 2.0 + np.sqrt(q * q / 4.0 + q * r)  # the steady state, in closed form
     assert belief.covariance[0, 0] == pytest.approx(predicted * r / (predicted + r), rel=1e-9)
 
@@ -43,12 +43,12 @@ def test_a_random_walk_seen_through_noise_has_the_variance_of_the_riccati_equati
 def test_what_is_pinned_stays_out_and_what_is_opened_is_independent() -> None:
     rng = np.random.default_rng(0)
     root = rng.standard_normal((4, 4))
-    belief = StateEstimate(rng.standard_normal(4), root @ root.T).pinned(slice(2, 4))
+    belief = StateEstimate(rng.standard_normal(4), root @ root.T).with_fixed_unknowns(slice(2, 4))
     assert belief.deviation[2:] == pytest.approx(0.0)
     for _ in range(5):
-        belief = belief.updated(rng.standard_normal(2), rng.standard_normal((2, 4)), np.eye(2))
+        belief = belief.with_measurement(rng.standard_normal(2), rng.standard_normal((2, 4)), np.eye(2))
     assert belief.mean[2:] == pytest.approx(0.0)
-    opened = belief.opened(slice(2, 4), np.array([1.0, 2.0]), 9.0 * np.eye(2))
+    opened = belief.with_unknowns(slice(2, 4), np.array([1.0, 2.0]), 9.0 * np.eye(2))
     assert opened.mean[2:] == pytest.approx([1.0, 2.0])
     assert opened.covariance[2:, :2] == pytest.approx(0.0)
     assert opened.covariance[:2, :2] == pytest.approx(belief.covariance[:2, :2])

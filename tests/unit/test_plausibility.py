@@ -49,8 +49,8 @@ def block(
         (block(density=1.07), "body block: has a density of 1.07 kg/m.3.*in g/cm.3. Then write 1070"),
         (block(density=1.07e6), "has a density of 1.07e.06 kg/m.3.*in g/m.3. Then write 1070"),
         (replace(block(), density=None, total_mass=9.6), "density of .*`total_mass: 9.6` is in kg.*in g"),
-        (block(material=SILICONE.changed(young_modulus=0.2)), "young_modulus is 0.2 Pa.*kPa or MPa"),
-        (block(material=SILICONE.changed(young_modulus=2e15)), "young_modulus is 2e.15 Pa.*unit twice"),
+        (block(material=SILICONE.with_values(young_modulus=0.2)), "young_modulus is 0.2 Pa.*kPa or MPa"),
+        (block(material=SILICONE.with_values(young_modulus=2e15)), "young_modulus is 2e.15 Pa.*unit twice"),
         (block(material=MaterialDescription(law="yeoh", c1=0.036, poisson_ratio=0.4)), "c1 is 0.036 Pa"),
     ],
 )
@@ -113,7 +113,7 @@ def test_plausible_values_are_not_warned_of() -> None:
 
 
 def block_of_steel() -> BodyDescription:
-    return replace(block(density=7850.0, material=SILICONE.changed(young_modulus=2.1e11)), name="steel")
+    return replace(block(density=7850.0, material=SILICONE.with_values(young_modulus=2.1e11)), name="steel")
 
 
 def test_rods_and_rigid_bodies_are_looked_at_too() -> None:

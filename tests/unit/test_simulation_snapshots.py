@@ -103,7 +103,7 @@ def test_values_that_cannot_be_are_refused_behind_a_right_checksum() -> None:
     sim = Simulation(machine(), backend="scipy")
     sim.step()
     before = sim.snapshot()
-    whole = sim._saved()
+    whole = sim._collect_snapshot()
     for name, value in (
         ("parameters.materials", 0.0),
         ("parameters.rayleigh_mass", -1.0),

@@ -24,10 +24,10 @@ from softsim_ros.nodes.viewer import (
     SurfaceView,
     Trail,
     band_colours,
-    covered,
+    find_covered_pixels,
     for_window,
-    kept,
     landmarks,
+    select_visible,
     shade,
     spread_over,
 )
@@ -47,9 +47,9 @@ def test_band_colours_grow_lighter_or_are_lightest_in_the_middle(stress_map: Str
 def test_a_section_takes_away_what_lies_beyond_it() -> None:
     points = np.array([[x, 0.0, z] for x in (0.0, 10.0, 20.0) for z in (0.0, 1.0)], np.float32)
     triangles = np.array([[0, 1, 2], [2, 3, 4], [3, 4, 5]])
-    assert kept(points, triangles, None) is triangles
-    assert kept(points, triangles, Section(axis="x", at=0.014)).tolist() == [[0, 1, 2], [2, 3, 4]]
-    assert len(kept(points, triangles, Section(axis="z", at=-0.001))) == 0
+    assert select_visible(points, triangles, None) is triangles
+    assert select_visible(points, triangles, Section(axis="x", at=0.014)).tolist() == [[0, 1, 2], [2, 3, 4]]
+    assert len(select_visible(points, triangles, Section(axis="z", at=-0.001))) == 0
 
 
 def test_a_surface_shows_its_ghost_and_is_cut_open() -> None:
@@ -83,13 +83,15 @@ def test_the_way_of_the_effector_is_a_line_of_its_places() -> None:
 
 def test_a_shadow_lies_below_what_throws_it() -> None:
     points = np.array([[x, y, 50.0] for x in np.linspace(20, 40, 60) for y in np.linspace(-40, -20, 60)])
-    dark = shade(covered(points.astype(np.float32), np.zeros(2), 100.0))
+    dark = shade(find_covered_pixels(points.astype(np.float32), np.zeros(2), 100.0))
     y, x = (np.arange(CELLS) + 0.5) / CELLS * 100.0 - 50.0, (np.arange(CELLS) + 0.5) / CELLS * 100.0 - 50.0
     assert (dark * x).sum() / dark.sum() == pytest.approx(30.0, abs=0.7)
     assert (dark.T * y).sum() / dark.sum() == pytest.approx(-30.0, abs=0.7)
     assert dark.max() == 1.0
     assert dark[CELLS // 2 :, : CELLS // 2].max() < 1e-6
-    assert not covered(np.full((3, 3), 1e6, np.float32), np.zeros(2), 100.0).any()  # far away: no error
+    assert not find_covered_pixels(
+        np.full((3, 3), 1e6, np.float32), np.zeros(2), 100.0
+    ).any()  # far away: no error
 
 
 @pytest.mark.parametrize("size", [1.0, 40.0, 400.0])

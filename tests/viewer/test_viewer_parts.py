@@ -132,7 +132,7 @@ def test_sliders_start_within_their_ranges() -> None:
     for tunable in tunables(TRIPOD):
         if not tunable.is_switch:
             assert tunable.lower <= tunable.start <= tunable.upper
-            assert tunable.shown(tunable.si(tunable.start)) == pytest.approx(tunable.start)
+            assert tunable.to_displayed(tunable.si(tunable.start)) == pytest.approx(tunable.start)
     young = next(t for t in tunables(TRIPOD) if t.name == "young_modulus")
     assert (young.lower, young.upper, young.si(500.0)) == (10.0, 2000.0, 500.0e3)
     for joint in TRIPOD.joints:
@@ -409,7 +409,7 @@ def test_every_parameter_of_the_physics_has_a_slider(scene: str) -> None:
     assert parameters.keys() == sliders.keys() - {"speed", "enforce_limits"}
     for name, parameter in parameters.items():
         slider = sliders[name]
-        assert slider.si(slider.shown(parameter.value)) == pytest.approx(parameter.value)
+        assert slider.si(slider.to_displayed(parameter.value)) == pytest.approx(parameter.value)
         low, high = parameter.about.within
         assert low <= slider.si(slider.lower) < slider.si(slider.upper) <= high
 

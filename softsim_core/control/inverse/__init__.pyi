@@ -63,7 +63,7 @@ from .tasks import (
     PoseTask as PoseTask,
     PositionTask as PositionTask,
     Task as Task,
-    limited as limited,
+    scale_to_limits as scale_to_limits,
     task_for as task_for,
     tilt_of as tilt_of,
 )

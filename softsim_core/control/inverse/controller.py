@@ -38,7 +38,7 @@ from softsim_core.control.inverse.static import (
     far_limits,
     is_optimal,
     lengths,
-    linearised,
+    linearise_robot,
     place,
     residuals,
     sensitivity_of,
@@ -267,21 +267,21 @@ class InverseController:
         if self._goal is None:
             self._sensitivity_age = 0
         else:
-            task = task_for(self._corrected(self._goal), self.settings)
-            self._sensitivity = self._renewed()
+            task = task_for(self._correct_goal(self._goal), self.settings)
+            self._sensitivity = self._renew_sensitivity()
             qp_started = perf_counter()
             qp, taken_up = self._program(task, before)
             solution = solve_taut(qp, self._pace.approach)
             qp_ms = 1e3 * (perf_counter() - qp_started)
         diverged = not self._advance(solution.dq + taken_up * (solution.status == "solved"))
-        overloaded = () if self._goal is None else self._overloaded()
+        overloaded = () if self._goal is None else self._find_overloads()
         active = tuple(dict.fromkeys((*solution.active, *overloaded)))
         pose, residual = effector(self.model), (0.0, 0.0)
         self._pose, self._moved, self._dq = pose, _difference(pose, before), solution.dq
         status: InverseStatus = "idle"
         if self._goal is not None and task is not None:
-            residual = self._residual(self._seen(pose, measured))
-            status = self._progress(task, before, self._seen(before, measured), residual, solution)
+            residual = self._residual(self._fill_unmeasured(pose, measured))
+            status = self._progress(task, before, self._fill_unmeasured(before, measured), residual, solution)
             status = "limited" if overloaded and status == "reached" else status
         if diverged:
             status = "diverged"
@@ -313,7 +313,7 @@ class InverseController:
             The program, and the joint increments that take up slack before others have an effect, shape (j,).
         """
         shares, limits = self._pace, self.limits
-        robot, rows = linearised(self.model, self._sensitivity, limits)
+        robot, rows = linearise_robot(self.model, self._sensitivity, limits)
         most = np.minimum(limits.step, np.maximum(limits.upper - self.command, 0.0))
         taken_up = np.clip(robot.joints - self.command, 0.0, most) if rows else np.zeros_like(most)
         qp = build(
@@ -326,7 +326,7 @@ class InverseController:
         upper, lower = np.minimum(qp.upper, fastest), np.minimum(qp.lower, fastest)
         return qp._replace(upper=upper, lower=lower, at_upper=qp.at_upper & (qp.upper <= fastest)), taken_up
 
-    def _renewed(self) -> Sensitivity:
+    def _renew_sensitivity(self) -> Sensitivity:
         """Return the present sensitivity; near a branch of equilibria return the previous one, a tick older.
 
         Also determine the remaining motion of the effector until it rests under the present commands. Inertia
@@ -381,7 +381,7 @@ class InverseController:
         settings, shares = self.settings, self._pace
         left = lengths(task, task.jacobian(self._lag[:, None], before)[:, 0])  # remaining motion until rest
         there = self._is_there(residual) and self._is_there(left)
-        ends = self._residual(_shifted(seen, self._lag))
+        ends = self._residual(_shift_pose(seen, self._lag))
         weight = shares.approach / shares.full
         distance = ends[0] + settings.lever * ends[1]
         dq = solution.dq / self.limits.scale
@@ -401,7 +401,7 @@ class InverseController:
             return "stalled"
         return "moving" if all(name.endswith(" speed") for name in solution.active) else "limited"
 
-    def _overloaded(self) -> tuple[str, ...]:
+    def _find_overloads(self) -> tuple[str, ...]:
         """Return the names of the torque limits that the efforts exceed, whatever the program predicted.
 
         The program predicts tensions from commands only while cable routes are independent. How several
@@ -415,7 +415,7 @@ class InverseController:
         if self._sensitivity_age:
             return False
         far = far_limits(self.limits)
-        robot, rows = linearised(self.model, self._sensitivity, far)
+        robot, rows = linearise_robot(self.model, self._sensitivity, far)
         return is_optimal([task], robot._replace(pose=pose), rows, far, self.settings)
 
     def _is_there(self, residual: tuple[float, float], part: float = 1.0) -> bool:
@@ -433,18 +433,18 @@ class InverseController:
         for part, most in ((slice(0, 3), "max_correction"), (slice(3, 6), "max_correction_turn")):
             if np.isfinite(seen[part]).all():
                 learned = self._correction[part] + share * (seen[part] - self._correction[part])
-                self._correction[part] = _shortened(learned, getattr(self.settings, most))
+                self._correction[part] = _shorten_vector(learned, getattr(self.settings, most))
         known = np.where(np.isfinite(seen), seen, 0.0)
         return float(np.linalg.norm(known[:3])), float(np.linalg.norm(known[3:]))
 
-    def _corrected(self, goal: Pose) -> Pose:
+    def _correct_goal(self, goal: Pose) -> Pose:
         """Return the goal of the model for which the plant is at the given goal."""
         if not self._correction.any():
             return goal
         turned = rotation_exp(-self._correction[3:]) @ rotation_of(goal.quaternion_xyzw)
         return Pose(goal.position - self._correction[:3], quaternion_of(turned))
 
-    def _seen(self, pose: Pose, measured: Pose | None) -> Pose:
+    def _fill_unmeasured(self, pose: Pose, measured: Pose | None) -> Pose:
         """Return the measured pose of the effector, with the model's pose where it was not measured."""
         if measured is None:
             return pose
@@ -505,7 +505,7 @@ class InverseController:
         return sentence
 
 
-def _shifted(pose: Pose, displacement: Array) -> Pose:
+def _shift_pose(pose: Pose, displacement: Array) -> Pose:
     """Return a pose moved by a shift in [m] and a rotation vector in [rad], shape (6,)."""
     turned = rotation_exp(displacement[3:]) @ rotation_of(pose.quaternion_xyzw)
     return Pose(pose.position + displacement[:3], quaternion_of(turned))
@@ -529,7 +529,7 @@ def _difference(measured: Pose, pose: Pose) -> Array:
     return np.concatenate([shift, turn])
 
 
-def _shortened(vector: Array, most: float) -> Array:
+def _shorten_vector(vector: Array, most: float) -> Array:
     """Return the vector, shortened to `most` if it is longer."""
     length = float(np.linalg.norm(vector))
     return vector if length <= most else vector * (most / length)

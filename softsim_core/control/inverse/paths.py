@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from softsim_core.base import MILLIMETRE, Array, CommandError, ConfigError, known_names, listing, write_file
 from softsim_core.control.inverse.closed_loop import tilt_rotation
 from softsim_core.physics.mechanics import Pose, quaternion_of
-from softsim_core.scene.io import config_roots, shortened
+from softsim_core.scene.io import config_roots, shorten
 
 MAZE_SPACING_S = 0.5
 """Time between two pairs of a maze plan in [s]."""
@@ -115,12 +115,12 @@ def maze_path(pairs: Sequence[Sequence[float]] | Array, start: ArrayLike) -> Eff
     """
     angles, origin = _floats("pairs", pairs), _floats("start", start)
     if angles.ndim != 2 or angles.shape[1:] != (2,) or len(angles) == 0 or origin.shape != (3,):
-        raise _refused(
+        raise _make_path_error(
             "a maze plan needs one or more pairs of angles and a start (3,), "
             f"not shapes {angles.shape} and {origin.shape}"
         )
     if not (np.isfinite(angles).all() and np.isfinite(origin).all()):
-        raise _refused("an angle of the maze plan, or its start, is not a finite number")
+        raise _make_path_error("an angle of the maze plan, or its start, is not a finite number")
     key_times = MAZE_SPACING_S * np.arange(len(angles) + 1)
     samples = round(MAZE_SPACING_S / MAZE_SAMPLE_S) * len(angles) + 1
     times = np.linspace(0.0, key_times[-1], samples)
@@ -135,22 +135,22 @@ def maze_path(pairs: Sequence[Sequence[float]] | Array, start: ArrayLike) -> Eff
 def _check(times: Array, positions: Array, quaternions: Array) -> None:
     count = len(times) if times.ndim == 1 else 0
     if count == 0:
-        raise _refused("it has no poses; expected at least one time with a pose")
+        raise _make_path_error("it has no poses; expected at least one time with a pose")
     if positions.shape != (count, 3) or quaternions.shape != (count, 4):
-        raise _refused(
+        raise _make_path_error(
             f"positions of shape {positions.shape} and quaternions of shape {quaternions.shape} "
             f"do not fit {count} times"
         )
     for name, table in (("time", times[:, None]), ("position", positions), ("quaternion", quaternions)):
         bad = ~np.isfinite(table).all(axis=1)
         if bad.any():
-            raise _refused(f"a {name} is not a finite number", int(np.argmax(bad)))
+            raise _make_path_error(f"a {name} is not a finite number", int(np.argmax(bad)))
     late = np.concatenate([[times[0] < 0.0], np.diff(times) <= 0.0])
     if late.any():
-        raise _refused("times must be >= 0 s and strictly increasing", int(np.argmax(late)))
+        raise _make_path_error("times must be >= 0 s and strictly increasing", int(np.argmax(late)))
     stretched = np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > UNIT_WITHIN
     if stretched.any():
-        raise _refused("the quaternion (x, y, z, w) must have length 1", int(np.argmax(stretched)))
+        raise _make_path_error("the quaternion (x, y, z, w) must have length 1", int(np.argmax(stretched)))
 
 
 class PathRefusedError(CommandError):
@@ -162,7 +162,7 @@ class PathRefusedError(CommandError):
         super().__init__(f"path refused{where}: {problem}; nothing was moved")
 
 
-def _refused(problem: str, row: int | None = None) -> PathRefusedError:
+def _make_path_error(problem: str, row: int | None = None) -> PathRefusedError:
     return PathRefusedError(problem, row)
 
 
@@ -170,7 +170,7 @@ def _floats(what: str, values: ArrayLike) -> Array:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise _refused(f"{what} are not all numbers in rows of equal length") from error
+        raise _make_path_error(f"{what} are not all numbers in rows of equal length") from error
 
 
 MAZE_KEY = "anglePlanningTable"
@@ -213,7 +213,7 @@ def find_path(name_or_path: str | PathLike[str]) -> Path:
         path = Path(text).expanduser()
         is_file = path.is_file()
     except (OSError, RuntimeError, ValueError) as error:  # too long, no such user, a null byte
-        raise ConfigError(shortened(text), "", f"is neither a name nor a path ({error!s:.100})") from error
+        raise ConfigError(shorten(text), "", f"is neither a name nor a path ({error!s:.100})") from error
     if is_file:
         if path.suffix not in SUFFIXES:
             raise ConfigError(text, "", f"a path file ends in {listing(SUFFIXES)}, not in {path.suffix!r}")

@@ -28,7 +28,7 @@ from scipy.linalg.lapack import dposv
 
 from softsim_core.base import Array, BoolArray, SceneError
 from softsim_core.control.inverse.sensitivity import Sensitivity
-from softsim_core.control.inverse.tasks import Task, limited
+from softsim_core.control.inverse.tasks import Task, scale_to_limits
 from softsim_core.physics.mechanics import Pose
 from softsim_core.scene import InverseSettings, SceneDescription
 
@@ -188,7 +188,7 @@ def build(
     for task in tasks:
         J = task.weights[:, None] * task.jacobian(sensitivity.effector, current) * unit
         P += J.T @ J
-        q -= (task.weights * wanted(task, current, settings, aim)) @ J
+        q -= (task.weights * compute_step_error(task, current, settings, aim)) @ J
     scale, least = max(float(P.trace()) / size, 1e-300), _least_curvature(P)
     T = sensitivity.effort * unit
     if settings.effort_weight > 0.0:
@@ -226,10 +226,12 @@ def _least_curvature(P: Array) -> float:
     return max(float(values[values >= NOTHING * values[-1]][0]), 1e-300)
 
 
-def wanted(task: Task, current: Pose, settings: InverseSettings, aim: StepTarget = WHOLE) -> Array:
+def compute_step_error(
+    task: Task, current: Pose, settings: InverseSettings, aim: StepTarget = WHOLE
+) -> Array:
     """Return the part of a task's error that one step shall remove, in [m] and [rad], shape (k,)."""
     most = aim.full / aim.share
-    near = aim.share * limited(
+    near = aim.share * scale_to_limits(
         task.error(current), task.angular, most * settings.max_shift, most * settings.max_turn
     )
     return near if aim.ahead is None else near + task.jacobian(aim.ahead[:, None], current)[:, 0]
@@ -320,7 +322,7 @@ def solve(qp: QP) -> Solution:
     """
     _, free, failed = dposv(qp.P, -qp.q)  # most steps are not constrained
     if not failed and (free >= qp.lower).all() and (free <= qp.upper).all() and (qp.G @ free <= qp.h).all():
-        return _checked(qp, free, np.zeros(len(qp.q) + len(qp.h)))
+        return _check_candidate(qp, free, np.zeros(len(qp.q) + len(qp.h)))
     return _by_active_set(qp)
 
 
@@ -346,13 +348,13 @@ def _by_active_set(qp: QP) -> Solution:
         polished = _polish(qp, multipliers)
         for candidate in (polished, (np.asarray(x, dtype=float), multipliers)):
             if candidate is not None:
-                solution = _checked(qp, *candidate)
+                solution = _check_candidate(qp, *candidate)
                 if solution.status == "solved":
                     return solution
     return solution
 
 
-def _checked(qp: QP, dq: Array, multipliers: Array) -> Solution:
+def _check_candidate(qp: QP, dq: Array, multipliers: Array) -> Solution:
     """Return the candidate as a solution if it meets its optimality conditions."""
     residual = kkt_residual(qp, dq, multipliers)
     if not residual <= KKT_TOLERANCE:  # also catches NaN

@@ -71,7 +71,7 @@ def analytic_sensitivity(
     effort = stiffness[frames:, frames:] + coupling.T @ follow  # the tangent is symmetric
     if len(model.compliant_joints):
         drive = drive_stiffness(model)
-        matrix, commanded = _driven(effort, drive)
+        matrix, commanded = _balance_drive(effort, drive)
         pushed = (arriving[frames:] + follow.T @ arriving[:frames]).sum(axis=1)
         loaded = loaded + follow @ np.linalg.solve(matrix, np.where(drive > 0.0, pushed, 0.0))
         moved = np.linalg.solve(matrix, commanded)
@@ -123,7 +123,7 @@ def _effector_index(simulation: Simulation) -> int:
     return simulation.model.frame_names.index(name)
 
 
-def _driven(effort: Array, drive: Array) -> tuple[Array, Array]:
+def _balance_drive(effort: Array, drive: Array) -> tuple[Array, Array]:
     """Return matrix and right-hand side of dtheta / du: the drive's balance, or identity if not compliant."""
     compliant = drive > 0.0
     matrix = np.where(compliant[:, None], effort, np.eye(len(drive)))

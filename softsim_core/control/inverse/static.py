@@ -25,9 +25,9 @@ from softsim_core.control.inverse.problem import (
     Linearisation,
     Solution,
     build,
+    compute_step_error,
     scales,
     solve,
-    wanted,
 )
 from softsim_core.control.inverse.sensitivity import Sensitivity, analytic_sensitivity, sampled_sensitivity
 from softsim_core.control.inverse.tasks import Task
@@ -167,7 +167,7 @@ def _search(
     reach, done, solution = limits, 0, Solution(np.zeros_like(joints), "solved", 0.0, ())
     sensitivity, before = sensitivity_of(simulation, settings), _length(tasks, effector(simulation))
     while done < most_steps:
-        here, rows = linearised(simulation, sensitivity, limits)
+        here, rows = linearise_robot(simulation, sensitivity, limits)
         qp = build(tasks, here, reach, wide, posture=posture, constraints=rows)
         solution, done = solve_taut(qp), done + 1
         step = float((np.abs(solution.dq) / limits.scale).max(initial=0.0))
@@ -195,7 +195,7 @@ def _search(
         status = "reached"
     elif solution.status != "solved":
         status = solution.status
-    elif is_optimal(tasks, *linearised(simulation, sensitivity, limits), limits, settings):
+    elif is_optimal(tasks, *linearise_robot(simulation, sensitivity, limits), limits, settings):
         status = "unreachable"
     elif done >= most_steps:
         status = "gave_up"
@@ -204,7 +204,7 @@ def _search(
     )
 
 
-def linearised(
+def linearise_robot(
     simulation: Simulation, sensitivity: Sensitivity, limits: Limits
 ) -> tuple[Linearisation, list[Constraint]]:
     """Return the linearised robot without slack, and rows that prevent tendons from pushing.
@@ -301,7 +301,7 @@ def is_optimal(
 
     Args:
         tasks: The goal.
-        robot: The robot at rest, see `linearised`.
+        robot: The robot at rest, see `linearise_robot`.
         rows: Its rows.
         limits: Limits of a step.
         settings: Their weights on efforts and posture are ignored, because they trade off the error.
@@ -310,7 +310,7 @@ def is_optimal(
     solution = solve_taut(build(tasks, robot, limits, alone, constraints=rows))
     before = after = 0.0
     for task in tasks:
-        error = wanted(task, robot.pose, alone)
+        error = compute_step_error(task, robot.pose, alone)
         left = error - task.jacobian(robot.sensitivity.effector, robot.pose) @ solution.dq
         before += float(((task.weights * error) ** 2).sum())
         after += float(((task.weights * left) ** 2).sum())

@@ -210,7 +210,7 @@ def _horizontal_across(normal: Array) -> Array:
     return np.asarray(across / length) if length > SMALL else np.array([1.0, 0.0, 0.0])
 
 
-def limited(error: Array, angular: Sequence[bool], max_shift: float, max_turn: float) -> Array:
+def scale_to_limits(error: Array, angular: Sequence[bool], max_shift: float, max_turn: float) -> Array:
     """Scale an error so that no coordinate exceeds max_shift in [m] or max_turn in [rad].
 
     The result is s e with the largest such s <= 1, so the direction is preserved. An effector that cannot

@@ -186,7 +186,7 @@ def sample_workspace(
         except NotConvergedError:
             failed.append(joints)
         else:
-            rows.append((joints, *_seen(simulation)))
+            rows.append((joints, *_collect_outputs(simulation)))
         if progress is not None:
             progress(done, len(targets))
     if not rows:
@@ -243,7 +243,7 @@ def _settle(simulation: Simulation, joints: Array, shift: float) -> None:
         simulation.settle(joints, shift)
 
 
-def _seen(simulation: Simulation) -> tuple[Array, ...]:
+def _collect_outputs(simulation: Simulation) -> tuple[Array, ...]:
     """Return position, quaternion, tilts, gains and efforts of a settled simulation."""
     pose = simulation.effector_pose
     assert pose is not None

@@ -36,7 +36,7 @@ from softsim_core.base import Array
 from softsim_core.control.inverse import scales
 from softsim_core.control.observer.sensors import Sensor, effector_frame, field_rows
 from softsim_core.control.observer.settings import ObserverSettings
-from softsim_core.physics.mechanics import Rows, cross_matrix, joined
+from softsim_core.physics.mechanics import Rows, cross_matrix, join_rows
 from softsim_core.simulation import Simulation
 
 
@@ -56,7 +56,7 @@ class StateEstimate:
         """Return the estimate after independent changes with the given variances (p,)."""
         return StateEstimate(self.mean, self.covariance + np.diag(variance))
 
-    def updated(self, innovation: Array, rows: Array, noise: Array) -> StateEstimate:
+    def with_measurement(self, innovation: Array, rows: Array, noise: Array) -> StateEstimate:
         """Return the estimate after a measurement.
 
         Args:
@@ -70,7 +70,7 @@ class StateEstimate:
         covariance = left @ self.covariance @ left.T + gain @ noise @ gain.T
         return StateEstimate(self.mean + gain @ innovation, 0.5 * (covariance + covariance.T))
 
-    def pinned(self, which: slice) -> StateEstimate:
+    def with_fixed_unknowns(self, which: slice) -> StateEstimate:
         """Return the estimate with some unknowns fixed at 0 with zero covariance."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[which] = 0.0
@@ -78,9 +78,9 @@ class StateEstimate:
         covariance[:, which] = 0.0
         return StateEstimate(mean, covariance)
 
-    def opened(self, which: slice, mean: Array, covariance: Array) -> StateEstimate:
+    def with_unknowns(self, which: slice, mean: Array, covariance: Array) -> StateEstimate:
         """Return the estimate with new mean and covariance of some unknowns, independent of the others."""
-        opened = self.pinned(which)
+        opened = self.with_fixed_unknowns(which)
         opened.mean[which] = mean
         opened.covariance[which, which] = covariance
         return opened
@@ -262,7 +262,7 @@ class Unknowns:
     def rows(self, fields: tuple[Array, Array]) -> Rows:
         """Return rows on which the loads of `fields` do work: the row of the share, then those of a push."""
         weight, spread = fields
-        return joined([field_rows(self._all, weight[None]), field_rows(self._region, spread)])
+        return join_rows([field_rows(self._all, weight[None]), field_rows(self._region, spread)])
 
     def forces(self, fields: tuple[Array, Array], mean: Array) -> Array:
         """Return the nodal forces in [N] of unknowns (p,), shape (n, 3)."""

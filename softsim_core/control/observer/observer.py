@@ -44,7 +44,7 @@ from softsim_core.control.observer.filter import (
 )
 from softsim_core.control.observer.sensors import Sensor, effector_frame, frame_rows
 from softsim_core.control.observer.settings import Estimate, ObserverSettings, Touch, Verdict
-from softsim_core.physics.mechanics import Model, Rows, check_command, joined
+from softsim_core.physics.mechanics import Model, Rows, check_command, join_rows
 from softsim_core.scene import RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
 
@@ -241,7 +241,7 @@ class Observer:
             self._linearised = self._linearise()
         self._before.append(self.belief)
         self.belief = self.belief.spread(self._change(travel))
-        seen, left_out = self._compared(measured, travel / self.dt)
+        seen, left_out = self._compare_measurements(measured, travel / self.dt)
         self._learn(seen)
         self._end_touch()
         return self._estimate(len(seen.innovation), left_out)
@@ -276,7 +276,7 @@ class Observer:
             parts.append(frame_rows(model.model, effector_frame(model)))
         parts += [sensor.rows(model.model) for sensor in self.sensors.values()]
         parts.append(self._motion.rows())
-        response = model.static_response(joined(parts))
+        response = model.static_response(join_rows(parts))
         ends = np.cumsum([part.height for part in parts])
         by_command, by_load = response.rows_by_command, response.rows_by_row[:, :loads]
         derivatives = np.split(unknowns.columns(by_command, by_load), ends[:-1])[1:]
@@ -292,7 +292,9 @@ class Observer:
             variance[self.unknowns.touch] = self.dt * (self.settings.touch_rate * self._touch) ** 2
         return variance
 
-    def _compared(self, measured: Mapping[str, object], speed: Array) -> tuple[_Seen, tuple[str, ...]]:
+    def _compare_measurements(
+        self, measured: Mapping[str, object], speed: Array
+    ) -> tuple[_Seen, tuple[str, ...]]:
         """Return measurements minus expected values without outliers, and the names of the outliers."""
         offsets, settings = self.unknowns.offsets, self.settings
         jitter = self.unknowns.joint_variance(settings)
@@ -348,14 +350,14 @@ class Observer:
         if jump is not None:
             began = self._before[-min(jump.steps, len(self._before))]
             touch = self.unknowns.touch
-            self._believe(began.opened(touch, began.mean[touch] + jump.mean, jump.covariance))
+            self._believe(began.with_unknowns(touch, began.mean[touch] + jump.mean, jump.covariance))
             self._detector.forget()
             self._touching, self._doubtful = True, 0.0
             return
         if not learning:
             self._judge.take(squared_distance(seen.innovation, expected), len(seen.innovation))
         before = self.belief.mean
-        belief = self.belief.updated(*seen)
+        belief = self.belief.with_measurement(*seen)
         missed = NONLINEAR * (belief.mean - before)
         self._believe(belief.spread(missed**2))
 
@@ -374,7 +376,7 @@ class Observer:
         nothing = squared_distance(self.belief.mean[touch], self.belief.covariance[touch, touch]) < NOTHING
         self._doubtful = self._doubtful + self.dt if nothing else 0.0
         if self._doubtful >= self.settings.release or self._silent > self.settings.silence:
-            self._believe(self.belief.pinned(touch))
+            self._believe(self.belief.with_fixed_unknowns(touch))
             self._detector.forget()
             self._touching = False
 

@@ -1,8 +1,8 @@
 from .alignment import (
     Alignment as Alignment,
     align as align,
+    locate_sensors as locate_sensors,
     rigid_frame as rigid_frame,
-    sensed as sensed,
 )
 from .calibration import (
     CalibrationDescription as CalibrationDescription,
@@ -61,9 +61,9 @@ from .excitation import (
     way as way,
 )
 from .expressions import (
-    evaluated as evaluated,
-    filled as filled,
+    evaluate_expression as evaluate_expression,
     names_in as names_in,
+    replace_expressions as replace_expressions,
 )
 from .files import (
     DataSet as DataSet,
@@ -102,7 +102,7 @@ from .tables import (
 )
 from .validation import (
     SessionResult as SessionResult,
-    compared as compared,
+    compare_session as compare_session,
     given_alignment as given_alignment,
     plain as plain,
     read_alignments as read_alignments,

@@ -40,7 +40,7 @@ class _BodyPlace:
     around: IndexArray
     centred: Array
 
-    def seen(self, positions: Array) -> tuple[Array, Array]:
+    def locate(self, positions: Array) -> tuple[Array, Array]:
         """Return the place's position, and its rotation from rest."""
         moved = positions[self.around]
         return self.weights @ positions[self.nodes], nearest_rotation(
@@ -62,7 +62,7 @@ class Places:
     def __init__(self, simulation: Simulation, sensors: Sequence[SensorDescription]) -> None:
         self._places: list[str | _BodyPlace] = [_place(simulation, sensor) for sensor in sensors]
 
-    def seen(self, simulation: Simulation) -> tuple[Array, Array]:
+    def locate(self, simulation: Simulation) -> tuple[Array, Array]:
         """Return positions (s, 3) in [m] and rotations (s, 3, 3) in the simulation's present state."""
         positions, frames = simulation.positions, simulation.frames()
         found = []
@@ -71,7 +71,7 @@ class Places:
                 pose = frames[place]
                 found.append((pose.position, rotation_of(pose.quaternion_xyzw)))
             else:
-                found.append(place.seen(positions))
+                found.append(place.locate(positions))
         return np.array([each for each, _ in found]), np.array([turn for _, turn in found])
 
 
@@ -158,15 +158,15 @@ class Alignment:
             rotations: Rotations of these parts, shape (k, s, 3, 3).
             measured: Measured positions in [m], shape (k, s, 3).
         """
-        return np.asarray(sensed(positions, rotations, self.points) - self.place(measured))
+        return np.asarray(locate_sensors(positions, rotations, self.points) - self.place(measured))
 
 
-def sensed(positions: Array, rotations: Array, points: Array) -> Array:
+def locate_sensors(positions: Array, rotations: Array, points: Array) -> Array:
     """Return positions in [m] of sensors at points (s, 3) of their carriers, shape (k, s, 3)."""
     return np.asarray(positions + np.einsum("ksij,sj->ksi", rotations, points))
 
 
-def unaligned(points: Array) -> Alignment:
+def build_nominal_alignment(points: Array) -> Alignment:
     """Return the alignment of a session whose frame and points (s, 3) are known."""
     return Alignment(np.eye(3), np.zeros(3), points, np.zeros_like(points))
 
@@ -227,15 +227,15 @@ def align(
         DataError: the rows do not determine the fitted quantities.
     """
     frame, point = fit
-    start = unaligned(points)
+    start = build_nominal_alignment(points)
     if frame:
-        seen = sensed(positions, rotations, points)
+        seen = locate_sensors(positions, rotations, points)
         rotation, shift = rigid_frame(seen.reshape(-1, 3), measured.reshape(-1, 3), what)
         start = Alignment(rotation, shift, points, np.zeros_like(points))
-    return _refined(start, positions, rotations, measured, frame, what) if point else start
+    return _refine_alignment(start, positions, rotations, measured, frame, what) if point else start
 
 
-def _refined(
+def _refine_alignment(
     start: Alignment, positions: Array, rotations: Array, measured: Array, frame: bool, what: str
 ) -> Alignment:
     """Refine the points, and the frame if requested, by Gauss-Newton."""

@@ -27,7 +27,7 @@ from softsim_core.lab.identification.expressions import names_in
 from softsim_core.lab.identification.files import DESCRIPTION, DataSet, known_data_sets, load_data_set
 from softsim_core.lab.identification.session import Session, load_session
 from softsim_core.scene import RobotDescription
-from softsim_core.scene.io import comment, read_extended, structured
+from softsim_core.scene.io import comment, read_extended, structure_description
 
 Loss: TypeAlias = Literal["linear", "soft_l1"]
 
@@ -162,7 +162,7 @@ def load_calibration(name_or_path: str | Path) -> tuple[CalibrationDescription, 
         ConfigError: nothing found, or any problem in the description, as one message.
     """
     file = find_calibration(str(name_or_path))
-    return structured(read_extended(file), CalibrationDescription, file, find_files=False), file
+    return structure_description(read_extended(file), CalibrationDescription, file, find_files=False), file
 
 
 def find_calibration(text: str) -> Path:
@@ -254,15 +254,15 @@ def first_calibration(
     values = alike[0].material.values if alike else {}
     stiffer = {}
     if "young_modulus" in values:
-        wanted.append(_scaled("young", 1e-3 * values["young_modulus"], "kPa"))
+        wanted.append(_describe_parameter("young", 1e-3 * values["young_modulus"], "kPa"))
         stiffer = {"young_modulus": "= 1e3 * young"}
     elif "stiffness_factor" in values:
-        wanted.append(_scaled("stiffness", values["stiffness_factor"], ""))
+        wanted.append(_describe_parameter("stiffness", values["stiffness_factor"], ""))
         stiffer = {"stiffness_factor": "= stiffness"}
     if stiffer:
         overlay["bodies"] = [{"name": each.name, "material": dict(stiffer)} for each in alike]
     if in_time and robot.scene.solver.rayleigh_stiffness > 0.0:
-        wanted.append(_scaled("damping", 1e3 * robot.scene.solver.rayleigh_stiffness, "ms"))
+        wanted.append(_describe_parameter("damping", 1e3 * robot.scene.solver.rayleigh_stiffness, "ms"))
         overlay["solver"] = {"rayleigh_stiffness": "= 1e-3 * damping"}
     if not wanted:
         return None
@@ -271,7 +271,7 @@ def first_calibration(
     )
 
 
-def _scaled(name: str, start: float, unit: str) -> ParameterDescription:
+def _describe_parameter(name: str, start: float, unit: str) -> ParameterDescription:
     lower, start, upper = (float(f"{start * part:.5g}") for part in (1.0 / TIMES, 1.0, TIMES))
     return ParameterDescription(name=name, start=start, lower=lower, upper=upper, unit=unit)
 

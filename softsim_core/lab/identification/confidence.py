@@ -18,12 +18,12 @@ from typing import Any, Final
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, ConfigError, DataError, FieldError
-from softsim_core.lab.identification.expressions import filled
+from softsim_core.lab.identification.expressions import replace_expressions
 from softsim_core.lab.identification.fitting import Calibration
 from softsim_core.lab.identification.problem import Problem, mean_distance
 from softsim_core.lab.identification.session import Session
-from softsim_core.lab.identification.validation import compared
-from softsim_core.scene.io import read_extended, structured
+from softsim_core.lab.identification.validation import compare_session
+from softsim_core.scene.io import read_extended, structure_description
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,10 +80,10 @@ class DistributionDescription:
             f"distribution {self.name}", "mean", str(self.mean), "one from which the bounds are reached"
         )
 
-    def overlaid(self, values: Sequence[float]) -> dict[str, Any]:
+    def fill_overlay(self, values: Sequence[float]) -> dict[str, Any]:
         """Return the overlay of the robot for drawn values (p,)."""
         given = dict(zip(self.names, (float(each) for each in values), strict=True))
-        overlay = filled(self.overlay, given)
+        overlay = replace_expressions(self.overlay, given)
         assert isinstance(overlay, dict)
         return overlay
 
@@ -145,7 +145,7 @@ def load_distribution(file: str | Path) -> DistributionDescription:
     path = Path(file).expanduser().absolute()
     if not path.is_file():
         raise ConfigError(str(file), "", "no such file")
-    return structured(read_extended(path), DistributionDescription, path, find_files=False)
+    return structure_description(read_extended(path), DistributionDescription, path, find_files=False)
 
 
 def plain_distribution(distribution: DistributionDescription) -> dict[str, Any]:
@@ -220,9 +220,9 @@ def cross_validated(result: Calibration, count: int = 5, seed: int = 0, done: Do
         ]
         here, slopes = problem.again(around, training)
         part = np.clip(best - np.linalg.lstsq(slopes, here, rcond=None)[0], 0.0, 1.0)
-        predictions = problem.misfit.replayed(problem.values(part))
+        predictions = problem.misfit.replay_sessions(problem.values(part))
         for session, whole, of, prediction in zip(training, sessions, fold_of, predictions, strict=True):
-            compare = compared(session, prediction)
+            compare = compare_session(session, prediction)
             errors, known = compare.fitted_errors(), compare.known
             fitted[session.name].append(mean_distance(errors[session.fitting & known]))
             left_out[session.name].append(mean_distance(errors[whole.fitting & (of == fold) & known]))

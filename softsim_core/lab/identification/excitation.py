@@ -27,11 +27,11 @@ import numpy as np
 from scipy.stats import qmc
 
 from softsim_core.base import Array, DataError, FieldError, SceneError, listing, need_positive
-from softsim_core.lab.identification.alignment import Alignment, sensed
+from softsim_core.lab.identification.alignment import Alignment, locate_sensors
 from softsim_core.lab.identification.fitting import Calibration
 from softsim_core.lab.identification.model_replay import Near, Prediction, equilibria, in_short_steps
 from softsim_core.lab.identification.problem import Problem
-from softsim_core.lab.identification.validation import compared
+from softsim_core.lab.identification.validation import compare_session
 from softsim_core.physics.mechanics import cross_matrix
 from softsim_core.scene import RobotDescription
 
@@ -317,13 +317,15 @@ def next_poses(
     slopes, _ = problem.information(best)
     replayed = [around.here[chosen], *(each[chosen] for each in around.moved)]
     there_are = session.fitting & np.logical_and.reduce([each.reached for each in replayed])
-    alignment = compared(session, replayed[0]).alignment
+    alignment = compare_session(session, replayed[0]).alignment
     assert alignment is not None
     fit = session.description.alignment
     aligned = alignment, (fit.frame, fit.point)
     measured = _slopes(replayed, around.steps, *aligned)[there_are]
     commands = _candidates(result, chosen, candidates, seed)
-    offered = _slopes(_replayed(result, chosen, commands, around.steps, done), around.steps, *aligned)
+    offered = _slopes(
+        _replay_candidates(result, chosen, commands, around.steps, done), around.steps, *aligned
+    )
     offered = offered / problem.noise
     reached = np.isfinite(offered).all(axis=(1, 2))
     if not reached.any():
@@ -365,7 +367,7 @@ def _candidates(result: Calibration, chosen: int, count: int, seed: int) -> Arra
     return np.asarray(low + even * (high - low))
 
 
-def _replayed(
+def _replay_candidates(
     result: Calibration, chosen: int, commands: Array, steps: Array, done: Callable[[int, int], None] | None
 ) -> list[Prediction]:
     """Replay candidates with the fitted parameters, then with each parameter changed by its step.
@@ -408,9 +410,9 @@ def _slopes(
     """
     here, *moved = replayed
     points, (count, sensors) = alignment.points, here.positions.shape[:2]
-    seen = sensed(here.positions, here.rotations, points)
+    seen = locate_sensors(here.positions, here.rotations, points)
     columns = [
-        (sensed(each.positions, each.rotations, points) - seen) / step
+        (locate_sensors(each.positions, each.rotations, points) - seen) / step
         for each, step in zip(moved, steps, strict=True)
     ]
     frame, point = fit

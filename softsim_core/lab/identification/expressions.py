@@ -22,7 +22,7 @@ _BINARY: Final[Mapping[type, Callable[[float, float], float]]] = {
 }
 
 
-def filled(data: Any, values: Mapping[str, float]) -> Any:
+def replace_expressions(data: Any, values: Mapping[str, float]) -> Any:
     """Return plain data in which expressions are replaced by their values.
 
     Args:
@@ -33,11 +33,11 @@ def filled(data: Any, values: Mapping[str, float]) -> Any:
         SceneError: an expression has another form, an unknown name, or no finite value.
     """
     if isinstance(data, Mapping):
-        return {key: filled(each, values) for key, each in data.items()}
+        return {key: replace_expressions(each, values) for key, each in data.items()}
     if isinstance(data, list | tuple):
-        return [filled(each, values) for each in data]
+        return [replace_expressions(each, values) for each in data]
     if isinstance(data, str) and data.startswith(MARK):
-        return evaluated(data, values)
+        return evaluate_expression(data, values)
     return data
 
 
@@ -52,14 +52,17 @@ def names_in(data: Any) -> set[str]:
     if isinstance(data, list | tuple):
         return set().union(*(names_in(each) for each in data))
     if isinstance(data, str) and data.startswith(MARK):
-        return {node.id for node in ast.walk(_parsed(data)) if isinstance(node, ast.Name)}
+        return {node.id for node in ast.walk(_parse_expression(data)) if isinstance(node, ast.Name)}
     return set()
 
 
-def evaluated(expression: str, values: Mapping[str, float]) -> float:
-    """Evaluate an expression of numbers, names, + - * / ** and brackets; it raises the errors of `filled`."""
+def evaluate_expression(expression: str, values: Mapping[str, float]) -> float:
+    """Evaluate an expression of numbers, names, + - * / ** and brackets.
+
+    It raises the errors of `replace_expressions`.
+    """
     try:
-        value = _value(_parsed(expression), values, expression)
+        value = _value(_parse_expression(expression), values, expression)
     except SceneError:  # SceneError is a ValueError, which the next clause would catch
         raise
     except (ArithmeticError, ValueError):
@@ -69,14 +72,14 @@ def evaluated(expression: str, values: Mapping[str, float]) -> float:
     return value
 
 
-def _parsed(expression: str) -> ast.expr:
+def _parse_expression(expression: str) -> ast.expr:
     try:
         return ast.parse(expression.removeprefix(MARK).strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise _refused(expression) from None
+        raise _make_expression_error(expression) from None
 
 
-def _refused(expression: str) -> SceneError:
+def _make_expression_error(expression: str) -> SceneError:
     return SceneError(
         f"the expression {expression[:80]!r} must be of numbers, names of parameters, + - * / ** and brackets"
     )
@@ -97,4 +100,4 @@ def _value(node: ast.expr, values: Mapping[str, float], expression: str) -> floa
         left, right = (_value(each, values, expression) for each in (node.left, node.right))
         value = _BINARY[type(node.op)](left, right)
         return float(value) if isinstance(value, int | float) else math.nan
-    raise _refused(expression)
+    raise _make_expression_error(expression)

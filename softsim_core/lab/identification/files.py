@@ -9,7 +9,7 @@ from typing import Final
 
 from softsim_core.base import ConfigError, DataError, known_names
 from softsim_core.lab.identification.description import DataSetDescription, SessionDescription
-from softsim_core.scene.io import config_roots, read_extended, structured
+from softsim_core.scene.io import config_roots, read_extended, structure_description
 
 DESCRIPTION: Final = "dataset.yaml"
 FOLDER: Final = "datasets"
@@ -79,7 +79,7 @@ def load_data_set(name_or_path: str | os.PathLike[str], data: Path | None = None
         ConfigError: nothing found, or any problem in the description, as one message.
     """
     file = _find(os.fspath(name_or_path))
-    description = structured(read_extended(file), DataSetDescription, file, find_files=False)
+    description = structure_description(read_extended(file), DataSetDescription, file, find_files=False)
     return DataSet(description, file, data if data is not None else _folder(description, file))
 
 

@@ -24,7 +24,7 @@ from scipy.stats import qmc, t
 from softsim_core.base import Array, BoolArray, DataError, SceneError
 from softsim_core.lab.identification.calibration import CalibrationDescription, calibration_sessions
 from softsim_core.lab.identification.error_measures import PointLoss
-from softsim_core.lab.identification.expressions import filled
+from softsim_core.lab.identification.expressions import replace_expressions
 from softsim_core.lab.identification.files import DataSet
 from softsim_core.lab.identification.problem import Misfit, Problem, Progress
 from softsim_core.lab.identification.spread import PriorConflict, Spread, conflicting_prior, spread_of
@@ -145,7 +145,7 @@ def overlay_of(description: CalibrationDescription, names: Sequence[str], values
         )
         for wanted in description.parameters
     }
-    overlay = filled(description.overlay, each)
+    overlay = replace_expressions(description.overlay, each)
     assert isinstance(overlay, dict)
     return overlay
 
@@ -201,7 +201,7 @@ def fit(
         while (conflict := conflicting_prior(problem, best)) is not None:
             conflicts.append(conflict)
             problem.leave_out_prior(conflict.parameter)
-            best = _refined(problem, best)
+            best = _refine_fit(problem, best)
         endings[0] = _ending(problem, best)
         values, after = problem.values(best), dict(misfit.means)
         spread = spread_of(problem, best)
@@ -235,17 +235,17 @@ def _best(problem: Problem, description: CalibrationDescription) -> tuple[Array,
     """
     first, *others = _starts(problem, description)
     problem.estimate_noise(first)
-    found = [_refined(problem, first)]
+    found = [_refine_fit(problem, first)]
     for begin in others:
         try:
-            found.append(_searched(problem, begin))
+            found.append(_search_minimum(problem, begin))
         except (DataError, SceneError):  # equilibria may not exist at sampled starts
             continue
     costs = [float((problem.residuals(each) ** 2).sum()) for each in found]
     order = np.argsort(costs, kind="stable")
     endings = [_ending(problem, found[k]) for k in order]
     best = found[order[0]]
-    return (best if best is found[0] else _refined(problem, best)), endings
+    return (best if best is found[0] else _refine_fit(problem, best)), endings
 
 
 def _starts(problem: Problem, description: CalibrationDescription) -> list[Array]:
@@ -257,18 +257,18 @@ def _starts(problem: Problem, description: CalibrationDescription) -> list[Array
     return [first, *np.clip(even[: description.starts - 1], 1e-3, 1.0 - 1e-3)]
 
 
-def _refined(problem: Problem, begin: Array) -> Array:
+def _refine_fit(problem: Problem, begin: Array) -> Array:
     """Repeat searches from a place until priors and noise agree; return the end."""
     for _ in range(SEARCHES):
         before = problem.noise
-        begin = _searched(problem, begin)
+        begin = _search_minimum(problem, begin)
         problem.estimate_noise(begin)
         if not len(problem.known) or abs(problem.noise / before - 1.0) < CONSISTENT:
             break
     return begin
 
 
-def _searched(problem: Problem, begin: Array) -> Array:
+def _search_minimum(problem: Problem, begin: Array) -> Array:
     """Search from a place with the present noise; return the end."""
     from scipy.optimize import least_squares  # late import: the rest of the package starts without it
 

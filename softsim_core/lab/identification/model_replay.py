@@ -270,7 +270,7 @@ def equilibria(
             command = tuple(different[k].tolist())
             if (found := walk.to(different[k], near.get(command))) is not None:
                 near[command] = found, walk.rest
-                positions[k], rotations[k] = places.seen(simulation)
+                positions[k], rotations[k] = places.locate(simulation)
             if progress is not None:
                 progress(done, len(different))
     except KeyboardInterrupt:
@@ -292,9 +292,9 @@ class _Walk:
         joints = simulation.model.joints
         self.rest = np.array([joint.rest for joint in joints])
         self._moving = np.array([joint.moves_frame for joint in joints], dtype=np.bool_)
-        found = self._settled(start, self._here(*near[START])) if START in near else None
+        found = self._try_settle(start, self._here(*near[START])) if START in near else None
         if found is None:
-            found = self._settled(start)
+            found = self._try_settle(start)
         if found is not None:
             near[START] = found, self.rest
         self._home = simulation.snapshot()
@@ -305,16 +305,16 @@ class _Walk:
         A near equilibrium of a similar model is tried only briefly: if that fails, the models differ too
         much.
         """
-        if near is not None and (found := self._settled(joints, self._here(*near))) is not None:
+        if near is not None and (found := self._try_settle(joints, self._here(*near))) is not None:
             return found
-        if (found := self._settled(joints)) is not None or near is not None:
+        if (found := self._try_settle(joints)) is not None or near is not None:
             return found
         before = self._simulation.snapshot()
         for parts in PARTS:
             self._simulation.restore(self._home)
             ways = np.linspace(self._start, joints, parts + 1)[1:]
             for each in ways:
-                if (found := self._settled(each)) is None:
+                if (found := self._try_settle(each)) is None:
                     break
             if found is not None:
                 return found
@@ -328,7 +328,7 @@ class _Walk:
         here.joint_positions[self._moving] += (self.rest - rest)[self._moving]
         return here
 
-    def _settled(self, joints: Array, start: State | None = None) -> State | None:
+    def _try_settle(self, joints: Array, start: State | None = None) -> State | None:
         try:
             return self._simulation.settle(joints, self._shift, start=start, tolerance=CLOSE).state
         except NotConvergedError:
@@ -350,7 +350,7 @@ def _in_time(
     last = session.times[session.used].max() + time.most_delay
     steps = max(1, int(np.ceil((last - begin) / simulation.dt)))
     times = np.asarray(begin + simulation.dt * np.arange(steps + 1), dtype=np.float64)
-    seen = [places.seen(simulation)]
+    seen = [places.locate(simulation)]
     stopped = False
     try:
         for k in range(1, steps + 1):
@@ -358,7 +358,7 @@ def _in_time(
                 row = max(0, int(np.searchsorted(session.times, times[k - 1] + SAME, side="right")) - 1)
                 simulation.command(commands[row])
             simulation.step()
-            seen.append(places.seen(simulation))
+            seen.append(places.locate(simulation))
             if progress is not None:
                 progress(k, steps)
     except KeyboardInterrupt:

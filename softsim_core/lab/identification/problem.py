@@ -25,10 +25,10 @@ import numpy as np
 from softsim_core.base import Array, DataError, IndexArray
 from softsim_core.lab.identification.calibration import CalibrationDescription, ParameterDescription
 from softsim_core.lab.identification.error_measures import PointLoss
-from softsim_core.lab.identification.expressions import filled
+from softsim_core.lab.identification.expressions import replace_expressions
 from softsim_core.lab.identification.model_replay import Near, Prediction, replay
 from softsim_core.lab.identification.session import Session
-from softsim_core.lab.identification.validation import compared, session_robot
+from softsim_core.lab.identification.validation import compare_session, session_robot
 from softsim_core.scene import RobotDescription
 
 FAR = 10.0
@@ -94,7 +94,7 @@ class Misfit:
             self.means = self._last[2]
             return self._last[1]
         near = [dict(each) for each in self._near]
-        self.latest = self.replayed(values, near)
+        self.latest = self.replay_sessions(values, near)
         total = self.errors(self.latest, values)
         self._last = values.copy(), total, self.means
         self.count += 1
@@ -106,7 +106,7 @@ class Misfit:
             self._progress(self.count, mean, values)
         return total
 
-    def replayed(self, values: Array, near: Sequence[Near] | None = None) -> list[Prediction]:
+    def replay_sessions(self, values: Array, near: Sequence[Near] | None = None) -> list[Prediction]:
         """Replay each session with values (p,).
 
         Rows start from the equilibria of the best values, so that the result does not depend on previous
@@ -140,11 +140,11 @@ class Misfit:
         chosen = self.sessions if sessions is None else sessions
         errors, means = [], {}
         for session, prediction in zip(chosen, predictions, strict=True):
-            result = compared(session, prediction)
+            result = compare_session(session, prediction)
             rows = session.fitting
             known = rows & result.known
             if known.sum() < (1.0 - LOST) * rows.sum():
-                return self._lost(session, int(known.sum()), values, chosen)
+                return self._penalise_session(session, int(known.sum()), values, chosen)
             fitted = result.fitted_errors()
             means[session.name] = mean_distance(fitted[known])
             errors.append(np.where(known[:, None, None], fitted, np.nan)[rows].ravel())
@@ -154,7 +154,9 @@ class Misfit:
         self._largest = float(np.abs(total).max())
         return total
 
-    def _lost(self, session: Session, known: int, values: Array, chosen: Sequence[Session]) -> Array:
+    def _penalise_session(
+        self, session: Session, known: int, values: Array, chosen: Sequence[Session]
+    ) -> Array:
         """Return errors so large that the search turns back; at the first values, raise an error instead."""
         if self._largest is None:
             told = ", ".join(f"{name} {value:.4g}" for name, value in zip(self.names, values, strict=True))
@@ -185,7 +187,7 @@ class Misfit:
             for (each, of), value in zip(self._acting, values, strict=True)
             if of is None or of == session
         }
-        overlay = filled(self._description.overlay, acting)
+        overlay = replace_expressions(self._description.overlay, acting)
         return session_robot(self._model, self._whole[session].description, overlay)
 
 
@@ -271,9 +273,9 @@ class Problem:
 
     def residuals(self, part: Array) -> Array:
         """Return the residuals of a replay, shape (n,); the sum of their squares is minimised."""
-        return self._joined(self.misfit(self.values(part)), part)
+        return self._join_residuals(self.misfit(self.values(part)), part)
 
-    def _joined(self, errors: Array, part: Array) -> Array:
+    def _join_residuals(self, errors: Array, part: Array) -> Array:
         return np.concatenate([self._root * self.loss.residuals(errors), self.prior_residuals(part)])
 
     def slopes(self, part: Array) -> Array:
@@ -306,17 +308,17 @@ class Problem:
             for each, place in zip(around.moved, places, strict=True)
         ]
         slopes = np.asarray((np.array(moved) - errors).T / around.steps)
-        return self._joined(errors, around.part), self._joined_slopes(errors, slopes)
+        return self._join_residuals(errors, around.part), self._joined_slopes(errors, slopes)
 
     def estimate_noise(self, part: Array) -> None:
         """Set the noise from the errors at a place."""
-        left = self._unexplained(self.look_around(part))
+        left = self._compute_unexplained_errors(self.look_around(part))
         flat = self.loss.curvature(left)
         variance = float((self.loss.scores(left) ** 2).sum()) / self.freedom(len(left))
         self.noise = max(float(np.sqrt(variance)) / flat, LEAST_NOISE)
         self._root = 1.0 / (self.noise * np.sqrt(flat))
 
-    def _unexplained(self, around: NearbyPredictions) -> Array:
+    def _compute_unexplained_errors(self, around: NearbyPredictions) -> Array:
         """Return the errors (n,) in [m] at a place without the part that other parameters would remove."""
         residuals, slopes = self.loss.residuals(around.errors), self.loss.slopes(around.errors, around.slopes)
         return np.asarray(around.errors - around.slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0])
@@ -324,7 +326,7 @@ class Problem:
     def information(self, part: Array) -> tuple[Array, Array]:
         """Return slopes (n, p) and scores (n,) of the rows at a place, both over their noise."""
         around = self.look_around(part)
-        scores = self.loss.scores(self._unexplained(around)) * (self._root**2 * self.noise)
+        scores = self.loss.scores(self._compute_unexplained_errors(around)) * (self._root**2 * self.noise)
         return around.slopes / self.noise, np.asarray(scores)
 
     def freedom(self, count: int) -> int:

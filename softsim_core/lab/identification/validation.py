@@ -13,7 +13,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from softsim_core.base import Array, BoolArray, DataError, listing
-from softsim_core.lab.identification.alignment import Alignment, align, rigid_frame, sensed, unaligned
+from softsim_core.lab.identification.alignment import (
+    Alignment,
+    align,
+    build_nominal_alignment,
+    locate_sensors,
+    rigid_frame,
+)
 from softsim_core.lab.identification.description import SessionDescription
 from softsim_core.lab.identification.error_measures import Measures, by_region, measures
 from softsim_core.lab.identification.model_replay import (
@@ -26,7 +32,7 @@ from softsim_core.lab.identification.model_replay import (
 )
 from softsim_core.lab.identification.session import Session
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_core.scene.io import merge, sourced
+from softsim_core.scene.io import mark_source, merge
 
 SCALE_APART = 8.0
 """Ratio of measured to simulated motion, or inverse, beyond which the units are assumed to differ."""
@@ -150,7 +156,7 @@ def session_robot(
     name_or_path: str, session: SessionDescription, overrides: Mapping[str, Any] | None = None
 ) -> RobotDescription:
     """Load the model of a session with its overrides, or with the given ones."""
-    whole = merge(sourced(session.overrides, None), sourced(overrides or {}, None))
+    whole = merge(mark_source(session.overrides, None), mark_source(overrides or {}, None))
     return load_scene(name_or_path, whole)
 
 
@@ -182,7 +188,7 @@ def validate_session(
         others = _others(session)
         return SessionResult(session, known, None, nothing, nothing, nothing, others, (), False)
     prediction = replay(robot, session, order, progress)
-    result = compared(session, prediction, given)
+    result = compare_session(session, prediction, given)
     return result if given is not None else _judged_by_others(result, prediction)
 
 
@@ -200,18 +206,20 @@ def _judged_by_others(result: SessionResult, prediction: Prediction) -> SessionR
     for span in np.array_split(rows, SPANS):
         training = session.training.copy()
         training[span] = False
-        others = compared(replace(session, training=training), prediction)
+        others = compare_session(replace(session, training=training), prediction)
         aligned[span], positions[span] = others.aligned[span], others.positions[span]
     return replace(result, aligned=aligned, positions=positions)
 
 
-def compared(session: Session, prediction: Prediction, given: Alignment | None = None) -> SessionResult:
+def compare_session(
+    session: Session, prediction: Prediction, given: Alignment | None = None
+) -> SessionResult:
     """Compare a session with a model's prediction; see validate_session."""
     description = session.description
-    described = unaligned(np.array([sensor.offset for sensor in description.sensors]))
+    described = build_nominal_alignment(np.array([sensor.offset for sensor in description.sensors]))
     session = _from_rest(session, prediction, described.points)
     try:
-        alignment = given or _aligned(session, prediction, described)
+        alignment = given or _fit_alignment(session, prediction, described)
     except DataError as error:
         if prediction.stopped:  # too few rows are finished
             raise KeyboardInterrupt from error
@@ -225,7 +233,7 @@ def compared(session: Session, prediction: Prediction, given: Alignment | None =
         alignment,
         raw,
         alignment.errors(positions, rotations, session.measured),
-        sensed(positions, rotations, alignment.points),
+        locate_sensors(positions, rotations, alignment.points),
         _others(session),
         tuple(_warnings(session, known, alignment, prediction.stopped)),
         prediction.stopped,
@@ -238,14 +246,14 @@ def _from_rest(session: Session, prediction: Prediction, points: Array) -> Sessi
     if not moving:
         return session
     assert session.times is not None
-    begin = sensed(prediction.positions[:1], prediction.rotations[:1], points)[0]
+    begin = locate_sensors(prediction.positions[:1], prediction.rotations[:1], points)[0]
     measured = session.measured.copy()
     for k in moving:
         measured[:, k] += begin[k] - measured[session.times <= 0.0, k].mean(axis=0)
     return replace(session, measured=measured)
 
 
-def _aligned(session: Session, prediction: Prediction, described: Alignment) -> Alignment:
+def _fit_alignment(session: Session, prediction: Prediction, described: Alignment) -> Alignment:
     """Fit frame, points and delay to the training rows as described."""
     fit, what = session.description.alignment, f"session {session.name}"
     _need_same_scale(session, prediction)

@@ -15,7 +15,7 @@ from .randomisation import (
     RandomisationDescription as RandomisationDescription,
     SpreadDescription as SpreadDescription,
     load_randomisation as load_randomisation,
-    rounded as rounded,
+    round_to_steps as round_to_steps,
 )
 from .tasks import (
     REACHED_M as REACHED_M,

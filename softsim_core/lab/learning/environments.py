@@ -36,7 +36,7 @@ def _episodes(
     if name not in TASKS:
         raise SceneError(f"unknown task {name!r}; known: {listing(TASKS)}")
     task = TASKS[name]
-    chosen: Devices | None = None if devices is None else task.devices.changed(devices)
+    chosen: Devices | None = None if devices is None else task.devices.with_values(devices)
     drawn = None if randomise is None else load_randomisation(str(randomise))
     if max_episode_steps is not None and max_episode_steps < 1:
         raise SceneError(f"max_episode_steps {max_episode_steps}: give 1 or more")
@@ -62,7 +62,7 @@ def _again(kind: type[Any], arguments: Mapping[str, Any]) -> Any:
 def _state(environment: RobotEnv | RobotVectorEnv) -> dict[str, Any]:
     """Return the state of an environment that its arguments do not determine."""
     state = {name: value for name, value in vars(environment).items() if name not in ("episodes", "_painter")}
-    return {**state, "episodes": environment.episodes.saved()}
+    return {**state, "episodes": environment.episodes.save_state()}
 
 
 def _take_over(environment: RobotEnv | RobotVectorEnv, state: Mapping[str, Any]) -> None:
@@ -132,7 +132,7 @@ class RobotEnv(gymnasium.Env[Any, Any]):
         observation = self.episodes.begin(_ZERO)
         if self.render_mode == "human":
             self.render()
-        return observation[0], self._info(self.episodes.told(_ZERO))
+        return observation[0], self._info(self.episodes.describe_start(_ZERO))
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
         """Perform an action; see gymnasium.Env.
@@ -245,7 +245,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         self._observations[numbers] = self.episodes.begin(numbers)
         self._ended[numbers] = False
         self._show()
-        return self._observations.copy(), self._info(self.episodes.told(numbers), numbers)
+        return self._observations.copy(), self._info(self.episodes.describe_start(numbers), numbers)
 
     def step(self, actions: Numbers) -> tuple[Numbers, Numbers, BoolArray, BoolArray, dict[str, Any]]:
         """Perform an action in every robot; see VectorEnv.
@@ -266,7 +266,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         info: dict[str, Any] = {}
         if len(anew):
             self._observations[anew] = self.episodes.begin(anew)
-            info = self._info(self.episodes.told(anew), anew)
+            info = self._info(self.episodes.describe_start(anew), anew)
         if len(going):
             found, done = self.episodes.act(going, np.asarray(actions)[going])
             self._observations[going] = found
@@ -290,7 +290,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
             final[name] &= mask
         last = self._observations.copy()
         self._observations[ended] = self.episodes.begin(ended)
-        info = self._info(self.episodes.told(ended), ended, info)
+        info = self._info(self.episodes.describe_start(ended), ended, info)
         self._ended = self._none()
         return {**info, "final_obs": last, "_final_obs": mask, "final_info": final, "_final_info": mask}
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, CommandError, IndexArray, SceneError, float_array, listing
-from softsim_core.lab.learning.randomisation import Delay, Devices, Randomisation, rounded
+from softsim_core.lab.learning.randomisation import Delay, Devices, Randomisation, round_to_steps
 from softsim_core.lab.learning.tasks import Moment, Numbers, Task
 from softsim_core.scene import SceneDescription
 from softsim_core.simulation.batch import Batch
@@ -110,7 +110,7 @@ class Episodes:
                     self._lead_in(number)
                 else:
                     self._go_home(number)
-                self._equip(number, self._devices.changed(devices))
+                self._equip(number, self._devices.with_values(devices))
             self._goals[number] = self.task.goal(random)
             self.task.begin(self.batch, number, random)
         targets = np.array([self.batch.call(number, "joint_targets") for number in numbers.tolist()])
@@ -121,7 +121,7 @@ class Episodes:
         for number, row in zip(numbers.tolist(), sensed, strict=True):
             self._commanding.begin(number, self._late[number][0], self._commands[number])
             self._sensing.begin(number, self._late[number][1], row)
-        return self._observed(numbers)
+        return self._observe_copies(numbers)
 
     def act(self, numbers: IndexArray, actions: Numbers) -> tuple[Numbers, Outcome]:
         """Perform actions (k, j) in [-1, 1]; return the observations (k, m) and the results.
@@ -134,7 +134,7 @@ class Episodes:
         self._wanted[numbers] = task.command(actions, self._command_step[numbers])
         told = self._commanding.through(numbers, self._wanted[numbers])
         if self._command_noise[numbers].any():
-            told = told + self._command_noise[numbers] * self._drawn(numbers, joints)
+            told = told + self._command_noise[numbers] * self._draw_noise(numbers, joints)
         self.batch.command(told, numbers)
         last = int("effector_force" in task.asks)  # an accelerometer measures over the last step
         self.batch.step(task.steps - last, numbers)
@@ -147,7 +147,7 @@ class Episodes:
         info = {**judged.info, "time_s": self.span * self._actions[numbers], "diverged": diverged}
         ended = judged.failed | diverged
         truncated = (self._actions[numbers] >= self.horizon) & ~ended
-        return self._observed(numbers), Outcome(judged.reward, ended, truncated, info)
+        return self._observe_copies(numbers), Outcome(judged.reward, ended, truncated, info)
 
     def check_actions(self, numbers: IndexArray, actions: Numbers) -> None:
         """Reject invalid actions of chosen copies at once, even if latency would delay them.
@@ -161,7 +161,7 @@ class Episodes:
             bad = numbers[~finite.all(axis=1)].tolist()
             raise CommandError(f"actions of robots {bad} refused: one is not finite; nothing was moved")
 
-    def told(self, numbers: IndexArray) -> dict[str, Numbers]:
+    def describe_start(self, numbers: IndexArray) -> dict[str, Numbers]:
         """Return the entries of `info` at the start of an episode."""
         return {**self.task.judge(self._moment(numbers)).info, "time_s": np.zeros(len(numbers))}
 
@@ -169,14 +169,14 @@ class Episodes:
         """Return the parameters drawn for the episode of a copy, by name."""
         return self._parameters[number]
 
-    def saved(self) -> dict[str, Any]:
+    def save_state(self) -> dict[str, Any]:
         """Return the state of all episodes, for `restore` of episodes with the same constructor arguments."""
         copies = range(len(self.generators))
         states = [self.batch.call(number, "snapshot") for number in copies]
         return {"states": states, **{name: getattr(self, name) for name in _KEPT}}
 
     def restore(self, saved: Mapping[str, Any]) -> None:
-        """Restore a result of `saved`."""
+        """Restore a result of `save_state`."""
         for name in _KEPT:
             setattr(self, name, saved[name])
         for number, state in enumerate(saved["states"]):
@@ -233,17 +233,17 @@ class Episodes:
             self._thing,
         )
 
-    def _drawn(self, numbers: IndexArray, count: int) -> Array:
+    def _draw_noise(self, numbers: IndexArray, count: int) -> Array:
         """Draw standard normal numbers from each copy's own generator, shape (k, count)."""
         return np.array([self.generators[number].standard_normal(count) for number in numbers.tolist()])
 
-    def _observed(self, numbers: IndexArray) -> Numbers:
+    def _observe_copies(self, numbers: IndexArray) -> Numbers:
         if self._full:
             return self.batch.states[numbers].astype(np.float32)
         sensed, noise = self.task.sense(self._moment(numbers)), self._noise[numbers]
         if noise.any():
-            sensed = sensed + noise * self._drawn(numbers, sensed.shape[1])
-        sensed = self._sensing.through(numbers, rounded(sensed, self._steps[numbers]))
+            sensed = sensed + noise * self._draw_noise(numbers, sensed.shape[1])
+        sensed = self._sensing.through(numbers, round_to_steps(sensed, self._steps[numbers]))
         return self.task.observation(sensed)
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from softsim_core.base import Array, ConfigError, FieldError, IndexArray, listing
-from softsim_core.lab.identification import DistributionDescription, filled, load_distribution
-from softsim_core.scene.io import laid_over, read_extended, structured
+from softsim_core.lab.identification import DistributionDescription, load_distribution, replace_expressions
+from softsim_core.scene.io import laid_over, read_extended, structure_description
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +54,7 @@ class Devices:
             if not 0.0 <= value < math.inf:
                 raise FieldError("devices", each.name, value, ">= 0")
 
-    def changed(self, values: Mapping[str, float]) -> Devices:
+    def with_values(self, values: Mapping[str, float]) -> Devices:
         """Return a copy with other values by name.
 
         Raises:
@@ -94,7 +94,7 @@ class Delay:
         return np.asarray(self._rows[len(self._rows) - 1 - self._calls[copies], copies])
 
 
-def rounded(values: Array, steps: Array) -> Array:
+def round_to_steps(values: Array, steps: Array) -> Array:
     """Round values to multiples of the steps; a step of 0 leaves them unchanged."""
     safe = np.where(steps > 0.0, steps, 1.0)
     return np.where(steps > 0.0, np.round(values / safe) * safe, values)
@@ -195,10 +195,12 @@ class Randomisation:
         if self._posterior is not None:
             drawn = self._posterior.draw(1, int(random.integers(1 << 62)))[0]
             values |= dict(zip(self._posterior.names, drawn.tolist(), strict=True))
-            overlay = self._posterior.overlaid(drawn)
+            overlay = self._posterior.fill_overlay(drawn)
         values |= {name: spread.draw(random) for name, spread in description.parameters.items()}
-        devices = {name: float(value) for name, value in filled(description.devices, values).items()}
-        return laid_over(overlay, filled(description.scene, values)), devices, values
+        devices = {
+            name: float(value) for name, value in replace_expressions(description.devices, values).items()
+        }
+        return laid_over(overlay, replace_expressions(description.scene, values)), devices, values
 
 
 def load_randomisation(file: str | Path) -> Randomisation:
@@ -213,7 +215,7 @@ def load_randomisation(file: str | Path) -> Randomisation:
     data = read_extended(path)
     if isinstance(data, Mapping) and "covariance" in data:
         return Randomisation(RandomisationDescription(), load_distribution(path))
-    description = structured(data, RandomisationDescription, path, find_files=False)
+    description = structure_description(data, RandomisationDescription, path, find_files=False)
     posterior = description.posterior
     return Randomisation(
         description, None if posterior is None else load_distribution(path.parent / posterior)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softsim_core.base import Array, BoolArray, IndexArray
-from softsim_core.lab.learning.randomisation import Devices, rounded
+from softsim_core.lab.learning.randomisation import Devices, round_to_steps
 from softsim_core.physics.mechanics import rotation_of
 from softsim_core.physics.sensing import inertial
 from softsim_core.scene import RobotDescription, find_config, load_scene
@@ -224,7 +224,7 @@ class Task:
         """Return commands in [rad] or [m] for actions (k, j) in [-1, 1], rounded to `steps` if > 0."""
         low, high = np.array(self.low), np.array(self.high)
         clipped = np.clip(np.asarray(actions, dtype=float), -1.0, 1.0)
-        return rounded(0.5 * (high + low) + 0.5 * (high - low) * clipped, np.asarray(steps))
+        return round_to_steps(0.5 * (high + low) + 0.5 * (high - low) * clipped, np.asarray(steps))
 
     def judge(self, moment: Moment) -> Judged:
         """Return rewards, failures and info of the copies in their present state."""

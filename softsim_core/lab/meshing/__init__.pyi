@@ -1,6 +1,6 @@
 from .filling import (
     Filling as Filling,
-    filled as filled,
+    fill_surface as fill_surface,
     have_mesher as have_mesher,
 )
 from .guesses import (
@@ -24,10 +24,10 @@ from .part import (
 )
 from .repair import (
     RepairedSurface as RepairedSurface,
-    repaired as repaired,
+    repair_part as repair_part,
 )
 from .sizing import (
-    simplified as simplified,
+    simplify_surface as simplify_surface,
     with_nodes as with_nodes,
 )
 from .topology import (

@@ -50,7 +50,7 @@ def key_of(data: bytes, options: Mapping[str, object]) -> str:
     return hashlib.sha256(told.encode() + b"\0" + data).hexdigest()[:32]
 
 
-def kept(key: str) -> tuple[TetMesh, float] | None:
+def read_cached_mesh(key: str) -> tuple[TetMesh, float] | None:
     """Return the cached mesh of a key and its edge length in [m], if it exists and is complete."""
     with contextlib.suppress(MeshError, OSError, ValueError):
         mesh = read_tets(cache_folder() / f"{key}.vtk")
@@ -107,7 +107,9 @@ def have_mesher() -> bool:
     return compiled_part() is not None
 
 
-def filled(surface: SurfaceMesh, edge: float, how: Filling, command: tuple[str, ...] = COMMAND) -> TetMesh:
+def fill_surface(
+    surface: SurfaceMesh, edge: float, how: Filling, command: tuple[str, ...] = COMMAND
+) -> TetMesh:
     """Fill a closed surface with positively oriented linear tetrahedra; the result is not deterministic.
 
     Args:

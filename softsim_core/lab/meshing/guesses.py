@@ -56,10 +56,10 @@ def guess(mesh: TetMesh) -> Guess:
     axes = own_axes(boundary_surface(mesh))
     straight = np.array_equal(axes, np.eye(3))
     found = _along_axes(mesh if straight else replace(mesh, points=mesh.points @ axes))
-    return found if straight else _turned(found, axes)
+    return found if straight else _transform_guess(found, axes)
 
 
-def _turned(found: Guess, axes: Array) -> Guess:
+def _transform_guess(found: Guess, axes: Array) -> Guess:
     """Transform guesses along the axes of a file to a part with axes of its own."""
     angles = _vector(np.degrees(euler_of(axes)))
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.base import MeshError
-from softsim_core.lab.meshing.filling import Filling, filled, keep, kept, key_of, pieces
+from softsim_core.lab.meshing.filling import Filling, fill_surface, keep, key_of, pieces, read_cached_mesh
 from softsim_core.lab.meshing.openings import open_hollows, without_channel
 from softsim_core.lab.meshing.part import Part, read_part
-from softsim_core.lab.meshing.repair import RepairedSurface, repaired
-from softsim_core.lab.meshing.sizing import TOLERANCE, Sized, simplified, with_nodes
+from softsim_core.lab.meshing.repair import RepairedSurface, repair_part
+from softsim_core.lab.meshing.sizing import TOLERANCE, Sized, simplify_surface, with_nodes
 from softsim_core.lab.meshing.topology import largest_distance
 from softsim_core.physics.mesh import (
     MeshReport,
@@ -99,7 +99,7 @@ def mesh_part(
     path: str | PathLike[str],
     options: MeshingOptions,
     progress: Callable[[str], None] = lambda sentence: None,
-    fill: Callable[[SurfaceMesh, float, Filling], TetMesh] = filled,
+    fill: Callable[[SurfaceMesh, float, Filling], TetMesh] = fill_surface,
 ) -> MeshedPart:
     """Mesh a part with tetrahedra.
 
@@ -121,28 +121,28 @@ def mesh_part(
     progress(f"looking at {count} triangles, {part.unit.size(np.ptp(part.surface.points, axis=0))}")
     for doubt in part.told:
         progress(doubt)
-    source = repaired(part, options.hole, options.largest, simplified)
+    source = repair_part(part, options.hole, options.largest, simplify_surface)
     wished = asdict(replace(options, time_limit=0.0))
     if options.plug:
-        source = _plugged(part, source, options)
+        source = _plug_cavities(part, source, options)
     else:
         del wished["plug"]  # preserves the keys of meshes from before plugs were supported
     key = key_of(Path(path).read_bytes(), wished)
-    made = kept(key)
+    made = read_cached_mesh(key)
     if made is None:
-        sized = _sized(source, options, progress, fill)
+        sized = _mesh_to_size(source, options, progress, fill)
         mesh, edge = sized.mesh, sized.edge
-        result = _judged(part, source, mesh, edge, options)
+        result = _check_mesh(part, source, mesh, edge, options)
         if not keep(key, mesh, edge):
             told = "the cache cannot be written: the next run makes another mesh"
             result = replace(result, told=(*result.told, told))
         return result
     progress("taking the mesh that was made before of the same file and options")
     mesh, edge = made
-    return replace(_judged(part, source, replace(mesh, name=str(path)), edge, options), known=True)
+    return replace(_check_mesh(part, source, replace(mesh, name=str(path)), edge, options), known=True)
 
 
-def _plugged(part: Part, source: RepairedSurface, options: MeshingOptions) -> RepairedSurface:
+def _plug_cavities(part: Part, source: RepairedSurface, options: MeshingOptions) -> RepairedSurface:
     """Return a part with the openings of its cavities closed by plugs."""
     unit, told = source.unit, list(source.told)
     openings = open_hollows(source.surface)
@@ -152,7 +152,7 @@ def _plugged(part: Part, source: RepairedSurface, options: MeshingOptions) -> Re
         )
     for each in openings:
         cut = replace(part, surface=without_channel(source.surface, each), told=())
-        source = repaired(cut, float("inf"), options.largest)
+        source = repair_part(cut, float("inf"), options.largest)
         told.append(f"plugged the opening of {unit.length(each.width)} at {unit.place(each.place)}")
     told.append(f"{source.cavities} closed hollow{'s' * (source.cavities != 1)} now")
     return replace(source, told=tuple(told))
@@ -165,7 +165,7 @@ def _check(options: MeshingOptions) -> None:
         raise MeshError("", f"order {options.order} is not known; 1 is linear, 2 quadratic")
 
 
-def _sized(
+def _mesh_to_size(
     source: RepairedSurface,
     options: MeshingOptions,
     progress: Callable[[str], None],
@@ -197,7 +197,7 @@ def _sized(
     return min(sized, fewer, key=lambda each: abs(len(each.mesh.points) - wished))
 
 
-def _judged(
+def _check_mesh(
     part: Part, source: RepairedSurface, mesh: TetMesh, edge: float, options: MeshingOptions
 ) -> MeshedPart:
     """Check a mesh and return it with its quality; raise MeshError if it does not represent the part.

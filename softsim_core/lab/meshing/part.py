@@ -128,7 +128,7 @@ class Nesting:
         return np.asarray(self.depth % 2 == 1)
 
 
-def nested(points: Array, triangles: IndexArray) -> Nesting:
+def determine_nesting(points: Array, triangles: IndexArray) -> Nesting:
     """Determine the nesting of closed shells.
 
     Args:

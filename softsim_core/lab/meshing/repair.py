@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from softsim_core.base import Array, BoolArray, IndexArray, MeshError
-from softsim_core.lab.meshing.part import SPECK, Nesting, Part, Unit, nested
+from softsim_core.lab.meshing.part import SPECK, Nesting, Part, Unit, determine_nesting
 from softsim_core.lab.meshing.topology import Edges, areas, edges_of, shells, touching_points, turned_alike
 from softsim_core.physics.mesh import SurfaceMesh
 
@@ -71,7 +71,7 @@ def closing(points: Array, loop: IndexArray) -> tuple[Array, IndexArray]:
     Returns:
         New vertices, which are numbered from n on, shape (0 or 1, 3), and triangles, shape (t, 3).
     """
-    outline = _flattened(points[loop])
+    outline = _flatten_loop(points[loop])
     if len(loop) <= _LONG_LOOP:
         ears = _ears(outline)
         if ears is not None:
@@ -80,7 +80,7 @@ def closing(points: Array, loop: IndexArray) -> tuple[Array, IndexArray]:
     return points[loop].mean(axis=0)[None], np.column_stack([loop, np.roll(loop, -1), middle])
 
 
-def _flattened(outline: Array) -> Array:
+def _flatten_loop(outline: Array) -> Array:
     """Project corners (c, 3) to the plane across the loop's area vector, counter-clockwise, shape (c, 2)."""
     off = outline - outline.mean(axis=0)
     normal = np.cross(off, np.roll(off, -1, axis=0)).sum(axis=0)
@@ -161,7 +161,7 @@ class RepairedSurface:
     cavities: int
 
 
-def repaired(
+def repair_part(
     part: Part,
     hole: float | None = None,
     largest: bool = False,
@@ -198,7 +198,7 @@ def repaired(
         )
     if turned:
         told.append(f"turned {turned} of {len(triangles)} triangles, which looked the other way")
-    points, triangles, words = _closed(
+    points, triangles, words = _close_holes(
         points, triangles, HOLE * float(size.max()) if hole is None else hole, name, unit
     )
     told += words
@@ -209,14 +209,14 @@ def repaired(
             told.append(f"took {len(fewer.triangles)} triangles for its {len(triangles)}")
             points, triangles, _ = _clean(fewer.points, fewer.triangles, 0.0)
             triangles, _, _ = turned_alike(triangles)
-            points, triangles, _ = _closed(points, triangles, float("inf"), name, unit)
+            points, triangles, _ = _close_holes(points, triangles, float("inf"), name, unit)
     return _bodies(points, triangles, replace(part, told=tuple(told)), largest)
 
 
 def _bodies(points: Array, triangles: IndexArray, part: Part, largest: bool) -> RepairedSurface:
     """Select the shells to use and determine their nesting."""
     name, unit, told = part.surface.name, part.unit, list(part.told)
-    found = nested(points, triangles)
+    found = determine_nesting(points, triangles)
     boxes = _diagonals(points, found)
     kept = boxes > SPECK * boxes.max()
     kept &= found.volumes > _THIN * boxes**3
@@ -287,7 +287,7 @@ def _diagonals(points: Array, found: Nesting) -> Array:
 def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, IndexArray, list[str]]:
     """Merge points, and remove degenerate, duplicate and loose triangles."""
     told: list[str] = []
-    points, numbers = _welded(points, weld)
+    points, numbers = _weld_points(points, weld)
     if len(numbers) > len(points):
         told.append(f"welded {_count(len(numbers) - len(points), 'corner')} to others at the same place")
     triangles = numbers[triangles]
@@ -321,7 +321,7 @@ def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, In
     return points, triangles, told
 
 
-def _welded(points: Array, distance: float) -> tuple[Array, IndexArray]:
+def _weld_points(points: Array, distance: float) -> tuple[Array, IndexArray]:
     """Merge points closer than a distance; return the points and the new number of each old one."""
     pairs = (
         cKDTree(points).query_pairs(distance, output_type="ndarray")
@@ -376,7 +376,7 @@ def _refuse_walls(points: Array, triangles: IndexArray, name: str, unit: Unit) -
         )
 
 
-def _closed(
+def _close_holes(
     points: Array, triangles: IndexArray, hole: float, name: str, unit: Unit
 ) -> tuple[Array, IndexArray, list[str]]:
     """Close holes up to a size in [m] with triangles."""

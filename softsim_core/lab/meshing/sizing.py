@@ -17,7 +17,7 @@ MOST_TRIANGLES = 40_000
 """A surface with more triangles is simplified before it is filled."""
 
 
-def simplified(surface: SurfaceMesh, most: int = MOST_TRIANGLES) -> SurfaceMesh:
+def simplify_surface(surface: SurfaceMesh, most: int = MOST_TRIANGLES) -> SurfaceMesh:
     """Simplify a surface to at most about `most` triangles; return the surface itself if it has no more.
 
     Edges are contracted where that changes the surface least.

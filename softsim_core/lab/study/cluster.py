@@ -263,7 +263,7 @@ def engine(where: Where) -> Iterator[Engine]:
     }
     with dask.config.set(settings):
         if where.scheduler is not None:
-            with _reached(distributed, where) as client:
+            with _connect_to_scheduler(distributed, where) as client:
                 yield Engine(client, where)
             return
         os.environ.update(environment)  # inherited by new worker processes
@@ -312,7 +312,7 @@ def _interrupts_wait() -> Iterator[None]:
 
 
 @contextmanager
-def _reached(distributed: Any, where: Where) -> Iterator[Any]:
+def _connect_to_scheduler(distributed: Any, where: Where) -> Iterator[Any]:
     """Connect to a scheduler that has workers, and yield the client."""
     for name in (
         "distributed",
@@ -370,7 +370,7 @@ class SweepOptions:
     recorder: Recorder | None = None
     recordings: int = 0
 
-    def recorded(self, runs: int) -> dict[int, Recorder]:
+    def choose_recorders(self, runs: int) -> dict[int, Recorder]:
         """Return recorders by run number."""
         if self.recorder is None or self.recordings < 1:
             return {}
@@ -426,7 +426,7 @@ def run_into(store: Store, cluster: Engine, work: Work, tasks: Iterable[Task], o
     done = len(store.status) - len(store.left)
     failed = int((store.status > DONE).sum())
     options.progress(done, failed, len(store.status))
-    for number, values, outcome in cluster.run(work, tasks, options.recorded(len(store.status))):
+    for number, values, outcome in cluster.run(work, tasks, options.choose_recorders(len(store.status))):
         store.add(number, dict(zip(work.names, values, strict=True)), outcome)
         done, failed = done + 1, failed + (outcome.status != DONE)
         options.progress(done, failed, len(store.status))

@@ -18,10 +18,10 @@ from softsim_core.lab.identification import (
 from softsim_core.scene.io import (
     SourcedMapping,
     laid_over,
+    mark_source,
     read_extended,
     relative_to_file,
-    sourced,
-    structured,
+    structure_description,
 )
 
 Kind: TypeAlias = Literal["grid", "list", "random", "sobol", "latin_hypercube"]
@@ -334,7 +334,7 @@ def load_study(file: str | Path) -> StudyDescription:
     data = read_extended(path)
     if isinstance(data.get("posterior"), str):
         data = _with_posterior(data, path)
-    return structured(data, StudyDescription, path, find_files=False)
+    return structure_description(data, StudyDescription, path, find_files=False)
 
 
 def _with_posterior(data: SourcedMapping, path: Path) -> SourcedMapping:
@@ -353,7 +353,7 @@ def _with_posterior(data: SourcedMapping, path: Path) -> SourcedMapping:
         "overlay": laid_over(posterior.overlay, data.get("overlay") or {}),
         "posterior": plain_distribution(posterior),
     }
-    return cast(SourcedMapping, sourced(whole, path))
+    return cast(SourcedMapping, mark_source(whole, path))
 
 
 def find_study(file: str | Path) -> Path:

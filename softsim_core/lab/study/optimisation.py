@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from softsim_core.base import Array, ConfigError, SceneError, StudyError, install_command
-from softsim_core.lab.identification import evaluated, names_in
+from softsim_core.lab.identification import evaluate_expression, names_in
 from softsim_core.lab.study.cluster import Engine, StudySummary, SweepOptions, Task, engine, summary_of
 from softsim_core.lab.study.preparing import PreparedStudy
 from softsim_core.lab.study.single import DONE, RAISED, Outcome
@@ -86,7 +86,9 @@ class ResponseSurface:
 
     def __call__(self, points: Array) -> Array:
         """Return values at points (k, p) in the units of the variables, shape (k,)."""
-        return np.asarray(_columns(_scaled(points, self.lower, self.upper), self.terms) @ self.coefficients)
+        return np.asarray(
+            _columns(_normalise_points(points, self.lower, self.upper), self.terms) @ self.coefficients
+        )
 
     def plain(self) -> dict[str, Any]:
         """Return the surface as plain data."""
@@ -108,7 +110,7 @@ def response_surface(points: Array, values: Array) -> ResponseSurface:
     """
     count, size = points.shape
     lower, upper = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
-    scaled = _scaled(points, lower, upper)
+    scaled = _normalise_points(points, lower, upper)
     levels = [len(np.unique(scaled[:, k])) for k in range(size)]
     terms: list[tuple[int, ...]] = [(), *((k,) for k in range(size))]
     squares = list(combinations_with_replacement(range(size), 2))
@@ -122,7 +124,7 @@ def response_surface(points: Array, values: Array) -> ResponseSurface:
     return ResponseSurface(lower, upper, chosen, coefficients, share)
 
 
-def _scaled(points: Array, lower: Array, upper: Array) -> Array:
+def _normalise_points(points: Array, lower: Array, upper: Array) -> Array:
     return np.asarray(2.0 * (points - lower) / (upper - lower) - 1.0)
 
 
@@ -176,7 +178,7 @@ def optimise(prepared: PreparedStudy, folder: Path, options: SweepOptions | None
         generation = 0
         for generation in range(search.objective.generations):
             numbers = range(generation * search.population, (generation + 1) * search.population)
-            drawn = search.drawn()
+            drawn = search.draw_generation()
             left = [number for number in numbers if store.status[number] == 0]
             if left:
                 cluster = cluster or stack.enter_context(engine(options.where))
@@ -240,7 +242,7 @@ class _Search:
             plan, columns=(*plan.columns, column), attributes={**plan.attributes, "versions": versions}
         )
 
-    def drawn(self) -> list[tuple[float, ...]]:
+    def draw_generation(self) -> list[tuple[float, ...]]:
         """Return values of the next generation's variables."""
         minimum = quadratic_minimum(self._points, self._costs)
         if minimum is not None:
@@ -251,13 +253,13 @@ class _Search:
             for row in self._drawn
         ]
 
-    def judged(self, values: Mapping[str, float], outcome: Outcome) -> Outcome:
+    def score_outcome(self, values: Mapping[str, float], outcome: Outcome) -> Outcome:
         """Return an outcome with its objective."""
         if outcome.status != DONE:
             return outcome
         told = {name: float(each) for name, each in outcome.results.items() if each.shape == ()}
         try:
-            found = evaluated(self.objective.expression, {**values, **told})
+            found = evaluate_expression(self.objective.expression, {**values, **told})
         except SceneError as error:
             return Outcome(RAISED, str(error), {})
         return replace(outcome, results={**outcome.results, OBJECTIVE: np.asarray(found)})
@@ -280,9 +282,9 @@ class _Search:
 
 def _run(store: Store, cluster: Engine, search: _Search, tasks: list[Task], options: SweepOptions) -> None:
     names, total = search.prepared.work.names, len(store.status)
-    for number, values, outcome in cluster.run(search.prepared.work, tasks, options.recorded(total)):
+    for number, values, outcome in cluster.run(search.prepared.work, tasks, options.choose_recorders(total)):
         named = dict(zip(names, values, strict=True))
-        store.add(number, named, search.judged(named, outcome))
+        store.add(number, named, search.score_outcome(named, outcome))
         options.progress(total - len(store.left), int((store.status > DONE).sum()), total)
 
 

@@ -23,7 +23,7 @@ from softsim_core.lab.study.description import (
 from softsim_core.lab.study.quantities import AXES, quantity
 from softsim_core.lab.study.single import Work, stride_of
 from softsim_core.lab.study.store import Column, Plan, scene_hash, versions
-from softsim_core.scene.io import ProgramRule, code_folder, find_config, relative_to_file, sourced
+from softsim_core.scene.io import ProgramRule, code_folder, find_config, mark_source, relative_to_file
 from softsim_core.simulation import Simulation
 
 
@@ -133,8 +133,8 @@ class PreparedStudy:
     def _attributes(self) -> dict[str, Any]:
         study, work = self.study, self.work
         told = {
-            "study": sourced(study, None),
-            "scene_sha256": scene_hash(work.unchanged(), tuple(dict.fromkeys(work.functions.values()))),
+            "study": mark_source(study, None),
+            "scene_sha256": scene_hash(work.load_unchanged(), tuple(dict.fromkeys(work.functions.values()))),
             "versions": versions(),
             "study_text": self.file.read_text(encoding="utf-8"),
             "title": study.about or study.name,

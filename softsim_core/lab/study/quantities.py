@@ -86,7 +86,7 @@ def _number_of(function: Read, wanted: QuantityDescription) -> Read:
     return read
 
 
-def _named(what: str, name: str, known: tuple[str, ...], wanted: QuantityDescription) -> int:
+def _find_index(what: str, name: str, known: tuple[str, ...], wanted: QuantityDescription) -> int:
     if name not in known:
         raise SceneError(f"quantity {wanted.name}: the scene has no {what} {name!r}; known: {listing(known)}")
     return known.index(name)
@@ -120,13 +120,13 @@ def _effector_tilt(simulation: Simulation, _: str, wanted: QuantityDescription) 
 
 
 def _frame(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
-    _named("frame", name, tuple(simulation.frames()), wanted)
+    _find_index("frame", name, tuple(simulation.frames()), wanted)
     return Quantity(lambda running: running.frames()[name].position, "m")
 
 
 def _nodes(simulation: Simulation, name: str, wanted: QuantityDescription) -> slice:
     known = tuple(each.name for each in simulation.bodies)
-    return simulation.bodies[_named("body", name, known, wanted)].nodes
+    return simulation.bodies[_find_index("body", name, known, wanted)].nodes
 
 
 def _displacement(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
@@ -148,25 +148,25 @@ def _centre(simulation: Simulation, name: str, wanted: QuantityDescription) -> Q
 
 
 def _joint_position(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
-    j = _named("joint", name, simulation.joint_names, wanted)
+    j = _find_index("joint", name, simulation.joint_names, wanted)
     unit = simulation.scene.joints[j].units.position.si
     return Quantity(lambda running: np.asarray(running.joint_positions[j]), unit)
 
 
 def _joint_effort(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
-    j = _named("joint", name, simulation.joint_names, wanted)
+    j = _find_index("joint", name, simulation.joint_names, wanted)
     return Quantity(
         lambda running: np.asarray(running.joint_efforts[j]), simulation.scene.joints[j].units.effort
     )
 
 
 def _rigid_position(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
-    r = _named("rigid body", name, tuple(each.name for each in simulation.scene.rigid_bodies), wanted)
+    r = _find_index("rigid body", name, tuple(each.name for each in simulation.scene.rigid_bodies), wanted)
     return Quantity(lambda running: running.rigid_poses[r].position, "m")
 
 
 def _rigid_velocity(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
-    r = _named("rigid body with mass", name, simulation.rigid_names, wanted)
+    r = _find_index("rigid body with mass", name, simulation.rigid_names, wanted)
     return Quantity(lambda running: running.rigid_velocities[r, :3], "m/s")
 
 
@@ -191,7 +191,7 @@ def _contact_gap(simulation: Simulation, name: str, wanted: QuantityDescription)
 
 def _contact_force(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
     """Return the quantity of the total contact force on a body."""
-    number = _named("body", name, simulation.scene.body_names, wanted)
+    number = _find_index("body", name, simulation.scene.body_names, wanted)
 
     def read(running: Simulation) -> Array:
         told = running.contacts
@@ -202,7 +202,7 @@ def _contact_force(simulation: Simulation, name: str, wanted: QuantityDescriptio
 
 
 def _sensor(simulation: Simulation, name: str, wanted: QuantityDescription) -> Quantity:
-    _named("sensor", name, tuple(simulation.sensors), wanted)
+    _find_index("sensor", name, tuple(simulation.sensors), wanted)
     return Quantity(lambda running: np.asarray(running.sensors[name].value, dtype=float), "SI")
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from softsim_core.base import Array, SceneError, SoftSimError, SolverDivergedError
-from softsim_core.lab.identification import filled
+from softsim_core.lab.identification import replace_expressions
 from softsim_core.lab.study.description import At, CommandStep, QuantityDescription, StudyDescription
 from softsim_core.lab.study.quantities import Quantity, Read, quantity
 from softsim_core.scene import RobotDescription, load_scene
@@ -74,7 +74,10 @@ class Work:
             SoftSimError: the scene is invalid with these values.
         """
         acting = dict(zip(self.names, (float(each) for each in values), strict=True))
-        overlay, arguments = filled(self.study.overlay, acting), filled(self.study.arguments, acting)
+        overlay, arguments = (
+            replace_expressions(self.study.overlay, acting),
+            replace_expressions(self.study.arguments, acting),
+        )
         with limited_to(self.programs):
             if self.scene.suffix == ".py":
                 return load_python(self.scene, overlay, arguments)
@@ -82,7 +85,7 @@ class Work:
                 raise SceneError(f"study {self.study.name}: arguments are for Python scenes; use the overlay")
             return load_yaml(self.scene, overlay)
 
-    def unchanged(self) -> RobotDescription:
+    def load_unchanged(self) -> RobotDescription:
         """Return the scene without overrides."""
         with limited_to(self.programs):
             return load_scene(self.scene)
@@ -156,22 +159,22 @@ def _late(work: Work) -> Outcome:
 
 def _attempt(work: Work, values: Sequence[float] | Array, watch: Watch | None) -> Outcome:
     try:
-        return Outcome(DONE, "", _measured(work, values, watch))
+        return Outcome(DONE, "", _measure_run(work, values, watch))
     except SolverDivergedError as error:
-        return Outcome(DIVERGED, _told(error), {})
+        return Outcome(DIVERGED, _describe_error(error), {})
     except _LateError:
         return _late(work)
     except BaseException as error:  # a function of the study may call sys.exit
-        return Outcome(RAISED, _told(error), {})
+        return Outcome(RAISED, _describe_error(error), {})
 
 
-def _told(error: BaseException) -> str:
+def _describe_error(error: BaseException) -> str:
     words = str(error) or "no message"
     text = words if isinstance(error, SoftSimError) else f"{type(error).__name__}: {words}"
     return " ".join(text.split())[:LONGEST_ERROR]
 
 
-def _measured(work: Work, values: Sequence[float] | Array, watch: Watch | None) -> dict[str, Array]:
+def _measure_run(work: Work, values: Sequence[float] | Array, watch: Watch | None) -> dict[str, Array]:
     study = work.study
     simulation = Simulation(work.robot(values))
     acting = dict(zip(work.names, (float(each) for each in values), strict=True))
@@ -226,13 +229,13 @@ def _commands(
             if each.pose not in robot.poses:
                 raise SceneError(f"study {study.name}: the scene has no pose {each.pose!r}")
             joints = np.array(robot.poses[each.pose])
-        for name, value in filled(each.joints, acting).items():
+        for name, value in replace_expressions(each.joints, acting).items():
             if name not in names:
                 raise SceneError(f"study {study.name}: the scene has no joint {name!r}")
             joints = joints.copy()
             joints[names.index(name)] = float(value)
         if each.base_shift is not None:
-            shift = float(filled(each.base_shift, acting))
+            shift = float(replace_expressions(each.base_shift, acting))
         told.append((each, joints.copy(), shift))
     return told
 

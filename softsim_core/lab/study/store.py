@@ -161,7 +161,7 @@ class Store:
         self.folder, self.plan = folder, plan
         if not folder.exists():
             _create(folder, plan)
-        self._lock = locked(folder)
+        self._lock = lock_store(folder)
         try:
             self._need_same()
             refuse_links(folder)
@@ -199,7 +199,7 @@ class Store:
         read: Array = self._group[name][:]
         for number, row in self._rows.items():
             if name in row["columns"]:
-                read[number] = _unpacked(row["columns"][name]).reshape(read.shape[1:])
+                read[number] = _unpack_array(row["columns"][name]).reshape(read.shape[1:])
         return read
 
     def errors(self) -> list[str]:
@@ -226,7 +226,9 @@ class Store:
                 error = f"{name} has the shape {value.shape}, in other runs it is {shapes[name]}"
                 outcome = Outcome(RAISED, error, {})
                 break
-        columns = {name: _packed(np.asarray(value)) for name, value in {**values, **outcome.results}.items()}
+        columns = {
+            name: _pack_array(np.asarray(value)) for name, value in {**values, **outcome.results}.items()
+        }
         row = {"run": number, "status": outcome.status, "error": outcome.error, "columns": columns}
         block = number // self.plan.block
         try:
@@ -264,7 +266,7 @@ class Store:
             values = np.full((len(rows), *column.shape), np.nan)
             for k, row in enumerate(rows):
                 if column.name in row["columns"]:
-                    values[k] = _unpacked(row["columns"][column.name]).reshape(column.shape)
+                    values[k] = _unpack_array(row["columns"][column.name]).reshape(column.shape)
             self._group[column.name][part] = values
         self._group["error"][part] = np.array([row["error"] for row in rows], dtype=object)
         self._sync_chunks(block, [*(column.name for column in self.plan.columns), "error"])
@@ -350,7 +352,7 @@ class Store:
             raise ValueError("error must be text")
         shapes = {each.name: each.shape for each in self.plan.columns}
         for name, packed in row["columns"].items():
-            if name not in shapes or _unpacked(packed).size != math.prod(shapes[name]):
+            if name not in shapes or _unpack_array(packed).size != math.prod(shapes[name]):
                 raise ValueError("columns hold other values than the study has")
         return row
 
@@ -431,7 +433,7 @@ def _create(folder: Path, plan: Plan) -> None:
         raise StudyError(f"{folder} cannot be made ({error.strerror}); choose another with --out") from error
 
 
-def locked(folder: Path) -> IO[str]:
+def lock_store(folder: Path) -> IO[str]:
     """Lock the store's description until it is closed; the lock is released even by kill -9.
 
     On systems without such locks, concurrent writers are not prevented.
@@ -466,11 +468,11 @@ def zarr_package() -> Any:
         ) from error
 
 
-def _packed(value: Array) -> str:
+def _pack_array(value: Array) -> str:
     return base64.b64encode(np.ascontiguousarray(value, dtype="<f8").tobytes()).decode()
 
 
-def _unpacked(text: str) -> Array:
+def _unpack_array(text: str) -> Array:
     return np.frombuffer(base64.b64decode(text), dtype="<f8")
 
 

@@ -42,7 +42,7 @@ from softsim_core.physics.mechanics import (
     State,
     Transmissions,
     cross_matrices,
-    joined,
+    join_rows,
     no_rows,
 )
 
@@ -487,5 +487,5 @@ def _joined_stiffness(parts: Sequence[GeometricStiffness]) -> GeometricStiffness
     if len(parts) < 2:
         return parts[0] if parts else no_geometric_stiffness()
     return GeometricStiffness(
-        joined([part.rows for part in parts]), np.concatenate([part.weight for part in parts])
+        join_rows([part.rows for part in parts]), np.concatenate([part.weight for part in parts])
     )

@@ -118,33 +118,37 @@ class JointTrajectory:
         twice = [name for name in dict.fromkeys(joints) if joints.count(name) > 1]
         if not joints or twice:
             problem = f"it names {listing(twice)} twice" if twice else "it names no joint"
-            raise _refused(f"{problem}; expected each moved joint once")
+            raise _make_trajectory_error(f"{problem}; expected each moved joint once")
         if times.ndim != 1 or len(times) == 0:
-            raise _refused("it has no way points; expected at least one time with a position for each joint")
+            raise _make_trajectory_error(
+                "it has no way points; expected at least one time with a position for each joint"
+            )
         if positions.shape != (len(times), len(joints)):
-            raise _refused(
+            raise _make_trajectory_error(
                 f"positions of shape {positions.shape} do not fit {len(times)} times and {len(joints)} joints"
                 f" ({listing(joints)}); expected shape {(len(times), len(joints))}"
             )
         if not np.isfinite(times).all() or times[0] < 0.0 or (np.diff(times) <= 0.0).any():
-            raise _refused(f"times {_short(times)} s must be finite, >= 0 and strictly increasing")
+            raise _make_trajectory_error(
+                f"times {_short(times)} s must be finite, >= 0 and strictly increasing"
+            )
         if not np.isfinite(positions).all():
             point, joint = (int(index) for index in np.argwhere(~np.isfinite(positions))[0])
             value = positions[point, joint]
-            raise _refused(
+            raise _make_trajectory_error(
                 f"position {value} of joint {joints[joint]} at way point {point} is not a finite number"
             )
 
     def _check_slopes(self) -> None:
         for name, values in (("velocities", self.velocities), ("accelerations", self.accelerations)):
             if values is not None and (values.shape != self.positions.shape or not np.isfinite(values).all()):
-                raise _refused(f"its {name} are not one finite number for each position")
+                raise _make_trajectory_error(f"its {name} are not one finite number for each position")
         if self.accelerations is not None and self.velocities is None:
-            raise _refused("accelerations need velocities; give both, or positions alone")
+            raise _make_trajectory_error("accelerations need velocities; give both, or positions alone")
         if self.velocities is not None:
             fastest = np.abs(self.velocities).max(axis=0)
             if (np.abs(self.velocities[-1]) > ROUND_OFF * fastest + LEAST_SPEED).any():
-                raise _refused("the velocities of its last way point must be 0: there it stops")
+                raise _make_trajectory_error("the velocities of its last way point must be 0: there it stops")
             self.velocities[-1] = 0.0
 
     @property
@@ -161,7 +165,7 @@ class JointTrajectory:
         unknown = [name for name in self.joints if name not in joint_names]
         if unknown:
             known = known_names(unknown[0], joint_names, "known joints:")
-            raise _refused(f"unknown joint {listing(unknown)}; {known}")
+            raise _make_trajectory_error(f"unknown joint {listing(unknown)}; {known}")
 
     def sample(
         self, time: float, start_positions: ArrayLike, joint_names: Sequence[str] | None = None
@@ -184,7 +188,7 @@ class JointTrajectory:
         self.check_joints(names)
         command = _floats("start positions", start_positions)
         if command.shape != (len(names),):
-            raise _refused(
+            raise _make_trajectory_error(
                 f"{command.size} start positions do not fit {len(names)} joints ({listing(names)})"
             )
         moved = [names.index(name) for name in self.joints]
@@ -273,10 +277,10 @@ def _floats(what: str, values: ArrayLike) -> Array:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise _refused(f"{what} are not all numbers in rows of equal length") from error
+        raise _make_trajectory_error(f"{what} are not all numbers in rows of equal length") from error
 
 
-def _refused(problem: str) -> CommandError:
+def _make_trajectory_error(problem: str) -> CommandError:
     return CommandError(f"trajectory refused: {problem}; nothing was moved")
 
 

@@ -137,8 +137,8 @@ class CollisionModel:
         if (self._weights.max(axis=1, initial=0.0) == 1.0).all():  # every vertex coincides with a node
             heaviest = self._weights.argmax(axis=1)
             self._nodes = self._nodes[np.arange(len(heaviest)), heaviest]
-        self.carried = _carried(surfaces, nodes, weights, carriers, model)
-        self.moving = any(each.reduced(model) for each in carriers)
+        self.carried = _stack_carriers(surfaces, nodes, weights, carriers, model)
+        self.moving = any(each.list_reduced_coordinates(model) for each in carriers)
         shortfall = max(_SHORTFALL * settings.contact_distance, _TOLERANCES * settings.tolerance)
         self.least_gap = settings.contact_distance - shortfall
         self._falling = np.flatnonzero(self.carried.rigid >= 0)
@@ -150,7 +150,7 @@ class CollisionModel:
         for each in carriers:
             self._fixed[each.vertices] = each.local
         movable = [each for each in carriers if max(each.rigid, each.frame, each.joint, each.base) >= 0]
-        on_ground = [each for each in movable if each.base >= 0 and not each.reduced(model)]
+        on_ground = [each for each in movable if each.base >= 0 and not each.list_reduced_coordinates(model)]
         self._on_ground = tuple(on_ground)  # moves only when its base is moved
         self._bases = np.zeros(0)
         self._movable = tuple(each for each in movable if each not in on_ground)
@@ -182,7 +182,7 @@ class CollisionModel:
         if self._on_ground:
             self._follow_bases(state)
         points = self._fixed.copy()
-        points[self.soft] = self._followed(state.positions)
+        points[self.soft] = self._interpolate_vertices(state.positions)
         for carrier in self._movable:
             origin, rotation = carrier.pose(self.model, state)
             points[carrier.vertices] = origin + carrier.local @ rotation.T
@@ -237,7 +237,7 @@ class CollisionModel:
         points = self.points(state)
         return Place(state, points, points - start.points, share * end.turned)
 
-    def _followed(self, nodal: Array) -> Array:
+    def _interpolate_vertices(self, nodal: Array) -> Array:
         """Interpolate nodal positions or velocities (n, 3) at the soft vertices, shape (soft, 3)."""
         if self._nodes.ndim == 1:
             return nodal[self._nodes]
@@ -262,9 +262,9 @@ class CollisionModel:
         """
         known = self._known
         if known is None or known.place.points is not start.points:
-            known = self._known = self._looked(start)
+            known = self._known = self._run_detection(start)
         needed = free.moved.copy()
-        needed[self.soft] = self.model.dt * self._followed(start.state.velocities)
+        needed[self.soft] = self.model.dt * self._interpolate_vertices(start.state.velocities)
         farther, near = self._farthest(needed), known.near
         if (farther > known.travel).any():
             travel = np.maximum(farther, known.travel)
@@ -274,7 +274,7 @@ class CollisionModel:
 
     def at_end(self, end: Place) -> Proximities:
         """Return the contacts at the end of a step, including those that may close in the next one."""
-        self._known = self._looked(end)
+        self._known = self._run_detection(end)
         return self._known.near
 
     def at(self, place: Place, free: Place, end: Place) -> Proximities:
@@ -330,14 +330,14 @@ class CollisionModel:
         parted = self._parts[near.pair].any(axis=1)
         return float(near.distance[parted].min(initial=self.settings.alarm_distance))
 
-    def _looked(self, place: Place) -> LastDetection:
+    def _run_detection(self, place: Place) -> LastDetection:
         """Run detection at a configuration, with a margin for the next step at about the current speed."""
         motion_subspace = self.motion_subspace(place)
-        travel = self._expected(place, motion_subspace)
+        travel = self._bound_travel(place, motion_subspace)
         near = self._detector.candidates(place.points, self.settings.alarm_distance, travel)
         return LastDetection(place.state.buffer.copy(), place, travel, near, motion_subspace)
 
-    def _expected(self, place: Place, motion_subspace: MotionSubspace | None) -> Array:
+    def _bound_travel(self, place: Place, motion_subspace: MotionSubspace | None) -> Array:
         """Return a bound on the travel of each surface's vertices in the next step in [m], shape (s,).
 
         It depends on the state only (velocities and the size of rotating surfaces), so that it is the same at
@@ -347,7 +347,7 @@ class CollisionModel:
         travel = np.zeros(len(self.surfaces))
         if len(self.soft):
             ways = self._still.copy()
-            ways[self.soft] = h * self._followed(state.velocities)
+            ways[self.soft] = h * self._interpolate_vertices(state.velocities)
             travel = self._farthest(ways)
         for turning in self._turning:
             if turning.rigid >= 0:
@@ -369,7 +369,7 @@ class CollisionModel:
 
     # --- motion ---
 
-    def rolled(self, start: Place, place: Place) -> Array:
+    def compute_rolling(self, start: Place, place: Place) -> Array:
         """Return radius times rotation vector of spheres since the start in [m], else zeros, shape (v, 3)."""
         rolled = self._still
         if not self._spheres:
@@ -395,11 +395,11 @@ class CollisionModel:
         carrier = next(each for each in self.carriers if each.vertices.start == surface.vertices.start)
         if carrier.rigid >= 0 or carrier.frame >= 0:
             return True
-        joints = [b - 6 * len(model.frame_names) for b in carrier.reduced(model)]
+        joints = [b - 6 * len(model.frame_names) for b in carrier.list_reduced_coordinates(model)]
         return any(model.joints[j].stiffness is not None for j in joints)
 
 
-def _carried(
+def _stack_carriers(
     surfaces: tuple[CollisionSurface, ...],
     nodes: IndexArray,
     weights: Array,
@@ -408,13 +408,13 @@ def _carried(
 ) -> Carried:
     """Return the carrier of each vertex, as arrays."""
     count = len(nodes)
-    widest = max((len(carrier.reduced(model)) for carrier in carriers), default=0)
+    widest = max((len(carrier.list_reduced_coordinates(model)) for carrier in carriers), default=0)
     radius, rigid, reduced = np.zeros(count), np.full(count, -1), np.full((count, max(widest, 1)), -1)
     for surface in surfaces:
         radius[surface.vertices] = surface.radius
     for carrier in carriers:
         rigid[carrier.vertices] = carrier.rigid
-        unknowns = carrier.reduced(model)
+        unknowns = carrier.list_reduced_coordinates(model)
         reduced[carrier.vertices, : len(unknowns)] = unknowns
     return Carried(weights.any(axis=1), nodes, weights, radius, rigid, reduced)
 
@@ -423,4 +423,6 @@ def _turning(surface: int, carrier: VertexCarrier, model: Model) -> Turning:
     """Return a rotating surface and the coordinates that move it."""
     centre = np.zeros(3) if carrier.rigid >= 0 else carrier.local[0]
     radius = float(np.linalg.norm(carrier.local - centre, axis=1).max())
-    return Turning(surface, carrier.rigid, carrier.reduced(model), carrier.vertices.start, radius)
+    return Turning(
+        surface, carrier.rigid, carrier.list_reduced_coordinates(model), carrier.vertices.start, radius
+    )

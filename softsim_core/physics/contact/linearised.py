@@ -87,9 +87,9 @@ def linearise(
     ahead = free.points - at.points
     lost = earlier[~_among(np.sort(near.key), earlier)]
     chosen = collisions.may_hold(near, at, ahead, slides, first=at is start) | _among(earlier, near.key)
-    near = near.chosen(np.flatnonzero(chosen))
+    near = near.select(np.flatnonzero(chosen))
     if len(lost):
-        near = near.joined(collisions.edges_again(lost, at))
+        near = near.join(collisions.edges_again(lost, at))
     vertices = np.concatenate([near.a, near.b], axis=1)
     shares = np.concatenate([near.a_weights, -near.b_weights], axis=1)
     count, anew = len(near.key), at is not start
@@ -104,7 +104,7 @@ def linearise(
         at.points,
         at.moved,
         ahead,
-        collisions.rolled(start, at if anew else free),
+        collisions.compute_rolling(start, at if anew else free),
         settings.contact_distance,
         directions,
         gap,

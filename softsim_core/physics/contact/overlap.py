@@ -32,21 +32,21 @@ def first_overlap(
         owners: Bodies, one of which must be in the pair; None: any.
     """
 
-    def asked(a: CollisionSurface, b: CollisionSurface) -> bool:
+    def is_candidate_pair(a: CollisionSurface, b: CollisionSurface) -> bool:
         chosen = owners is None or a.owner in owners or b.owner in owners
         return chosen and a.owner != b.owner and may_meet(a, b)
 
     for i, a in enumerate(surfaces):
         for j, b in enumerate(surfaces[:i]):
-            if asked(a, b) and _cross(a, b, points):
+            if is_candidate_pair(a, b) and _cross(a, b, points):
                 return j, i
     for i, a in enumerate(surfaces):
         probes = _probes(a, points)
         for j, b in enumerate(surfaces):
-            if b.radius > 0.0 or not asked(a, b):
+            if b.radius > 0.0 or not is_candidate_pair(a, b):
                 continue
             shell = np.concatenate([each.triangles for each in surfaces if each.owner == b.owner])
-            if _enclosed(probes, points[shell]).any():
+            if _find_enclosed(probes, points[shell]).any():
                 return i, j
     return None
 
@@ -91,7 +91,7 @@ def _probes(surface: CollisionSurface, points: Array) -> Array:
     return np.asarray(corners.mean(axis=1) - _WITHIN * normals)
 
 
-def _enclosed(points: Array, corners: Array) -> BoolArray:
+def _find_enclosed(points: Array, corners: Array) -> BoolArray:
     """Return which points (p, 3) are inside closed triangles (k, 3, 3)."""
     result = np.zeros(len(points), dtype=bool)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))

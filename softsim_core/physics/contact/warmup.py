@@ -24,7 +24,7 @@ def warm_up_contact() -> None:
     near = detector.detect(points, 1.5)
     detector.edges_again(near.key, points)
     detector.free_share(points, points, np.ones(len(detector.pairs), dtype=np.bool_))
-    measured_gaps(near, near.chosen(np.zeros(0, dtype=np.int64)), points, np.zeros(len(points)), 1.5)
+    measured_gaps(near, near.select(np.zeros(0, dtype=np.int64)), points, np.zeros(len(points)), 1.5)
     detector.may_hold(near, points, points, points, Closeness(0.4, 0.1, 0.1, 1e-5), True, True)
     detector.held_astray(near, np.ones(3 * len(near.key)), points, points, 1e-5)
     rows = 1 + 3 * len(near.key)

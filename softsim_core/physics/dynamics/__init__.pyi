@@ -1,6 +1,6 @@
 from .actuator_statics import (
     command_gains as command_gains,
-    condensed as condensed,
+    condense_tangent as condense_tangent,
     on_nodes as on_nodes,
     reduced_stiffness as reduced_stiffness,
     rows_on_unknowns as rows_on_unknowns,

@@ -24,7 +24,7 @@ from softsim_core.physics.mechanics import (
     Rows,
     State,
     Transmissions,
-    joined,
+    join_rows,
     no_rows,
     sparse_rows,
 )
@@ -83,20 +83,22 @@ class ActuatedFactors:
 def reduced_stiffness(stepper: Stepper, state: State, parameters: Parameters, forces: Array) -> Array:
     """Return the static stiffness of frames and joints, with the free nodes in equilibrium, shape (b, b).
 
-    This is the first part of `condensed`.
+    This is the first part of `condense_tangent`.
 
     Raises:
         FactorisationError: the free nodes have no stable equilibrium.
     """
-    return condensed(stepper, state, parameters, forces, no_rows()).stiffness
+    return condense_tangent(stepper, state, parameters, forces, no_rows()).stiffness
 
 
-def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Array, rows: Rows) -> Condensed:
+def condense_tangent(
+    stepper: Stepper, state: State, parameters: Parameters, forces: Array, rows: Rows
+) -> Condensed:
     """Return the static tangent with free nodes and actuators eliminated, and the response on `rows`.
 
     Drives and the turning of the loads (weight and `forces` (n, 3) in [N]) are included; actuators keep their
     coordinates, at a bound or not, and their joints stand for what is commanded. With S, Z and W of
-    StaticTangent.condensed, h the rows that hold (s - q, and those of geometric stiffness w) and D = diag(c,
+    StaticTangent.condense, h the rows that hold (s - q, and those of geometric stiffness w) and D = diag(c,
     1 / w), each of the three loses what h takes:
 
         S + Z_h (W_hh + D)^-1 Z_h^T,    Z_r - Z_h (W_hh + D)^-1 W_hr,    W_rr - W_rh (W_hh + D)^-1 W_hr
@@ -109,7 +111,7 @@ def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Ar
     """
     model, actuators = stepper.model, stepper.actuators
     if not len(actuators):
-        return stepper.static_tangent(state, parameters, forces).condensed(rows)
+        return stepper.static_tangent(state, parameters, forces).condense(rows)
     multipliers = state.joint_efforts[actuators.joint]
     pulling = actuators.rows(model, state)
     spread, _ = sparse_rows(pulling, len(model.rest), model.reduced_size)
@@ -125,7 +127,7 @@ def condensed(stepper: Stepper, state: State, parameters: Parameters, forces: Ar
     gain = np.where(given, 0.0, kept.gain)
     own = [_less_command(model, actuators, pulling, gain), geometric.rows]
     before = sum(each.height for each in own)
-    stiffness, arriving, compliance = tangent.condensed(joined([*own, rows]))
+    stiffness, arriving, compliance = tangent.condense(join_rows([*own, rows]))
     diagonal = range(before)
     compliance[diagonal, diagonal] += np.append(kept.compliance, 1.0 / geometric.weight)
     compliance[diagonal, diagonal] *= 1.0 + SAME  # identical rows share their force

@@ -129,7 +129,7 @@ class BossakStepper(StepperAround):
         length = self._length / self.model.dt
         damping = replace(  # uses the mean velocity of the step
             parameters,
-            materials=[_damped(each, length) for each in parameters.materials],
+            materials=[_scale_damping(each, length) for each in parameters.materials],
             rayleigh_stiffness=parameters.rayleigh_stiffness * length,
             rayleigh_mass=parameters.rayleigh_mass * self._span / self.model.dt,
         )
@@ -281,7 +281,7 @@ class _RegionNodes:
         return np.asarray(_cross(spins, state.positions[self.nodes]) + drifts)
 
 
-def _damped(values: dict[str, float], factor: float) -> dict[str, float]:
+def _scale_damping(values: dict[str, float], factor: float) -> dict[str, float]:
     """Return values of a law by name, with its damping, if any, times a factor."""
     damping = values.get(DAMPING.name)
     return {**values, DAMPING.name: factor * damping} if damping else values

@@ -103,20 +103,20 @@ class FreeTurning:
         result = self._without_turning(state.positions, state.velocities)
         return result if control.carried is None else np.asarray(result + share * control.carried)
 
-    def turned(self, places: Array, onto: Array) -> Array:
+    def fit_rigidly(self, places: Array, onto: Array) -> Array:
         """Return places (n, 3) in [m] with each body moved rigidly to fit its position in `onto` (n, 3)."""
         result = places.copy()
         for own in (*self.bodies, *self.held):
-            centre, middle, rotation = self._fitted(own, places, onto)
+            centre, middle, rotation = self._fit_rigid_motion(own, places, onto)
             result[own] = middle + (places[own] - centre) @ rotation
         return result
 
     def dilation(self, before: Array, after: Array) -> float:
         """Return the largest a^2 / 2 of the held bodies, which turn by a between places (n, 3) in [m]."""
-        turns = [self._fitted(own, before, after)[2] for own in self.held]
+        turns = [self._fit_rigid_motion(own, before, after)[2] for own in self.held]
         return max((0.5 * (3.0 - float(np.trace(turn))) for turn in turns), default=0.0)
 
-    def _fitted(self, own: Array, places: Array, onto: Array) -> tuple[Array, Array, Array]:
+    def _fit_rigid_motion(self, own: Array, places: Array, onto: Array) -> tuple[Array, Array, Array]:
         """Return a body's centres of mass (3,) at both places, and its rotation R: x R for arms x (k, 3)."""
         mass = self._mass[own, None]
         centre, middle = ((mass * each[own]).sum(axis=0) / mass.sum() for each in (places, onto))
@@ -261,7 +261,7 @@ class IteratedStepper(StepperAround):
                 p = group.values(parameters.materials)
                 answer = mean_volume_answer(group, reached.positions, p, straining)
                 forces += h / (h + damping) * damping * answer
-            forces += damping * self._strained(parameters, straining)
+            forces += damping * self._compute_strain_forces(parameters, straining)
             viscous = viscosity_matrix(model, reached, parameters)
             if viscous is not None:  # damping of the rods' laws uses the strains' change
                 forces += damping / (h + damping) * (viscous @ straining.ravel()).reshape(-1, 3)
@@ -285,10 +285,10 @@ class IteratedStepper(StepperAround):
             trial.base_shift[:] = reached.base_shift
             self.model.place_regions(trial)
             begun = trial.positions
-        turned = self._turning.turned(begun, reached.positions)
+        turned = self._turning.fit_rigidly(begun, reached.positions)
         return np.asarray((reached.positions - turned) / self.model.dt)
 
-    def _strained(self, parameters: Parameters, straining: Array) -> Array:
+    def _compute_strain_forces(self, parameters: Parameters, straining: Array) -> Array:
         """Return (f(x_k) - f(x)) / h + K v in [N/s] of layers, fibres and rods about `reached`, shape (n, 3).
 
         The step subtracts K v again; f(x) rotates with the bodies.
@@ -373,7 +373,7 @@ class IteratedFreeMotion:
             self._times.update(earlier.report.times)
         self.violations = np.zeros(0) if motion is None else motion.violations
         if motion is not None:
-            self.report = self._told(motion.report)
+            self.report = self._complete_report(motion.report)
 
     @property
     def defect(self) -> Array | None:
@@ -424,9 +424,9 @@ class IteratedFreeMotion:
         report = self._motion.correct(impulses)
         if self.count > 1:
             self._stepper.take(self.state, self._motion.state, self._control)
-        return self._told(report)
+        return self._complete_report(report)
 
-    def _told(self, report: StepReport) -> StepReport:
+    def _complete_report(self, report: StepReport) -> StepReport:
         if self.count == 1:
             report.dilate = partial(self._stepper.dilation, self.begun, self.state, self._parameters)
             return report

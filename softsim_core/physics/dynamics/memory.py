@@ -78,16 +78,16 @@ class ViscousStepper(StepperAround):
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """Advance the state by one dt with viscoelastic stress, and update the cells' memory."""
-        report = self._inner.step(state, control, self._prepared(state, parameters))
+        report = self._inner.step(state, control, self._prepare_step(state, parameters))
         for p, memory, _, relaxing in self._arrays(state, parameters):
             relaxing.remember(p, memory, state.positions, self.model.dt)
         return report
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
         """Return the unconstrained step with viscoelastic stress; the cells' memory is unchanged."""
-        return self._inner.free_motion(state, control, self._prepared(state, parameters))
+        return self._inner.free_motion(state, control, self._prepare_step(state, parameters))
 
-    def _prepared(self, state: State, parameters: Parameters) -> Parameters:
+    def _prepare_step(self, state: State, parameters: Parameters) -> Parameters:
         """Write the known stress of the step into the state; return the parameters for the inner step."""
         for p, memory, held, relaxing in self._arrays(state, parameters):
             relaxing.hold(p, memory, held, self.model.dt)

@@ -150,7 +150,7 @@ def mean_contacts(parts: Sequence[tuple[float, ContactReport]]) -> ContactReport
     )
 
 
-def undilated() -> float:
+def skip_dilation() -> float:
     """Return the dilation of a step in which rotations cause no strain, 0."""
     return 0.0
 
@@ -192,7 +192,7 @@ class StepReport:
     fallback: int = 0
     measure: Callable[[], ContactReport] = nothing
     estimate: Callable[[], float] = unknown
-    dilate: Callable[[], float] = undilated
+    dilate: Callable[[], float] = skip_dilation
 
     @cached_property
     def contacts(self) -> ContactReport:

@@ -36,7 +36,7 @@ from softsim_core.physics.mechanics import (
     Parameters,
     Rows,
     State,
-    joined,
+    join_rows,
     no_rows,
     sparse_rows,
 )
@@ -302,7 +302,7 @@ class ScipyFreeMotion:
 
     def compliance(self, rows: Rows) -> Array:
         """Return the compliance H A^-1 H^T of actuators and rows in [1/kg], shape (c + r, c + r)."""
-        all_rows = joined([self._solved.rows, rows.checked()])
+        all_rows = join_rows([self._solved.rows, rows.with_kernel_types()])
         self._spread = self._solved.spread(self._model, self._at, all_rows)
         return self._solved.compliance(self._at, self._spread)
 
@@ -365,7 +365,7 @@ class ScipyStaticTangent:
             self._stiffness = self._stiffness - tangent[reduced, free] @ self._follow
         self.positive = self._factors is None or self._factors.positive
 
-    def condensed(self, rows: Rows) -> Condensed:
+    def condense(self, rows: Rows) -> Condensed:
         """Return the tangent with the free nodes eliminated, and the compliance of rows."""
         at, model = self._at, self._model
         on_nodes, on_reduced = sparse_rows(rows, len(model.rest), model.reduced_size)

@@ -1,7 +1,7 @@
 """Static equilibrium: Newton's method with the exact tangent, line search and load steps; its derivatives.
 
-With S, Z and W of actuator_statics.condensed, u the free frames and the joints on drives, p all other joints,
-and D the stiffness of the drives, a force f on the rows and a change dc of the commands give
+With S, Z and W of actuator_statics.condense_tangent, u the free frames and the joints on drives, p all other
+joints, and D the stiffness of the drives, a force f on the rows and a change dc of the commands give
 
     du = S_uu^-1 (Z_u f + D dc_u - S_up dc_p),    dy = Z_u^T du + Z_p^T dc_p + W f
 
@@ -18,9 +18,10 @@ and the equations s - q + c t to the system; see actuator_statics.
 
 A load that is too far away is approached in parts: joint targets and base shift change linearly, and the
 residual of the first state is removed linearly. Where that takes long, inertia restrains the steps instead
-(see StaticProblem.restrained). The first state may be unstable under any constant load, because bodies may be
-drawn far from rest; then restrained steps come first, or the model is released before joints and base move.
-The result is checked: the last step is tiny, the equilibrium is stable, and no element was inverted.
+(see StaticProblem.take_restrained_steps). The first state may be unstable under any constant load, because
+bodies may be drawn far from rest; then restrained steps come first, or the model is released before joints
+and base move. The result is checked: the last step is tiny, the equilibrium is stable, and no element was
+inverted.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
@@ -184,7 +185,7 @@ class StaticProblem:
         failure: NotConvergedError | None = None
         for way in WAYS:
             try:
-                return self._iterated(before, goal, tolerance, way)
+                return self._iterate(before, goal, tolerance, way)
             except NotConvergedError as refused:
                 failure = refused
             except np.linalg.LinAlgError as error:  # of the rotations of elements
@@ -193,8 +194,8 @@ class StaticProblem:
         assert failure is not None
         raise failure
 
-    def _iterated(self, before: State, goal: float, tolerance: float, way: str) -> State:
-        state, distant = self._predicted(before, goal), way == "distant"
+    def _iterate(self, before: State, goal: float, tolerance: float, way: str) -> State:
+        state, distant = self._predict_state(before, goal), way == "distant"
         sizes: list[float] = []
         moved: Array | None = None
         for _ in range(WAYS[way]):
@@ -227,10 +228,10 @@ class StaticProblem:
         if not factors.positive:
             self.met_unstable = True
             raise self._failure("only an unstable one", goal, residual)
-        if (self._inverted(state) & ~self._inverted(before)).any():
+        if (self._find_inverted(state) & ~self._find_inverted(before)).any():
             raise self._failure("only one with elements turned inside out", goal, residual)
 
-    def _inverted(self, state: State) -> Any:
+    def _find_inverted(self, state: State) -> Any:
         """Return which elements are inverted, shape (m,)."""
         flags = [inverted_cells(group, state.positions) for group in self.model.filling]
         return np.concatenate([np.zeros(0, dtype=bool), *flags])
@@ -276,7 +277,7 @@ class StaticProblem:
                 share *= 8.0
         raise self._failure("what was let go found no place to stay", goal, residual)
 
-    def restrained(self, before: State, tolerance: float) -> State:
+    def take_restrained_steps(self, before: State, tolerance: float) -> State:
         """Return the equilibrium under the whole load from an earlier one, by steps that inertia restrains.
 
         The exact tangent, with the stress that the last step found, is increased by the mass over the square
@@ -288,7 +289,7 @@ class StaticProblem:
         Source: Kelley and Keyes 1998, Convergence analysis of pseudo-transient continuation; Magisano,
         Leonetti, Garcea 2017, How to improve efficiency and robustness of the Newton method.
         """
-        state, goal, inertia, share = self._predicted(before, 1.0), 1.0, self._inertia(), RESTRAINT
+        state, goal, inertia, share = self._predict_state(before, 1.0), 1.0, self._inertia(), RESTRAINT
         farthest = FARTHEST * self.size or np.inf
         moved: Array | None = None
         last = self.iterations + RESTRAINED
@@ -331,9 +332,9 @@ class StaticProblem:
         self.actuators.settle(state, self.control.targets)
         spring = self.at.drive * (self.control.targets - state.joint_positions)
         state.joint_efforts[self.at.compliant] = spring[self.at.compliant]
-        return self._unbalanced(residual)
+        return self._measure_imbalance(residual)
 
-    def _predicted(self, before: State, goal: float) -> State:
+    def _predict_state(self, before: State, goal: float) -> State:
         """Return the state with prescribed joints and bases at `goal` and all else following to first order.
 
         Nodes that share a short cell with a moving region rotate with it rigidly, and add their own
@@ -344,7 +345,7 @@ class StaticProblem:
         state.joint_positions[at.prescribed] = self._targets(goal)[at.prescribed]
         state.base_shift[0] = self.first_shift + goal * (self.control.base_shift - self.first_shift)
         model.place_regions(state)
-        driven = self._driven(before, state).ravel()
+        driven = self._compute_driven_displacement(before, state).ravel()
         if driven.any():
             residual, forces = self._residual(before, goal)
             stiffness = node_stiffness(model, before, self.parameters)
@@ -355,7 +356,7 @@ class StaticProblem:
             self._move(state, self._solve(factors, residual, before))
         return state
 
-    def _driven(self, before: State, state: State) -> Array:
+    def _compute_driven_displacement(self, before: State, state: State) -> Array:
         """Return the first-order displacement by joints and bases in [m], (n, 3).
 
         Place `beside` in `state`.
@@ -470,12 +471,12 @@ class StaticProblem:
         """Return the largest displacement of a step in [m]; NaN counts as infinite."""
         return float(np.nan_to_num(np.abs(step * self.lever), nan=np.inf).max(initial=0.0))
 
-    def _unbalanced(self, residual: Array) -> float:
+    def _measure_imbalance(self, residual: Array) -> float:
         solved = self.at.solved
         return float(np.abs(residual[solved] / self.lever[solved]).max(initial=0.0))
 
     def _failure(self, reason: str, fraction: float, residual: Array) -> NotConvergedError:
-        return NotConvergedError(reason, fraction, self.iterations, self._unbalanced(residual))
+        return NotConvergedError(reason, fraction, self.iterations, self._measure_imbalance(residual))
 
 
 def _beside(model: Model) -> list[tuple[RigidRegion, IndexArray]]:
@@ -566,7 +567,7 @@ def solve_static(
             current, steps = problem.newton(problem.start, 1.0, tolerance), 1
         except NotConvergedError:
             part, stable = SMALLER, problem.starts_stable
-            found = None if stable else _restrained(problem, problem.start, tolerance)
+            found = None if stable else _try_restrained_steps(problem, problem.start, tolerance)
             if found is None and not stable:
                 standing = replace(control, targets=problem.first_targets, base_shift=problem.first_shift)
                 first = StaticProblem(model, standing, parameters, state, acting, chosen)
@@ -578,10 +579,10 @@ def solve_static(
     return StaticSolution(current, problem.iterations, steps, residual)
 
 
-def _restrained(problem: StaticProblem, before: State, tolerance: float) -> State | None:
+def _try_restrained_steps(problem: StaticProblem, before: State, tolerance: float) -> State | None:
     """Return the equilibrium under the whole load by restrained steps from a state; None: there is none."""
     try:
-        return problem.restrained(before, tolerance)
+        return problem.take_restrained_steps(before, tolerance)
     except (NotConvergedError, np.linalg.LinAlgError):  # the latter from the rotations of elements
         return None
 
@@ -602,7 +603,7 @@ def _in_parts(problem: StaticProblem, tolerance: float, part: float) -> tuple[St
         except NotConvergedError as failure:
             if problem.iterations > soon and not tried and not problem.met_unstable:
                 tried = True
-                if (found := _restrained(problem, current, tolerance)) is not None:
+                if (found := _try_restrained_steps(problem, current, tolerance)) is not None:
                     return found, steps + 1
             part *= SMALLER
             if part < SMALLEST_PART:

@@ -188,6 +188,6 @@ class StaticTangent(Protocol):
 
     positive: bool
 
-    def condensed(self, rows: Rows) -> Condensed:
+    def condense(self, rows: Rows) -> Condensed:
         """Eliminate the free nodes, which follow frames and joints in equilibrium, and return the rest."""
         ...

@@ -70,12 +70,12 @@ class ElementGroup:
         """Return the group with the chosen cells (k,) only."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in self.per_cell})
 
-    def ordered(self, inside: IndexArray) -> ElementGroup:
+    def with_node_order(self, inside: IndexArray) -> ElementGroup:
         """Return the group with the nodes of each cell in another order, `inside`, shape (m, a)."""
         return replace(self, **self.of_nodes(inside))
 
     def of_nodes(self, inside: IndexArray) -> dict[str, Any]:
-        """Return the arrays that `ordered` changes, by name."""
+        """Return the arrays that `with_node_order` changes, by name."""
         return {
             "cells": np.take_along_axis(self.cells, inside, axis=1),
             "gradients": np.take_along_axis(self.gradients, inside[:, None, :, None], axis=2),

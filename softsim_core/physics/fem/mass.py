@@ -43,7 +43,7 @@ class MassCoupling:
     blocks: tuple[Array, ...]
     matrix: sp.csr_matrix
 
-    def scaled(self, factor: float) -> MassCoupling:
+    def scale(self, factor: float) -> MassCoupling:
         """Return this coupling times a factor."""
         return MassCoupling(
             self.cells, tuple(factor * each for each in self.blocks), (factor * self.matrix).tocsr()

@@ -136,12 +136,12 @@ class Compiler:
             return function
         from softsim_core.physics.kernels.dispatchers import ForPython, Inside
 
-        inside = self._compiled(function, Inside, Path(self._cache), no_cpython_wrapper=True)
+        inside = self._compile(function, Inside, Path(self._cache), no_cpython_wrapper=True)
         folder = Path(self._cache) / "for_python"
-        inside.with_wrapper = partial(self._compiled, function, ForPython, folder)
+        inside.with_wrapper = partial(self._compile, function, ForPython, folder)
         return cast(F, inside)
 
-    def _compiled(self, function: F, kind: type, folder: Path, **options: bool) -> Any:
+    def _compile(self, function: F, kind: type, folder: Path, **options: bool) -> Any:
         compiled = self._numba.njit(
             nogil=True, fastmath=_FLAGS, error_model="numpy", no_cfunc_wrapper=True, **options
         )(function)

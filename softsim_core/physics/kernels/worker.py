@@ -119,7 +119,7 @@ def _import_paths() -> list[str]:
     return [str(Path(each).absolute()) for each in sys.path if each]
 
 
-def _compiled(paths: list[str], request: bytes) -> bool:
+def _compile_kernel(paths: list[str], request: bytes) -> bool:
     """Compile a kernel, unless another process has done so meanwhile."""
     sys.path[:] = paths  # also those of a new package
     wanted: KernelRequest = pickle.loads(request)
@@ -129,7 +129,7 @@ def _compiled(paths: list[str], request: bytes) -> bool:
     return True
 
 
-def _heard(requests: BinaryIO, heard: SimpleQueue[tuple[list[str], bytes]]) -> None:
+def _receive_requests(requests: BinaryIO, heard: SimpleQueue[tuple[list[str], bytes]]) -> None:
     """Yield requests, and end this process with the one that asks, even in the middle of a kernel."""
     with suppress(EOFError, OSError):
         while True:
@@ -149,14 +149,14 @@ def main() -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of modules is no answer
     heard: SimpleQueue[tuple[list[str], bytes]] = SimpleQueue()
-    Thread(target=_heard, args=(sys.stdin.buffer, heard), daemon=True).start()
+    Thread(target=_receive_requests, args=(sys.stdin.buffer, heard), daemon=True).start()
     while True:
         try:
             request = heard.get(timeout=IDLE_S)
         except Empty:
             os._exit(0)  # the reading thread has the input's lock, and Python would end with an error
         try:
-            done = _compiled(*request)
+            done = _compile_kernel(*request)
         except Exception:  # the next compilation reports the reason
             done = False
         answers.write(pickle.dumps(done))

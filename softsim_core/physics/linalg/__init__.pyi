@@ -14,7 +14,7 @@ from .cholesky import (
 )
 from .compile import (
     compiler as compiler,
-    inlined as inlined,
+    inline as inline,
     intrinsic as intrinsic,
 )
 from .conjugate import (
@@ -30,7 +30,7 @@ from .conjugate import (
 )
 from .divided_factor import (
     Division as Division,
-    divided as divided,
+    divide_tree as divide_tree,
     lead_factor as lead_factor,
     room_for as room_for,
     support_factor as support_factor,
@@ -45,7 +45,7 @@ from .ordering import (
     graph_of as graph_of,
     minimum_degree as minimum_degree,
     nested_dissection as nested_dissection,
-    postordered as postordered,
+    postorder as postorder,
 )
 from .products import (
     Matrix as Matrix,
@@ -68,7 +68,7 @@ from .solver_interface import (
     Pattern as Pattern,
     Rows as Rows,
     SuperLU as SuperLU,
-    factorised as factorised,
+    factorise_matrix as factorise_matrix,
     spread_of as spread_of,
 )
 from .solvers import (
@@ -85,9 +85,9 @@ from .symbolic import (
     Tree as Tree,
     clear as clear,
     empty_factor as empty_factor,
-    padded as padded,
     plan as plan,
     plan_stack as plan_stack,
+    round_up as round_up,
     tree_of as tree_of,
 )
 from .threads import (

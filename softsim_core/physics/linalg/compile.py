@@ -16,7 +16,7 @@ compiler = Compiler(Path(__file__).parent)
 kernel = compiler.kernel
 
 
-def inlined(function: F) -> F:
+def inline(function: F) -> F:
     """Return a part of a kernel that is copied into its callers.
 
     Passing whole tuples of arrays to a function is not free.

@@ -34,7 +34,7 @@ from softsim_core.physics.linalg.cholesky import (
 )
 from softsim_core.physics.linalg.compile import kernel
 from softsim_core.physics.linalg.simd import LANES, ROWS, solve_rows
-from softsim_core.physics.linalg.symbolic import Factor, Numbers, Plan, Tree, padded, plan_stack
+from softsim_core.physics.linalg.symbolic import Factor, Numbers, Plan, Tree, plan_stack, round_up
 from softsim_core.physics.linalg.threads import (
     CLOSED,
     await_others,
@@ -70,7 +70,7 @@ WORTHWHILE = 3e8
 """Flops of a factorisation, some 10 ms, above which several threads are faster."""
 
 
-def undivided(plan: Plan) -> Division:
+def take_whole_tree(plan: Plan) -> Division:
     """Return the whole tree as one part."""
     none = np.zeros(0, np.int64)
     return Division(np.zeros(1, np.int64), np.array([len(plan.columns)]), none, np.zeros(2, np.int64), none)
@@ -82,7 +82,7 @@ def factor_flops(plan: Plan) -> Array:
     return np.asarray(own * (own + 1.0) * (2.0 * own + 1.0) / 6.0 + own * coupled * (own + coupled))
 
 
-def divided(plan: Plan, worthwhile: float | None = None) -> Division:
+def divide_tree(plan: Plan, worthwhile: float | None = None) -> Division:
     """Return the parts of a plan's tree, or the whole if its cost is at most `worthwhile`.
 
     `worthwhile` None: WORTHWHILE.
@@ -90,7 +90,7 @@ def divided(plan: Plan, worthwhile: float | None = None) -> Division:
     size = len(plan.columns)
     first, whole = np.arange(size), factor_flops(plan)
     if whole.sum() <= (WORTHWHILE if worthwhile is None else worthwhile):
-        return undivided(plan)
+        return take_whole_tree(plan)
     children: list[list[int]] = [[] for _ in range(size)]
     roots = []
     for s, p in enumerate(plan.parent.tolist()):  # children precede their parents
@@ -144,7 +144,7 @@ def with_room_for(plan: Plan, division: Division, tile_rows: int) -> Plan:
 
     Updates of a part for supernodes above it, or for the unknowns after all of them, stay in place.
     """
-    needs, update, end = padded(plan.side, tile_rows) * (plan.width - plan.later), plan.update.copy(), 0
+    needs, update, end = round_up(plan.side, tile_rows) * (plan.width - plan.later), plan.update.copy(), 0
     left = [np.zeros(0, np.int64)]
     for low, high in zip(division.first.tolist(), division.end.tolist(), strict=True):
         end = plan_stack(np.arange(low, high), needs, plan.parent, update, end)

@@ -56,7 +56,7 @@ def elimination_tree(starts: IndexArray, neighbours: IndexArray, order: IndexArr
 
 
 @kernel
-def postordered(parent: IndexArray) -> IndexArray:
+def postorder(parent: IndexArray) -> IndexArray:
     """Return positions with children before their parents and each subtree contiguous, shape (n,)."""
     count = len(parent)
     first, following = np.full(count + 1, -1, np.int64), np.full(count, -1, np.int64)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from softsim_core.base import Array, IndexArray, unique_pairs
 from softsim_core.physics.linalg.compile import kernel
 from softsim_core.physics.linalg.simd import ROWS
-from softsim_core.physics.linalg.symbolic import Plan, Tree, padded
+from softsim_core.physics.linalg.symbolic import Plan, Tree, round_up
 
 BLOCK = 3
 """Number of unknowns of a node."""
@@ -45,8 +45,8 @@ def matrix_layout(
     unknown = np.concatenate([blocks.ravel(), BLOCK * count + beside[:, 1]])
     order = np.lexsort((unknown, owner))
     coupled = np.bincount(owner, minlength=count)
-    columns, later, side = np.full(count, BLOCK), np.full(count, padded(BLOCK, lanes)), coupled + 1
-    width = later + padded(side, lanes)
+    columns, later, side = np.full(count, BLOCK), np.full(count, round_up(BLOCK, lanes)), coupled + 1
+    width = later + round_up(side, lanes)
     panel = np.concatenate([[0], np.cumsum(BLOCK * width)])
     none = np.zeros(0, dtype=np.int64)
     return Plan(

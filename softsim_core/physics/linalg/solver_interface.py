@@ -150,7 +150,7 @@ class SuperLUPlan:
 
     def factor(self, values: Array) -> SuperLUFactors:
         """Factor the matrix with `values` (k,) in the order of the pattern's entries."""
-        return SuperLUFactors(factorised(self._pattern.matrix(values)))
+        return SuperLUFactors(factorise_matrix(self._pattern.matrix(values)))
 
 
 class SuperLUFactors:
@@ -176,7 +176,7 @@ class SuperLUFactors:
         return np.asarray(0.5 * (product + product.T))
 
 
-def factorised(matrix: sp.csc_matrix) -> Any:
+def factorise_matrix(matrix: sp.csc_matrix) -> Any:
     """Return SuperLU factors of a (nearly) symmetric matrix.
 
     Pivots stay on the diagonal; the order is the minimum degree order of A + A^T.

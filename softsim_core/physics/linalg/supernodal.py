@@ -18,7 +18,7 @@ from softsim_core.physics.linalg.solver_interface import (
     Rows,
     SolverPlan,
     SuperLUFactors,
-    factorised,
+    factorise_matrix,
     spread_of,
 )
 
@@ -133,7 +133,7 @@ class SupernodalPlan:
                 return SupernodalFactors(self, cho_factor(store.schur[:, :-1]))
             except (np.linalg.LinAlgError, ValueError):  # the dense block is not positive
                 pass
-        return _NotPositive(factorised(self.pattern.matrix(values)))
+        return _NotPositive(factorise_matrix(self.pattern.matrix(values)))
 
 
 class _NotPositive(SuperLUFactors):

@@ -24,7 +24,7 @@ from softsim_core.physics.linalg.ordering import (
     elimination_order,
     elimination_tree,
     graph_of,
-    postordered,
+    postorder,
 )
 
 RELAXATION = ((24, 0.6), (48, 0.4), (96, 0.25), (1 << 30, 0.08))
@@ -124,7 +124,7 @@ def plan(
     """
     graph = graph_of(count, edges)
     order = elimination_order(graph) if order is None else order
-    order = order[postordered(elimination_tree(*graph, order))]
+    order = order[postorder(elimination_tree(*graph, order))]
     tree = elimination_tree(*graph, order)
     border = np.zeros((count, border_size), dtype=np.bool_)
     border[border_edges[:, 0], border_edges[:, 1]] = True
@@ -251,9 +251,9 @@ def _lay_out(
     last = placed[(first_column + columns) // 3 - 1]
     first_row = np.concatenate([[0], np.cumsum(coupled)])
     row_index = row_unknowns(*graph, order[placed], position, border[last], columns, parent, first_row)
-    later, side = padded(columns, lanes), coupled + 1
-    width = later + padded(side, lanes)
-    panel = np.concatenate([[0], np.cumsum(padded(columns, tile_rows) * width)])
+    later, side = round_up(columns, lanes), coupled + 1
+    width = later + round_up(side, lanes)
+    panel = np.concatenate([[0], np.cumsum(round_up(columns, tile_rows) * width)])
     supernode = np.repeat(np.arange(size), columns // 3)[position]
     local = 3 * position - first_column[supernode]
     update = np.zeros(size, dtype=np.int64)
@@ -270,7 +270,7 @@ def _lay_out(
         width=width,
         panel=panel,
         update=update,
-        stack_size=plan_stack(np.arange(size), padded(side, tile_rows) * (width - later), parent, update),
+        stack_size=plan_stack(np.arange(size), round_up(side, tile_rows) * (width - later), parent, update),
         first_child=np.cumsum([0] + [len(below) for below in child_lists]),
         children=np.array([c for below in child_lists for c in below], dtype=np.int64),
         first_run=first_run,
@@ -367,7 +367,7 @@ def runs_of(
     return first_run, runs[:height].copy()
 
 
-def padded(length: Any, multiple: int) -> Any:
+def round_up(length: Any, multiple: int) -> Any:
     """Return the smallest multiple of `multiple` that is not below `length` (a number or an array)."""
     return length + (-length) % multiple
 

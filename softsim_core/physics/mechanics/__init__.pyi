@@ -40,7 +40,7 @@ from .rigid import (
 )
 from .rows import (
     Rows as Rows,
-    joined as joined,
+    join_rows as join_rows,
     no_rows as no_rows,
     sparse_rows as sparse_rows,
 )

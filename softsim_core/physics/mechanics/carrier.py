@@ -43,7 +43,7 @@ class Carrier:
             return model.base_frame(self.base, state)
         return np.zeros(3), np.eye(3)
 
-    def reduced(self, model: Model) -> list[int]:
+    def list_reduced_coordinates(self, model: Model) -> list[int]:
         """Return the reduced coordinates that move it."""
         if self.frame >= 0:
             return list(range(6 * self.frame, 6 * self.frame + 6))
@@ -63,7 +63,7 @@ class Carrier:
             of_frame, of_rigid = state.reduced_velocities[first : first + 6], state.rigid_velocities
             velocity, spin = np.split(of_rigid[self.rigid] if self.rigid >= 0 else of_frame, 2)
             return velocity + cross(spin, point - self.pose(model, state)[0]), spin
-        moved = self.reduced(model)
+        moved = self.list_reduced_coordinates(model)
         if not moved:
             return np.zeros(3), np.zeros(3)
         speeds, motions = state.reduced_velocities[moved], model.motion_subspace(state)

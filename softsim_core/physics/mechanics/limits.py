@@ -161,19 +161,21 @@ def check_named_command(
             position is infinite.
     """
     if len(names) > len(joints):
-        raise _refused(f"it names {len(names)} joints of {len(joints)} ({listing(joints)})")
+        raise _make_command_error(f"it names {len(names)} joints of {len(joints)} ({listing(joints)})")
     if len(names) != len(positions):
-        raise _refused(f"it has {len(positions)} positions for {len(names)} names; give one for each")
+        raise _make_command_error(
+            f"it has {len(positions)} positions for {len(names)} names; give one for each"
+        )
     unknown = [name for name in names if name not in joints]
     if unknown:
-        raise _refused(f"unknown joints {_short(unknown)}; known joints: {listing(joints)}")
+        raise _make_command_error(f"unknown joints {_short(unknown)}; known joints: {listing(joints)}")
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
-        raise _refused(f"it names {_short(twice)} twice; name every joint once")
+        raise _make_command_error(f"it names {_short(twice)} twice; name every joint once")
     command = {name: float(value) for name, value in zip(names, positions, strict=True) if value == value}
     for name, value in command.items():
         if math.isinf(value):
-            raise _refused(f"{value} for joint {name} is not finite; NaN stands for no command")
+            raise _make_command_error(f"{value} for joint {name} is not finite; NaN stands for no command")
     return command
 
 
@@ -184,7 +186,7 @@ def check_positions_only(velocities: Sequence[float], efforts: Sequence[float]) 
         CommandError: a velocity or effort is neither NaN nor 0, up to round-off.
     """
     if says_something(velocities) or says_something(efforts):
-        raise _refused(
+        raise _make_command_error(
             "only positions are taken; leave velocity and effort empty, or fill them with NaN or 0"
         )
 
@@ -207,7 +209,7 @@ def check_age(given_s: float, now_s: float) -> None:
     late = now_s - given_s
     if given_s != 0.0 and abs(late) > MOST_LATE_S:
         side = f"{late:.1f} s ago" if late > 0.0 else f"{-late:.1f} s ahead"
-        raise _refused(
+        raise _make_command_error(
             f"it is stamped {side}, allowed are {MOST_LATE_S:g} s; use one clock, or stamp it 0 for now"
         )
 
@@ -216,5 +218,5 @@ def _short(names: Sequence[str]) -> str:
     return listing([name[:LONGEST_NAME] for name in names])
 
 
-def _refused(problem: str) -> CommandError:
+def _make_command_error(problem: str) -> CommandError:
     return CommandError(f"joint command refused: {problem}; nothing was moved")

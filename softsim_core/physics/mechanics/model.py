@@ -146,7 +146,7 @@ class Model:
             mass=factor * self.mass,
             gravity=self.gravity / factor,
             joints=tuple(replace(each, inertia=factor * each.inertia) for each in self.joints),
-            coupling=None if self.coupling is None else self.coupling.scaled(factor),
+            coupling=None if self.coupling is None else self.coupling.scale(factor),
         )
 
     @property
@@ -213,14 +213,18 @@ class Model:
     def joint_frame(self, j: int, state: State) -> tuple[Array, Array]:
         """Return the origin (3,) and rotation (3, 3) of the frame that joint j moves."""
         position, shift = float(state.joint_positions[j]), float(state.base_shift[0])
-        return self._carried(j, state, *self.joints[j].frame(position, state.base_positions[j], shift))
+        return self._move_with_parent(
+            j, state, *self.joints[j].frame(position, state.base_positions[j], shift)
+        )
 
     def base_frame(self, j: int, state: State) -> tuple[Array, Array]:
         """Return the origin (3,) and rotation (3, 3) of the base of joint j."""
         joint, shift = self.joints[j], float(state.base_shift[0])
-        return self._carried(j, state, joint.base_origin(state.base_positions[j], shift), joint.base_rotation)
+        return self._move_with_parent(
+            j, state, joint.base_origin(state.base_positions[j], shift), joint.base_rotation
+        )
 
-    def _carried(self, j: int, state: State, origin: Array, rotation: Array) -> tuple[Array, Array]:
+    def _move_with_parent(self, j: int, state: State, origin: Array, rotation: Array) -> tuple[Array, Array]:
         """Return the current pose of a frame that joint j's parent carries.
 
         The frame is at `origin` (3,), `rotation` (3, 3) while the parent is at rest.

@@ -106,7 +106,7 @@ class RigidBodies:
                 state.rigid_rotations[r] = _orthonormal(turn @ rotation)
                 continue
             spin = rotation.T @ state.rigid_velocities[r, 3:]
-            state.rigid_rotations[r] = self._turned(r, rotation, spin, dt)
+            state.rigid_rotations[r] = self._rotate_freely(r, rotation, spin, dt)
 
     def finish(self, state: State, before: State) -> None:
         """Convert velocities of a finished step to those at its end: the same momentum in the new pose."""
@@ -117,7 +117,7 @@ class RigidBodies:
             momentum = first @ (self.inertia[r] @ (first.T @ state.rigid_velocities[r, 3:]))
             state.rigid_velocities[r, 3:] = rotation @ (self.inverse_inertia[r] @ (rotation.T @ momentum))
 
-    def _turned(self, r: int, rotation: Array, spin: Array, dt: float) -> Array:
+    def _rotate_freely(self, r: int, rotation: Array, spin: Array, dt: float) -> Array:
         """Return the rotation (3, 3) after `dt` without a moment, from an initial spin (3,) in body axes."""
         inertia = self.inertia[r]
         held = inertia @ spin

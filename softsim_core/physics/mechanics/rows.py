@@ -33,7 +33,7 @@ class Rows(NamedTuple):
         """Number of rows."""
         return len(self.start) - 1
 
-    def checked(self) -> Rows:
+    def with_kernel_types(self) -> Rows:
         """Return the same rows with the types that compiled kernels expect.
 
         Raises:
@@ -43,7 +43,7 @@ class Rows(NamedTuple):
         return Rows(start, place, float_array(self.coefficient, (len(place), 3), "coefficient"))
 
 
-def joined(parts: list[Rows]) -> Rows:
+def join_rows(parts: list[Rows]) -> Rows:
     """Return several sets of rows joined into one, in order."""
     if len(parts) == 1:
         return parts[0]

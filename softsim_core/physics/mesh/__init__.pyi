@@ -15,8 +15,8 @@ from .faces import (
     boundary_faces as boundary_faces,
     cavities as cavities,
     encloses as encloses,
+    flip_faces as flip_faces,
     triangles_of as triangles_of,
-    turned as turned,
 )
 from .follower import SurfaceFollower as SurfaceFollower
 from .formats import merge_corners as merge_corners
@@ -24,7 +24,7 @@ from .generators import (
     box_mesh as box_mesh,
     extrude as extrude,
     flip_to_delaunay as flip_to_delaunay,
-    oriented as oriented,
+    orient_tets as orient_tets,
     smooth as smooth,
     stitch as stitch,
 )
@@ -69,5 +69,5 @@ from .types import (
     TetMesh as TetMesh,
     linear as linear,
     quadratic as quadratic,
-    subdivided as subdivided,
+    subdivide_mesh as subdivide_mesh,
 )

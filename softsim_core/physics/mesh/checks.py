@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, MeshError, unique_pairs
-from softsim_core.physics.mesh.types import TetMesh, subdivided
+from softsim_core.physics.mesh.types import TetMesh, subdivide_mesh
 
 SLIVER_ANGLE_DEG = 10.0
 """A tetrahedron with a dihedral angle below this, in [deg], counts as a sliver."""
@@ -79,7 +79,7 @@ def check_tets(mesh: TetMesh) -> MeshReport:
     edges = unique_pairs(np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1))
     lengths = np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
     _refuse_zero_volumes(mesh, volumes)
-    inside = tet_volumes(mesh.points, subdivided(mesh).tets).reshape(m, -1)
+    inside = tet_volumes(mesh.points, subdivide_mesh(mesh).tets).reshape(m, -1)
     _refuse_folded(mesh, volumes, inside)
 
     angles = dihedral_angles_deg(mesh.points, tets)

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, MeshError, radians
-from softsim_core.physics.mesh.types import TetMesh, subdivided
+from softsim_core.physics.mesh.types import TetMesh, subdivide_mesh
 
 _ON_FACE = 1.0e-5  # in element heights: a point on a face stays inside when rounded to float32
 
@@ -58,7 +58,7 @@ def embed(points: Array, mesh: TetMesh) -> Embedding:
         raise MeshError(
             mesh.name, f"points to embed, shape {points.shape}, must be finite and of shape (p, 3)"
         )
-    tets = subdivided(mesh).tets
+    tets = subdivide_mesh(mesh).tets
     corners = mesh.points[tets]
     try:
         inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2))

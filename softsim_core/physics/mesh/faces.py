@@ -71,11 +71,11 @@ def cavities(mesh: TetMesh) -> list[IndexArray]:
         chosen = faces[own == part]
         a, b, c = np.moveaxis(mesh.points[chosen[:, :3]], 1, 0)
         if np.einsum("ki,ki->", a, np.cross(b, c)) < 0.0:
-            found.append(turned(chosen))
+            found.append(flip_faces(chosen))
     return found
 
 
-def turned(faces: IndexArray) -> IndexArray:
+def flip_faces(faces: IndexArray) -> IndexArray:
     """Return the same faces with the opposite orientation."""
     return np.ascontiguousarray(faces[:, [0, 2, 1, 5, 4, 3][: faces.shape[1]]])
 

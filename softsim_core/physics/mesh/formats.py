@@ -218,7 +218,7 @@ def parse_gid(data: bytes, path: Path) -> tuple[Array, dict[str, IndexArray]]:
         )
     points = np.array(rows, dtype=np.float64).reshape(-1, 3)
     return points, {
-        kind: _renumbered(np.array(ids), found, kind, path) for kind, found in elements.items() if found
+        kind: _renumber_nodes(np.array(ids), found, kind, path) for kind, found in elements.items() if found
     }
 
 
@@ -274,7 +274,7 @@ def _number(word: str, line: int, path: Path) -> float:
         raise MeshError(path, f"line {line}: {word!r} is not a number") from None
 
 
-def _renumbered(ids: IndexArray, elements: list[list[int]], kind: str, path: Path) -> IndexArray:
+def _renumber_nodes(ids: IndexArray, elements: list[list[int]], kind: str, path: Path) -> IndexArray:
     wanted = np.array(elements, dtype=np.int64)
     order = np.argsort(ids, kind="stable")
     if (np.diff(ids[order]) == 0).any():
@@ -500,13 +500,13 @@ def read_vtu(file: Path, data: bytes) -> Any:
     module: Any = importlib.import_module("meshio.vtu._vtu")
     allowance = _Allowance(file, data)
 
-    def unpacked(reader: Any, text: str, dtype: Any) -> Any:
+    def unpack(reader: Any, text: str, dtype: Any) -> Any:
         order = "<" if reader.byte_order == "LittleEndian" else ">" if reader.byte_order else "="
         header = module.vtu_to_numpy_type[reader.header_type].newbyteorder(order)
         blocks = _vtu_blocks(text, header, _DECOMPRESSORS[reader.compression], allowance)
         return np.frombuffer(blocks, dtype=dtype.newbyteorder(order))
 
-    bounded = type("BoundedVtuReader", (module.VtuReader,), {"read_compressed_binary": unpacked})
+    bounded = type("BoundedVtuReader", (module.VtuReader,), {"read_compressed_binary": unpack})
     found = bounded(str(file))
     return importlib.import_module("meshio").Mesh(
         found.points,

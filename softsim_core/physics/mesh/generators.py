@@ -211,7 +211,7 @@ def smooth(points: Array, triangles: IndexArray, movable: Array, sweeps: int = 2
 _KUHN_PATHS = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
 
 
-def oriented(points: Array, tets: IndexArray) -> IndexArray:
+def orient_tets(points: Array, tets: IndexArray) -> IndexArray:
     """Return the tetrahedra (m, 4), the last two nodes swapped if the signed volume is negative."""
     corners = points[tets]
     edges = corners[:, 1:] - corners[:, :1]
@@ -247,7 +247,7 @@ def extrude(
         a, b, c = (order if layer % 2 == 0 else order[:, ::-1]).T + layer * n
         for tet in ((a, b, c, c + n), (a, b, b + n, c + n), (a, a + n, b + n, c + n)):
             tets.append(np.column_stack(tet))
-    return solid, oriented(solid, np.concatenate(tets))
+    return solid, orient_tets(solid, np.concatenate(tets))
 
 
 def box_mesh(
@@ -299,4 +299,4 @@ def box_mesh(
             corner[:, axis] += step[:, axis]
             corners.append(node[tuple(corner.T)])
         tets.append(np.column_stack(corners))
-    return TetMesh(points, oriented(points, np.stack(tets, axis=1).reshape(-1, 4)), name)
+    return TetMesh(points, orient_tets(points, np.stack(tets, axis=1).reshape(-1, 4)), name)

@@ -141,14 +141,18 @@ def _tet_mesh(contents: _Contents, file: Path) -> TetMesh:
     if unknown:
         raise MeshError(
             file,
-            f"holds cells of kinds that are not read: {', '.join(unknown)} ({_found(cells)}); export linear "
-            "cells or quadratic tetrahedra",
+            f"holds cells of kinds that are not read: {', '.join(unknown)} ({_describe_cells(cells)}); "
+            "export linear cells or quadratic tetrahedra",
         )
     blocks = {kind: np.concatenate(cells[kind]).astype(np.int64) for kind in known if kind in cells}
     if not blocks:
-        raise MeshError(file, f"holds no tetrahedra ({_found(cells)}); export a tetrahedral volume mesh")
+        raise MeshError(
+            file, f"holds no tetrahedra ({_describe_cells(cells)}); export a tetrahedral volume mesh"
+        )
     if "tetra10" in blocks and len(blocks) > 1:
-        raise MeshError(file, f"mixes linear and quadratic cells ({_found(cells)}); export all of one order")
+        raise MeshError(
+            file, f"mixes linear and quadratic cells ({_describe_cells(cells)}); export all of one order"
+        )
     corners = 10 if "tetra10" in blocks else 4
     tets = blocks.pop("tetra10", blocks.pop("tetra", np.empty((0, 4), dtype=np.int64)))
     for kind, block in blocks.items():
@@ -205,7 +209,7 @@ def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
         mesh = _tet_mesh(contents, file)
         points, triangles = mesh.points, boundary(mesh)
     else:
-        raise MeshError(file, f"holds no triangles ({_found(cells)}); export a surface mesh")
+        raise MeshError(file, f"holds no triangles ({_describe_cells(cells)}); export a surface mesh")
     check_arrays(points, triangles, 3, str(file))
     triangles = drop_degenerate(triangles, file)
     if not len(triangles):
@@ -333,7 +337,7 @@ def _gmsh_contents(points: Array, blocks: list[GmshBlock]) -> _Contents:
         numbers = np.arange(first, first + len(block.cells))
         cells.setdefault(block.kind, []).append(block.cells)
         members += [_Member(name, block.kind, block.cells, numbers) for name in block.groups]
-    return _Contents(points, cells, *_named(members))
+    return _Contents(points, cells, *_collect_groups(members))
 
 
 class _Member(NamedTuple):
@@ -346,7 +350,7 @@ class _Member(NamedTuple):
 
 
 def _groups(mesh: Any) -> _Groups:
-    """Return the physical groups of a Gmsh file, by their names, or else their numbers; see `_named`."""
+    """Return the physical groups of a Gmsh file, by their names, or their numbers; see `_collect_groups`."""
     names = {(dimension, tag): name for name, (tag, dimension) in mesh.field_data.items()}
     members: list[_Member] = []
     count: dict[str, int] = {}
@@ -357,10 +361,10 @@ def _groups(mesh: Any) -> _Groups:
             inside = np.flatnonzero(tags == tag)
             cells = np.asarray(block.data[inside], dtype=np.int64)
             members.append(_Member(names.get((dimension, tag), str(tag)), block.type, cells, first + inside))
-    return _named(members)
+    return _collect_groups(members)
 
 
-def _named(members: list[_Member]) -> _Groups:
+def _collect_groups(members: list[_Member]) -> _Groups:
     """Return for each group the corners of its triangles (k, 3), its nodes, and its cells by kind.
 
     Cells are given by their numbers.
@@ -404,7 +408,7 @@ def _fans(faces: IndexArray) -> IndexArray:
     return np.stack(fans, axis=1).reshape(-1, 3)
 
 
-def _found(cells: _Cells) -> str:
+def _describe_cells(cells: _Cells) -> str:
     kinds = [f"{sum(len(block) for block in blocks)} {kind}" for kind, blocks in cells.items()]
     return f"found {', '.join(kinds)}" if kinds else "found no elements"
 

@@ -151,7 +151,7 @@ def sphere_surface(radius: float, refinements: int = _REFINEMENTS) -> SurfaceMes
     inward = np.linalg.det(points[triangles]) < 0.0
     triangles[inward] = triangles[inward][:, ::-1]
     for _ in range(refinements):
-        points, triangles = _refined(points, triangles)
+        points, triangles = _refine_surface(points, triangles)
         points /= np.linalg.norm(points, axis=1, keepdims=True)
     return SurfaceMesh(radius * points, triangles, "sphere")
 
@@ -204,7 +204,7 @@ def cylinder_surface(radius: float, height: float, segments: int = _SEGMENTS) ->
     return SurfaceMesh(points, np.concatenate([np.column_stack(each) for each in triangles]), "cylinder")
 
 
-def _refined(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray]:
+def _refine_surface(points: Array, triangles: IndexArray) -> tuple[Array, IndexArray]:
     """Return the surface with every triangle cut into four at the middles of its edges."""
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     distinct, index = np.unique(edges, axis=0, return_inverse=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray, MeshError, unique_pairs
-from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh, subdivided
+from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh, subdivide_mesh
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 """Faces opposite nodes 0..3 of a positively oriented tetrahedron, seen from outside counter-clockwise."""
@@ -24,7 +24,7 @@ def boundary(mesh: TetMesh) -> IndexArray:
     Raises:
         MeshError: a face is shared by more than two tetrahedra.
     """
-    tets = subdivided(mesh).tets
+    tets = subdivide_mesh(mesh).tets
     corners = mesh.points[tets]
     inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
     faces = tets[:, FACES]

@@ -113,7 +113,7 @@ def linear(mesh: TetMesh) -> TetMesh:
     )
 
 
-def subdivided(mesh: TetMesh) -> TetMesh:
+def subdivide_mesh(mesh: TetMesh) -> TetMesh:
     """Return linear tetrahedra over the same nodes: eight per quadratic cell, in its place.
 
     Four lie at the corners, and four around the shortest diagonal of the octahedron between them, all

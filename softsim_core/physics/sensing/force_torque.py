@@ -98,7 +98,7 @@ class ForceTorqueSensor(Sensor):
         return np.concatenate([force @ rotation, moment @ rotation])
 
 
-def _built(described: ForceTorqueDescription, scenery: Scenery) -> ForceTorqueSensor:
+def _build_force_torque(described: ForceTorqueDescription, scenery: Scenery) -> ForceTorqueSensor:
     model, owner = scenery.soft.model, f"sensor {described.name}"
     names = [joint.name for joint in model.joints]
     if described.on not in names:
@@ -148,4 +148,4 @@ def _hangs(model: Model, nodes: IndexArray, joints: Sequence[int], owner: str) -
     return True
 
 
-FORCE_TORQUE = SensorKind(ForceTorqueDescription, _built)
+FORCE_TORQUE = SensorKind(ForceTorqueDescription, _build_force_torque)

@@ -119,19 +119,19 @@ class Imu(Sensor):
         motion = (force[0], rate[0])
         return np.concatenate(motion if self._turning is None else (*motion, quaternion_of(now)))
 
-    def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
+    def add_noise(self, value: Array, generator: np.random.Generator | None) -> Array:
         """Return the sample with bias and noise.
 
         The noise of the orientation is a small rotation about the unit's axes.
         """
-        told = super().disturbed(value[:6], generator)
+        told = super().add_noise(value[:6], generator)
         if self._turning is None or generator is None:
             return np.concatenate([told, value[6:]])
         turn = rotation_exp(self._turning * generator.standard_normal(3))
         return np.concatenate([told, quaternion_of(rotation_of(value[6:]) @ turn)])
 
 
-def _built(described: ImuDescription, scenery: Scenery) -> Imu:
+def _build_imu(described: ImuDescription, scenery: Scenery) -> Imu:
     return Imu(
         scenery.places[described.on].within(described.pose),
         both(described.accelerometer_noise, described.gyroscope_noise),
@@ -140,4 +140,4 @@ def _built(described: ImuDescription, scenery: Scenery) -> Imu:
     )
 
 
-IMU = SensorKind(ImuDescription, _built)
+IMU = SensorKind(ImuDescription, _build_imu)

@@ -88,7 +88,7 @@ class Markers(Sensor):
         carried = seen.state.positions[self._points.nodes]
         return np.asarray(np.einsum("pa,pai->pi", self._points.weights, carried))
 
-    def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
+    def add_noise(self, value: Array, generator: np.random.Generator | None) -> Array:
         """Return the positions with noise, NaN where a marker is not seen.
 
         With a camera, the noise along the line of sight has its own standard deviation.
@@ -106,7 +106,7 @@ class Markers(Sensor):
         return told
 
 
-def _built(described: MarkersDescription, scenery: Scenery) -> Markers:
+def _build_markers(described: MarkersDescription, scenery: Scenery) -> Markers:
     points = np.array(described.points)
     if described.body is not None:
         return Markers(scenery.soft.bind(described.owner, described.body, points), described)
@@ -123,4 +123,4 @@ def _built(described: MarkersDescription, scenery: Scenery) -> Markers:
     return Markers(Points(nodes, weights), described)
 
 
-MARKERS = SensorKind(MarkersDescription, _built)
+MARKERS = SensorKind(MarkersDescription, _build_markers)

@@ -111,14 +111,14 @@ class Sensor(ABC):
 
     @property
     def random(self) -> bool:
-        """Whether `disturbed` draws from its generator."""
+        """Whether `add_noise` draws from its generator."""
         return bool(self.noise.any())
 
     @abstractmethod
     def measure(self, seen: Seen) -> Array:
         """Return the true value, always of the same shape."""
 
-    def disturbed(self, value: Array, generator: np.random.Generator | None) -> Array:
+    def add_noise(self, value: Array, generator: np.random.Generator | None) -> Array:
         """Return the sample for a true `value`; without a generator nothing is random."""
         told = value + self.bias
         if generator is not None:

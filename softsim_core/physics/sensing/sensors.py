@@ -47,7 +47,7 @@ class Sensors:
             number = self._number(description, step)
             if anew or number != self._number(description, step - 1):
                 generator = noise.of_sample(number) if sensor.random else None
-                value = sensor.disturbed(sensor.measure(seen), generator)
+                value = sensor.add_noise(sensor.measure(seen), generator)
                 value.flags.writeable = False
                 self._told[description.name] = SensorReading(description, value, step * self._dt, number)
 

@@ -78,9 +78,9 @@ class StrainSensor(Sensor):
         return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
-def _built(described: StrainSensorDescription, scenery: Scenery) -> StrainSensor:
+def _build_strain(described: StrainSensorDescription, scenery: Scenery) -> StrainSensor:
     points = scenery.soft.bind(described.owner, described.body, np.array(described.points))
     return StrainSensor(points, scenery.soft.model.rest, described.noise, described.bias)
 
 
-STRAIN = SensorKind(StrainSensorDescription, _built)
+STRAIN = SensorKind(StrainSensorDescription, _build_strain)

@@ -187,7 +187,7 @@ class TactileArray(Sensor):
 
     def measure(self, seen: Seen) -> Array:
         """Return the pressures in [Pa], shape (rows, columns)."""
-        vertices, weights, pressing = pressed(seen.contacts, self._body)
+        vertices, weights, pressing = select_contacts(seen.contacts, self._body)
         forces = np.bincount(
             vertices.ravel(), (pressing[:, None] * weights).ravel(), minlength=self._spread.shape[1]
         )
@@ -213,7 +213,7 @@ class RigidTactileArray(Sensor):
 
     def measure(self, seen: Seen) -> Array:
         """Return the pressures in [Pa], shape (rows, columns)."""
-        vertices, weights, pressing = pressed(seen.contacts, self._body)
+        vertices, weights, pressing = select_contacts(seen.contacts, self._body)
         pressing = np.where((self._patch[vertices] | (weights == 0.0)).all(axis=1), pressing, 0.0)
         cells = self._grid.cell(np.einsum("kc,kci->ki", weights, self._places[vertices]))
         shape = (self._grid.rows, self._grid.columns)
@@ -221,7 +221,7 @@ class RigidTactileArray(Sensor):
         return np.asarray(forces / self._grid.area).reshape(shape)
 
 
-def pressed(contacts: ContactReport, body: int) -> tuple[IndexArray, Array, Array]:
+def select_contacts(contacts: ContactReport, body: int) -> tuple[IndexArray, Array, Array]:
     """Return the contacts on a body.
 
     They are the vertices of its surface (k, 3), their weights (k, 3) and the forces along the normals (k,).
@@ -232,7 +232,7 @@ def pressed(contacts: ContactReport, body: int) -> tuple[IndexArray, Array, Arra
     return contacts.vertices[which[:, None], corner], contacts.weights[which[:, None], corner], along[which]
 
 
-def _built(described: TactileArrayDescription, scenery: Scenery) -> Sensor:
+def _build_tactile(described: TactileArrayDescription, scenery: Scenery) -> Sensor:
     surfaces = scenery.surfaces_of(described.body)
     if not surfaces:
         raise SceneError(
@@ -266,4 +266,4 @@ def _built(described: TactileArrayDescription, scenery: Scenery) -> Sensor:
     return RigidTactileArray(chosen, places, grid, number, described.noise, described.bias)
 
 
-TACTILE = SensorKind(TactileArrayDescription, _built)
+TACTILE = SensorKind(TactileArrayDescription, _build_tactile)

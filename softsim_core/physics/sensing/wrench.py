@@ -83,7 +83,7 @@ class WrenchSensor(Sensor):
         return np.concatenate([forces.sum(axis=0) @ rotation, moment @ rotation])
 
 
-def _built(described: WrenchSensorDescription, scenery: Scenery) -> WrenchSensor:
+def _build_wrench(described: WrenchSensorDescription, scenery: Scenery) -> WrenchSensor:
     number = scenery.body_names.index
     return WrenchSensor(
         number(described.body),
@@ -94,4 +94,4 @@ def _built(described: WrenchSensorDescription, scenery: Scenery) -> WrenchSensor
     )
 
 
-WRENCH = SensorKind(WrenchSensorDescription, _built)
+WRENCH = SensorKind(WrenchSensorDescription, _build_wrench)

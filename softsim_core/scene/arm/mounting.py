@@ -19,7 +19,7 @@ from softsim_core.scene import (
     RobotDescription,
     SceneDescription,
     ViewSettings,
-    placed,
+    place_scene,
 )
 from softsim_core.scene.arm.description import ArmDescription, ToolDescription
 from softsim_core.scene.arm.urdf_file import RigidRobot, UrdfJoint, read_urdf
@@ -93,7 +93,7 @@ def _joints(rigid: RigidRobot, arm: ArmDescription) -> tuple[tuple[JointDescript
             raise SceneError(
                 f"arm: start of {each.name} is {rest}; allowed is [{limits.lower}, {limits.upper}]"
             )
-        moved = base.after(_moved(each, rest))
+        moved = base.after(_motion_of(each, rest))
         mounts[each.child] = Mount(each.name, moved, moved)
         result.append(
             JointDescription(
@@ -109,7 +109,7 @@ def _joints(rigid: RigidRobot, arm: ArmDescription) -> tuple[tuple[JointDescript
     return tuple(result), mounts
 
 
-def _moved(joint: UrdfJoint, position: float) -> Motion:
+def _motion_of(joint: UrdfJoint, position: float) -> Motion:
     """Return the frame that a joint moves, in its base frame."""
     if joint.kind == "revolute":
         return Motion(rotation_exp(position * joint.axis), np.zeros(3))
@@ -155,7 +155,9 @@ def _without(robot: RobotDescription, tool: ToolDescription) -> RobotDescription
     for kind in ("attachments", "collisions"):
         kept[kind] = tuple(each for each in kept[kind] if each.body in bodies)
     kept["joints"] = tuple(
-        replace(each, parent=kept_carrier(each.parent), actuator=_recarried(each.actuator, kept_carrier))
+        replace(
+            each, parent=kept_carrier(each.parent), actuator=_replace_carriers(each.actuator, kept_carrier)
+        )
         for each in kept["joints"]
     )
     for kind, field_name in (("attachments", "to"), ("rigid_bodies", "on")):
@@ -177,7 +179,7 @@ def _without(robot: RobotDescription, tool: ToolDescription) -> RobotDescription
     )
 
 
-def _recarried(
+def _replace_carriers(
     actuator: ActuatorDescription | None, carrier: Callable[[str | None], str | None]
 ) -> ActuatorDescription | None:
     """Return an actuator with the joints that carry its parts replaced."""
@@ -190,8 +192,8 @@ def _with_tool(
     robot: RobotDescription, tool: RobotDescription, mount: Mount, pose: Placement
 ) -> RobotDescription:
     """Return a robot with a tool whose world is at a pose in the frame of a link."""
-    there = placed(tool.scene, mount.link.after(Motion.to(pose)))
-    hung = _hung(there, mount)
+    there = place_scene(tool.scene, mount.link.after(Motion.to(pose)))
+    hung = _mount_tool(there, mount)
     parts: dict[str, Any] = {
         kind: (*getattr(robot.scene, kind), *hung.get(kind, getattr(there, kind))) for kind in _PARTS
     }
@@ -216,7 +218,7 @@ def _with_tool(
     )
 
 
-def _hung(tool: SceneDescription, mount: Mount) -> dict[str, Any]:
+def _mount_tool(tool: SceneDescription, mount: Mount) -> dict[str, Any]:
     """Return the fields that change when a link carries a tool instead of the world."""
     on, joints, attachments, bodies = mount.joint, [], [], []
     for joint in tool.joints:

@@ -65,7 +65,7 @@ def package_folders(
     """
     above = file.resolve().parents
     yield from (folder for folder in above if folder.name == package or _name_of(folder) == package)
-    yield from (folder for folder in _below(package, _searched(file)) if allowed(folder))
+    yield from (folder for folder in _below(package, _list_search_folders(file)) if allowed(folder))
     shares = (entry / "share" / package for entry in _entries(AMENT))
     yield from (folder for folder in shares if folder.is_dir())
     yield from _below(package, _entries(CATKIN))
@@ -73,7 +73,7 @@ def package_folders(
 
 def not_found(package: str, file: Path) -> str:
     """Return the message that a package is in none of `package_folders`, with the places searched."""
-    below = listing(f"{folder}" for folder in _searched(file)[-1:])
+    below = listing(f"{folder}" for folder in _list_search_folders(file)[-1:])
     entries = (f"{name} ({listing(_entries(name))})" for name in (AMENT, CATKIN))
     return (
         f"package {package} is in no folder of that name and no folder with its package.xml above {file}, "
@@ -86,7 +86,7 @@ def _entries(variable: str) -> list[Path]:
     return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
 
 
-def _searched(file: Path) -> list[Path]:
+def _list_search_folders(file: Path) -> list[Path]:
     """Return the folders above a file whose children are searched."""
     return [folder for folder in file.resolve().parents[:MOST_ABOVE] if _is_searchable(folder)]
 
@@ -146,7 +146,7 @@ def _name_of(folder: Path) -> str:
         return ""
 
 
-def expanded(file: Path, arguments: Mapping[str, str], most_bytes: int) -> bytes:
+def expand_xacro(file: Path, arguments: Mapping[str, str], most_bytes: int) -> bytes:
     """Expand a xacro file to URDF.
 
     Xacro evaluates `${...}` as Python: such a file is a program, and runs only where `scene.programs` allows
@@ -277,7 +277,7 @@ def read_urdf(file: Path, arguments: Mapping[str, str] | None = None) -> RigidRo
         ConfigError: not a URDF file, a file that is too large, not a tree of fixed, revolute and prismatic
             joints, or an invalid shape or number.
     """
-    robot = _parsed(file, arguments or {})
+    robot = _parse_robot(file, arguments or {})
     links = [link.name for link in robot.links]
     joints = [_joint(each, file) for each in robot.joints]
     for what, names in (("link", links), ("joint", [each.name for each in joints])):
@@ -294,7 +294,7 @@ def read_urdf(file: Path, arguments: Mapping[str, str] | None = None) -> RigidRo
                 )
     children = [each.child for each in joints]
     roots = [link for link in links if link not in children]
-    ordered = _ordered(joints, roots[0]) if len(roots) == 1 else []
+    ordered = _order_joints(joints, roots[0]) if len(roots) == 1 else []
     if len(ordered) != len(joints) or len(set(children)) != len(children):
         raise ConfigError(file, "", f"its links are no tree with one root; roots: {listing(roots)}")
     colours = {each.name: each.color.rgba for each in robot.materials if each.color is not None}
@@ -308,7 +308,7 @@ def _text(file: Path, arguments: Mapping[str, str]) -> bytes:
         raise ConfigError(file, "", f"takes no arguments ({listing(arguments)}); only xacro files do")
     try:
         if file.suffix == XACRO:
-            text = expanded(file, arguments, MOST_BYTES)
+            text = expand_xacro(file, arguments, MOST_BYTES)
         else:
             with file.open("rb") as stream:
                 text = stream.read(MOST_BYTES + 1)
@@ -319,7 +319,7 @@ def _text(file: Path, arguments: Mapping[str, str]) -> bytes:
     return text
 
 
-def _parsed(file: Path, arguments: Mapping[str, str]) -> Any:
+def _parse_robot(file: Path, arguments: Mapping[str, str]) -> Any:
     """Parse the robot with the library."""
     text = _text(file, arguments)
     try:
@@ -341,7 +341,7 @@ def _parsed(file: Path, arguments: Mapping[str, str]) -> Any:
     return robot
 
 
-def _ordered(joints: list[UrdfJoint], root: str) -> list[UrdfJoint]:
+def _order_joints(joints: list[UrdfJoint], root: str) -> list[UrdfJoint]:
     """Order joints with parents before children, each chain in the order of the file."""
     result: list[UrdfJoint] = []
     ready = [each for each in joints if each.parent == root]

@@ -149,7 +149,7 @@ class _Parts:
     def add(self, group: ElementGroup) -> None:
         self._found.setdefault((group.element.name, group.material.name), []).append(group)
 
-    def joined(self, first_number: int) -> tuple[ElementGroup, ...]:
+    def join_groups(self, first_number: int) -> tuple[ElementGroup, ...]:
         """Return the groups, with cells numbered from `first_number`."""
         groups = []
         for parts in self._found.values():
@@ -195,7 +195,7 @@ def reinforcements(
             else:
                 group = _fibres(each, description, b, number, filling, rest)
             parts.add(group)
-    return parts.joined(sum(len(group.cells) for group in filling)), mass
+    return parts.join_groups(sum(len(group.cells) for group in filling)), mass
 
 
 def _layer(
@@ -325,7 +325,7 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
         MeshError: its centreline or first axis cannot be used.
     """
     moduli, holding = (each[0] for each in SECTION.scales(np.array([list(values.values())])))
-    centres, axes, length = _laid(rod, name)
+    centres, axes, length = _lay_out_rod(rod, name)
     at_points = (np.arange(rod.elements)[:, None] + _GAUSS) / rod.elements
     at_sections = (np.arange(rod.elements)[:, None] + np.array([0.0, 0.5, 1.0])) / rod.elements
     area, line = _stiffness(rod.section, at_points, moduli)
@@ -373,13 +373,13 @@ def draw_tetrahedra(rod: RodDescription, name: str, order: int) -> tuple[SweptMe
     Raises:
         MeshError: its centreline or first axis cannot be used.
     """
-    centres, axes, length = _laid(rod, name)
+    centres, axes, length = _lay_out_rod(rod, name)
     sizes = _sizes(rod.section, np.linspace(0.0, 1.0, len(centres)))
     swept = swept_mesh(centres, axes, sizes, length, rod.across, order, name)
     return swept, swept.straight if rod.natural == "straight" else swept.mesh.points
 
 
-def _laid(rod: RodDescription, name: str) -> tuple[Array, Array, float]:
+def _lay_out_rod(rod: RodDescription, name: str) -> tuple[Array, Array, float]:
     """Return centres and axes of the sections of a rod as drawn, and its length without load in [m]."""
     turn = rotation_matrix(rod.placement.rotation_deg)
     ends = [

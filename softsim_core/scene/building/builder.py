@@ -24,7 +24,7 @@ from softsim_core.physics.fem import (
 )
 from softsim_core.physics.fem.elements import element
 from softsim_core.physics.fem.materials import SECTION, Relaxing
-from softsim_core.physics.fem.rods import joined, rod_group
+from softsim_core.physics.fem.rods import join_rods, rod_group
 from softsim_core.physics.mechanics import (
     ACCELERATION,
     COMMANDED,
@@ -389,7 +389,7 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementG
             assert each.sections is not None  # as all rods have
             first = int(ends[b]) - len(each.cells)
             rods.append(rod_group(each.mesh, each.sections, SECTION, each.nodes.start, b, first))
-    return (*groups, joined(rods)) if rods else tuple(groups)
+    return (*groups, join_rods(rods)) if rods else tuple(groups)
 
 
 def _rotation(rotation_deg: tuple[float, float, float]) -> Array:

@@ -144,7 +144,7 @@ def contacts(
                     f"collision {description.name}: {description.body} is a rigid body, which has no group "
                     f"{description.faces!r} of faces; remove `faces`"
                 )
-            surface = _chosen(description, thing.surface)
+            surface = _choose_triangles(description, thing.surface)
             moving = thing.free >= 0 or thing.on != "world"
         sphere = not soft and rigid[owner - len(bodies)].radius > 0.0 and description.surface is None
         if sphere:
@@ -252,7 +252,7 @@ def _on_body(description: CollisionDescription, body: Body) -> tuple[SurfaceMesh
         whole = replace(body.outside, triangles=triangles - body.nodes.start)
     else:
         whole = body.outside
-    surface = _chosen(replace(description, surface=None), whole)
+    surface = _choose_triangles(replace(description, surface=None), whole)
     bound = embed(surface.points, body.solid)
     weights = np.where(np.abs(bound.weights) < 1e-9, 0.0, bound.weights)
     return surface, bound.nodes + body.nodes.start, weights / weights.sum(axis=1, keepdims=True)
@@ -282,7 +282,7 @@ def triangles_in(faces: str | None, body: Body) -> IndexArray:
     return found
 
 
-def _chosen(description: CollisionDescription, surface: SurfaceMesh) -> SurfaceMesh:
+def _choose_triangles(description: CollisionDescription, surface: SurfaceMesh) -> SurfaceMesh:
     """Return the triangles with all corners in one of the boxes, and only the points they use."""
     if description.surface is not None:
         surface = read_surface(description.surface.file, description.surface.placement)

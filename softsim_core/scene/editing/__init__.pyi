@@ -5,8 +5,8 @@ from .chosen import (
 from .document import (
     Proposal as Proposal,
     SceneDocument as SceneDocument,
-    edited as edited,
-    rebased as rebased,
+    apply_edits as apply_edits,
+    rebase_paths as rebase_paths,
 )
 from .edits import (
     Edit as Edit,
@@ -24,7 +24,7 @@ from .parts import (
     plain_vector as plain_vector,
     regions_of as regions_of,
     remove as remove,
-    reshaped as reshaped,
+    reshape_region as reshape_region,
     route as route,
     routed_points as routed_points,
 )

@@ -84,16 +84,16 @@ def chosen_by(scene: SceneDescription, shapes: RestShapes) -> list[Chosen]:
         body = shapes.body(description)
         for number, added in enumerate(description.added_masses):
             part = f"bodies/{body.name}/added_masses#{number}"
-            found.append(_chosen(part, body, partial(chosen_nodes, body, added, body.region_points)))
+            found.append(_choose_nodes(part, body, partial(chosen_nodes, body, added, body.region_points)))
     for collision in scene.collisions:
         if collision.body in bodies and collision.surface is None:
             body = shapes.body(bodies[collision.body])
             find = partial(_touching, body, collision.boxes, collision.faces)
-            found.append(_chosen(f"collisions/{collision.name}", body, find))
+            found.append(_choose_nodes(f"collisions/{collision.name}", body, find))
     for joint in scene.joints:
         if isinstance(joint.actuator, ChamberDescription):
             body = shapes.body(bodies[joint.actuator.body])
-            found.append(_chosen(f"joints/{joint.name}", body, partial(_hollow, body, joint)))
+            found.append(_choose_nodes(f"joints/{joint.name}", body, partial(_hollow, body, joint)))
     return found
 
 
@@ -105,7 +105,7 @@ def _of_attachments(
         body = shapes.body(bodies[attachment.body])
         points = _seen_by(scene, attachment, body.region_points)
         find = partial(chosen_nodes, body, attachment, points)
-        chosen = _chosen(f"attachments/{attachment.name}", body, find)
+        chosen = _choose_nodes(f"attachments/{attachment.name}", body, find)
         if attachment.stiffness is None and not chosen.problem:
             keys = [(body.name, node) for node in chosen.nodes.tolist()]
             shared = [owners[key] for key in keys if key in owners]
@@ -127,7 +127,7 @@ def _seen_by(scene: SceneDescription, attachment: AttachmentDescription, points:
     return points
 
 
-def _chosen(part: str, body: Body, find: Callable[[], Any]) -> Chosen:
+def _choose_nodes(part: str, body: Body, find: Callable[[], Any]) -> Chosen:
     try:
         nodes, problem = np.asarray(find(), dtype=np.int64), ""
     except SoftSimError as error:

@@ -26,7 +26,7 @@ FLOW_VALUES: Final = 8
 """Largest number of values of a new mapping or list that is written on one line."""
 
 
-def edited(text: str, edits: Sequence[Edit], file: Path) -> str:
+def apply_edits(text: str, edits: Sequence[Edit], file: Path) -> str:
     """Return a file's text after some edits.
 
     Raises:
@@ -39,14 +39,14 @@ def edited(text: str, edits: Sequence[Edit], file: Path) -> str:
         for edit in edits:
             carried_out(tree, edit, maker)
 
-    return _changed(text, file, carry_out)
+    return _apply_change(text, file, carry_out)
 
 
-def rebased(text: str, file: Path, files: Collection[Path]) -> str:
+def rebase_paths(text: str, file: Path, files: Collection[Path]) -> str:
     """Return a file's text for another folder: relative paths that lead to one of `files` become absolute.
 
     Raises:
-        ConfigError: as `edited`.
+        ConfigError: as `apply_edits`.
     """
 
     def absolute(value: Any) -> Any:
@@ -61,17 +61,17 @@ def rebased(text: str, file: Path, files: Collection[Path]) -> str:
             elif absolute(value) != value:
                 tree[key] = absolute(value)
 
-    return _changed(text, file, rebase)
+    return _apply_change(text, file, rebase)
 
 
-def _changed(text: str, file: Path, change: Callable[[Any, Maker], None]) -> str:
+def _apply_change(text: str, file: Path, change: Callable[[Any, Maker], None]) -> str:
     """Apply a change to the text and to plain data, and check that both agree."""
-    expected = _unshared(parse_yaml(text, file))
+    expected = _unshare_parts(parse_yaml(text, file))
     change(expected, _Plain())
     writer = _Writer(text, file)
-    before = writer.written()
+    before = writer.to_text()
     change(writer.tree, writer)
-    after = writer.written()
+    after = writer.to_text()
     for result in (taken_over(text, before, after), after):
         if _reads_as(result, expected, file):
             return result
@@ -85,8 +85,8 @@ def _changed(text: str, file: Path, change: Callable[[Any, Maker], None]) -> str
 class _Plain:
     """Maker of plain data, in which nothing is shared."""
 
-    def made(self, value: Any) -> Any:
-        return _unshared(value)
+    def make_node(self, value: Any) -> Any:
+        return _unshare_parts(value)
 
     def own(self, at: Any, key: Any) -> Any:
         return at[key]
@@ -115,21 +115,21 @@ class _Writer:
                 file, "", f"cannot be edited ({type(error).__name__}); edit it by hand"
             ) from error
 
-    def written(self) -> str:
+    def to_text(self) -> str:
         """Return the tree as text."""
         stream = io.StringIO()
         self._yaml.dump(self.tree, stream)
         return stream.getvalue()
 
-    def made(self, value: Any) -> Any:
+    def make_node(self, value: Any) -> Any:
         """Convert plain data to nodes: small ones on one line."""
         if isinstance(value, Mapping):
-            pairs = {self._quoted(key): self.made(each) for key, each in value.items()}
+            pairs = {self._quote_ambiguous_text(key): self.make_node(each) for key, each in value.items()}
             node = self._comments.CommentedMap(pairs)
         elif isinstance(value, list | tuple):
-            node = self._comments.CommentedSeq([self.made(each) for each in value])
+            node = self._comments.CommentedSeq([self.make_node(each) for each in value])
         else:
-            return self._quoted(value)
+            return self._quote_ambiguous_text(value)
         if _count(value) <= FLOW_VALUES:
             node.fa.set_flow_style()
         else:
@@ -147,7 +147,7 @@ class _Writer:
             at[key] = found = copy
         return found
 
-    def _quoted(self, value: Any) -> Any:
+    def _quote_ambiguous_text(self, value: Any) -> Any:
         """Quote text that would be read as another type; return other values unchanged."""
         if isinstance(value, str) and _is_misread(value):
             return self._strings.DoubleQuotedScalarString(value)
@@ -258,16 +258,16 @@ def _indent(line: str) -> int:
 
 def _reads_as(text: str, expected: Any, file: Path) -> bool:
     try:
-        return bool(_unshared(parse_yaml(text, file)) == expected)
+        return bool(_unshare_parts(parse_yaml(text, file)) == expected)
     except ConfigError:
         return False
 
 
-def _unshared(value: Any) -> Any:
+def _unshare_parts(value: Any) -> Any:
     """Return plain data without shared parts."""
     if isinstance(value, Mapping):
-        return {key: _unshared(each) for key, each in value.items()}
-    return [_unshared(each) for each in value] if isinstance(value, list | tuple) else value
+        return {key: _unshare_parts(each) for key, each in value.items()}
+    return [_unshare_parts(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 MOST_UNDONE: Final = 500
@@ -330,13 +330,13 @@ class SceneDocument:
         """Number of undone changes that can be redone."""
         return len(self._states) - 1 - self._at
 
-    def proposed(self, edits: Sequence[Edit]) -> Proposal:
+    def propose(self, edits: Sequence[Edit]) -> Proposal:
         """Return the result of `change` without applying it.
 
         Raises:
             ConfigError: as `change`.
         """
-        text = edited(self.text, edits, self.file)
+        text = apply_edits(self.text, edits, self.file)
         robot = load_yaml(self.file, text=text)
         if robot.name != self.robot.name:
             raise ConfigError(self.file, "name", "cannot be edited while the robot runs; it is its namespace")
@@ -354,10 +354,10 @@ class SceneDocument:
         Raises:
             ConfigError: they fit nowhere, or the result is no scene; nothing has changed.
         """
-        self.take(self.proposed(edits), stroke)
+        self.take(self.propose(edits), stroke)
 
     def take(self, proposal: Proposal, stroke: str = "") -> None:
-        """Make a result of `proposed` the current proposal."""
+        """Make a result of `propose` the current proposal."""
         if proposal.text == self.text:
             return
         goes_on = bool(stroke) and stroke == self._stroke and self._at == len(self._states) - 1 > 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeAlias
 
 from softsim_core.base import ConfigError, listing
-from softsim_core.scene.io import Item, KeyPath, Steps, key_path, shortened
+from softsim_core.scene.io import Item, KeyPath, Steps, key_path, shorten
 
 EDITED_KEYS: Final = (
     "dt",
@@ -61,7 +61,7 @@ Edit: TypeAlias = "Put | Remove"
 class Maker(Protocol):
     """Factory of the parts of a tree."""
 
-    def made(self, value: Any) -> Any:
+    def make_node(self, value: Any) -> Any:
         """Convert plain data to a part of the tree."""
 
     def own(self, at: Any, key: Any) -> Any:
@@ -85,13 +85,13 @@ def carried_out(tree: Any, edit: Edit, maker: Maker) -> None:
     steps = edit.steps
     _check_steps(steps)
     if isinstance(edit, Put):
-        _check_value(edit.value, _written(steps), MOST_DEPTH)
+        _check_value(edit.value, _format_steps(steps), MOST_DEPTH)
     at = tree
     for number, step in enumerate(steps[:-1]):
-        at = _below(at, step, steps[number + 1], _written(steps[: number + 1]), maker)
-    last, where = steps[-1], _written(steps)
+        at = _below(at, step, steps[number + 1], _format_steps(steps[: number + 1]), maker)
+    last, where = steps[-1], _format_steps(steps)
     if isinstance(edit, Put):
-        _put(at, last, edit.value, where, maker)
+        _put_value(at, last, edit.value, where, maker)
     else:
         _remove(at, last, where)
 
@@ -99,7 +99,7 @@ def carried_out(tree: Any, edit: Edit, maker: Maker) -> None:
 def _check_steps(steps: Steps) -> None:
     if not 0 < len(steps) <= MOST_STEPS or steps[0] not in EDITED_KEYS:
         raise ConfigError(
-            "edit", _written(steps), f"is nothing that edits change; they change {listing(EDITED_KEYS)}"
+            "edit", _format_steps(steps), f"is nothing that edits change; they change {listing(EDITED_KEYS)}"
         )
 
 
@@ -122,7 +122,7 @@ def _below(at: Any, step: str | Item, following: str | Item, where: str, maker: 
     if isinstance(step, Item):
         index = index_of(at, step.name, where)
         if index is None:
-            at.append(maker.made({"name": step.name}))
+            at.append(maker.make_node({"name": step.name}))
             index = len(at) - 1
         return maker.own(at, index)
     _need_mapping(at, where)
@@ -131,16 +131,16 @@ def _below(at: Any, step: str | Item, following: str | Item, where: str, maker: 
     return maker.own(at, step)
 
 
-def _put(at: Any, last: str | Item, value: Any, where: str, maker: Maker) -> None:
+def _put_value(at: Any, last: str | Item, value: Any, where: str, maker: Maker) -> None:
     if isinstance(last, Item):
         index = index_of(at, last.name, where)
         if index is None:
-            at.append(maker.made(value))
+            at.append(maker.make_node(value))
         else:
-            at[index] = laid(maker.own(at, index), value, maker)
+            at[index] = overwrite_value(maker.own(at, index), value, maker)
         return
     _need_mapping(at, where)
-    at[last] = laid(maker.own(at, last), value, maker) if last in at else maker.made(value)
+    at[last] = overwrite_value(maker.own(at, last), value, maker) if last in at else maker.make_node(value)
 
 
 def _remove(at: Any, last: str | Item, where: str) -> None:
@@ -157,21 +157,23 @@ def _remove(at: Any, last: str | Item, where: str) -> None:
     raise ConfigError("edit", where, "is not written in this file, so it cannot be taken out of it")
 
 
-def laid(old: Any, new: Any, maker: Maker) -> Any:
+def overwrite_value(old: Any, new: Any, maker: Maker) -> Any:
     """Change `old` in place to the content of `new`; replace it if that is impossible."""
     if isinstance(old, dict) and isinstance(new, Mapping):
         for key in [key for key in old if key not in new]:
             del old[key]
         for key, value in new.items():
-            old[key] = laid(maker.own(old, key), value, maker) if key in old else maker.made(value)
+            old[key] = (
+                overwrite_value(maker.own(old, key), value, maker) if key in old else maker.make_node(value)
+            )
         return old
     if isinstance(old, list) and isinstance(new, list | tuple):
         for index, value in enumerate(new[: len(old)]):
-            old[index] = laid(maker.own(old, index), value, maker)
+            old[index] = overwrite_value(maker.own(old, index), value, maker)
         del old[len(new) :]
-        old.extend(maker.made(value) for value in new[len(old) :])
+        old.extend(maker.make_node(value) for value in new[len(old) :])
         return old
-    return old if type(new) is not bool and old == new and not isinstance(old, bool) else maker.made(new)
+    return old if type(new) is not bool and old == new and not isinstance(old, bool) else maker.make_node(new)
 
 
 def index_of(items: Any, name: str, where: str) -> int | None:
@@ -191,8 +193,8 @@ def _need_mapping(at: Any, where: str) -> None:
         raise ConfigError("edit", where, "lies in something that is no mapping")
 
 
-def _written(steps: Sequence[str | Item]) -> str:
+def _format_steps(steps: Sequence[str | Item]) -> str:
     """Format steps as in joints.cable.limits."""
     names = (step.name if isinstance(step, Item) else step for step in steps[:MOST_STEPS])
-    path: KeyPath = tuple(shortened(name) for name in names)
+    path: KeyPath = tuple(shorten(name) for name in names)
     return key_path(path)

@@ -99,7 +99,7 @@ def regions_of(scene: SceneDescription) -> dict[str, Region]:
     return {region.part: region for region in found}
 
 
-def reshaped(scene: SceneDescription, region: Region, shape: Box | Sphere) -> Put:
+def reshape_region(scene: SceneDescription, region: Region, shape: Box | Sphere) -> Put:
     """Return the edit that replaces a region's shape by another one of the same kind."""
     if region.index is None:
         return Put(region.steps, plain_shape(shape))

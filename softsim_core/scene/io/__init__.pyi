@@ -3,7 +3,7 @@ from .catalog import (
     code_folder as code_folder,
     folders_of as folders_of,
     names_up_to as names_up_to,
-    shortened as shortened,
+    shorten as shorten,
 )
 from .files import (
     comment as comment,
@@ -36,8 +36,8 @@ from .location import (
     places_of as places_of,
 )
 from .portable import (
+    mark_source as mark_source,
     read_description as read_description,
-    sourced as sourced,
     unstructure_scene as unstructure_scene,
     without_contents as without_contents,
     write_description as write_description,
@@ -52,8 +52,8 @@ from .programs import (
 )
 from .structure import (
     scene_converter as scene_converter,
+    structure_description as structure_description,
     structure_scene as structure_scene,
-    structured as structured,
 )
 from .yaml_source import (
     KeyPath as KeyPath,

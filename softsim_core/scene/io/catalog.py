@@ -83,9 +83,9 @@ class SceneCatalog:
         """
         known = self.scenes()
         if name not in known:
-            near = known_names(name, map(shortened, known), "known are")
+            near = known_names(name, map(shorten, known), "known are")
             raise ConfigError(
-                shortened(name),
+                shorten(name),
                 "",
                 f"no known scene has this name; {near}; another "
                 "file must be named when the simulator is started",
@@ -120,7 +120,7 @@ def folders_of(text: str) -> list[str]:
     return [each for each in text.split(os.pathsep) if each]
 
 
-def shortened(text: str, most: int = LONGEST_NAME) -> str:
+def shorten(text: str, most: int = LONGEST_NAME) -> str:
     """Return foreign text for a message: without control characters, of at most `most` characters."""
     plain = "".join(each if each.isprintable() else "?" for each in text[: most + 1])
     return plain if len(plain) <= most else f"{plain[: most - 3]}..."
@@ -128,7 +128,7 @@ def shortened(text: str, most: int = LONGEST_NAME) -> str:
 
 def names_up_to(most: int, names: Iterable[str]) -> str:
     """Return names for a message: the first ones, and the number of further ones."""
-    every = [shortened(name) for name in names]
+    every = [shorten(name) for name in names]
     more = f" and {len(every) - most} more" if len(every) > most else ""
     return f"{listing(every[:most])}{more}"
 
@@ -153,7 +153,7 @@ def code_folder(path: str | os.PathLike[str]) -> Path:
             return folder
     except (OSError, RuntimeError, ValueError):
         pass
-    raise ConfigError(shortened(os.fspath(path)), "", "is no folder; allow the code of an existing one")
+    raise ConfigError(shorten(os.fspath(path)), "", "is no folder; allow the code of an existing one")
 
 
 def _add(known: dict[str, Path], folder: Path, files: Iterable[Path]) -> None:

@@ -29,7 +29,7 @@ class RefusedValue(Exception):  # noqa: N818  # no user meets it: it becomes a C
         super().__init__(problem)
 
 
-def shown(value: Any) -> str:
+def format_value(value: Any) -> str:
     """Format a value for a message."""
     if value is None:
         return "empty"
@@ -48,7 +48,7 @@ def as_number(value: Any, _: Any) -> float:
             number = math.nan
         if not math.isnan(number):
             return number
-    raise RefusedValue(f"must be a number, not {shown(value)}{_number_hint(value)}")
+    raise RefusedValue(f"must be a number, not {format_value(value)}{_number_hint(value)}")
 
 
 def _number_hint(value: Any) -> str:
@@ -69,35 +69,35 @@ def as_whole_number(value: Any, _: Any) -> int:
     """Convert to a whole number."""
     if isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_):
         return int(value)
-    raise RefusedValue(f"must be a whole number, not {shown(value)}")
+    raise RefusedValue(f"must be a whole number, not {format_value(value)}")
 
 
 def as_boolean(value: Any, _: Any) -> bool:
     """Convert to true or false."""
     if isinstance(value, bool):
         return value
-    raise RefusedValue(f"must be true or false, not {shown(value)}")
+    raise RefusedValue(f"must be true or false, not {format_value(value)}")
 
 
 def as_text(value: Any, _: Any) -> str:
     """Convert to text."""
     if isinstance(value, str):
         return value
-    raise RefusedValue(f"must be text, not {shown(value)}" + ("" if value is None else "; quote it"))
+    raise RefusedValue(f"must be text, not {format_value(value)}" + ("" if value is None else "; quote it"))
 
 
 def as_path(value: Any, _: Any) -> Path:
     """Convert to a path, which need not exist."""
     if isinstance(value, str | Path) and str(value):
         return Path(value)
-    raise RefusedValue(f"must be a file path, not {shown(value)}")
+    raise RefusedValue(f"must be a file path, not {format_value(value)}")
 
 
 def as_instance(value: Any, cls: type) -> Any:
     """Return an existing object; files cannot contain one."""
     if isinstance(value, cls):
         return value
-    raise RefusedValue(f"comes from Python scenes only, not {shown(value)}")
+    raise RefusedValue(f"comes from Python scenes only, not {format_value(value)}")
 
 
 def as_one_of(literal: Any) -> Hook:
@@ -108,7 +108,7 @@ def as_one_of(literal: Any) -> Hook:
         for each in allowed:
             if type(value) is type(each) and value == each:
                 return each
-        raise RefusedValue(f"must be {one_of(value, allowed)}, not {shown(value)}")
+        raise RefusedValue(f"must be {one_of(value, allowed)}, not {format_value(value)}")
 
     return structure
 
@@ -133,14 +133,16 @@ def material_structure(value: Any, _: Any) -> MaterialDescription:
     if isinstance(value, str):
         value = {"preset": value}
     if not isinstance(value, Mapping):
-        raise RefusedValue(f"must be the name of a preset or a mapping of parameters, not {shown(value)}")
+        raise RefusedValue(
+            f"must be the name of a preset or a mapping of parameters, not {format_value(value)}"
+        )
     law, preset = value.get("law"), value.get("preset")
     if preset is not None:
         law = _preset_law(preset, law)
     try:
         parameters = law_parameters(law)
     except FieldError as error:
-        raise RefusedValue(f"must be {error.allowed}, not {shown(law)}", ("law",)) from None
+        raise RefusedValue(f"must be {error.allowed}, not {format_value(law)}", ("law",)) from None
     except SceneError as error:
         raise RefusedValue(str(error), ("law",)) from None
     known = ["law", "preset", "prony", *(each.name for each in parameters)]
@@ -174,12 +176,14 @@ def material_structure(value: Any, _: Any) -> MaterialDescription:
 def _prony(value: Any) -> tuple[tuple[float, float], ...]:
     """Convert shares and times of Prony terms."""
     if not isinstance(value, list | tuple):
-        raise RefusedValue(f"must be a list of terms with share and time, not {shown(value)}", ("prony",))
+        raise RefusedValue(
+            f"must be a list of terms with share and time, not {format_value(value)}", ("prony",)
+        )
     terms = []
     for i, term in enumerate(value):
         where = ("prony", i)
         if not isinstance(term, Mapping):
-            raise RefusedValue(f"must have share and time, not {shown(term)}", where)
+            raise RefusedValue(f"must have share and time, not {format_value(term)}", where)
         try:
             refuse_unknown(term, ["share", "time"])
         except RefusedValue as error:
@@ -199,9 +203,9 @@ def _prony(value: Any) -> tuple[tuple[float, float], ...]:
 def _preset_law(preset: Any, law: Any) -> str:
     """Return the law of a preset's constants."""
     if not isinstance(preset, str):
-        raise RefusedValue(f"must be the name of a material, not {shown(preset)}", ("preset",))
+        raise RefusedValue(f"must be the name of a material, not {format_value(preset)}", ("preset",))
     if law is not None and not isinstance(law, str):
-        raise RefusedValue(f"must be the name of a material law, not {shown(law)}", ("law",))
+        raise RefusedValue(f"must be the name of a material law, not {format_value(law)}", ("law",))
     try:
         elastomer(preset)
     except SceneError as error:
@@ -223,7 +227,7 @@ def sensor_structure(structure: Callable[[Any, type], Any]) -> Callable[[Any, ty
         structure: Function that builds a description of a type from plain data.
     """
 
-    def made(value: Any, base: type) -> Any:
+    def make_description(value: Any, base: type) -> Any:
         if not isinstance(value, Mapping):
             return structure(value, sensor_kind(sensor_kinds()[0]).description)
         kind = value.get(KIND)
@@ -237,4 +241,4 @@ def sensor_structure(structure: Callable[[Any, type], Any]) -> Callable[[Any, ty
             own.put(key, own[key], value.file_of(key) if isinstance(value, SourcedMapping) else None)
         return structure(own, description)
 
-    return made
+    return make_description

@@ -22,16 +22,16 @@ from softsim_core.base import ConfigError, SceneError, SoftSimError
 from softsim_core.scene import Controller, RobotDescription, Scene
 from softsim_core.scene.arm import ArmDescription, ToolDescription, arm_with_tools
 from softsim_core.scene.io.files import Kind, find_config
-from softsim_core.scene.io.portable import sourced, unstructure_scene
+from softsim_core.scene.io.portable import mark_source, unstructure_scene
 from softsim_core.scene.io.programs import ANY_PROGRAM, allowed_program, limited_to
-from softsim_core.scene.io.structure import structure_scene, structured
+from softsim_core.scene.io.structure import structure_description, structure_scene
 from softsim_core.scene.io.yaml_source import (
     SourcedMapping,
-    extended,
     merge,
     parse_yaml,
     read_extended,
     relative_to_file,
+    resolve_extends,
 )
 
 
@@ -97,7 +97,7 @@ def write_overrides(overrides: Mapping[str, Any]) -> str:
 
 def laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Return `above` merged over `below` by the rules of scenes: mappings and lists of named items merge."""
-    merged: dict[str, Any] = _plain(merge(sourced(below, ORIGIN), sourced(above, ORIGIN)))
+    merged: dict[str, Any] = _plain(merge(mark_source(below, ORIGIN), mark_source(above, ORIGIN)))
     return merged
 
 
@@ -131,17 +131,19 @@ def load_yaml(
         ConfigError: any problem, as one message: file, key path, value, what is allowed.
     """
     path = Path(file).expanduser().absolute()
-    return _loaded(
-        path, read_extended(path) if text is None else extended(parse_yaml(text, path), path), overrides
+    return _build_scene(
+        path,
+        read_extended(path) if text is None else resolve_extends(parse_yaml(text, path), path),
+        overrides,
     )
 
 
-def _loaded(
+def _build_scene(
     path: Path, data: SourcedMapping, overrides: Mapping[str, Any] | None = None, below: tuple[Path, ...] = ()
 ) -> RobotDescription:
     """Build the scene of a file with content `data`; `below` are the files of arms that carry it."""
     if overrides:
-        data = merge(data, sourced(overrides, Path(f"overrides of {path.name}")))
+        data = merge(data, mark_source(overrides, Path(f"overrides of {path.name}")))
     if "arm" in data:
         data = _over_arm(data, path, (*below, path))
     return replace(structure_scene(data, path), source=path)
@@ -152,7 +154,7 @@ def _over_arm(data: SourcedMapping, path: Path, chain: tuple[Path, ...]) -> Sour
     file, place, described = data.file_of("arm") or path, data.places.get("arm"), data.pop("arm")
     if not isinstance(described, SourcedMapping):
         raise ConfigError(file, "arm", "must be a mapping of urdf and others", place)
-    arm = structured(described, ArmDescription, file, at="arm", find_files=False)
+    arm = structure_description(described, ArmDescription, file, at="arm", find_files=False)
     arm = replace(arm, urdf=relative_to_file(arm.urdf, file))
 
     def tool(hung: ToolDescription) -> RobotDescription:
@@ -161,7 +163,7 @@ def _over_arm(data: SourcedMapping, path: Path, chain: tuple[Path, ...]) -> Sour
         if found.suffix == ".py" or found.resolve() in {each.resolve() for each in chain}:
             why = "runs code; name a YAML file" if found.suffix == ".py" else "carries itself"
             raise ConfigError(file, "arm.tools", f"{hung.robot} {why}")
-        return _loaded(found, read_extended(found), None, chain)
+        return _build_scene(found, read_extended(found), None, chain)
 
     try:
         robot = arm_with_tools(str(data.get("name", path.stem)), arm, tool)
@@ -237,11 +239,11 @@ def load_python(
     except (TypeError, ValueError, AttributeError) as error:
         raise ConfigError(path, "", f"the scene holds a value of a wrong type ({error})") from error
     if overrides:
-        data = merge(data, sourced(overrides, Path(f"overrides of {path.name}")))
+        data = merge(data, mark_source(overrides, Path(f"overrides of {path.name}")))
     return replace(
         structure_scene(data, path),
         source=path,
-        controllers=tuple(_guarded(each, path) for each in draft.controllers),
+        controllers=tuple(_guard_controller(each, path) for each in draft.controllers),
     )
 
 
@@ -294,10 +296,10 @@ def _errors_of(path: Path) -> Iterator[None]:
     except SceneError as error:
         raise ConfigError(path, _line_of(error, path), str(error)) from error
     except (Exception, SystemExit) as error:
-        raise ConfigError(path, _line_of(error, path), _told(error)) from error
+        raise ConfigError(path, _line_of(error, path), _describe_error(error)) from error
 
 
-def _guarded(controller: Controller, path: Path) -> Controller:
+def _guard_controller(controller: Controller, path: Path) -> Controller:
     """Wrap a controller so that a foreign error becomes one SceneError with file and line."""
 
     def guard(hook: Callable[..., None] | None) -> Callable[..., None] | None:
@@ -312,7 +314,7 @@ def _guarded(controller: Controller, path: Path) -> Controller:
                 raise
             except Exception as error:
                 where = ": ".join(part for part in (str(path), _line_of(error, path)) if part)
-                raise SceneError(f"{where}: controller failed: {_told(error)}") from error
+                raise SceneError(f"{where}: controller failed: {_describe_error(error)}") from error
 
         return call
 
@@ -321,7 +323,7 @@ def _guarded(controller: Controller, path: Path) -> Controller:
     )
 
 
-def _told(error: BaseException) -> str:
+def _describe_error(error: BaseException) -> str:
     """Return a message for an error: the new place of an import that has moved, else the error itself."""
     moved = new_place(error) if isinstance(error, ImportError) else None
     return moved or f"{type(error).__name__}: {str(error) or 'no message'}"

@@ -43,7 +43,7 @@ def unstructure_scene(
     return data
 
 
-def sourced(value: Any, file: Path | None) -> Any:
+def mark_source(value: Any, file: Path | None) -> Any:
     """Return plain data with its mappings marked as coming from `file`."""
     return _plain(value, file)
 

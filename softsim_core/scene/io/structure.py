@@ -41,10 +41,10 @@ from softsim_core.scene.io.keys import (
     as_text,
     as_threads,
     as_whole_number,
+    format_value,
     material_structure,
     refuse_unknown,
     sensor_structure,
-    shown,
 )
 from softsim_core.scene.io.yaml_source import KeyPath, Place, SourcedMapping, key_path, relative_to_file
 
@@ -63,7 +63,7 @@ def scene_converter(find_files: bool) -> Any:
     gen = importlib.import_module("cattrs.gen")
     converter = cattrs.Converter(detailed_validation=True)
 
-    def collected(pairs: list[tuple[str | int, Any, Any]], owner: Any) -> list[Any]:
+    def collect_items(pairs: list[tuple[str | int, Any, Any]], owner: Any) -> list[Any]:
         results = []
         for index, value, item_type in pairs:
             try:
@@ -81,10 +81,10 @@ def scene_converter(find_files: bool) -> Any:
         def structure(value: Any, _: Any) -> tuple[Any, ...]:
             if not isinstance(value, list | tuple) or length not in (None, len(value)):
                 kind = "a list" if length is None else f"a list of {length} {_noun(args[0])}"
-                raise RefusedValue(f"must be {kind}, not {shown(value)}")
+                raise RefusedValue(f"must be {kind}, not {format_value(value)}")
             items = [args[0]] * len(value) if length is None else args
             return tuple(
-                collected([(i, v, t) for i, (v, t) in enumerate(zip(value, items, strict=True))], owner)
+                collect_items([(i, v, t) for i, (v, t) in enumerate(zip(value, items, strict=True))], owner)
             )
 
         return structure
@@ -94,8 +94,8 @@ def scene_converter(find_files: bool) -> Any:
 
         def structure(value: Any, _: Any) -> dict[str, Any]:
             if not isinstance(value, Mapping):
-                raise RefusedValue(f"must be a mapping of `name: value`, not {shown(value)}")
-            items = collected([(key, item, item_type) for key, item in value.items()], owner)
+                raise RefusedValue(f"must be a mapping of `name: value`, not {format_value(value)}")
+            items = collect_items([(key, item, item_type) for key, item in value.items()], owner)
             return dict(zip(value, items, strict=True))
 
         return structure
@@ -107,7 +107,9 @@ def scene_converter(find_files: bool) -> Any:
 
         def structure(value: Any, _: Any) -> Any:
             if not isinstance(value, Mapping):
-                raise RefusedValue(f"must be a mapping with keys among {listing(known)}, not {shown(value)}")
+                raise RefusedValue(
+                    f"must be a mapping with keys among {listing(known)}, not {format_value(value)}"
+                )
             refuse_unknown(value, list(known), ("extends", "arm") if cls is RobotDescription else ())
             given = dict(value)
             for name, part in inner.items():
@@ -118,7 +120,7 @@ def scene_converter(find_files: bool) -> Any:
                 return built
             owner = f"{cls.kind} " if issubclass(cls, ActuatorDescription) else ""
             what = {name: "mesh file" if cls is MeshFile else f"file of {owner}{name}" for name in paths}
-            located = {name: _located(getattr(built, name), name, value, what[name]) for name in paths}
+            located = {name: _locate_file(getattr(built, name), name, value, what[name]) for name in paths}
             return replace(built, **located)
 
         return structure
@@ -205,7 +207,7 @@ def _noun(item_type: Any) -> str:
     return "numbers" if item_type in (float, int) else "items"
 
 
-def _located(path: Path, key: str, data: Mapping[str, Any], what: str) -> Path:
+def _locate_file(path: Path, key: str, data: Mapping[str, Any], what: str) -> Path:
     """Return the absolute path of an existing file that `key` of a mapping names."""
     origin = data.file_of(key) if isinstance(data, SourcedMapping) else None
     file = relative_to_file(path, origin)
@@ -229,10 +231,12 @@ def structure_scene(data: SourcedMapping, file: str | Path, *, find_files: bool 
     Raises:
         ConfigError: the first problem: file, key path, value and what is allowed.
     """
-    return structured(data, RobotDescription, file, lambda robot: need_namespace(robot.name), find_files)
+    return structure_description(
+        data, RobotDescription, file, lambda robot: need_namespace(robot.name), find_files
+    )
 
 
-def structured(
+def structure_description(
     data: SourcedMapping,
     cls: type[T],
     file: str | Path,

@@ -81,12 +81,12 @@ def read_yaml(file: Path) -> SourcedMapping:
         raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise ConfigError(file, "", f"is not UTF-8 text (byte {error.start})") from error
-    data: SourcedMapping = pickle.loads(_parsed(text, file))  # an own copy, which may be changed
+    data: SourcedMapping = pickle.loads(_parse_pickled(text, file))  # an own copy, which may be changed
     return data
 
 
 @lru_cache(maxsize=16)
-def _parsed(text: str, file: Path) -> bytes:
+def _parse_pickled(text: str, file: Path) -> bytes:
     return pickle.dumps(parse_yaml(text, file))
 
 
@@ -280,10 +280,10 @@ def read_extended(file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
     Raises:
         ConfigError: as `read_yaml`; a missing base file; files that extend each other in a circle.
     """
-    return extended(read_yaml(file), file, below)
+    return resolve_extends(read_yaml(file), file, below)
 
 
-def extended(data: SourcedMapping, file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
+def resolve_extends(data: SourcedMapping, file: Path, below: tuple[Path, ...] = ()) -> SourcedMapping:
     """Return the content of a YAML file merged over the file that its key `extends` names."""
     if "extends" not in data:
         return data

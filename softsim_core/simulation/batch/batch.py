@@ -287,7 +287,7 @@ class Batch:
         """Return chosen copies to the scene's start with their present parameters; see Simulation.reset."""
         numbers = self._numbers(chosen)
         self._all("reset", numbers, lambda _: ())
-        self._recovered(numbers)
+        self._clear_failures(numbers)
 
     def restore(self, snapshot: bytes, chosen: Chosen = None) -> None:
         """Restore a snapshot, with its parameters, of a copy or of a Simulation of the same scene.
@@ -297,7 +297,7 @@ class Batch:
         """
         numbers = self._numbers(chosen)
         self._all("restore", numbers, lambda _: (snapshot,))
-        self._recovered(numbers)
+        self._clear_failures(numbers)
 
     def rebuild(self, number: int, scene: SceneDescription | RobotDescription) -> None:
         """Rebuild a copy from a scene that differs only in numbers, such as masses; it starts anew.
@@ -373,7 +373,7 @@ class Batch:
         worker.ask(name, arguments)
         return worker.result()
 
-    def _recovered(self, numbers: IndexArray) -> None:
+    def _clear_failures(self, numbers: IndexArray) -> None:
         for number in numbers.tolist():
             self.failed.pop(number, None)
 

@@ -66,7 +66,7 @@ class Show(Protocol):
         """Send the plan."""
         ...
 
-    def told(self) -> tuple[list[str], bool]:
+    def report_results(self) -> tuple[list[str], bool]:
         """Return the measurements as messages, and whether they meet the requirements."""
         ...
 
@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
         stack.enter_context(SpinThread([simulator]))
         robot = RobotSession(client, stack.enter_context(SpinThread([node])))
         if _play(show, robot):
-            told = show.told()
+            told = show.report_results()
     if told is None:
         return _report_unfinished()
     sentences, passed = told

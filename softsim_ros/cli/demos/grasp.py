@@ -153,7 +153,7 @@ class Grasp:
             tension=self.tension,
         )
 
-    def told(self) -> tuple[list[str], bool]:
+    def report_results(self) -> tuple[list[str], bool]:
         """Return the measurements as messages, and whether they meet the requirements."""
         result = self.result()
         return [

@@ -210,7 +210,7 @@ class PickAndPlace:
         self.began = self._now + LEAD_S
         self._client.joints.follow(self._way, done, begin_s=self.began)
 
-    def told(self) -> tuple[list[str], bool]:
+    def report_results(self) -> tuple[list[str], bool]:
         """Return the measurements as messages, and whether all objects are at their targets."""
         sentences = []
         for name, seen in self.taken.items():

@@ -198,7 +198,7 @@ def _measure_robot(
         )
     out = SetFolder(
         folder,
-        _named(arguments.robot, folder),
+        _format_robot_name(arguments.robot, folder),
         f"{robot.name}, moved by softsim excite.",
         f"the {kind} robot, {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, seed {settings.seed}",
     )
@@ -244,7 +244,7 @@ def _in_robot(sensors: Sequence[Sensor], namespace: str) -> bool:
     return known == {True}
 
 
-def _named(robot: str, folder: Path) -> str:
+def _format_robot_name(robot: str, folder: Path) -> str:
     """Return the robot's name in a description in the folder: its own, or a path relative to the folder."""
     file = Path(robot).expanduser()
     return os.path.relpath(file, folder) if file.is_file() else robot

@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     made = mesh_part(arguments.part, options(arguments), say)
     for file in files:
         write_tets(file, made.mesh)
-    seconds = None if arguments.no_speed else measured(made)
+    seconds = None if arguments.no_speed else measure_step_time(made)
     if arguments.json:
         print(json.dumps(plain(made, files, seconds)))
     else:
@@ -119,7 +119,7 @@ def say(sentence: str) -> None:
     print(f"softsim: {sentence} ...", file=sys.stderr, flush=True)
 
 
-def measured(made: MeshedPart) -> float:
+def measure_step_time(made: MeshedPart) -> float:
     """Return the time in [s] of a step of the part."""
     from softsim_ros.cli.robots.mesh_speed import step_time
 

@@ -35,11 +35,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"softsim run: {what}; {near}", file=sys.stderr)
         return 2
     with ending.orderly():
-        words = [*arguments.rest, *(_found(arguments.rest) if NODES[name].joins else ())]
+        words = [*arguments.rest, *(_name_running_robot(arguments.rest) if NODES[name].joins else ())]
         return run_module(NODES[name].module, words)
 
 
-def _found(words: Sequence[str]) -> list[str]:
+def _name_running_robot(words: Sequence[str]) -> list[str]:
     """Return arguments that name the running robot, if the given ones name none."""
     if any(sign in word for word in words for sign in (*NAMING, *HELP)):
         return []

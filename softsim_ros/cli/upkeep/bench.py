@@ -151,7 +151,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _install(arguments: argparse.Namespace) -> int:
     """Measure and print a first start."""
-    from softsim_ros.benchmark import INSTALL_WITHIN_S, FirstStart, judged
+    from softsim_ros.benchmark import INSTALL_WITHIN_S, FirstStart, compare_with_targets
 
     checkout = Path(__file__).resolve().parents[3]
     if not (checkout / "softsim").is_file():
@@ -163,7 +163,7 @@ def _install(arguments: argparse.Namespace) -> int:
         print("\n".join(first.output[-15:]), file=sys.stderr)
         print(f"softsim bench: the first start failed (exit code {code})", file=sys.stderr)
         return 1
-    sentences, missed = judged(first.phases, first.factors)
+    sentences, missed = compare_with_targets(first.phases, first.factors)
     print("\n".join(sentences))
     return 1 if arguments.check and missed else 0
 
@@ -305,11 +305,11 @@ def _scaling(arguments: argparse.Namespace) -> int:
 def _scaling_peers(sizes: Sequence[str]) -> list[Record]:
     """Measure the same bodies in other engines if these step in less than seconds; return the records."""
     from softsim_core.scene import RobotDescription
-    from softsim_ros.benchmark import PEER_ROUNDS, PEER_SIZES, SHAPES, Case, held_scene, mesh_of
+    from softsim_ros.benchmark import PEER_ROUNDS, PEER_SIZES, SHAPES, Case, clamped_scene, mesh_of
 
     bodies = [(shape, size) for shape in SHAPES for size in sizes if size in PEER_SIZES]
     cases = [
-        Case("scaling", f"{shape} {size}", RobotDescription(scene=held_scene(mesh_of(shape, size))))
+        Case("scaling", f"{shape} {size}", RobotDescription(scene=clamped_scene(mesh_of(shape, size))))
         for shape, size in bodies
     ]
     return _compare_engines(cases, PEER_ROUNDS, to_rest=False)

@@ -14,11 +14,11 @@ from softsim_ros.benchmark import (
     cost_table,
     default_reference_dir,
     describe_machine,
+    describe_missed_targets,
     known_paths,
     measure_copies,
     measure_environments,
     measure_peer,
-    missed,
     peer_missing,
     rate_table,
     write_json,
@@ -55,7 +55,7 @@ def run_batch(arguments: argparse.Namespace, rounds: int) -> int:
         print("\n".join(cost_table(costs)))
     except ImportError as error:
         print(f"environments are not measured: {error}")
-    slow = missed(rates) + [each.sentence for each in costs if each.missed]
+    slow = describe_missed_targets(rates) + [each.sentence for each in costs if each.missed]
     print("\n".join(slow) if slow else "all targets met")
     try:
         if arguments.json:

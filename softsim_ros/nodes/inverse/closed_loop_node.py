@@ -177,7 +177,7 @@ class TiltLoop:
         self._time = 0.0
         self._origin = self._last = now
 
-    def measured(self, tilts: Array, now: float) -> None:
+    def store_measurement(self, tilts: Array, now: float) -> None:
         """Store a measurement: tilts about x and y in [rad], shape (2,), finite."""
         self._measure, self._measured_at = tilts.copy(), now
 
@@ -310,7 +310,7 @@ class ClosedLoop(RobotNode):
             self._say(f"effector_pose is not used, the old measure is kept: {error}")
 
     def _take(self, tilts: Array) -> None:
-        self._loop.measured(tilts, time.monotonic())
+        self._loop.store_measurement(tilts, time.monotonic())
         if self._said:
             self.get_logger().info(f"measuring on {self._source} again")
             self._said = ""

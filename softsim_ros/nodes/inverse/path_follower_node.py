@@ -29,7 +29,7 @@ from softsim_core.control.inverse import (
     read_path,
 )
 from softsim_core.physics.mechanics import Pose
-from softsim_core.scene.io import MOST_NAMES, names_up_to, shortened
+from softsim_core.scene.io import MOST_NAMES, names_up_to, shorten
 from softsim_node import (
     MEASURED,
     WORLD,
@@ -424,7 +424,7 @@ class PathFollower(RobotNode):
         if is_known_path(name):
             return known_path(name)
         raise CommandError(
-            f"file {shortened(name)!r} is refused: at run time it is a name in configs/paths, or that of "
+            f"file {shorten(name)!r} is refused: at run time it is a name in configs/paths, or that of "
             f"the start command; known paths: {names_up_to(MOST_NAMES, known_paths())}"
         )
 

@@ -17,7 +17,7 @@ from softsim_core.base import Array, CommandError, SoftSimError, listing
 from softsim_core.physics.contact import ContactSettings
 from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
 from softsim_core.scene import JointDescription, RobotDescription, SceneDescription
-from softsim_core.scene.io import shortened
+from softsim_core.scene.io import shorten
 from softsim_node import LATCHED
 from softsim_ros.messages import SceneMessage, read_scene_message
 
@@ -68,9 +68,7 @@ def checked_pose(message: PoseStamped, frames: Sequence[str], what: str) -> Pose
     """
     frame = message.header.frame_id
     if frame not in frames:
-        raise CommandError(
-            f"{what} refused: unknown frame_id {shortened(frame)!r}; allowed: {listing(frames)}"
-        )
+        raise CommandError(f"{what} refused: unknown frame_id {shorten(frame)!r}; allowed: {listing(frames)}")
     place = message.pose.position
     position = np.array([place.x, place.y, place.z])
     if not (np.abs(position) <= FARTHEST_M).all():  # also catches NaN

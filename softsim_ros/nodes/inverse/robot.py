@@ -7,7 +7,7 @@ import numpy as np
 from softsim_core import RobotDescription
 from softsim_core.base import Array, CommandError, SceneError, listing
 from softsim_core.scene.building import with_rest_frames
-from softsim_core.scene.io import shortened
+from softsim_core.scene.io import shorten
 from softsim_node import WORLD, RobotFrames
 
 
@@ -37,5 +37,5 @@ def check_frame(what: str, frame: str, frames: RobotFrames) -> None:
     allowed = world_frames(frames)
     if frame not in allowed:
         raise CommandError(
-            f"{what} refused: unknown frame_id {shortened(frame)!r}; allowed: {listing(allowed)}"
+            f"{what} refused: unknown frame_id {shorten(frame)!r}; allowed: {listing(allowed)}"
         )

@@ -25,7 +25,7 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
 from softsim_core.base import Array, CommandError, SoftSimError
 from softsim_core.physics.mechanics import rotation_of
-from softsim_core.scene.io import MOST_NAMES, names_up_to, shortened
+from softsim_core.scene.io import MOST_NAMES, names_up_to, shorten
 from softsim_core.simulation import Simulation
 from softsim_node import GuardedNode, LiveParameters, ParameterError, RobotFrames, parameter
 from softsim_ros.messages import read_base_target
@@ -159,7 +159,7 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
             return forces
     points = sum(len(body.surface.points) for body in simulation.bodies)
     raise CommandError(
-        f"pull refused: no place {shortened(frame)!r}; known: mesh_point/0 to mesh_point/{points - 1}, "
+        f"pull refused: no place {shorten(frame)!r}; known: mesh_point/0 to mesh_point/{points - 1}, "
         f"free frames {names_up_to(MOST_NAMES, simulation.model.frame_names)}; nothing is pulled"
     )
 

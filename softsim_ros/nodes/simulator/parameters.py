@@ -186,18 +186,18 @@ def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDe
     """
     scene, bodies = robot.scene, []
 
-    def given(owner: str, known: Mapping[str, float]) -> dict[str, float]:
+    def select_values(owner: str, known: Mapping[str, float]) -> dict[str, float]:
         prefix = scene.parameter_prefix(owner)
         return {name: values[f"{prefix}{name}"] for name in known if f"{prefix}{name}" in values}
 
     for body in scene.bodies:
-        of_parts = {each.name: given(f"{body.name}.{each.name}", each.values) for each in body.parts}
+        of_parts = {each.name: select_values(f"{body.name}.{each.name}", each.values) for each in body.parts}
         changed = replace(
             body,
-            material=body.material.changed(**given(body.name, body.material.values)),
-            layers=tuple(each.changed(of_parts[each.name]) for each in body.layers),
-            fibres=tuple(each.changed(of_parts[each.name]) for each in body.fibres),
-            regions=tuple(each.changed(of_parts[each.name]) for each in body.regions),
+            material=body.material.with_values(**select_values(body.name, body.material.values)),
+            layers=tuple(each.with_values(of_parts[each.name]) for each in body.layers),
+            fibres=tuple(each.with_values(of_parts[each.name]) for each in body.fibres),
+            regions=tuple(each.with_values(of_parts[each.name]) for each in body.regions),
         )
         bodies.append(changed)
     solver = replace(

@@ -54,7 +54,7 @@ from softsim_core.simulation import Simulation
 from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY, WORLD, RobotFrames
 from softsim_ros import chambers_of, messages, optional_type, topic_words
 from softsim_ros.description import control_topics, urdf
-from softsim_ros.messages import SensorMessage, contact_cloud, header, shown, told_of
+from softsim_ros.messages import SensorMessage, contact_cloud, format_value, header, told_of
 from softsim_ros.nodes.simulator.monitor import RateGate, StageTime
 from softsim_ros.nodes.simulator.scene_topics import FrameTree, StructurePublications
 
@@ -84,7 +84,7 @@ def _status(share: StageShare, robot: str, time: StageTime, whole: float) -> Dia
     return DiagnosticStatus(
         name=share.name,
         hardware_id=robot,
-        values=[KeyValue(key=key, value=shown(value)) for key, value in values.items()],
+        values=[KeyValue(key=key, value=format_value(value)) for key, value in values.items()],
     )
 
 

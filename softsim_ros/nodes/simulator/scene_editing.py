@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 from softsim_core.base import Array, ConfigError, SceneError, SoftSimError, write_file
 from softsim_core.scene import BodyDescription, RobotDescription
 from softsim_core.scene.building import Body
-from softsim_core.scene.editing import RestShapes, SceneDocument, chosen_by, rebased, routed_points
+from softsim_core.scene.editing import RestShapes, SceneDocument, chosen_by, rebase_paths, routed_points
 from softsim_core.scene.io import installed_roots, limited_to, named_files, write_description
 from softsim_node import EVERY_ONE, LATCHED, error_message, one_line
 from softsim_ros.messages import MOST_POINTS, ChosenPoints, Proposal, read_edits, write_proposal
@@ -225,7 +225,7 @@ class SceneEditing:
         """
         document = self._open_document()
         known = {*files_of(document.robot), *named_files(document.robot)} - {document.file}
-        text = rebased(document.text, document.file, known)
+        text = rebase_paths(document.text, document.file, known)
         file = self._writer.copy(document.robot.name, text)
         applied = self._is_applied(document)
         self._document = self._make_document(file, text)
@@ -241,7 +241,7 @@ class SceneEditing:
         document, files = self._open_document(), self._running.files()
         text = document.text
         try:
-            built = await self._running.aside(lambda: self._builder.proposed(files, text))
+            built = await self._running.aside(lambda: self._builder.build_proposed(files, text))
         except Exception as error:
             raise SceneError(f"not applied: {reason(error)}") from error
         self._running.go_on_with(built)
@@ -336,7 +336,7 @@ class SceneEditing:
         def change() -> str:
             document, files = self._open_document(), self._running.files()
             edits, stroke = read_edits(message.data)
-            document.take(files.proposed(document, edits), stroke)
+            document.take(files.propose(document, edits), stroke)
             return ""
 
         self._tell(self._done(change))

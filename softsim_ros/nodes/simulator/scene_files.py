@@ -45,7 +45,7 @@ from softsim_core.simulation import get_ready_to_load, kernels_ready
 from softsim_node import ending
 from softsim_ros.nodes.simulator.parameters import SimulatorSettings
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
-from softsim_ros.nodes.simulator.spawning import Spawnings, exchanged
+from softsim_ros.nodes.simulator.spawning import Spawnings, replace_spawned
 
 LOOK_S: Final = 0.1
 
@@ -131,7 +131,7 @@ class CompiledLater:
             running = self._physics.call(lambda simulation: simulation, shows=False)
             if running.compiled or not (kernels_ready() or running.robot.source == self._scene):
                 return
-            loaded = _compiled(running)
+            loaded = _build_with_kernels(running)
             if not loaded.compiled:
                 return
             step = self._physics.call(_goes_over(running, loaded), shows=False)
@@ -140,7 +140,7 @@ class CompiledLater:
                 return
 
 
-def _compiled(running: Simulation) -> Simulation:
+def _build_with_kernels(running: Simulation) -> Simulation:
     """Return the same scene stepped by the kernels; building it loads them."""
     robot = replace(running.robot, controllers=())
     trial = Simulation(robot, backend="numba")
@@ -210,7 +210,7 @@ class SceneFiles:
         self._files = files_of(scene)
         self._loaded = self._seen = {**stamps(self._files), **self._loaded}
         self._named_files |= named_files(scene)
-        return exchanged(scene, (), self.spawned)
+        return replace_spawned(scene, (), self.spawned)
 
     def try_overrides(self, overrides: str) -> RobotDescription:
         """Return the scene with other overrides, which may be remote.
@@ -233,7 +233,7 @@ class SceneFiles:
                 scene = load_yaml(self._source, values, self.text)
         if overrides:
             self._check_files("overrides", scene)
-        return exchanged(scene, (), self.spawned)
+        return replace_spawned(scene, (), self.spawned)
 
     def try_text(self, text: str) -> RobotDescription:
         """Return the scene with another text in place of its file's.
@@ -248,9 +248,9 @@ class SceneFiles:
             raise SceneError(f"{self._name} came from no file; it cannot be edited")
         with limited_to(self.programs):
             scene = load_yaml(self._source, read_overrides(self.overrides), text)
-        return exchanged(scene, (), self.spawned)
+        return replace_spawned(scene, (), self.spawned)
 
-    def proposed(self, document: SceneDocument, edits: Sequence[Edit]) -> Proposal:
+    def propose(self, document: SceneDocument, edits: Sequence[Edit]) -> Proposal:
         """Apply remote edits to a document of the scene and return the result; the document does not change.
 
         Raises:
@@ -260,7 +260,7 @@ class SceneFiles:
             if isinstance(edit, Put):
                 self._check_names("edit", _written_out(edit), document.file.parent)
         with limited_to(self.programs):
-            proposal = document.proposed(edits)
+            proposal = document.propose(edits)
         self._check_files("edit", proposal.robot)
         return proposal
 
@@ -301,7 +301,7 @@ class SceneFiles:
         self.text = None
         self._loaded = self._seen = stamps(self._files)
 
-    def saved(self) -> bool:
+    def has_changed_on_disk(self) -> bool:
         """Return whether a file has changed since it was loaded and has not changed since the last call."""
         before, self._seen = self._seen, stamps(self._files)
         at_rest = self._seen == before and None not in self._seen.values()
@@ -453,7 +453,7 @@ class SceneBuilder:
         compiles = self._settings().backend == "auto" and has_compiled_step(robot.scene.solver.linear_solver)
         return compiles and not kernels_ready()
 
-    def anew(self, files: SceneFiles) -> NextScene:
+    def build_again(self, files: SceneFiles) -> NextScene:
         """Load and build the scene from its files as they are now.
 
         Raises:
@@ -462,16 +462,16 @@ class SceneBuilder:
         scene = files.load()
         return NextScene(files, scene, self.build(scene), files.overrides, files.spawned)
 
-    def named(self, name: str, scenes: SceneCatalog) -> NextScene:
+    def build_named(self, name: str, scenes: SceneCatalog) -> NextScene:
         """Load and build a known scene by its name.
 
         Raises:
             SoftSimError: it is not known, or cannot be loaded or built.
         """
         robot = scenes.load(name)
-        return self.anew(SceneFiles(robot, scenes.rule_of(scenes.find(name))))
+        return self.build_again(SceneFiles(robot, scenes.rule_of(scenes.find(name))))
 
-    def overridden(self, overrides: str, files: SceneFiles) -> NextScene:
+    def build_overridden(self, overrides: str, files: SceneFiles) -> NextScene:
         """Load and build the scene with other overrides of its files.
 
         Raises:
@@ -496,10 +496,10 @@ class SceneBuilder:
             SoftSimError: it cannot be built with them, or `change` refuses.
         """
         spawned = change(files.scene, files.spawned)
-        scene = exchanged(files.scene, files.spawned, spawned)
+        scene = replace_spawned(files.scene, files.spawned, spawned)
         return NextScene(files, scene, self.build(scene), files.overrides, spawned, files.text)
 
-    def proposed(self, files: SceneFiles, text: str) -> NextScene:
+    def build_proposed(self, files: SceneFiles, text: str) -> NextScene:
         """Build the scene with a proposed text in place of its file's.
 
         Raises:

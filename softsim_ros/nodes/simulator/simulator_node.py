@@ -309,7 +309,7 @@ class Simulator(RobotNode):
         return answer
 
     async def _look_at_files(self) -> None:
-        if not self._aside.is_busy and self._files.saved():
+        if not self._aside.is_busy and self._files.has_changed_on_disk():
             with suppress(SoftSimError):  # logged by the physics
                 self.get_logger().info(await self._reload())
 
@@ -324,7 +324,7 @@ class Simulator(RobotNode):
             SoftSimError: the files are wrong; the previous scene stays, paused.
         """
         try:
-            following = await self._aside.run(partial(self._builder.anew, self._files))
+            following = await self._aside.run(partial(self._builder.build_again, self._files))
         except Exception as error:
             sentence = f"{NOT_LOADED}{reason(error)}"
             self.physics.stop(sentence)
@@ -338,8 +338,8 @@ class Simulator(RobotNode):
         Nothing that runs changes.
         """
         if name == "robot":
-            return self._builder.named(value, self._scenes)
-        return self._builder.overridden(value, self._files)
+            return self._builder.build_named(value, self._scenes)
+        return self._builder.build_overridden(value, self._files)
 
     def _go_on_with(self, following: NextScene) -> None:
         try:

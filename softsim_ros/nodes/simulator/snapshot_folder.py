@@ -12,7 +12,7 @@ from typing import Final
 
 from softsim_core.base import SnapshotError, write_file
 from softsim_core.scene import RobotDescription
-from softsim_core.scene.io import shortened
+from softsim_core.scene.io import shorten
 
 MOST_BYTES: Final = 2**30
 """Largest size of a snapshot file in bytes."""
@@ -63,7 +63,7 @@ class SnapshotFolder:
         """
         if not _NAME.fullmatch(name):
             raise SnapshotError(
-                f"snapshot name {shortened(name)!r} is refused; allowed are at most {LONGEST_NAME} letters, "
+                f"snapshot name {shorten(name)!r} is refused; allowed are at most {LONGEST_NAME} letters, "
                 "digits, '_', '-' and '.', beginning with a letter or digit"
             )
         return self._folder / f"{name}{SUFFIX}"

@@ -53,7 +53,7 @@ Its argument returns the new spawned bodies, given the running description and t
 """
 
 
-def exchanged(robot: RobotDescription, before: Spawnings, after: Spawnings) -> RobotDescription:
+def replace_spawned(robot: RobotDescription, before: Spawnings, after: Spawnings) -> RobotDescription:
     """Return a robot in which the spawned bodies `after` replace those of `before`.
 
     Raises:
@@ -91,7 +91,7 @@ class Spawner:
     ) -> None:
         self._scenes, self._exchange, self._aside, self._present = scenes, exchange, aside, present
 
-    async def known(self) -> dict[str, RigidBodyDescription]:
+    async def list_known(self) -> dict[str, RigidBodyDescription]:
         """Return the bodies that can be spawned, by URI; files that cannot be read are left out."""
         return dict(await self._aside(self._find_all))
 
@@ -119,7 +119,7 @@ class Spawner:
             )
         called = ""
 
-        def added(robot: RobotDescription, spawned: Spawnings) -> Spawnings:
+        def add(robot: RobotDescription, spawned: Spawnings) -> Spawnings:
             nonlocal called
             if len(spawned) >= MOST_SPAWNED:
                 raise RequestError(
@@ -131,7 +131,7 @@ class Spawner:
             return (*spawned, _place_body(found, called, position, rotation))
 
         try:
-            await self._exchange(added)
+            await self._exchange(add)
         except SceneError as error:
             raise RequestError("INVALID_POSE", str(error)) from error
         return called
@@ -143,7 +143,7 @@ class Spawner:
             RequestError: it was not spawned.
         """
 
-        def left(robot: RobotDescription, spawned: Spawnings) -> Spawnings:
+        def remove(robot: RobotDescription, spawned: Spawnings) -> Spawnings:
             own = [each.body.name for each in spawned]
             if name in own:
                 return tuple(each for each in spawned if each.body.name != name)
@@ -155,7 +155,7 @@ class Spawner:
             known = names_up_to(MOST_NAMES, own) or "none"
             raise RequestError("NOT_FOUND", f"no entity {names_up_to(1, [name])}; spawned are: {known}")
 
-        await self._exchange(left)
+        await self._exchange(remove)
 
     async def clear(self) -> None:
         """Remove all spawned bodies."""

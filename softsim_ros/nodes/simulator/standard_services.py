@@ -13,7 +13,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 
 from softsim_core.base import CommandError, SoftSimError
 from softsim_core.scene.io import MOST_NAMES, names_up_to
-from softsim_core.simulation import Simulation, checked, rotation_from
+from softsim_core.simulation import Simulation, check_values, rotation_from
 from softsim_node import WORLD, BackgroundWorker, GuardedNode, ending, error_message, one_line
 from softsim_ros import messages, optional_module, optional_type
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
@@ -229,7 +229,7 @@ class StandardServices:
 
     async def _get_spawnables(self, request: Any, response: Any) -> None:
         assert self._messages is not None
-        for uri, body in (await self._spawner.known()).items():
+        for uri, body in (await self._spawner.list_known()).items():
             entry = self._messages.Spawnable(description=f"rigid body of {1e3 * (body.mass or 0.0):g} g")
             _resource(entry).uri = uri
             response.spawnables.append(entry)
@@ -253,7 +253,7 @@ class StandardServices:
                 "INVALID_POSE", f"frame {names_up_to(1, [frame])} refused; give the pose in {WORLD}"
             )
         try:
-            position = checked("position", (place.x, place.y, place.z), (3,), "m")
+            position = check_values("position", (place.x, place.y, place.z), (3,), "m")
             rotation = rotation_from((turn.x, turn.y, turn.z, turn.w))
         except CommandError as error:
             raise RequestError("INVALID_POSE", str(error)) from error

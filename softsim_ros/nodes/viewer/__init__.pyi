@@ -11,7 +11,7 @@ from .edit_session import (
     CLICKS as CLICKS,
     ROUTE as ROUTE,
     EditSession as EditSession,
-    dragged as dragged,
+    drag_handle as drag_handle,
 )
 from .guard import (
     MOST_REFUSED as MOST_REFUSED,
@@ -73,7 +73,7 @@ from .stage import (
     Pull as Pull,
     Trail as Trail,
     camera_for as camera_for,
-    covered as covered,
+    find_covered_pixels as find_covered_pixels,
     floor_height as floor_height,
     for_window as for_window,
     shade as shade,
@@ -88,9 +88,9 @@ from .surface import (
     bands_of as bands_of,
     box_lines as box_lines,
     compact as compact,
-    kept as kept,
     normal_lines as normal_lines,
     round_up as round_up,
+    select_visible as select_visible,
     shrunk_faces as shrunk_faces,
     sphere_lines as sphere_lines,
     tetrahedra_edges as tetrahedra_edges,

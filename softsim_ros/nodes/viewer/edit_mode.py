@@ -17,7 +17,7 @@ from softsim_core.base import Array, Box, IndexArray, SoftSimError, Sphere
 from softsim_core.scene.editing import Region
 from softsim_ros.client import Editing, Outcome
 from softsim_ros.messages import Proposal
-from softsim_ros.nodes.viewer.edit_session import CLICKS, EditSession, Field, dragged
+from softsim_ros.nodes.viewer.edit_session import CLICKS, EditSession, Field, drag_handle
 from softsim_ros.nodes.viewer.panel import Control, HtmlElement, Inbox
 from softsim_ros.nodes.viewer.picture import Picture
 from softsim_ros.nodes.viewer.surface import MM, Part, box_lines, sphere_lines
@@ -89,7 +89,7 @@ class EditStage:
             side="double",
         )
 
-        async def clicked(event: Any) -> None:
+        async def on_click(event: Any) -> None:
             origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
 
             def press() -> str | None:
@@ -100,7 +100,7 @@ class EditStage:
 
             self._inbox.put(lambda: self._attempt(press))
 
-        mesh.on_click(clicked)
+        mesh.on_click(on_click)
         return mesh
 
     def show(self) -> None:
@@ -189,11 +189,11 @@ class EditStage:
             position=position,
         )
 
-        async def moved(event: Any) -> None:
+        async def on_move(event: Any) -> None:
             place, phase = np.array(event.target.position), event.phase
             self._inbox.put(lambda: self._drag(name, place, phase))
 
-        handle.on_update(moved)
+        handle.on_update(on_move)
         return handle
 
     def _drag(self, name: str, place: Array, phase: str) -> None:
@@ -203,7 +203,7 @@ class EditStage:
             self._held, self._strokes = name, self._strokes + 1
         region = self._session.regions.get(self._session.part)
         if region is not None and self._lines is not None:
-            self._lines.points = lines_of(region, dragged(region, name, place / MM))
+            self._lines.points = lines_of(region, drag_handle(region, name, place / MM))
         ends, now = phase == "end", time.monotonic()
         if ends or (now - self._sent_at >= SEND_PERIOD_S and not self._is_behind()):
             self._sent_at = now
@@ -469,12 +469,12 @@ class EditTab:
         self._session.write([(field, box.value) for field, box in self._fields if box.value != field.text])
 
     def _attempt_and_show(self, choose: Callable[[], None]) -> None:
-        def chosen() -> None:
+        def choose_and_show() -> None:
             choose()
             self._mode.show()
             self.refresh()
 
-        self._mode.attempt(chosen)
+        self._mode.attempt(choose_and_show)
 
 
 def _follow(before: Field, field: Field, box: Any) -> Any:

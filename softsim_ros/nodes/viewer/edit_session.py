@@ -28,7 +28,7 @@ from softsim_core.scene.editing import (
     plain_vector,
     regions_of,
     remove,
-    reshaped,
+    reshape_region,
     route,
 )
 from softsim_core.scene.io import Item, Steps, read_overrides
@@ -84,7 +84,7 @@ class _Draft:
     def put(self, shape: Box | Sphere) -> Edits:
         """Return the edit for another shape, including a mass that was read before."""
         self.region = replace(self.region, shape=shape)
-        edit = reshaped(self._scene, self.region, shape)
+        edit = reshape_region(self._scene, self.region, shape)
         if self.grams is not None:
             edit.value[self.region.index]["mass"] = _digits(self.grams / GRAMS)
         return (edit,)
@@ -434,7 +434,7 @@ class EditSession:
         if robot is None:
             return ()
         if region is not None:
-            return (reshaped(robot.scene, region, dragged(region, handle, place)),)
+            return (reshape_region(robot.scene, region, drag_handle(region, handle, place)),)
         if joint is None or cable is None or not len(self.route):
             return ()
         at = _round_lengths(place, 0.1)
@@ -495,7 +495,7 @@ class EditSession:
         self._send((Put(("effector",), self.part.partition("/")[2]),), "")
 
 
-def dragged(region: Region, handle: str, place: Array) -> Box | Sphere:
+def drag_handle(region: Region, handle: str, place: Array) -> Box | Sphere:
     """Return the shape of a region after its handle "centre" or "size" is dragged to a place (3,) in [m].
 
     Dragging a corner moves the three faces that meet there; the opposite corner stays fixed. The centre of a

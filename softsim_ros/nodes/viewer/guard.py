@@ -408,10 +408,10 @@ def _guarding(rule: AccessRule, page_filter: PageFilter, guarded: list[bool]) ->
         options["open_timeout"], options["max_size"] = HANDSHAKE_WITHIN_S, MOST_BYTES
         options["logger"] = _silent_logger()
 
-        async def filtered(connection: Any) -> None:
+        async def handle_filtered(connection: Any) -> None:
             await handler(FilteredConnection(connection, page_filter))
 
-        return serve(filtered, *args, **options)
+        return serve(handle_filtered, *args, **options)
 
     module: Any = websockets.asyncio.server
     module.serve = guarded_serve

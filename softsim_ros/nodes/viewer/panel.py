@@ -54,39 +54,39 @@ class Inbox:
     def on_click(self, button: Any, action: Callable[[], None]) -> None:
         """Run an action whenever a button is clicked."""
 
-        async def clicked(_: Any) -> None:
+        async def queue_click(_: Any) -> None:
             self.put(action)
 
-        button.on_click(clicked)
+        button.on_click(queue_click)
 
     def on_press(self, row: Any, actions: Mapping[str, Callable[[], None]]) -> None:
         """Run the action of the pressed button in a row of buttons."""
 
-        async def pressed(event: Any) -> None:
+        async def queue_press(event: Any) -> None:
             if event.target.value in actions:
                 self.put(actions[event.target.value])
 
-        row.on_click(pressed)
+        row.on_click(queue_press)
 
     def on_change(self, handle: Any, action: Callable[[Any], None]) -> Control:
         """Run an action with the new value whenever a user changes a control of the present page."""
         control, page = Control(handle, action), self._page
 
-        async def changed(event: Any) -> None:
+        async def queue_change(event: Any) -> None:
             if event.client_id is not None:
                 value = event.target.value
                 self.put(lambda: control.take(value) if page == self._page else None)
 
-        handle.on_update(changed)
+        handle.on_update(queue_change)
         return control
 
     def on_key(self, command: Any, action: Callable[[], None]) -> None:
         """Run an action whenever the hotkey of a command is pressed."""
 
-        async def pressed(_: Any) -> None:
+        async def queue_key(_: Any) -> None:
             self.put(action)
 
-        command.on_trigger(pressed)
+        command.on_trigger(queue_key)
 
 
 class Control:

@@ -55,7 +55,7 @@ class Tunable:
         """Return the parameter's value in SI for a displayed value."""
         return bool(value) if self.is_switch else float(value) * self.scale
 
-    def shown(self, value: Any) -> Any:
+    def to_displayed(self, value: Any) -> Any:
         """Return the displayed value for a parameter's value, clamped to the range."""
         if self.is_switch:
             return bool(value)

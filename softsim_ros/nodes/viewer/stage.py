@@ -80,7 +80,7 @@ DEPTH_MM: Final = 0.3
 """Distance of the shadow below the floor, so that the grid is visible on it."""
 
 
-def covered(points: NDArray[np.float32], middle: NDArray[np.float64], width: float) -> BoolArray:
+def find_covered_pixels(points: NDArray[np.float32], middle: NDArray[np.float64], width: float) -> BoolArray:
     """Return which pixels lie below points, shape (CELLS, CELLS): rows along y, columns along x.
 
     Args:
@@ -185,7 +185,9 @@ class GroundShadow:
         self._drawn_at = now
         if self._spread is None:
             self._spread = spread_over(points, triangles, self._width / CELLS)
-        pixels = covered((self._spread @ points[triangles]).reshape(-1, 3), self._middle, self._width)
+        pixels = find_covered_pixels(
+            (self._spread @ points[triangles]).reshape(-1, 3), self._middle, self._width
+        )
         if self._drawn != (drawn := (pixels.tobytes(), self.opacity)):  # a scene at rest sends no image
             self._drawn = drawn
             picture = np.zeros((CELLS, CELLS, 4), np.uint8)
@@ -228,11 +230,11 @@ class BaseHandle:
             "/base_handle", scale=30.0, disable_rotations=True, depth_test=False, position=position
         )
 
-        async def moved(event: Any) -> None:
+        async def on_move(event: Any) -> None:
             position, ends = np.array(event.target.position), event.phase == "end"
             self._inbox.put(lambda: self._drag(position, ends))
 
-        arrows.on_update(moved)
+        arrows.on_update(on_move)
         return arrows
 
     def _drag(self, position: Array, ends: bool) -> None:
@@ -480,12 +482,12 @@ class Stage:
         )
         self._server.scene.add_icosphere("/goal/ball", radius=2.0, color=(240, 62, 62))
 
-        async def moved(event: Any) -> None:
+        async def on_move(event: Any) -> None:
             position, turn = np.array(event.target.position), np.array(event.target.wxyz)
             phase = event.phase
             self._inbox.put(lambda: self._drag_goal(phase, position, turn))
 
-        self._goal.on_update(moved)
+        self._goal.on_update(on_move)
 
     def _drag_goal(self, phase: str, position: NDArray[Any], wxyz: NDArray[Any]) -> None:
         self._goal_dragged = phase != "end"
@@ -509,13 +511,13 @@ class Stage:
         self.surface.rebuild()
 
     def _on_mesh(self, mesh: Any) -> None:
-        async def dragged(event: Any) -> None:
+        async def on_drag(event: Any) -> None:
             start, end, phase = np.array(event.start_position), np.array(event.end_position), event.phase
             self._inbox.put(lambda: self._drag_body(phase, start, end))
 
-        mesh.on_drag("left", modifier="shift")(dragged)
+        mesh.on_drag("left", modifier="shift")(on_drag)
         if self.pull_mode:
-            mesh.on_drag("left")(dragged)
+            mesh.on_drag("left")(on_drag)
 
     def _drag_body(self, phase: str, start: NDArray[Any], end: NDArray[Any]) -> None:
         if phase == "end":

@@ -150,7 +150,7 @@ def round_up(value: float) -> float:
     return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - 1e-9))
 
 
-def kept(points: Points, triangles: IndexArray, section: Section | None) -> IndexArray:
+def select_visible(points: Points, triangles: IndexArray, section: Section | None) -> IndexArray:
     """Return the triangles (k, 3) on the visible side of a section, by their centres; `points` in [mm]."""
     if section is None:
         return triangles
@@ -211,7 +211,7 @@ class SurfaceView:
         view = self._view
         shown = [part for part in self._parts if f"bodies/{part.name}" not in view.hidden]
         self._whole = np.concatenate([np.zeros((0, 3), np.int64), *(part.triangles for part in shown)])
-        self.triangles = kept(self.points, self._whole, view.section)
+        self.triangles = select_visible(self.points, self._whole, view.section)
         if view.ghost:
             self._ghosts = [self._ghost_of(part) for part in shown]
         if not view.bodies or not len(self._whole):
@@ -237,7 +237,7 @@ class SurfaceView:
         sorts = self._bands or self._view.section is not None
         if sorts and now - self._regrouped_at >= REGROUP_PERIOD_S:
             self._regrouped_at = now
-            self.triangles = kept(points, self._whole, self._view.section)
+            self.triangles = select_visible(points, self._whole, self._view.section)
             for part, mesh in self._plain:
                 mesh.faces = self._faces_of(part)
             self._regroup()
@@ -266,7 +266,7 @@ class SurfaceView:
 
     def _faces_of(self, part: Part) -> NDArray[np.uint32]:
         """Return the visible triangles of a part, with its own vertex indices; NO_FACES if there are none."""
-        left = kept(self.points, part.triangles, self._view.section)
+        left = select_visible(self.points, part.triangles, self._view.section)
         return (left - part.points[0]).astype(np.uint32) if len(left) else NO_FACES
 
     def _ghost_of(self, part: Part) -> Any:

@@ -285,7 +285,7 @@ class TuneTab:
         for name, value in values.items():
             if name in self._controls:
                 tunable, control = self._controls[name]
-                control.show(tunable.shown(value))
+                control.show(tunable.to_displayed(value))
 
 
 def _tune(parameters: Parameters, tunable: Tunable, value: Any) -> None:

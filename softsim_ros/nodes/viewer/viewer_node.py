@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from softsim_core.base import Array, SoftSimError
 from softsim_core.scene import RobotDescription, SceneCatalog
-from softsim_core.scene.io import shortened, without_contents
+from softsim_core.scene.io import shorten, without_contents
 from softsim_node import Program, declare, ending, ready_callbacks, run_node
 from softsim_ros import ClosableNode
 from softsim_ros.client import Editing, RobotClient, RobotLog, Warnings
@@ -217,7 +217,7 @@ def robot_by_name(name: str) -> RobotDescription:
         return without_contents(name)
     except SoftSimError as error:
         raise ViewerError(
-            f"viewer: robot {shortened(name)!r} is no robot's name; give the name of the robot that runs, "
+            f"viewer: robot {shorten(name)!r} is no robot's name; give the name of the robot that runs, "
             "which is its namespace, such as tripod (the viewer reads no files)"
         ) from error
 

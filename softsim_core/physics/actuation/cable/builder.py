@@ -83,13 +83,13 @@ def cable_points(cable: CableDescription, mesh: TetMesh | None = None) -> Array:
                 f"cable: the mesh of body {cable.body} has no group {cable.group!r}; its groups are "
                 f"{listing(groups)}"
             )
-        return _chained(mesh.points[groups[cable.group]], np.array(cable.pull_point, dtype=float))
+        return _chain_points(mesh.points[groups[cable.group]], np.array(cable.pull_point, dtype=float))
     points = cable.points
     read = np.array(points, dtype=float) if isinstance(points, tuple) else read_cable_points(points)
     return place(read.reshape(-1, 3), cable.placement)
 
 
-def _chained(points: Array, start: Array) -> Array:
+def _chain_points(points: Array, start: Array) -> Array:
     """Return points (k, 3) as a chain: the one nearest to `start`, then each time the nearest remaining."""
     left, here, chain = points, start, []
     while len(left):

@@ -252,11 +252,11 @@ class Cables:
         pulls, coefficient = self.pulls(points), np.zeros((len(self.layout.place), 3))
         coefficient[layout.of_points] = (self.weights[:, :, None] * pulls[:, None, :]).reshape(-1, 3)
         if len(layout.levers):
-            moved = self._moved(model, state, points)
+            moved = self._differentiate_pull_points(model, state, points)
             coefficient[layout.levers, 0] = np.einsum("mi,mi->m", pulls[layout.lever_points], moved)
         return coefficient
 
-    def _moved(self, model: Model, state: State, points: Array) -> Array:
+    def _differentiate_pull_points(self, model: Model, state: State, points: Array) -> Array:
         """Return the velocity of pull points per unit velocity of each joint that carries them, (m, 3)."""
         motion_subspace, k, at = (
             model.motion_subspace(state),
@@ -305,7 +305,7 @@ class Cables:
             s, k = np.nonzero(weights)
             coefficient = sign * weights[s, k][:, None, None] * across[s]
             yield _Entries(both[s].ravel(), np.repeat(nodes[s, k], 2), coefficient.reshape(-1, 3))
-        layout, moved = self.layout, self._moved(model, state, points)
+        layout, moved = self.layout, self._differentiate_pull_points(model, state, points)
         for m in range(
             len(layout.levers)
         ):  # joints that carry pull points, which are the first of their cable
@@ -325,7 +325,7 @@ class Cables:
         if not len(layout.levers):
             return result
         pulls, angular = self.pulls(points), model.motion_subspace(state).angular
-        moved, count = self._moved(model, state, points), len(model.rest)
+        moved, count = self._differentiate_pull_points(model, state, points), len(model.rest)
         for m, (inner, point) in enumerate(zip(layout.lever_unknowns, layout.lever_points, strict=True)):
             tension = multipliers[np.searchsorted(self.first, point, side="right") - 1]
             for outer in layout.lever_unknowns[: m + 1][layout.lever_points[: m + 1] == point]:
@@ -363,7 +363,7 @@ class Cables:
             for c, name in enumerate(self.names)
         )
 
-    def compiled(self) -> CableArrays:
+    def to_arrays(self) -> CableArrays:
         """Return the cables for the compiled kernels."""
         layout, points = self.layout, len(self.nodes)
         carrier, local = np.full(points, IN_BODY), np.zeros((points, 3))

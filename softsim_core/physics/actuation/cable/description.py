@@ -41,10 +41,12 @@ def read_cable_points(file: str | PathLike[str]) -> Array:
     path = Path(file)
     data = _read(path)
     if not isinstance(data, list) or not data:
-        raise ConfigError(path, "", f"must be a list of points [x, y, z], not {_shown(data)}")
+        raise ConfigError(path, "", f"must be a list of points [x, y, z], not {_format_value(data)}")
     for index, point in enumerate(data):
         if not isinstance(point, list) or len(point) != 3 or not all(map(_is_number, point)):
-            raise ConfigError(path, f"[{index}]", f"must be a list of 3 finite numbers, not {_shown(point)}")
+            raise ConfigError(
+                path, f"[{index}]", f"must be a list of 3 finite numbers, not {_format_value(point)}"
+            )
         if index and point == data[index - 1]:
             raise ConfigError(path, f"[{index}]", "lies where the point before it lies; remove one of them")
     return np.array(data, dtype=float)
@@ -76,7 +78,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     text = "empty" if value is None else json.dumps(value, default=str)
     return text if len(text) <= 60 else text[:57] + "..."
 

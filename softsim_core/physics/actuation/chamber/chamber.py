@@ -50,7 +50,7 @@ from softsim_core.physics.actuation import (
 )
 from softsim_core.physics.actuation.chamber.description import ChamberDescription
 from softsim_core.physics.mechanics import FIXED, Model, Rows, State
-from softsim_core.physics.mesh import TetMesh, boundary_faces, cavities, encloses, turned
+from softsim_core.physics.mesh import TetMesh, boundary_faces, cavities, encloses, flip_faces
 
 FLAT = 0.02
 """Largest distance of a rim from its plane, as a share of its radius."""
@@ -93,10 +93,12 @@ def closed_hollow(name: str, described: ChamberDescription, mesh: TetMesh) -> In
             f"chamber {name}: body {described.body} encloses no hollow; a chamber needs one that its mesh "
             "closes all around, or a named `surface` that ends at the world"
         )
-    return _chosen(name, described, mesh, found)
+    return _choose_cavities(name, described, mesh, found)
 
 
-def _chosen(name: str, described: ChamberDescription, mesh: TetMesh, found: list[IndexArray]) -> IndexArray:
+def _choose_cavities(
+    name: str, described: ChamberDescription, mesh: TetMesh, found: list[IndexArray]
+) -> IndexArray:
     """Return all cavities, or the one around the point `inside`."""
     if described.inside is None:
         return np.concatenate(found)
@@ -119,7 +121,7 @@ def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) 
             f"chamber {name}: body {body} has no surface {surface!r}: {known}; name a physical group of "
             "faces in its Gmsh file"
         )
-    faces = turned(boundary_faces(mesh))
+    faces = flip_faces(boundary_faces(mesh))
     rows = {tuple(sorted(corners)): k for k, corners in enumerate(faces[:, :3].tolist())}
     wanted = [rows.get(tuple(sorted(corners)), -1) for corners in mesh.surfaces[surface].tolist()]
     if -1 in wanted:
@@ -128,7 +130,7 @@ def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) 
             f"boundary of body {body}; name faces that its cells leave free"
         )
     faces = faces[np.unique(wanted)]
-    lids = _lids(name, surface, faces, mesh.points, _held(surroundings, body))
+    lids = _lids(name, surface, faces, mesh.points, _find_attached_nodes(surroundings, body))
     corners = np.concatenate([mesh.points[faces[:, :3]], lids[:, :3]])
     middle = corners.mean(axis=(0, 1))
     a, b, c = np.moveaxis(corners - middle, 1, 0)
@@ -140,7 +142,7 @@ def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) 
     return Hollow(faces, lids)
 
 
-def _held(surroundings: Surroundings, body: str) -> IndexArray:
+def _find_attached_nodes(surroundings: Surroundings, body: str) -> IndexArray:
     """Return the nodes of a body that are attached to the world, in the numbers of its own mesh."""
     first, count = surroundings.first_node[body], len(surroundings.meshes[body].points)
     return np.flatnonzero(surroundings.model.region_of_node[first : first + count] == FIXED)
@@ -314,11 +316,11 @@ class Chamber(Actuator):
 
     def value(self, model: Model, state: State) -> float:
         """Return the growth of the volume in [m^3]."""
-        return self._measured(state).volume - self.at_rest
+        return self._measure_volume(state).volume - self.at_rest
 
     def row(self, model: Model, state: State) -> Array:
         """Return dV/dx in [m^2], shape (k, 3)."""
-        return self._measured(state).row
+        return self._measure_volume(state).row
 
     def transmission(self, command: float, multiplier: float) -> Transmission:
         """Return the transmission at rest under a command, linearised at a pressure.
@@ -328,7 +330,7 @@ class Chamber(Actuator):
         line, (low, high) = self.line, self._limits
         if self.by_multiplier:
             most = line.flow_limit / line.leak if line.leak else math.inf
-            low = high = min(max(self._wanted(command), -most), most)
+            low = high = min(max(self._clamp_pressure(command), -most), most)
             return Transmission(command, 0.0, low, high)
         if line.leak:
             low = high = 0.0
@@ -350,7 +352,7 @@ class Chamber(Actuator):
         most, lost = span * line.flow_limit, span * line.leak
         if not self.by_multiplier:
             return self._tangent(amount + _between(command - pumped, most), lost, pressure, (low, high))
-        wanted = self._wanted(command)
+        wanted = self._clamp_pressure(command)
         rates = state.reduced_velocities[len(state.reduced_velocities) - len(state.joint_positions) :]
         ahead = float(state.joint_positions[self.joint] + span * rates[self.joint])
         if line.amount(ahead, wanted) + lost * wanted > amount:
@@ -368,7 +370,7 @@ class Chamber(Actuator):
         flow, near = span * line.flow_limit, REACHED * line.atmosphere
         free = low + near < pressure < high - near
         if self.by_multiplier:
-            missing = self._wanted(command) - pressure
+            missing = self._clamp_pressure(command) - pressure
             flow, free = math.copysign(flow, missing), free and abs(missing) > near
         else:
             flow = _between(command - pumped, flow)
@@ -381,7 +383,7 @@ class Chamber(Actuator):
         growth, pressure = (float(each[self.joint]) for each in (state.joint_positions, state.joint_efforts))
         kept[:] = self.line.amount(growth, pressure), 0.0 if self.by_multiplier else command
 
-    def _wanted(self, command: float) -> float:
+    def _clamp_pressure(self, command: float) -> float:
         """Return the commanded pressure, within its limits."""
         return min(max(command, self._limits[0]), self._limits[1])
 
@@ -433,7 +435,7 @@ class Chamber(Actuator):
             volume=self.rest_volume + self.value(model, state),
         )
 
-    def _measured(self, state: State) -> _VolumeSlopes:
+    def _measure_volume(self, state: State) -> _VolumeSlopes:
         """Return volume and slopes at a state.
 
         Cached, because a step asks several times for the same state.

@@ -60,7 +60,7 @@ class Chambers(PlainGroup):
         super().__init__(chambers)
         self._chambers = tuple(chambers)
 
-    def compiled(self, row: int, entry: int) -> ChamberArrays:
+    def to_arrays(self, row: int, entry: int) -> ChamberArrays:
         """Return the chambers for the compiled kernels; their first row and entry are `row` and `entry`."""
         start, count = self.constraints.start, len(self._chambers)
         first = np.cumsum([0, *(len(each.faces) for each in self._chambers)], dtype=np.int64)
@@ -90,8 +90,8 @@ class Chambers(PlainGroup):
         )
 
 
-def _built(placed: Sequence[Placed], surroundings: Surroundings) -> Chambers:
+def _build_chambers(placed: Sequence[Placed], surroundings: Surroundings) -> Chambers:
     return Chambers([Chamber(each, surroundings) for each in placed])
 
 
-CHAMBER: Final[ActuatorKind] = ActuatorKind(ChamberDescription.kind, ChamberDescription, _built)
+CHAMBER: Final[ActuatorKind] = ActuatorKind(ChamberDescription.kind, ChamberDescription, _build_chambers)

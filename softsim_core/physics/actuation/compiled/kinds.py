@@ -130,12 +130,12 @@ class CompiledKinds(NamedTuple):
 
 def compiled_kinds(actuators: Actuators) -> tuple[CompiledKinds, int]:
     """Return the kernels' arrays for a model's actuators, and how many they evaluate: the first ones."""
-    cables, chambers, count = _no_cables(), Chambers([]).compiled(0, 0), 0
+    cables, chambers, count = _no_cables(), Chambers([]).to_arrays(0, 0), 0
     for group, rows, entries in actuators.spans():
         if isinstance(group, Cables) and not count:
-            cables = group.compiled()
+            cables = group.to_arrays()
         elif isinstance(group, Chambers):
-            chambers = group.compiled(rows.start, entries.start)
+            chambers = group.to_arrays(rows.start, entries.start)
         else:
             break
         count = rows.stop

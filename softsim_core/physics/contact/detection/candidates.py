@@ -95,7 +95,7 @@ def next_row(counter: IndexArray, room: Array) -> int:
 
 
 @kernel
-def mixed(nodes: IndexArray, weights: Array, k: int, points: Array) -> Vector:
+def interpolate_side(nodes: IndexArray, weights: Array, k: int, points: Array) -> Vector:
     """Return the point of one side of contact k: the weighted sum of its three vertices."""
     h, i, j = nodes[k, 0], nodes[k, 1], nodes[k, 2]
     u, v, w = weights[k, 0], weights[k, 1], weights[k, 2]

@@ -14,7 +14,7 @@ from softsim_core.physics.contact.detection.candidates import (
     ContactBuffers,
     allocate_found,
     allocate_near,
-    mixed,
+    interpolate_side,
 )
 from softsim_core.physics.contact.detection.compile import kernel
 from softsim_core.physics.contact.detection.geometry import (
@@ -26,7 +26,7 @@ from softsim_core.physics.contact.detection.geometry import (
     length,
     minus,
     row,
-    scaled,
+    scale,
 )
 from softsim_core.physics.contact.detection.narrow_phase import KnownEdges, meet_known_edges, sweep
 from softsim_core.physics.contact.detection.passage import VertexMotion, free_share
@@ -95,11 +95,13 @@ def may_hold(
     holds = np.zeros(distance.shape[0], dtype=np.bool_)
     for c in range(distance.shape[0]):
         n = row(normal, c)
-        arriving = distance[c] + dot(minus(mixed(a, a_weights, c, ahead), mixed(b, b_weights, c, ahead)), n)
+        arriving = distance[c] + dot(
+            minus(interpolate_side(a, a_weights, c, ahead), interpolate_side(b, b_weights, c, ahead)), n
+        )
         close = foremost[c] and min(distance[c], arriving) < closeness.alarm
         close = close or (seeker[c] >= 0 and arriving < closeness.arrived) or distance[c] < closeness.close
         if close and strays and (foremost_strays or not foremost[c]):
-            slip = minus(mixed(a, a_weights, c, slides), mixed(b, b_weights, c, slides))
+            slip = minus(interpolate_side(a, a_weights, c, slides), interpolate_side(b, b_weights, c, slides))
             close = _false_closing(a[c], b[c], n, slip, points, ring_start, ring) < closeness.stray
         holds[c] = close
     return holds
@@ -136,7 +138,7 @@ def held_astray(
     """
     for c in range(normal.shape[0]):
         if forces[3 * c] > 0.0:
-            slip = minus(mixed(a, a_weights, c, slides), mixed(b, b_weights, c, slides))
+            slip = minus(interpolate_side(a, a_weights, c, slides), interpolate_side(b, b_weights, c, slides))
             if _false_closing(a[c], b[c], row(normal, c), slip, points, ring_start, ring) > limit:
                 return True
     return False
@@ -208,12 +210,12 @@ class Proximities(NamedTuple):
     pair: IndexArray
     key: IndexArray
 
-    def chosen(self, which: IndexArray) -> Proximities:
+    def select(self, which: IndexArray) -> Proximities:
         """Return the contacts with numbers `which`, sorted by key."""
         order = which[np.argsort(self.key[which], kind="stable")]
         return Proximities._make(each[order] for each in self)
 
-    def joined(self, other: Proximities) -> Proximities:
+    def join(self, other: Proximities) -> Proximities:
         """Return these contacts, followed by others."""
         return Proximities(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
@@ -264,7 +266,7 @@ class Detector:
             DetectionOverflowError: more feature pairs are close than the buffers may hold.
         """
         near = self.candidates(points, reach)
-        return near.chosen(np.flatnonzero(near.foremost))
+        return near.select(np.flatnonzero(near.foremost))
 
     def candidates(self, points: Array, reach: float, travel: Array | None = None) -> Proximities:
         """Return all contacts with a gap of at most `reach` plus the travel of both surfaces.
@@ -296,7 +298,7 @@ class Detector:
             if needed <= len(found.distance):
                 break
             self._widen(needed)
-        return _listed(found)
+        return _copy_contacts(found)
 
     def edges_again(self, keys: IndexArray, points: Array) -> Proximities:
         """Return the edge pairs among earlier contacts at their current closest points, at any distance.
@@ -320,7 +322,7 @@ class Detector:
         together = np.where(owner[:, 0] == owner[:, 1], self._contact_distance, -1.0)
         found = allocate_found(len(edges))
         self._known_edges(KnownEdges(edges, surfaces, together), points, self._rest, topology, found)
-        return _listed(found)
+        return _copy_contacts(found)
 
     def may_hold(
         self, near: Proximities, points: Array, ahead: Array, slides: Array, closeness: Closeness,
@@ -397,7 +399,7 @@ class Detector:
         self._near, self._found = allocate_near(2 * needed), allocate_found(2 * needed)
 
 
-def _listed(found: ContactBuffers) -> Proximities:
+def _copy_contacts(found: ContactBuffers) -> Proximities:
     """Return copies of the contacts that were found."""
     k = found.counter[0]
     return Proximities(
@@ -438,11 +440,11 @@ def measured_gaps(
         found = known[place] == meeting
         gaps[found] = near.distance[order[place[found]]]
     if not found.all():
-        lost = contacts.chosen(np.flatnonzero(~found))
+        lost = contacts.select(np.flatnonzero(~found))
         gaps[~found] = feature_gaps(lost, points, radius)
     told = near.distance <= min(reach, near.distance[near.foremost].min(initial=inf))
     told |= near.foremost & (near.distance <= reach)
-    return gaps, near.chosen(np.flatnonzero(told & ~np.isin(others, meeting)))
+    return gaps, near.select(np.flatnonzero(told & ~np.isin(others, meeting)))
 
 
 @kernel
@@ -460,7 +462,7 @@ def feature_gaps(contacts: Proximities, points: Array, radius: Array) -> Array:
         elif a[0] == a[1]:
             gap = _to_triangle(row(points, a[0]), b[0], b[1], b[2], normal, points)
         elif b[0] == b[1]:
-            gap = _to_triangle(row(points, b[0]), a[0], a[1], a[2], scaled(normal, -1.0), points)
+            gap = _to_triangle(row(points, b[0]), a[0], a[1], a[2], scale(normal, -1.0), points)
         else:
             gap = _between_edges(a[0], a[1], b[0], b[1], normal, points)
         gaps[c] = gap - radius[a[0]] - radius[b[0]]
@@ -472,7 +474,7 @@ def _to_triangle(p: Vector, i: int, j: int, k: int, normal: Vector, points: Arra
     """Return the distance of p from a triangle, negative where p is behind it with respect to `normal`."""
     a, b, c = row(points, i), row(points, j), row(points, k)
     wi, wj, wk, _ = closest_on_triangle(p, a, b, c)
-    gap = minus(p, add(add(scaled(a, wi), scaled(b, wj)), scaled(c, wk)))
+    gap = minus(p, add(add(scale(a, wi), scale(b, wj)), scale(c, wk)))
     return length(gap) if dot(gap, normal) >= 0.0 else -length(gap)
 
 
@@ -481,6 +483,6 @@ def _between_edges(i: int, j: int, k: int, m: int, normal: Vector, points: Array
     """Return the distance of two edges, negative where they have crossed against `normal`."""
     p0, p1, q0, q1 = row(points, i), row(points, j), row(points, k), row(points, m)
     s, t = closest_on_segments(p0, p1, q0, q1)
-    gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))
+    gap = minus(add(p0, scale(minus(p1, p0), s)), add(q0, scale(minus(q1, q0), t)))
     crossed = min(s, t) > 0.0 and max(s, t) < 1.0 and dot(gap, normal) < 0.0
     return -length(gap) if crossed else length(gap)

@@ -31,7 +31,7 @@ def minus(a: Vector, b: Vector) -> Vector:
 
 
 @kernel
-def scaled(a: Vector, factor: float) -> Vector:
+def scale(a: Vector, factor: float) -> Vector:
     """Return a times a number."""
     return a[0] * factor, a[1] * factor, a[2] * factor
 
@@ -58,7 +58,7 @@ def length(a: Vector) -> float:
 def unit(a: Vector) -> Vector:
     """Return a divided by its length; zero stays zero."""
     size = length(a)
-    return scaled(a, 1.0 / size) if size > 0.0 else a
+    return scale(a, 1.0 / size) if size > 0.0 else a
 
 
 FACE = 6
@@ -123,13 +123,13 @@ def closest_on_segments(p0: Vector, p1: Vector, q0: Vector, q1: Vector) -> tuple
     if sine > 0.0 and min(s, t) >= 0.0 and max(s, t) <= 1.0:
         return s, t
     best_s, best_t = 0.0, _nearest_share(p0, q0, q1)
-    least = _squared(p0, p1, q0, q1, best_s, best_t)
+    least = _compute_squared_distance(p0, p1, q0, q1, best_s, best_t)
     for s, t in (
         (1.0, _nearest_share(p1, q0, q1)),
         (_nearest_share(q0, p0, p1), 0.0),
         (_nearest_share(q1, p0, p1), 1.0),
     ):
-        squared = _squared(p0, p1, q0, q1, s, t)
+        squared = _compute_squared_distance(p0, p1, q0, q1, s, t)
         if squared < least:
             best_s, best_t, least = s, t, squared
     return best_s, best_t
@@ -143,9 +143,9 @@ def _nearest_share(p: Vector, q0: Vector, q1: Vector) -> float:
 
 
 @kernel
-def _squared(p0: Vector, p1: Vector, q0: Vector, q1: Vector, s: float, t: float) -> float:
+def _compute_squared_distance(p0: Vector, p1: Vector, q0: Vector, q1: Vector, s: float, t: float) -> float:
     """Return the squared distance of the points at s and t."""
-    gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))
+    gap = minus(add(p0, scale(minus(p1, p0), s)), add(q0, scale(minus(q1, q0), t)))
     return dot(gap, gap)
 
 
@@ -185,7 +185,7 @@ def vertex_normal(
         i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         second, third = (j, k) if i == v else (k, i) if j == v else (i, j)
         cosine = dot(unit(minus(row(points, second), p)), unit(minus(row(points, third), p)))
-        total = add(total, scaled(row(normals, t), acos(min(1.0, max(-1.0, cosine)))))
+        total = add(total, scale(row(normals, t), acos(min(1.0, max(-1.0, cosine)))))
     return total
 
 
@@ -201,7 +201,9 @@ def outward_at(t: int, feature: int, points: Array, topology: Topology, normals:
 
 
 @kernel
-def opposed(v: int, outward: Vector, fan_start: IndexArray, fan: IndexArray, normals: Array) -> bool:
+def has_opposed_triangle(
+    v: int, outward: Vector, fan_start: IndexArray, fan: IndexArray, normals: Array
+) -> bool:
     """Return whether a triangle around v faces against the outward direction of the other surface."""
     limit = -1e-3 * length(outward)
     for at in range(fan_start[v], fan_start[v + 1]):  # noqa: SIM110 - Numba compiles no generators
@@ -255,7 +257,7 @@ def fall_away(
     fall = 0.0
     for side in range(2):
         off = minus(row(points, opposite[edge, side]), at)
-        aside = minus(off, scaled(along, dot(off, along) / dot(along, along)))
+        aside = minus(off, scale(along, dot(off, along) / dot(along, along)))
         rise = dot(off, direction) / length(aside)
         if rise > CONE:
             return -1.0

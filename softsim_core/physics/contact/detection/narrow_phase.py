@@ -24,7 +24,7 @@ from softsim_core.physics.contact.detection.candidates import (
     ContactBuffers,
     Near,
     features,
-    mixed,
+    interpolate_side,
     move,
     next_row,
     write,
@@ -46,12 +46,12 @@ from softsim_core.physics.contact.detection.geometry import (
     edge_is_closest,
     edge_normal,
     fall_away,
+    has_opposed_triangle,
     length,
     minus,
-    opposed,
     outward_at,
     row,
-    scaled,
+    scale,
     unit,
     vertex_is_closest,
     vertex_normal,
@@ -127,7 +127,7 @@ def insides_meet(points: Array, e0: int, e1: int, f0: int, f1: int, reach: float
     s, t, _ = closest_on_lines(p0, p1, q0, q1)
     if min(s, t) <= EXACT or max(s, t) >= 1.0 - EXACT:  # parallel ones, too
         return False
-    gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))
+    gap = minus(add(p0, scale(minus(p1, p0), s)), add(q0, scale(minus(q1, q0), t)))
     return bool(dot(gap, gap) <= reach * reach)
 
 
@@ -160,7 +160,7 @@ def meet_vertices(
         if abs(dot(minus(p, a), row(normals, t))) > limit:
             continue
         wi, wj, wk, feature = closest_on_triangle(p, a, b, c)
-        q = add(add(scaled(a, wi), scaled(b, wj)), scaled(c, wk))
+        q = add(add(scale(a, wi), scale(b, wj)), scale(c, wk))
         gap = minus(p, q)
         distance = length(gap)
         if distance > limit:
@@ -174,7 +174,7 @@ def meet_vertices(
         if inside and feature != FACE and topology.closed[sb if first else sa] == 0:
             continue  # behind the rim of an open surface
         boxes.nearest[v, int(inside)] = min(boxes.nearest[v, int(inside)], distance)
-        if radius == 0.0 and not opposed(v, outward, topology.fan_start, topology.fan, normals):
+        if radius == 0.0 and not has_opposed_triangle(v, outward, topology.fan_start, topology.fan, normals):
             continue
         if inside and distance > 0.5 * reach:
             continue
@@ -191,9 +191,9 @@ def meet_vertices(
             continue
         normal = unit(outward)
         if feature != FACE and distance > _TOUCHING * length(minus(b, a)):
-            normal = scaled(gap, (-1.0 if inside else 1.0) / distance)
+            normal = scale(gap, (-1.0 if inside else 1.0) / distance)
         foremost = radius > 0.0 or vertex_is_closest(
-            v, scaled(normal, -1.0), CONE, topology.ring_start, topology.ring, points
+            v, scale(normal, -1.0), CONE, topology.ring_start, topology.ring, points
         )
         spot = next_row(found.counter, found.distance)
         if spot < 0:
@@ -215,7 +215,7 @@ def meet_vertices(
         else:
             write(found.a, found.a_weights, spot, (i, j, k), (wi, wj, wk))
             write(found.b, found.b_weights, spot, (v, v, v), (1.0, 0.0, 0.0))
-            write_pair(found.normal, found.pair, spot, scaled(normal, -1.0), sa, sb)
+            write_pair(found.normal, found.pair, spot, scale(normal, -1.0), sa, sb)
             found.key[spot] = other * features(topology) + v
 
 
@@ -239,18 +239,18 @@ def meet_edges(
         p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
         s, t, sine = closest_on_lines(p0, p1, q0, q1)
         along_e, along_f = minus(p1, p0), minus(q1, q0)
-        p, q = add(p0, scaled(along_e, s)), add(q0, scaled(along_f, t))
+        p, q = add(p0, scale(along_e, s)), add(q0, scale(along_f, t))
         gap = minus(p, q)
         out_e, out_f = edge_normal(e, topology.sides, normals), edge_normal(f, topology.sides, normals)
         normal = unit(cross(along_e, along_f))
         if dot(normal, minus(out_f, out_e)) < 0.0:
-            normal = scaled(normal, -1.0)
+            normal = scale(normal, -1.0)
         if dot(out_e, normal) >= 0.0 or dot(out_f, normal) <= 0.0:
             continue
         distance = dot(gap, normal)
         if distance < -0.5 * reach:
             continue
-        back = scaled(normal, -1.0)
+        back = scale(normal, -1.0)
         fall = min(
             fall_away(f, q, along_f, normal, topology.opposite, points),
             fall_away(e, p, along_e, back, topology.opposite, points),
@@ -329,7 +329,7 @@ def meet_spheres(
     found.foremost[spot] = True
     write(found.a, found.a_weights, spot, (v, v, v), (1.0, 0.0, 0.0))
     write(found.b, found.b_weights, spot, (w, w, w), (1.0, 0.0, 0.0))
-    write_pair(found.normal, found.pair, spot, scaled(gap, 1.0 / centres), sa, sb)
+    write_pair(found.normal, found.pair, spot, scale(gap, 1.0 / centres), sa, sb)
     found.key[spot] = v * features(topology) + w
 
 
@@ -375,7 +375,7 @@ def _nearest(
         for t in range(first, first + count):
             a, b, c = row(points, triangles[t, 0]), row(points, triangles[t, 1]), row(points, triangles[t, 2])
             u, v, w, feature = closest_on_triangle(p, a, b, c)
-            gap = minus(p, add(add(scaled(a, u), scaled(b, v)), scaled(c, w)))
+            gap = minus(p, add(add(scale(a, u), scale(b, v)), scale(c, w)))
             squared = dot(gap, gap)
             if squared < least:
                 least, nearest, where = squared, t, feature
@@ -426,7 +426,7 @@ def meet_known_edges(
         e0, e1, f0, f1 = edges[e, 0], edges[e, 1], edges[f, 0], edges[f, 1]
         p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
         s, t = closest_on_segments(p0, p1, q0, q1)
-        gap = minus(add(p0, scaled(minus(p1, p0), s)), add(q0, scaled(minus(q1, q0), t)))
+        gap = minus(add(p0, scale(minus(p1, p0), s)), add(q0, scale(minus(q1, q0), t)))
         distance = length(gap)
         if dot(gap, minus(_outward(f, points, topology), _outward(e, points, topology))) <= 0.0:
             continue
@@ -436,10 +436,11 @@ def meet_known_edges(
         write(found.a, found.a_weights, spot, (e0, e1, e1), (1.0 - s, s, 0.0))
         write(found.b, found.b_weights, spot, (f0, f1, f1), (1.0 - t, t, 0.0))
         sa, sb = known.surfaces[k, 0], known.surfaces[k, 1]
-        write_pair(found.normal, found.pair, spot, scaled(gap, 1.0 / distance), sa, sb)
+        write_pair(found.normal, found.pair, spot, scale(gap, 1.0 / distance), sa, sb)
         found.key[spot] = (n + e) * features(topology) + n + f
         apart = minus(
-            mixed(found.a, found.a_weights, spot, rest), mixed(found.b, found.b_weights, spot, rest)
+            interpolate_side(found.a, found.a_weights, spot, rest),
+            interpolate_side(found.b, found.b_weights, spot, rest),
         )
         if length(apart) <= known.together[k]:
             found.counter[0] = spot
@@ -569,15 +570,24 @@ def _sift(
 @kernel
 def _squared_gap(k: int, points: Array, found: ContactBuffers) -> float:
     """Return the squared distance between the two points of contact k."""
-    between = minus(mixed(found.a, found.a_weights, k, points), mixed(found.b, found.b_weights, k, points))
+    between = minus(
+        interpolate_side(found.a, found.a_weights, k, points),
+        interpolate_side(found.b, found.b_weights, k, points),
+    )
     return dot(between, between)
 
 
 @kernel
 def _same_points(k: int, other: int, points: Array, found: ContactBuffers) -> bool:
     """Return whether two contacts have the same points."""
-    a = minus(mixed(found.a, found.a_weights, k, points), mixed(found.a, found.a_weights, other, points))
-    b = minus(mixed(found.b, found.b_weights, k, points), mixed(found.b, found.b_weights, other, points))
+    a = minus(
+        interpolate_side(found.a, found.a_weights, k, points),
+        interpolate_side(found.a, found.a_weights, other, points),
+    )
+    b = minus(
+        interpolate_side(found.b, found.b_weights, k, points),
+        interpolate_side(found.b, found.b_weights, other, points),
+    )
     near = _SAME * _SAME * max(_squared_edge(found.a, k, points), _squared_edge(found.b, k, points))
     return dot(a, a) + dot(b, b) < near
 

@@ -27,7 +27,7 @@ from softsim_core.physics.contact.detection.geometry import (
     length,
     minus,
     row,
-    scaled,
+    scale,
     unit,
 )
 from softsim_core.physics.contact.detection.topology import Topology
@@ -173,7 +173,7 @@ def _vertex_passes(
         return 1.0
     if together >= 0.0:
         base = row(way.rest, i)
-        along = add(scaled(minus(row(way.rest, j), base), wj), scaled(minus(row(way.rest, k), base), wk))
+        along = add(scale(minus(row(way.rest, j), base), wj), scale(minus(row(way.rest, k), base), wk))
         off = minus(row(way.rest, v), add(base, along))
         if dot(off, off) <= together * together:
             return 1.0
@@ -199,14 +199,14 @@ def _edge_passes(e: int, f: int, together: float, way: VertexMotion, topology: T
     if sine <= 0.0 or min(s, t) < -_OFF or max(s, t) > 1.0 + _OFF:
         return 1.0
     normal = cross(minus(p1, p0), minus(q1, q0))
-    towards_e = scaled(normal, -1.0) if before > 0.0 else normal
-    p, towards_f = add(p0, scaled(minus(p1, p0), s)), scaled(towards_e, -1.0)
+    towards_e = scale(normal, -1.0) if before > 0.0 else normal
+    p, towards_f = add(p0, scale(minus(p1, p0), s)), scale(towards_e, -1.0)
     if not _faces(e, p, towards_f, share, way, topology) or not _faces(f, p, towards_e, share, way, topology):
         return 1.0
     if together >= 0.0:
         p, q = row(way.rest, i), row(way.rest, k)
-        p = add(p, scaled(minus(row(way.rest, j), p), s))
-        off = minus(p, add(q, scaled(minus(row(way.rest, m), q), t)))
+        p = add(p, scale(minus(row(way.rest, j), p), s))
+        off = minus(p, add(q, scale(minus(row(way.rest, m), q), t)))
         if dot(off, off) <= together * together:
             return 1.0
     return share
@@ -252,7 +252,7 @@ def _normal(t: int, share: float, way: VertexMotion, topology: Topology) -> Vect
 def _at(share: float, v: int, way: VertexMotion) -> Vector:
     """Return the position of vertex v after a share of its motion."""
     p = row(way.before, v)
-    return add(p, scaled(minus(row(way.after, v), p), share))
+    return add(p, scale(minus(row(way.after, v), p), share))
 
 
 @kernel

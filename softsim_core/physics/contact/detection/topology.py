@@ -95,8 +95,8 @@ def build_topology(surfaces: tuple[CollisionSurface, ...], rest_points: Array) -
     owns[first // 3, first % 3] = 1
 
     both_ways = np.concatenate([edges, edges[:, ::-1]]) if len(edges) else np.empty((0, 2), dtype=np.int64)
-    ring_start, ring = _grouped(both_ways[:, 0], both_ways[:, 1], n)
-    fan_start, fan = _grouped(triangles.reshape(-1), np.repeat(np.arange(len(triangles)), 3), n)
+    ring_start, ring = _group_by_key(both_ways[:, 0], both_ways[:, 1], n)
+    fan_start, fan = _group_by_key(triangles.reshape(-1), np.repeat(np.arange(len(triangles)), 3), n)
     radius = np.zeros(n)
     for surface in surfaces:
         radius[surface.vertices] = surface.radius
@@ -180,7 +180,7 @@ class _Trees:
         self._split(right, order, centres, offset + half, start)
 
 
-def _grouped(keys: IndexArray, values: IndexArray, size: int) -> tuple[IndexArray, IndexArray]:
+def _group_by_key(keys: IndexArray, values: IndexArray, size: int) -> tuple[IndexArray, IndexArray]:
     """Return values sorted by key (stable), and the start of each key's part, shape (size + 1,)."""
     order = np.argsort(keys, kind="stable")
     start = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])

@@ -349,7 +349,7 @@ def add_stiffness(
                 m = places[f]
                 if m >= last or supernode[m] < 0:
                     for p in range(_count(m, last, nodes)):
-                        k, value = _reduced(f, p, stiffness, last, nodes, work)
+                        k, value = _reduce_entry(f, p, stiffness, last, nodes, work)
                         for i in range(3):
                             at = row + i * width + nodes.reduced_column[s, k]
                             panels[at] += weight * coefficient[e, i] * value
@@ -379,14 +379,14 @@ def _add_border(
     """Add the contribution of entry e for the reduced coordinates that move it, with its row's entries."""
     schur, right = work.factor.schur, len(work.factor.schur)
     for q in range(_count(stiffness.place[e], last, nodes)):
-        k, value = _reduced(e, q, stiffness, last, nodes, work)
+        k, value = _reduce_entry(e, q, stiffness, last, nodes, work)
         schur[k, right] -= weight * rate * value
         for f in range(begin, end):
             place = stiffness.place[f]
             if place < last and nodes.supernode[place] >= 0:
                 continue
             for p in range(_count(place, last, nodes)):
-                m, other = _reduced(f, p, stiffness, last, nodes, work)
+                m, other = _reduce_entry(f, p, stiffness, last, nodes, work)
                 if m >= k:
                     schur[k, m] += weight * value * other
 
@@ -401,7 +401,7 @@ def _count(place: int, last: int, nodes: Nodes) -> int:
 
 
 @kernel
-def _reduced(
+def _reduce_entry(
     e: int, q: int, stiffness: ActuatorStiffness, last: int, nodes: Nodes, work: Work
 ) -> tuple[int, float]:
     """Return the q-th coordinate that `_count` counts for entry e, and the entry's coefficient of it."""

@@ -210,7 +210,7 @@ class Elimination(Protocol):
     prepared: Prepared
     responses: Responses
 
-    def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+    def update_parameters(self, rest: Callable[[], tuple[Any, ...]]) -> None:
         """Update stored data after parameters have changed.
 
         `rest()` returns the arguments of `assemble` at rest.
@@ -281,7 +281,7 @@ class DirectElimination:
         result: tuple[float, int, float, float, float] = self._advance(*arguments)
         return result
 
-    def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+    def update_parameters(self, rest: Callable[[], tuple[Any, ...]]) -> None:
         """Do nothing: a direct elimination stores nothing that depends on the parameters."""
 
 
@@ -403,7 +403,7 @@ class IterativeElimination:
         self.tolerance = min(TOLERANCE, TOLERANCE_SHARE * extent) / model.dt  # for velocities, in [m/s]
         self.iterations = 0
 
-    def tuned(self, rest: Callable[[], tuple[Any, ...]]) -> None:
+    def update_parameters(self, rest: Callable[[], tuple[Any, ...]]) -> None:
         """Recompute the preconditioner from the matrix at rest, after parameters have changed."""
         self._assemble(*rest())
         self.by = self.by._replace(panels=np.zeros(0, np.float32))  # free the memory for the next one
@@ -461,7 +461,7 @@ class IterativeElimination:
         self.iterations += count
         return result
 
-    def preconditioned(self, unknowns: IndexArray, touching: Array) -> Array:
+    def approximate_compliance(self, unknowns: IndexArray, touching: Array) -> Array:
         """Return H M^-1 H^T with the preconditioner M, shape (r, r).
 
         Args:
@@ -552,7 +552,7 @@ class IterativeResponses(Responses):
         answer = self._elimination.answer
         reached = answer.factor.panels[answer.columns[self._unknowns, :-1]]
         self._spread[free:] -= reached.T @ inner[self._unknowns]
-        self._compliance = self._elimination.preconditioned(self._unknowns, self._touching)
+        self._compliance = self._elimination.approximate_compliance(self._unknowns, self._touching)
         return self._compliance
 
     def _reach(self, impulses: Array) -> tuple[Array, Array]:

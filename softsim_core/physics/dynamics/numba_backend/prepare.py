@@ -62,9 +62,9 @@ def prepare(model: Model, actuators: Actuators, lay_out: LayOut) -> Prepared:
     local[model.free_nodes] = np.arange(len(model.free_nodes))
     groups = deforming(model)
     edges, beside = couplings(model, groups, local)
-    taut_edges, taut_beside = _stiffened(model, actuators, local)
+    taut_edges, taut_beside = _find_taut_couplings(model, actuators, local)
     edges = np.concatenate([edges, taut_edges])
-    beside = np.concatenate([beside, _pulled(model, rows, local), taut_beside])
+    beside = np.concatenate([beside, _find_actuator_couplings(model, rows, local), taut_beside])
     reduced_size = model.reduced_size + len(rows.joint)
     layout = lay_out(len(model.free_nodes), edges, beside, reduced_size)
     nodes = _nodes(model, layout, reduced_size)
@@ -128,7 +128,7 @@ def shares_plan(one: Model, other: Model) -> bool:
     )
 
 
-def _pulled(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
+def _find_actuator_couplings(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
     """Return pairs (free node, reduced coordinate of the actuator with that node in its row)."""
     owner = np.repeat(np.arange(len(rows.joint)), np.diff(rows.start))
     on_node = rows.place < len(model.rest)
@@ -136,7 +136,9 @@ def _pulled(model: Model, rows: ActuatorRows, local: IndexArray) -> IndexArray:
     return unique_pairs(pairs[pairs[:, 0] >= 0])
 
 
-def _stiffened(model: Model, actuators: Actuators, local: IndexArray) -> tuple[IndexArray, IndexArray]:
+def _find_taut_couplings(
+    model: Model, actuators: Actuators, local: IndexArray
+) -> tuple[IndexArray, IndexArray]:
     """Return the couplings by taut actuators: pairs of free nodes, and (free node, reduced coordinate)."""
     edges, beside = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)]
     rest = model.rest_state()
@@ -216,21 +218,19 @@ def _widest(model: Model) -> int:
 def _kinematics(model: Model) -> Kinematics:
     joints = model.joints
 
-    def stacked(rows: list[Array], *shape: int) -> Array:
+    def stack(rows: list[Array], *shape: int) -> Array:
         return np.array(rows, dtype=float).reshape(-1, *shape)
 
     return Kinematics(
-        base_rotation=stacked([joint.base_rotation for joint in joints], 3, 3),
-        axis=stacked([joint.axis if joint.moves_frame else 0.0 * joint.axis for joint in joints], 3),
-        slide=stacked([joint.slide_axis for joint in joints], 3),
+        base_rotation=stack([joint.base_rotation for joint in joints], 3, 3),
+        axis=stack([joint.axis if joint.moves_frame else 0.0 * joint.axis for joint in joints], 3),
+        slide=stack([joint.slide_axis for joint in joints], 3),
         revolute=np.array([joint.revolute for joint in joints], dtype=np.bool_),
         stiffness=drive_stiffness(model),
         inertia=np.array([joint.inertia for joint in joints], dtype=float),
         parent=np.array([joint.parent for joint in joints], dtype=np.int64),
         rest=np.array([joint.rest for joint in joints], dtype=float),
-        rest_rotation=stacked(
-            [joint.frame(joint.rest, joint.base_position, 0.0)[1] for joint in joints], 3, 3
-        ),
+        rest_rotation=stack([joint.frame(joint.rest, joint.base_position, 0.0)[1] for joint in joints], 3, 3),
         regions=np.array([(region.frame, region.joint) for region in model.regions], dtype=np.int64).reshape(
             -1, 2
         ),

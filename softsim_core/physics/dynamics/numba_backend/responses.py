@@ -182,14 +182,14 @@ class Responses:
         Other pivots leave a NaN in later entries.
         """
         panels = self.prepared.work.factor.panels  # without frames, there is no Schur complement to check
-        return bool(np.isfinite(self._left()).all() and np.isfinite(panels).all())
+        return bool(np.isfinite(self._read_schur_complement()).all() and np.isfinite(panels).all())
 
     def compliance(self, rows: Rows, before: Motion) -> Array:
         """Return FreeMotion.compliance; `before` is the state at the start of the step."""
         size, acting = self.model.reduced_size, len(self.actuators)
         compliance = np.empty((acting + rows.height,) * 2)
         compliance[acting:, acting:] = self._respond(rows, before)
-        self._schur = self._left()
+        self._schur = self._read_schur_complement()
         schur, arriving = self._schur, self._spread[self._first :].take(self._column, axis=1)
         compliance[:acting, :acting] = -schur[size:, size:]
         compliance[:acting, acting:] = -arriving[size:]
@@ -227,10 +227,10 @@ class Responses:
             self.actuators.report(model, state, data.rows.before, multipliers)
         return float(speed)
 
-    def condensed(self, rows: Rows, motion: Motion) -> Condensed:
-        """Return StaticTangent.condensed; `motion` is the state at which the tangent was taken."""
+    def condense(self, rows: Rows, motion: Motion) -> Condensed:
+        """Return StaticTangent.condense; `motion` is the state at which the tangent was taken."""
         size = self.model.reduced_size
-        stiffness = self._left()[:size, :size]
+        stiffness = self._read_schur_complement()[:size, :size]
         if not rows.height:
             return Condensed(stiffness, np.zeros((size, 0)), np.zeros((0, 0)))
         compliance = self._respond(rows, motion)
@@ -282,7 +282,7 @@ class Responses:
             for end, size, shape in zip(ends, sizes, shapes, strict=True)
         ]
 
-    def _left(self) -> Array:
+    def _read_schur_complement(self) -> Array:
         """Return the whole Schur complement of the free nodes, shape (b + c, b + c)."""
         schur = self.prepared.work.factor.schur[:, :-1]
         return np.where(self._upper, schur, schur.T)

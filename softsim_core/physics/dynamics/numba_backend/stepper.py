@@ -19,7 +19,7 @@ from softsim_core.physics.dynamics.numba_backend.cells import (
     EXACT,
     assemble_tangent,
     count_inverted,
-    oriented,
+    orient_cells,
 )
 from softsim_core.physics.dynamics.numba_backend.elimination import (
     DirectElimination,
@@ -37,7 +37,7 @@ from softsim_core.physics.linalg import (
     Division,
     Plan,
     clear,
-    divided,
+    divide_tree,
     elimination_order,
     factor_cost,
     graph_of,
@@ -72,8 +72,8 @@ def planned_elimination(
     iterations: list[tuple[Plan, Plan]] = []
     divisions: list[Division] = []
 
-    def shared(layout: Plan) -> Plan:
-        divisions.append(divided(layout))
+    def divide_layout(layout: Plan) -> Plan:
+        divisions.append(divide_tree(layout))
         return with_room_for(layout, divisions[0], ROWS) if len(divisions[0].above) else layout
 
     def lay_out(count: int, edges: IndexArray, beside: IndexArray, reduced_size: int) -> Plan:
@@ -85,8 +85,8 @@ def planned_elimination(
             solutions = reduced_size + 1 + touching * TOUCHING
             chosen = flops > CROSSING * numbers * solutions
         if not chosen:
-            return shared(plan(count, edges, beside, reduced_size, LANES, ROWS, order))
-        preconditioner = shared(plan(count, edges, edges[:0], 0, LANES, ROWS, order))
+            return divide_layout(plan(count, edges, beside, reduced_size, LANES, ROWS, order))
+        preconditioner = divide_layout(plan(count, edges, edges[:0], 0, LANES, ROWS, order))
         matrix = matrix_layout(preconditioner.position, edges, beside, reduced_size, LANES)
         iterations.append((matrix, preconditioner))
         return matrix
@@ -142,7 +142,7 @@ class NumbaStepper:
         self._factoring: NumbaStepper | None = None  # never itself: a cycle would outlive its user
         self._prepared = self._elimination.prepared
         self._plain = [each for each in actuators.spans() if each[1].start >= self._prepared.rows.compiled[0]]
-        self._corners = oriented(model)
+        self._corners = orient_cells(model)
         self._soft = bool(model.spring.any())
         self._turning = FreeTurning(model)
         self._weight = model.weight
@@ -222,7 +222,7 @@ class NumbaStepper:
             return report
         if self._plain:
             self.actuators.report(model, state, data.rows.before, data.rows.multiplier)
-        inverted += data.cells.paired.folded(state.positions)
+        inverted += data.cells.paired.count_inverted(state.positions)
         times = {stage: 1e3 * each for stage, each in zip(self._elimination.stages, seconds, strict=True)}
         # a pivot that is not positive leaves a NaN in all later results
         return StepReport(
@@ -243,7 +243,7 @@ class NumbaStepper:
         )
         if not len(weight):
             return _NO_STIFFNESS
-        return ActuatorStiffness(*rows.checked(), scale * weight)
+        return ActuatorStiffness(*rows.with_kernel_types(), scale * weight)
 
     def free_motion(self, state: State, control: Control, parameters: Parameters) -> NumbaFreeMotion:
         """Return the unconstrained step, ready for impulses on constraint rows."""
@@ -309,7 +309,7 @@ class NumbaStepper:
         data.cells.tune(parameters.materials)
         inertia = (1.0 + model.dt * parameters.rayleigh_mass) * model.mass
         data.nodes.diagonal[:] = inertia + model.dt * lag * model.spring
-        self._elimination.tuned(lambda: self._at_rest(parameters, lag))
+        self._elimination.update_parameters(lambda: self._at_rest(parameters, lag))
 
     def _at_rest(self, parameters: Parameters, lag: float) -> tuple[object, ...]:
         """Return the arguments of `assemble` for the matrix of a step from rest; see Elimination."""
@@ -353,7 +353,7 @@ class NumbaFreeMotion:
 
     def compliance(self, rows: Rows) -> Array:
         """Return the compliance H A^-1 H^T of actuators and rows in [1/kg], shape (c + r, c + r)."""
-        return self._responses.compliance(rows.checked(), motion_of(self.before))
+        return self._responses.compliance(rows.with_kernel_types(), motion_of(self.before))
 
     def correct(self, impulses: Array) -> StepReport:
         """Add the effect of impulses [N s] on the rows to the free motion, in place."""
@@ -365,7 +365,7 @@ class NumbaFreeMotion:
         if MOVED in state.extra:
             state.extra[MOVED][:] = state.positions - self.before.positions
         inverted = count_inverted(state.positions, self._corners)
-        inverted += self._responses.prepared.cells.paired.folded(state.positions)
+        inverted += self._responses.prepared.cells.paired.count_inverted(state.positions)
         return replace(self.report, top_speed=speed, inverted=inverted)
 
 
@@ -375,6 +375,6 @@ class NumbaStaticTangent:
     def __init__(self, responses: Responses, motion: Motion, positive: bool) -> None:
         self._responses, self._motion, self.positive = responses, motion, positive
 
-    def condensed(self, rows: Rows) -> Condensed:
+    def condense(self, rows: Rows) -> Condensed:
         """Return the tangent with the free nodes eliminated, and the compliance of rows."""
-        return self._responses.condensed(rows.checked(), self._motion)
+        return self._responses.condense(rows.with_kernel_types(), self._motion)

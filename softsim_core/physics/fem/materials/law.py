@@ -121,7 +121,7 @@ class Material(ABC):
         Raises:
             FactorisationError: a deformation is not finite.
         """
-        return clamped(self.tangent(deformation, p))
+        return clamp_tangent(self.tangent(deformation, p))
 
     def positive_modes(self, deformation: Array, p: Array) -> TangentModes | None:
         """Return the positive tangent as modes, which are cheaper to assemble.
@@ -227,7 +227,7 @@ class VolumetricMaterial(Material):
 
     def positive_tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
         """Return the tangent of `tangent_at` without negative eigenvalues; see `positive_tangent`."""
-        return clamped(self.tangent_at(deformation, p, bulk, pressure))
+        return clamp_tangent(self.tangent_at(deformation, p, bulk, pressure))
 
     def energy(self, deformation: Array, p: Array) -> Array:
         """Return the energy density Psi_s + a/2 theta^2 in [J/m^3], shape (...)."""
@@ -251,7 +251,7 @@ class VolumetricMaterial(Material):
         return self.positive_tangent_at(deformation, p, bulk, bulk * self.dilatation(deformation))
 
 
-def clamped(tangent: Array) -> Array:
+def clamp_tangent(tangent: Array) -> Array:
     """Return the symmetric part of tangents (..., 3, 3, 3, 3) with negative eigenvalues set to zero.
 
     Raises:

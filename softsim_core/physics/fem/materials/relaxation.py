@@ -70,7 +70,7 @@ class Relaxing(VolumetricMaterial):
         """Return the shares and times in [s] of the terms, each (..., t), of values p (..., k)."""
         return p[..., self._own :: 2], p[..., self._own + 1 :: 2]
 
-    def left(self, p: Array) -> Array:
+    def compute_equilibrium_fraction(self, p: Array) -> Array:
         """Return the share of the shear response that does not relax, 1 - sum of the shares, shape (...)."""
         return np.asarray(1.0 - self.prony(p)[0].sum(axis=-1))
 
@@ -100,11 +100,13 @@ class Relaxing(VolumetricMaterial):
 
     def shear_energy(self, deformation: Array, p: Array) -> Array:
         """Return the long-term share of the inner law's shear energy in [J/m^3], shape (...)."""
-        return np.asarray(self.left(p) * self.law.shear_energy(deformation, self.own(p)))
+        return np.asarray(
+            self.compute_equilibrium_fraction(p) * self.law.shear_energy(deformation, self.own(p))
+        )
 
     def shear_stress(self, deformation: Array, p: Array) -> Array:
         """Return the long-term share of the inner law's shear stress in [Pa], shape (..., 3, 3)."""
-        left = self.left(p)[..., None, None]
+        left = self.compute_equilibrium_fraction(p)[..., None, None]
         return np.asarray(left * self.law.shear_stress(deformation, self.own(p)))
 
     def tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
@@ -113,13 +115,13 @@ class Relaxing(VolumetricMaterial):
         The inner tangent is linear in bulk and pressure, so these are divided by the share before it scales
         all.
         """
-        left = self.left(p)
+        left = self.compute_equilibrium_fraction(p)
         within = self.law.tangent_at(deformation, self.own(p), bulk / left, pressure / left)
         return np.asarray(left[..., None, None, None, None] * within)
 
     def positive_tangent_at(self, deformation: Array, p: Array, bulk: Array, pressure: Array) -> Array:
         """Return the positive tangent with the long-term share of shear in [Pa], shape (..., 3, 3, 3, 3)."""
-        left = self.left(p)
+        left = self.compute_equilibrium_fraction(p)
         within = self.law.positive_tangent_at(deformation, self.own(p), bulk / left, pressure / left)
         return np.asarray(left[..., None, None, None, None] * within)
 

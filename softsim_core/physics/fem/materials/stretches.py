@@ -103,7 +103,7 @@ def power_curvature(matrices: Array, powers: Powers) -> Array:
     first = _first(x, powers)
     shared = (axes * first[..., None, :]) @ np.swapaxes(axes, -1, -2)
     turned = matrices @ axes
-    gamma = _divided(x[..., :, None], x[..., None, :], powers)
+    gamma = _compute_divided_differences(x[..., :, None], x[..., None, :], powers)
     # H in the axes: A_ia Q_jb + A_ib Q_ja of dG = e_i e_j^T, A = G Q
     pair = np.einsum("...ia,...jb->...ijab", turned, axes)
     pair = pair + np.swapaxes(pair, -1, -2)
@@ -132,7 +132,7 @@ def _first(x: Array, powers: Powers) -> Array:
     return np.asarray((slope * (1.0 + below * (0.5 * n - 1.0) / kept)).sum(axis=-1))
 
 
-def _divided(x: Array, y: Array, powers: Powers) -> Array:
+def _compute_divided_differences(x: Array, y: Array, powers: Powers) -> Array:
     """Return the divided differences of phi' between x (..., 3, 1) and y (..., 1, 3), shape (..., 3, 3).
 
     With u = log(x / y), x^b - y^b = y^b expm1(b u) and x - y = y expm1(u) are exact for close stretches, too.

@@ -5,7 +5,7 @@ from .cells import (
     RodGroup as RodGroup,
     RodSections as RodSections,
     StrainPoints as StrainPoints,
-    joined as joined,
+    join_rods as join_rods,
     rod_drag as rod_drag,
     rod_group as rod_group,
     rod_viscosity as rod_viscosity,

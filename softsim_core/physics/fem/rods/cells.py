@@ -85,12 +85,12 @@ class StrainPoints:
         }
         return replace(self, **each)
 
-    def ordered(self, inside: IndexArray) -> StrainPoints:
+    def with_node_order(self, inside: IndexArray) -> StrainPoints:
         """Return the points with the nodes of each cell in another order, `inside`, shape (m, a)."""
         return replace(self, maps=np.take_along_axis(self.maps, inside[:, None, None, :], axis=3))
 
     @staticmethod
-    def joined(parts: Sequence[StrainPoints]) -> StrainPoints:
+    def join(parts: Sequence[StrainPoints]) -> StrainPoints:
         """Return the points of all cells of several; their strains are of one kind."""
         names = ("maps", "natural", "lengths", "stiffness")
         each: dict[str, Any] = {
@@ -112,7 +112,7 @@ class StrainPoints:
         slopes = np.broadcast_to(np.eye(count), (*products.shape, count))
         if not self.along:
             return Strains(products - self.natural, slopes)
-        values, slopes, by_length = products.copy(), slopes.copy(), 1.0 / _stretched(products)
+        values, slopes, by_length = products.copy(), slopes.copy(), 1.0 / _stretch_of(products)
         values[..., 0] = 1.0 / by_length
         slopes[..., 0, 0] = by_length
         for k in BENDING:
@@ -121,11 +121,11 @@ class StrainPoints:
             slopes[..., k, 0] = -products[..., k] * by_length**3
         return Strains(values - self.natural, slopes)
 
-    def bent(self, products: Array, resultants: Array) -> Array:
+    def contract_second_derivatives(self, products: Array, resultants: Array) -> Array:
         """Return the second derivatives of the strains by the products, times resultants, (m, q, k, k)."""
         result = np.zeros((*products.shape, products.shape[-1]))
         if self.along:
-            by_length = 1.0 / _stretched(products)
+            by_length = 1.0 / _stretch_of(products)
             result[..., 0, 0] = -resultants[..., 0] * by_length**3
             for k in BENDING:
                 result[..., 0, 0] += 3.0 * resultants[..., k] * products[..., k] * by_length**5
@@ -138,7 +138,7 @@ class StrainPoints:
         return np.asarray(np.swapaxes(self.maps, -1, -2)[:, :, None] @ by_vectors)
 
 
-def _stretched(products: Array) -> Array:
+def _stretch_of(products: Array) -> Array:
     """Return |r'| for products (m, q, 6), shape (m, q), at least SHORTEST."""
     return np.maximum(np.sqrt(2.0 * products[..., 0]), SHORTEST)
 
@@ -216,19 +216,19 @@ class RodGroup(ElementGroup):
         of_cells = {name: getattr(self, name)[chosen] for name in self.per_cell}
         return replace(self, **of_cells, line=line, sections=sections, own=own, reach=reach)
 
-    def ordered(self, inside: IndexArray) -> RodGroup:
+    def with_node_order(self, inside: IndexArray) -> RodGroup:
         """Return the group with the nodes of each cell in another order, `inside`, shape (m, a)."""
-        line, sections = self.line.ordered(inside), self.sections.ordered(inside)
+        line, sections = self.line.with_node_order(inside), self.sections.with_node_order(inside)
         return replace(self, **self.of_nodes(inside), line=line, sections=sections)
 
     def families(self, p: Array) -> tuple[tuple[StrainPoints, Array], tuple[StrainPoints, Array]]:
         """Return line and sections, each with its stiffness in [N], [N m] and [N m^2], shape (m, q, k, k)."""
         assert isinstance(self.material, Section)
         along, across = (np.where(self.own[:, None], 1.0, each) for each in self.material.scales(p))
-        return _scaled(self.line, along), _scaled(self.sections, across)
+        return _scale_stiffness(self.line, along), _scale_stiffness(self.sections, across)
 
 
-def _scaled(points: StrainPoints, scales: Array) -> tuple[StrainPoints, Array]:
+def _scale_stiffness(points: StrainPoints, scales: Array) -> tuple[StrainPoints, Array]:
     """Return points and their stiffness for the moduli `scales` of the strains, shape (m, k)."""
     root = np.sqrt(scales)[:, None]
     return points, points.stiffness * root[..., None] * root[..., None, :]
@@ -335,7 +335,7 @@ def _clamp_maps(of_sections: Array, gap: float, at_start: bool) -> Array:
     return maps
 
 
-def joined(groups: Sequence[RodGroup]) -> RodGroup:
+def join_rods(groups: Sequence[RodGroup]) -> RodGroup:
     """Return the cells of several rods of one law as one group."""
     parts: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in groups]) for name in RodGroup.per_cell
@@ -343,8 +343,8 @@ def joined(groups: Sequence[RodGroup]) -> RodGroup:
     return replace(
         groups[0],
         **parts,
-        line=StrainPoints.joined([each.line for each in groups]),
-        sections=StrainPoints.joined([each.sections for each in groups]),
+        line=StrainPoints.join([each.line for each in groups]),
+        sections=StrainPoints.join([each.sections for each in groups]),
         own=np.concatenate([each.own for each in groups]),
         reach=np.concatenate([each.reach for each in groups]),
     )
@@ -407,7 +407,7 @@ def rod_stiffness(
             stretches = np.diagonal(points.forms, axis1=1, axis2=2).any(axis=1)
             pulling = np.where(stretches, np.maximum(pulling, 0.0), 0.0)
         else:
-            moduli += points.bent(products, resultants)
+            moduli += points.contract_second_derivatives(products, resultants)
         flat = slopes.reshape(*slopes.shape[:3], -1)
         total += (
             (np.swapaxes(flat, -1, -2) @ (moduli @ flat))

@@ -5,7 +5,7 @@ from .batches import (
     count_inverted as count_inverted,
     largest_strain_change as largest_strain_change,
     node_pairs as node_pairs,
-    oriented as oriented,
+    orient_cells as orient_cells,
 )
 from .cells import (
     PlannedCells as PlannedCells,

@@ -37,7 +37,7 @@ def count_inverted(x: Array, corners: IndexArray) -> int:
     return count
 
 
-def oriented(model: Model) -> IndexArray:
+def orient_cells(model: Model) -> IndexArray:
     """Return the corners of all four-node cells in an order of positive volume at rest, shape (m, 4)."""
     linear = [group.cells for group in model.filling if group.cells.shape[1] == 4]
     corners = np.concatenate([np.zeros((0, 4), np.int64), *linear])
@@ -79,12 +79,12 @@ def in_lanes(rows: Any) -> Any:
     missing = -len(rows) % LANES
     padded = np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])
     batches = padded.reshape(-1, LANES, rows.shape[1]).swapaxes(1, 2)
-    result = aligned(batches.shape, batches.dtype)
+    result = allocate_aligned(batches.shape, batches.dtype)
     result[:] = batches
     return result
 
 
-def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
+def allocate_aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
     """Return zeros that start on a cache line.
 
     A vector row that spans two cache lines takes twice the time.
@@ -288,7 +288,7 @@ def node_pairs(cells: IndexArray) -> IndexArray:
 def in_elimination_order(group: ElementGroup, nodes: Nodes, local: IndexArray, layout: Plan) -> ElementGroup:
     """Return the group with its cells, and the nodes of each, in elimination order; see CellPlaces."""
     order, inside = elimination_order(group.cells, nodes, local, layout)
-    return group.part(order).ordered(inside)
+    return group.part(order).with_node_order(inside)
 
 
 def elimination_order(

@@ -69,7 +69,7 @@ from softsim_core.physics.fem import (
 from softsim_core.physics.fem.elements import element
 from softsim_core.physics.fem.materials import lame, material
 from softsim_core.physics.kernels import OneSignature
-from softsim_core.physics.linalg import LANES, Plan, inlined
+from softsim_core.physics.linalg import LANES, Plan, inline
 from softsim_core.physics.mechanics import FREE, Model, State, held_name
 
 _NOTHING = np.zeros((0, 1, 3, 3))
@@ -124,7 +124,7 @@ class PairedCells:
             [_Further(each, *elimination_order(each, nodes, local, layout)) for each in kind]
             for kind in (surfaces, coupled)
         )
-        self._pressed = [each.pressed() for each in self._surfaces]
+        self._pressed = [each.to_arrays() for each in self._surfaces]
         further = [each.cells for each in (*self._surfaces, *self._coupled)]
         all_cells = [group.cells for group in self._groups] + further
         self._upper = [np.triu_indices(each.shape[1]) for each in all_cells]
@@ -268,7 +268,7 @@ class PairedCells:
         blocks[..., :3] = of_pairs
         self._add_all_blocks(blocks, self._places[k], self._panels, self.pairs.blocks)
 
-    def folded(self, positions: Array) -> int:
+    def count_inverted(self, positions: Array) -> int:
         """Count the cells of other than four nodes that are inverted at positions (n, 3)."""
         return sum(
             self._count_folded(positions, cells)
@@ -296,7 +296,7 @@ class _Further:
         self.taken = order[:, None], inside[:, first], inside[:, second]
         self._given = faces, order, inside
 
-    def pressed(self) -> PressedFaces:
+    def to_arrays(self) -> PressedFaces:
         """Return the arrays of pressed faces for the kernel."""
         faces, order, inside = (np.ascontiguousarray(each, dtype=np.int64) for each in self._given)
         return PressedFaces(faces, order, inside, np.zeros((len(faces), self.taken[1].shape[1], 3, 4)))
@@ -530,7 +530,7 @@ def assemble_tangent(
         work.factor.schur[first + j, first + j] += kinematics.stiffness[j]
 
 
-@inlined
+@inline
 def add_region_node(x: Array, z: int, spring: Array, joints: int, nodes: Nodes, work: Work) -> None:
     """Add the soft fixing of region node z, and the work of its load's rotation by frames and joints.
 
@@ -552,7 +552,7 @@ def add_region_node(x: Array, z: int, spring: Array, joints: int, nodes: Nodes, 
                 work.factor.schur[a, b] += spring[node] * work.jacobian[z, p, i] * work.jacobian[z, q, i]
 
 
-@inlined
+@inline
 def turned_work(node: int, z: int, a: int, q: int, work: Work) -> float:
     """Return f . (w x u) of region node z: load f, rotation w of coordinate a, motion u by the q-th one."""
     f, w, u = work.forces, work.angular, work.jacobian

@@ -470,10 +470,10 @@ def signed_stretches(b: Batch, f: Matrix) -> tuple[Matrix, Triple, Matrix]:
                 for i in range(3):
                     builder.store(values[j][i].value, slots[j][i])
         builder.store(builder.bitcast(left, number), active)
-    return _ordered([load(each) for each in columns], [load(each) for each in turns])
+    return _order_columns([load(each) for each in columns], [load(each) for each in turns])
 
 
-def _ordered(c: Matrix, v: Matrix) -> tuple[Matrix, Triple, Matrix]:
+def _order_columns(c: Matrix, v: Matrix) -> tuple[Matrix, Triple, Matrix]:
     """Return U, s and V for orthogonal columns c = F V; the shortest column takes the sign."""
     for p, q in ((0, 2), (1, 2), (0, 1)):
         shorter = dot(c[p], c[p]).below(dot(c[q], c[q]))

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
-from softsim_core.physics.dynamics.numba_backend.cells.batches import CellBatches, aligned, in_lanes
+from softsim_core.physics.dynamics.numba_backend.cells.batches import CellBatches, allocate_aligned, in_lanes
 from softsim_core.physics.dynamics.numba_backend.cells.corotational import (
     corotational_moduli,
     fill_corotational,
@@ -80,14 +80,14 @@ def point_cells(group: ElementGroup, cells: CellBatches, memory: IndexArray) -> 
     assert compiled is not None
     weights = in_lanes(group.weights)
     batches, count, _ = weights.shape
-    moduli = aligned((batches * (2 + compiled.size), LANES))
+    moduli = allocate_aligned((batches * (2 + compiled.size), LANES))
     room = room_for(group.cells.shape[1], count)
     return PointCells(cells, weights.reshape(-1, LANES), moduli, memory, room)
 
 
 def own_values(cells: PointCells) -> PointCells:
     """Return the same cells with moduli of their own, still zero."""
-    return cells._replace(moduli=aligned(cells.moduli.shape))
+    return cells._replace(moduli=allocate_aligned(cells.moduli.shape))
 
 
 def tune(cells: PointCells, group: ElementGroup, p: Array, shear_alone: bool = False) -> None:
@@ -97,7 +97,7 @@ def tune(cells: PointCells, group: ElementGroup, p: Array, shear_alone: bool = F
     assert isinstance(law, VolumetricMaterial)
     left = np.ones(len(p))
     if isinstance(group.material, Relaxing):
-        left = left if shear_alone else group.material.left(p)
+        left = left if shear_alone else group.material.compute_equilibrium_fraction(p)
         p = group.material.own(p)
     bulk = (law.bulk(p), np.zeros(len(p))) if mean_volume_law(group) is None else split_bulk(law, p)
     moduli = compiled.moduli(law, p)

@@ -21,7 +21,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.batches import (
     CellBatches,
     CellPlaces,
     add_blocks,
-    aligned,
+    allocate_aligned,
     gather,
     put_gradient,
 )
@@ -67,8 +67,10 @@ class BatchBuffers(NamedTuple):
 def room_for(a: int, count: int) -> BatchBuffers:
     """Return buffers for batches of cells with a nodes and `count` points."""
     rows = (3 * a, POINT_ROWS * count, 9 * count, 6 * count, 4, 1, 3 * a, 3 * a, LEFT_ROWS * count)
-    values, points, steps, held, means, bulk, volumes, pulls, left = (aligned((each, LANES)) for each in rows)
-    blocks = aligned((3 * a * (a + 1) // 2, LANES, 4))
+    values, points, steps, held, means, bulk, volumes, pulls, left = (
+        allocate_aligned((each, LANES)) for each in rows
+    )
+    blocks = allocate_aligned((3 * a * (a + 1) // 2, LANES, 4))
     return BatchBuffers(values, points, steps, held, means, bulk, volumes, pulls, left, blocks)
 
 

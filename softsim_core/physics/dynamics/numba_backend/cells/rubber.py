@@ -196,7 +196,9 @@ def raise_stretches(points: Array, row: int, moduli: Array, place: int) -> None:
                 points[row + 122 + 3 * term + k, lane] = power
 
 
-def _divided(i: int, j: int, x: Triple, kept: Triple, power: Triple, bend: Triple, b: Lanes) -> Lanes:
+def _compute_divided_difference(
+    i: int, j: int, x: Triple, kept: Triple, power: Triple, bend: Triple, b: Lanes
+) -> Lanes:
     """Return the divided difference of the powers' slope between squared stretches i and j."""
     gap, apart = x[i] - x[j], kept[i] - kept[j]
     d, one = apart / kept[j], b * 0.0 + 1.0
@@ -239,7 +241,7 @@ def put_powers(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> A
             turn = [zero.where(areas, each) for each in pull]
             for k in range(3):
                 i, j = (k + 1) % 3, (k + 2) % 3
-                gamma = _divided(i, j, x, kept, power, bend, exponent)
+                gamma = _compute_divided_difference(i, j, x, kept, power, bend, exponent)
                 both, sum_, gap = slope[i] + slope[j], own[i] + own[j], own[i] - own[j]
                 a[k] = a[k] + (both + sum_ * sum_ * gamma) * scale[k] - turn[k]
                 twist[k] = twist[k] + (both + gap * gap * gamma) * scale[k] + turn[k]
