@@ -22,7 +22,7 @@ from lazy_loader import attach_stub
 
 from softsim_core.base import keep_former_names
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __getattr__, __dir__, _names = attach_stub(__name__, __file__)
 __all__ = ["__version__", *_names]

@@ -82,12 +82,12 @@ class _Moved:
         return code
 
     def _warn(self) -> None:
-        message = f"{self._old} has moved: use {self._new}; the former name goes with the next release"
+        message = f"{self._old} has moved: use {self._new}; release 0.3.0 removes the former name"
         warnings.warn(message, DeprecationWarning, stacklevel=3)  # 3: the importing module
 
 
 def keep_former_names(modules: Mapping[str, str]) -> None:
-    """Let modules also be imported by their former names, until the next release.
+    """Let modules also be imported by their former names, until release 0.3.0.
 
     Args:
         modules: New name by former name.

@@ -1,4 +1,4 @@
-"""Modules that have moved can be imported by their former names until the next release."""
+"""Modules that have moved can be imported by their former names until release 0.3.0."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ NAME = "softsim_node"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={"": ["py.typed"]},
     data_files=[
