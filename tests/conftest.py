@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import pytest
 from hypothesis import settings
@@ -16,6 +18,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_session`
 
 from node_processes import private_ros  # noqa: E402 (found by the line above)
+
+gc.disable()  # until all tests are collected: half the time of that went to walks over what stays
 
 SIGNALS = {
     signal.SIGINT: signal.default_int_handler,
@@ -37,6 +41,26 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     from distribution import OneBrowser
 
     return OneBrowser(config, log)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave half of the slow tests of the SciPy step, always the same ones, to `-m exhaustive`.
+
+    Both back ends are compared step by step in unit/test_steppers_agree.py, for every kind of scene.
+    """
+    for item in items:
+        settings = getattr(getattr(item, "callspec", None), "params", {})
+        is_twin = settings.get("backend") == "scipy" and item.get_closest_marker("slow") is not None
+        if is_twin and crc32(item.nodeid.encode()) % 2:
+            item.add_marker(pytest.mark.exhaustive)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """Collect garbage from now on, but do not walk the collected tests each time."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(trylast=True)
