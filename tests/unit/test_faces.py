@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ast
+import os
+import random
 import re
+import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -164,6 +168,64 @@ def test_a_class_that_moves_within_its_package_touches_few_files_elsewhere() -> 
         candidates = (file for file in sources() if module in naming(file) and owner(file) != package)
         elsewhere = [file for file in candidates if named.search(file.read_text(encoding="utf-8"))]
         assert len(elsewhere) <= MOST_FILES_OF_A_MOVE, f"{module}.{name}: {elsewhere}"
+
+
+MOVED = 20
+LOADED = """
+import importlib, sys
+for line in sys.stdin:
+    words = line.split()
+    try:
+        module = importlib.import_module(words[0])
+    except ModuleNotFoundError as error:  # of an extra
+        assert not error.name.startswith(("softsim", "servo_bridge")), (words, error)
+    if len(words) == 3:
+        assert getattr(module, words[1]).__module__ == words[2], words
+"""
+"""Reads lines of modules, and of packages with a class and the module from which they give it."""
+
+
+@pytest.mark.slow
+def test_classes_that_really_move_are_found_by_all_that_use_them(tmp_path: Path) -> None:
+    """In a copy, the files of twenty classes get other names, and their own packages follow."""
+    for name in PRODUCT:
+        shutil.copytree(REPOSITORY / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    classes = public_classes()
+    drawn = random.Random(20).sample(sorted({module for module, _ in classes}), MOVED)
+    touched: dict[str, list[Path]] = {module: [] for module in drawn}
+    for module in drawn:
+        package, _, stem = module.rpartition(".")
+        folder = tmp_path.joinpath(*package.split("."))
+        (folder / f"{stem}.py").rename(folder / f"{stem}_elsewhere.py")
+        stub = folder / "__init__.pyi"
+        stub.write_text(stub.read_text().replace(f"from .{stem} import", f"from .{stem}_elsewhere import"))
+        for file in tmp_path.rglob("*.py"):
+            text = file.read_text(encoding="utf-8")
+            if (changed := re.sub(rf"\b{re.escape(module)}\b", f"{module}_elsewhere", text)) != text:
+                file.write_text(changed, encoding="utf-8")
+                touched[module] += [file] if file.parent != folder else []
+    assert {module: files for module, files in touched.items() if len(files) > MOST_FILES_OF_A_MOVE} == {}
+
+    def now(module: str) -> str:
+        return f"{module}_elsewhere" if module in drawn else module
+
+    given = [
+        f"{package} {name} {now(home(package, name))}"
+        for package in sorted(packages())
+        for name in face(package)
+        if (home(package, name), name) in classes
+    ]
+    every = [now(f"{package}.{name}") for package in sorted(packages()) for name in sorted(modules(package))]
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", LOADED],
+        input="\n".join([*given, *every]),
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 LEAST_LINES = 80
