@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import pytest
 from hypothesis import settings
@@ -41,19 +40,6 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     from distribution import OneBrowser
 
     return OneBrowser(config, log)
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave half of the slow tests of the SciPy step, always the same ones, to `-m exhaustive`.
-
-    Both back ends are compared step by step in unit/test_steppers_agree.py, for every kind of scene.
-    """
-    for item in items:
-        settings = getattr(getattr(item, "callspec", None), "params", {})
-        is_twin = settings.get("backend") == "scipy" and item.get_closest_marker("slow") is not None
-        if is_twin and crc32(item.nodeid.encode()) % 2:
-            item.add_marker(pytest.mark.exhaustive)
 
 
 @pytest.hookimpl(trylast=True)
