@@ -207,8 +207,8 @@ class Executed:
         return sorted(tests, key=lambda test: self._seconds[test])
 
 
-def run(root: Path, tests: list[str]) -> tuple[int, list[str]]:
-    """Run tests until one fails; returns pytest's exit code (-1: out of time) and what failed."""
+def run(root: Path, tests: list[str]) -> tuple[int | None, list[str]]:
+    """Run tests until one fails; returns pytest's exit code (None: out of time) and what failed."""
     words = [str(root / ".softsim/venv/bin/python"), "-m", "pytest", "-n", "0", "-x", "-q", "-rfE"]
     words += ["-p", "no:cacheprovider", "-m", "not exhaustive and not packaging"]
     with tempfile.NamedTemporaryFile("w", suffix=".txt") as names:
@@ -227,7 +227,7 @@ def run(root: Path, tests: list[str]) -> tuple[int, list[str]]:
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, 9)
             process.communicate()
-            return -1, []
+            return None, []
     return process.returncode, re.findall(r"^(?:FAILED|ERROR) (tests/\S+?)(?: - .*)?$", output, re.MULTILINE)
 
 
@@ -241,13 +241,16 @@ def judged(root: Path, mutation: Mutation, executed: Executed | None) -> dict[st
             each for name in covering for each in (sorted((root / name).rglob("test_*.py")) or [root / name])
         ]
         covering = [str(file.relative_to(root)) for file in files if "mark.ros" in file.read_text()]
-    began, code, failed = time.monotonic(), 0, list[str]()
+    began, failed = time.monotonic(), list[str]()
+    code: int | None = 0
     with applied(root, mutation):
         for tests in filter(None, (direct, covering)):
             if code in (0, 5):  # 5: all of them were deselected
                 code, failed = run(root, tests)
-    code = 0 if code == 5 else code
-    verdict = {0: "survived", -1: "out of time"}.get(code, "killed")
+    verdicts = {0: "survived", 5: "survived", None: "out of time", 1: "killed"}
+    if code not in verdicts and (code or 0) > 0:
+        raise SystemExit(f"pytest ended with {code} on {mutation}")  # it could not run the tests
+    verdict = verdicts.get(code, f"killed by signal {-(code or 0)}")
     if failed and run(root, failed[:1])[0] != 0:
         verdict = "fails without the mutation"
     return {"verdict": verdict, "by": failed[:1], "seconds": round(time.monotonic() - began)}
