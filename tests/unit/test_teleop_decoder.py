@@ -83,6 +83,8 @@ KEYS = [
     (b"\x1b[1;\x1b[A", [UP]),
     (b"\x1b[1;\xc3\xa9z", [KeyPress("z")]),
     (b"\xe2\x82a", [KeyPress("a")]),
+    # no byte of a character that is no key begins a sequence
+    (b"\xc3\xa9a\xe2\x82\xaca\xf0\x9f\x98\x80a", [KeyPress("a")] * 3),
 ]
 
 SWALLOWED = [
