@@ -228,7 +228,7 @@ def run(root: Path, tests: list[str]) -> tuple[int | None, list[str]]:
             os.killpg(process.pid, 9)
             process.communicate()
             return None, []
-    return process.returncode, re.findall(r"^(?:FAILED|ERROR) (tests/\S+?)(?: - .*)?$", output, re.MULTILINE)
+    return process.returncode, re.findall(r"^(?:FAILED|ERROR) (tests/.+?)(?: - .*)?$", output, re.MULTILINE)
 
 
 def judged(root: Path, mutation: Mutation, executed: Executed | None) -> dict[str, object]:
