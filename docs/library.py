@@ -31,7 +31,7 @@ GROUPS: dict[str, str] = {
         "SimulatedSensorDescription WrenchSensorDescription ForceTorqueDescription TactileArrayDescription "
         "StrainSensorDescription "
         "ImuDescription MarkersDescription CableSensorDescription ChamberSensorDescription SensorReading "
-        "register_sensor Sensor Seen Scenery"
+        "register_sensor Sensor StepObservation Scenery"
     ),
     "Actuators of one's own": (
         "Actuator ActuatorDescription register_actuator Surroundings Placed line_stiffness "

@@ -20,11 +20,12 @@ from typing import Final
 
 from lazy_loader import attach_stub
 
-from softsim_core.base import keep_former_names
+from softsim_core.base import find_former_names, keep_former_names
 
 __version__ = "0.2.0"
 
-__getattr__, __dir__, _names = attach_stub(__name__, __file__)
+_find, __dir__, _names = attach_stub(__name__, __file__)
+__getattr__ = find_former_names(__name__, {"Seen": "StepObservation"}, _find)
 __all__ = ["__version__", *_names]
 
 MOVED: Final = {

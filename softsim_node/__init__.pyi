@@ -39,8 +39,8 @@ from .parameters import (
     parameters_of as parameters_of,
 )
 from .process import (
-    keep_freed_memory as keep_freed_memory,
     ready_callbacks as ready_callbacks,
+    reuse_freed_memory as reuse_freed_memory,
     ros_process as ros_process,
     run_node as run_node,
     serve_callbacks as serve_callbacks,
@@ -54,12 +54,12 @@ from .signals import (
     ending as ending,
 )
 from .text import (
-    LONGEST_SENTENCE as LONGEST_SENTENCE,
+    LONGEST_MESSAGE as LONGEST_MESSAGE,
     error_message as error_message,
+    error_text as error_text,
     list_names as list_names,
     one_line as one_line,
     printable as printable,
-    sentence as sentence,
     shorten as shorten,
     takes_escapes as takes_escapes,
 )

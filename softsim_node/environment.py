@@ -38,14 +38,14 @@ def requested_range(environment: Mapping[str, str]) -> str:
     Raises:
         DiscoveryError: SOFTSIM_DISCOVERY_RANGE is not one of REACHES.
     """
-    wish = environment.get(DISCOVERY_VARIABLE, "")
-    if not wish:
+    requested = environment.get(DISCOVERY_VARIABLE, "")
+    if not requested:
         return "OFF" if environment.get(RANGE) == "OFF" else "LOCALHOST"
-    if wish not in REACHES:
+    if requested not in REACHES:
         raise DiscoveryError(
-            f"{DISCOVERY_VARIABLE}={wish[:40]!r} is refused; allowed: {listing(REACHES)}; or unset it"
+            f"{DISCOVERY_VARIABLE}={requested[:40]!r} is refused; allowed: {listing(REACHES)}; or unset it"
         )
-    return wish
+    return requested
 
 
 def set_range(environment: MutableMapping[str, str]) -> None:
@@ -59,7 +59,7 @@ def set_range(environment: MutableMapping[str, str]) -> None:
     environment.setdefault(SKIP_CURRENT_FOLDER, "1")
 
 
-def sentence(environment: Mapping[str, str]) -> str:
+def describe_range(environment: Mapping[str, str]) -> str:
     """Return a message that says who can reach the nodes of a process, and how to change it."""
     reach = requested_range(environment)
     peers = environment.get(PEERS, "")
@@ -97,15 +97,15 @@ def ros_problems(environment: Mapping[str, str]) -> list[str]:
             f"ROS_DOMAIN_ID={domain[:40]!r} is refused; allowed: a whole number from 0 to {HIGHEST_DOMAIN}; "
             "or unset it, which means 0"
         )
-    wished = environment.get("RMW_IMPLEMENTATION", "")
+    middleware = environment.get("RMW_IMPLEMENTATION", "")
     prefixes = [Path(part) for part in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if part]
     index = "share/ament_index/resource_index/rmw_typesupport"
     names = {file.name for prefix in prefixes for file in prefix.glob(f"{index}/rmw_*")} - {
         "rmw_implementation"
     }
-    if wished and names and wished not in names:
+    if middleware and names and middleware not in names:
         problems.append(
-            f"RMW_IMPLEMENTATION={wished[:40]!r} is refused; installed here: {listing(sorted(names))}; "
+            f"RMW_IMPLEMENTATION={middleware[:40]!r} is refused; installed here: {listing(sorted(names))}; "
             "or unset it"
         )
     return problems

@@ -44,9 +44,9 @@ class Refusals:
         self._say, self._clock = say, clock
         self._said_at: dict[str, float] = {}
 
-    def tell(self, sentence: str) -> None:
+    def report(self, text: str) -> None:
         """Report a message, unless one that begins alike was reported within the period."""
-        line, now = one_line(sentence), self._clock()
+        line, now = one_line(text), self._clock()
         self._said_at = {head: at for head, at in self._said_at.items() if now - at < REFUSAL_PERIOD_S}
         if line[:HEAD] not in self._said_at and len(self._said_at) < MOST_KINDS:
             self._said_at[line[:HEAD]] = now
@@ -73,10 +73,10 @@ def guard_service(callback: Guarded, refuse: Callable[[str], None], service: str
     """
 
     def set_refusal(response: Any, error: Exception) -> Any:
-        sentence = error_message(error)
-        refuse(f"request to {service} {sentence}")
+        text = error_message(error)
+        refuse(f"request to {service} {text}")
         if hasattr(response, "success") and hasattr(response, "message"):
-            response.success, response.message = False, sentence
+            response.success, response.message = False, text
         return response
 
     def shorten_message(response: Any) -> Any:
@@ -123,10 +123,10 @@ class GuardedNode(Node):
     This includes rclpy's own parameter services. See `softsim_node.guards`.
     """
 
-    def refuse(self, sentence: str) -> None:
+    def refuse(self, text: str) -> None:
         """Log why something that came from outside was refused."""
         if self.context.ok():
-            self._refusals.tell(sentence)
+            self._refusals.report(text)
 
     @cached_property
     def _refusals(self) -> Refusals:
@@ -164,15 +164,17 @@ class GuardedNode(Node):
         for each in parameter_list:
             if not self.has_parameter(each.name):
                 names = sorted(self.get_parameters_by_prefix(""))
-                known = known_names(shorten(each.name), names, "known parameters:")
-                return SetParametersResult(reason=one_line(f"no parameter {shorten(each.name)!r}; {known}"))
+                hint = known_names(shorten(each.name), names, "known parameters:")
+                return SetParametersResult(reason=one_line(f"no parameter {shorten(each.name)!r}; {hint}"))
         return super().set_parameters_atomically([self._as_declared(each) for each in parameter_list])
 
-    def _as_declared(self, given: Parameter) -> Parameter:
-        number = with_decimals(given.value)
-        declared = self.get_parameter_or(given.name).type_
+    def _as_declared(self, parameter: Parameter) -> Parameter:
+        number = with_decimals(parameter.value)
+        declared = self.get_parameter_or(parameter.name).type_
         takes = declared in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY)
-        return Parameter(given.name, value=number) if takes and number is not given.value else given
+        return (
+            Parameter(parameter.name, value=number) if takes and number is not parameter.value else parameter
+        )
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         """Add a callback like rclpy; parameters on which `callback` fails are refused."""

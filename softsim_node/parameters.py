@@ -125,7 +125,9 @@ def declare(node: Node, settings: Settings) -> Settings:
     return dataclasses.replace(settings, **values)  # type: ignore[type-var]
 
 
-def declare_value(node: Node, name: str, default: Any, about: ParameterInfo, *, given: bool = True) -> Any:
+def declare_value(
+    node: Node, name: str, default: Any, about: ParameterInfo, *, overridable: bool = True
+) -> Any:
     """Declare a parameter with a name or range that is known only at run time; return its value.
 
     Args:
@@ -133,7 +135,7 @@ def declare_value(node: Node, name: str, default: Any, about: ParameterInfo, *, 
         name: Name of the parameter.
         default: Value of the parameter if none is given.
         about: Description and allowed values.
-        given: Whether a value given at the start of the node is used.
+        overridable: Whether a value given at the start of the node is used.
 
     Raises:
         ParameterError: the value given at the start is not allowed.
@@ -144,11 +146,11 @@ def declare_value(node: Node, name: str, default: Any, about: ParameterInfo, *, 
     allowed = about.describe_allowed(default)
     descriptor = _descriptor(default, about)
     try:
-        if given and isinstance(default, float | tuple):
+        if overridable and isinstance(default, float | tuple):
             found = _read_start_value(node, name, first)
             if (number := with_decimals(found)) is not found:
-                first, given = number, False
-        value = node.declare_parameter(name, first, descriptor, ignore_override=not given).value
+                first, overridable = number, False
+        value = node.declare_parameter(name, first, descriptor, ignore_override=not overridable).value
     except InvalidParameterTypeException as error:
         raise ParameterError(f"parameter {name} has the wrong type; allowed is {allowed}") from error
     except InvalidParameterValueException as error:

@@ -42,7 +42,7 @@ class SecurityError(SoftSimError, RuntimeError):
     """Security is requested, and the middleware or its keys cannot provide it."""
 
 
-def is_wanted(environment: Mapping[str, str]) -> bool:
+def is_enabled(environment: Mapping[str, str]) -> bool:
     """Return whether ROS is asked to secure the traffic of a process with this environment."""
     return environment.get(ENABLE) == "true"
 
@@ -66,7 +66,7 @@ def need_security() -> None:
 
 def security_warning(environment: Mapping[str, str]) -> str:
     """Return a warning for a process that requests security and runs without it; empty if there is none."""
-    if not is_wanted(environment) or environment.get(STRATEGY) == ENFORCE:
+    if not is_enabled(environment) or environment.get(STRATEGY) == ENFORCE:
         return ""
     return (
         f"{ENABLE} is true, but not enforced: without keys for its enclave this process is open to "
@@ -78,12 +78,12 @@ _TRIM_THRESHOLD: Final = -1
 _MMAP_THRESHOLD: Final = -3
 """Names of settings in glibc's malloc.h."""
 
-KEPT_BYTES: Final = 1 << 28
+UNRETURNED_BYTES: Final = 1 << 28
 LARGEST_BYTES: Final = 1 << 25
 """Most memory that is not returned to the system, and the largest array in it (malloc allows no more)."""
 
 
-def keep_freed_memory() -> bool:
+def reuse_freed_memory() -> bool:
     """Reuse freed memory for later arrays instead of returning it to the system; False without glibc.
 
     A step in NumPy frees and allocates the same arrays, a few hundred kilobytes each. If they are returned,
@@ -94,7 +94,9 @@ def keep_freed_memory() -> bool:
         set_option = ctypes.CDLL(None).mallopt
     except (OSError, TypeError, AttributeError):
         return False
-    return bool(set_option(_TRIM_THRESHOLD, KEPT_BYTES)) and bool(set_option(_MMAP_THRESHOLD, LARGEST_BYTES))
+    return bool(set_option(_TRIM_THRESHOLD, UNRETURNED_BYTES)) and bool(
+        set_option(_MMAP_THRESHOLD, LARGEST_BYTES)
+    )
 
 
 SPIN_PERIOD_S = 0.1
@@ -106,14 +108,14 @@ REFUSAL_PERIOD_S = 1.0
 _CALLBACKS_AT_ONCE = 32
 
 
-def spin(executor: Executor, keep_going: Callable[[], bool] = lambda: True) -> None:
-    """Run callbacks until the context shuts down or `keep_going` returns False.
+def spin(executor: Executor, continues: Callable[[], bool] = lambda: True) -> None:
+    """Run callbacks until the context shuts down or `continues` returns False.
 
     It is a loop over `spin_once`, which is correct for every executor, also if its own `spin` does not end on
     shutdown.
     """
     try:
-        while executor.context.ok() and keep_going():
+        while executor.context.ok() and continues():
             serve_once(executor, SPIN_PERIOD_S)
     except (ExternalShutdownException, ShutdownException):
         pass
@@ -224,7 +226,7 @@ def start_ros(words: Sequence[str] = ()) -> None:
         rclpy.init(args=["node", *words], signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy's extension; the text ends with a source location
         raise RosStartError(str(error).splitlines()[0].split(", at /")[0]) from error
-    if is_wanted(os.environ):
+    if is_enabled(os.environ):
         need_security()
 
 
@@ -276,11 +278,11 @@ def run_node(
         with _ending_quietly():
             if not ending.asked:
                 node = build(options)
-                node.get_logger().info(environment.sentence(os.environ))
+                node.get_logger().info(environment.describe_range(os.environ))
                 if warning := security_warning(os.environ):
                     node.get_logger().warning(warning)
                 (serve or serve_callbacks)(node)
-                _tell_orphan(node)
+                _warn_orphan(node)
     except (SoftSimError, ParameterException) as error:
         code = complain(str(error))
     except SystemExit as end:  # raised by the parser of the command line
@@ -295,9 +297,9 @@ def run_node(
     return ending.leave(code)
 
 
-def complain(sentence: str) -> int:
+def complain(text: str) -> int:
     """Write a message to stderr and return the exit code 1."""
-    sys.stderr.write(f"{sentence}\n")
+    sys.stderr.write(f"{text}\n")
     return 1
 
 
@@ -332,7 +334,7 @@ def _ending_quietly() -> Iterator[None]:
             raise
 
 
-def _tell_orphan(node: RunnableNode) -> None:
+def _warn_orphan(node: RunnableNode) -> None:
     if ending.is_orphan and rclpy.utilities.ok():
         node.get_logger().warning(
             f"the program that started this one has ended, so does this; {OUTLIVE}=1 lets it go on"

@@ -9,12 +9,12 @@ from typing import Final, TextIO
 
 from softsim_core.base import SoftSimError
 
-LONGEST_SENTENCE: Final = 300
+LONGEST_MESSAGE: Final = 300
 """Longest message about a refusal in the log and in a response, in characters."""
 
 
 def error_message(error: BaseException) -> str:
-    """Return the message of an error on one line of at most LONGEST_SENTENCE characters."""
+    """Return the message of an error on one line of at most LONGEST_MESSAGE characters."""
     text = str(error)
     if not isinstance(error, SoftSimError):
         text = f"refused: {type(error).__name__}" + (f" ({text})" if text else "")
@@ -22,10 +22,10 @@ def error_message(error: BaseException) -> str:
 
 
 def one_line(text: str) -> str:
-    """Prepare foreign text for logs and responses: replace control characters, cut at LONGEST_SENTENCE."""
-    head = text[: LONGEST_SENTENCE + 1]
+    """Prepare foreign text for logs and responses: replace control characters, cut at LONGEST_MESSAGE."""
+    head = text[: LONGEST_MESSAGE + 1]
     plain = head if head.isprintable() else "".join(c if c.isprintable() else " " for c in head)
-    return plain if len(plain) <= LONGEST_SENTENCE else f"{plain[: LONGEST_SENTENCE - 3]}..."
+    return plain if len(plain) <= LONGEST_MESSAGE else f"{plain[: LONGEST_MESSAGE - 3]}..."
 
 
 def takes_escapes(stream: TextIO | int) -> bool:
@@ -60,6 +60,6 @@ def list_names(names: Collection[str]) -> str:
     return f"{text} and {more} more" if more > 0 else text or "none"
 
 
-def sentence(error: BaseException | str) -> str:
+def error_text(error: BaseException | str) -> str:
     """Return the text of an error as a message of at most 300 printable characters."""
-    return shorten(str(error), LONGEST_SENTENCE)
+    return shorten(str(error), LONGEST_MESSAGE)

@@ -47,11 +47,13 @@ def matching_qos(publishers: Sequence[Any], depth: int) -> QoSProfile:
         depth: Length of the queue.
     """
     profiles = [each.qos_profile for each in publishers]
-    keeps = bool(profiles) and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+    is_latched = bool(profiles) and all(
+        each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles
+    )
     reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
     return QoSProfile(
         depth=depth,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if keeps else DurabilityPolicy.VOLATILE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
     )
 
@@ -91,7 +93,7 @@ class StateTopics:
         self._facts = [
             (node.create_publisher(kind, topic, STATE_QOS), read) for topic, (kind, read) in facts.items()
         ]
-        self._told: list[Any] = [None] * len(self._facts)
+        self._published: list[Any] = [None] * len(self._facts)
         self.refresh()
         node.create_timer(LOOK_PERIOD_S, self.refresh, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -100,7 +102,7 @@ class StateTopics:
         with self._lock:  # the lock keeps the order: the value that is read last is sent last
             for number, (publisher, read) in enumerate(self._facts):
                 fact = read()
-                if fact == self._told[number]:
+                if fact == self._published[number]:
                     continue
                 try:
                     publisher.publish(fact)
@@ -108,7 +110,7 @@ class StateTopics:
                     if self._context.ok():
                         raise
                     return  # a signal has shut the context down during the call
-                self._told[number] = fact
+                self._published[number] = fact
 
 
 STATE_TOPICS: Final[Mapping[str, type]] = {

@@ -15,7 +15,7 @@ from servo_bridge import PortError, WriterError
 from servo_bridge.driver.driver import ServoDriver
 from servo_bridge.driver.ports import find_same_device, stable_name, usb_identity
 from servo_bridge.driver.writer import HangDetector, PeriodFigures, PeriodicThread
-from softsim_node import sentence
+from softsim_node import error_text
 
 RequestedState: TypeAlias = Literal["none", "configure", "activate"]
 
@@ -132,7 +132,7 @@ class BoardSession:
         if failure is None or isinstance(failure, PortError):
             return failure
         return WriterError(
-            f"the thread that sends packets has ended ({type(failure).__name__}: {sentence(failure)});"
+            f"the thread that sends packets has ended ({type(failure).__name__}: {error_text(failure)});"
             " the servos hold; activate the bridge anew"
         )
 

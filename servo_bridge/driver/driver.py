@@ -26,7 +26,7 @@ from servo_bridge.protocols import AUTO, WAITING, Ability, TiltReading, candidat
 from softsim_core.base import CommandError, SceneError
 from softsim_core.physics.mechanics import check_command, check_named_command
 from softsim_core.scene import BoardDescription, BusServo, RobotDescription
-from softsim_node import list_names, sentence
+from softsim_node import error_text, list_names
 
 REST_REPEATS = 3
 """Number of repetitions of the last packets, since one lost byte must not decide where the servos stop."""
@@ -369,7 +369,7 @@ class ServoDriver(BoardPort):
     def refuse(self, error: CommandError) -> None:
         """Count a refused command and store its message."""
         self.counts.refused += 1
-        self.counts.last_refusal = sentence(error)
+        self.counts.last_refusal = error_text(error)
 
     @contextlib.contextmanager
     def _counting_refusals(self) -> Iterator[None]:

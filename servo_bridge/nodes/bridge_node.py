@@ -22,7 +22,7 @@ from servo_bridge.nodes.parameters import BridgeSettings, assemble
 from servo_bridge.nodes.reports import Reports
 from softsim_core.base import SoftSimError
 from softsim_core.scene import RobotDescription
-from softsim_node import LiveParameters, Program, StateTopics, prefix_of, run_node, sentence
+from softsim_node import LiveParameters, Program, StateTopics, error_text, prefix_of, run_node
 
 SUPERVISION_PERIOD_S = 0.1
 RETRY_JITTER = 0.2
@@ -85,7 +85,7 @@ class ServoBridge(GuardedLifecycleNode):
                 self._reports.report(str(error))
                 return TransitionCallbackReturn.FAILURE
             except Exception as error:
-                self._reports.report(f"configure failed ({type(error).__name__}: {sentence(error)})")
+                self._reports.report(f"configure failed ({type(error).__name__}: {error_text(error)})")
                 return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
 

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from servo_bridge.driver import EStop
 from softsim_core.base import listing
-from softsim_node import GuardedNode, sentence, shorten
+from softsim_node import GuardedNode, error_text, shorten
 
 
 class GuardedLifecycleNode(GuardedNode, LifecycleNode):
@@ -143,7 +143,7 @@ class EStopServices:
         try:
             self._forget()
         except Exception as error:
-            words = f"the e-stop stays latched: commands that wait cannot be dropped ({sentence(error)})"
+            words = f"the e-stop stays latched: commands that wait cannot be dropped ({error_text(error)})"
             response.success, response.message = False, words
             self._logger.error(words)
         else:

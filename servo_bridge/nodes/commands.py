@@ -18,7 +18,7 @@ from std_msgs.msg import Float64MultiArray
 from servo_bridge.driver import ServoDriver
 from softsim_core.base import CommandError
 from softsim_core.physics.mechanics import check_age, check_positions_only
-from softsim_node import list_names, sentence
+from softsim_node import error_text, list_names
 
 MOST_BYTES = 65_536
 """Longest ROS message that is deserialised: a thousand joints, which delays no packet."""
@@ -176,5 +176,5 @@ class CommandInput:
                 raise
             command(driver, values)
         except CommandError as error:
-            text = f"{topic}: {sentence(error)}"
+            text = f"{topic}: {error_text(error)}"
             self._node.get_logger().warning(text, throttle_duration_sec=REFUSAL_LOG_PERIOD_S)

@@ -42,6 +42,7 @@ from .files import (
 )
 from .moved import (
     FormerNames as FormerNames,
+    find_former_names as find_former_names,
     keep_former_names as keep_former_names,
 )
 from .names import (

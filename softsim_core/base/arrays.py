@@ -36,10 +36,10 @@ def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
         array: Array = value
     else:
         try:
-            given = np.asarray(value)
-            if given.dtype.kind not in "biuf":
+            numbers = np.asarray(value)
+            if numbers.dtype.kind not in "biuf":
                 raise TypeError
-            array = np.array(given, dtype=np.float64, order="C")
+            array = np.array(numbers, dtype=np.float64, order="C")
         except (TypeError, ValueError) as error:
             raise ArrayError(name, shape, "something that is no array of real numbers") from error
     if array.shape != shape and not _fits(array.shape, shape):
@@ -47,10 +47,10 @@ def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
     return array
 
 
-def _fits(given: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
+def _fits(actual: tuple[int, ...], expected: tuple[int, ...]) -> bool:
     """Return whether a shape matches the wanted one, where -1 is any length."""
-    return len(given) == len(wanted) and all(
-        want in (-1, have) for have, want in zip(given, wanted, strict=True)
+    return len(actual) == len(expected) and all(
+        want in (-1, have) for have, want in zip(actual, expected, strict=True)
     )
 
 

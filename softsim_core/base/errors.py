@@ -31,8 +31,8 @@ class ArrayError(SoftSimError, ValueError):
     def __init__(self, name: str, shape: tuple[int, ...], given: str) -> None:
         self.name, self.shape = name, shape
         lengths = ", ".join("any" if length < 0 else str(length) for length in shape)
-        wanted = f"({lengths},)" if len(shape) == 1 else f"({lengths})"
-        super().__init__(f"{name} refused: expected real numbers of shape {wanted}, not {given}")
+        expected = f"({lengths},)" if len(shape) == 1 else f"({lengths})"
+        super().__init__(f"{name} refused: expected real numbers of shape {expected}, not {given}")
 
 
 class FactorisationError(SoftSimError, ArithmeticError):

@@ -216,9 +216,9 @@ def runtime_folder(environment: Mapping[str, str] = os.environ) -> Path:
     Raises:
         RuntimeFolderError: another user has created that folder, or others may use it.
     """
-    given = environment.get("XDG_RUNTIME_DIR")
-    if given and Path(given).is_absolute() and not _problem(Path(given)):
-        return Path(given)
+    session_folder = environment.get("XDG_RUNTIME_DIR")
+    if session_folder and Path(session_folder).is_absolute() and not _problem(Path(session_folder)):
+        return Path(session_folder)
     folder = Path(tempfile.gettempdir()) / f"softsim-{os.getuid()}"
     with suppress(FileExistsError):
         folder.mkdir(mode=0o700)
@@ -243,13 +243,13 @@ def open_lock(file: Path) -> IO[str]:
 def _problem(folder: Path) -> str:
     """Return why a folder is not private, or an empty text."""
     try:
-        seen = folder.lstat()
+        status = folder.lstat()
     except OSError as error:
         return f"cannot be used ({error.strerror})"
-    if not stat.S_ISDIR(seen.st_mode):
-        return "is no folder" if not stat.S_ISLNK(seen.st_mode) else "is a link"
-    if seen.st_uid != os.getuid():
-        return f"belongs to the user {seen.st_uid}"
-    if seen.st_mode & 0o077:
-        return f"can be used by others (mode {stat.S_IMODE(seen.st_mode):o})"
+    if not stat.S_ISDIR(status.st_mode):
+        return "is no folder" if not stat.S_ISLNK(status.st_mode) else "is a link"
+    if status.st_uid != os.getuid():
+        return f"belongs to the user {status.st_uid}"
+    if status.st_mode & 0o077:
+        return f"can be used by others (mode {stat.S_IMODE(status.st_mode):o})"
     return ""

@@ -1,4 +1,4 @@
-"""Former names of modules: importing one returns the module at its new place, with a DeprecationWarning.
+"""Former names of modules and of attributes of packages: they work for one release, with a warning.
 
 Every program imports this first, so it imports little itself.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -93,3 +93,25 @@ def keep_former_names(modules: Mapping[str, str]) -> None:
         modules: New name by former name.
     """
     sys.meta_path.insert(0, FormerNames(modules))
+
+
+def find_former_names(
+    package: str, names: Mapping[str, str], find: Callable[[str], Any]
+) -> Callable[[str], Any]:
+    """Return a package's `__getattr__` that also finds attributes by their former names, until release 0.3.0.
+
+    Args:
+        package: Dotted name of the package, for the warning.
+        names: New name by former name.
+        find: The package's `__getattr__`; it finds the attributes by their new names.
+    """
+
+    def find_attribute(name: str) -> Any:
+        new = names.get(name)
+        if new is None:
+            return find(name)
+        message = f"{package}.{name} is now {package}.{new}; release 0.3.0 removes the former name"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        return find(new)
+
+    return find_attribute

@@ -19,25 +19,25 @@ _NEARLY_AS_ALIKE = 0.1
 _LONGEST = 60
 
 
-def nearest(given: object, names: Iterable[object]) -> list[str]:
+def nearest(unknown: object, names: Iterable[object]) -> list[str]:
     """Return the most similar names, best first: those with the same beginning, then those spelt alike.
 
     Case, blanks, hyphens, underscores and dots do not count.
     """
-    return [name for _, name in _rank_names(given, names)]
+    return [name for _, name in _rank_names(unknown, names)]
 
 
-def _rank_names(given: object, names: Iterable[object]) -> list[tuple[float, str]]:
+def _rank_names(unknown: object, names: Iterable[object]) -> list[tuple[float, str]]:
     """Return the nearest names with their similarity, up to 1; more for names with the same beginning."""
-    wanted = _plain(str(given)[:_LONGEST])
+    plain = _plain(str(unknown)[:_LONGEST])
     table: dict[str, str] = {}
     for name in map(str, names):
         table.setdefault(_plain(name), name)
-    if not wanted:
+    if not plain:
         return []
-    ranks = {each: 1.0 + 1.0 / len(each) for each in table if each.startswith(wanted)}
-    matcher = difflib.SequenceMatcher(b=wanted)
-    alike = difflib.get_close_matches(wanted, table, MOST_PROPOSED, _ALIKE)
+    ranks = {each: 1.0 + 1.0 / len(each) for each in table if each.startswith(plain)}
+    matcher = difflib.SequenceMatcher(b=plain)
+    alike = difflib.get_close_matches(plain, table, MOST_PROPOSED, _ALIKE)
     ratios = []
     for each in alike:
         matcher.set_seq1(each)
@@ -49,25 +49,25 @@ def _rank_names(given: object, names: Iterable[object]) -> list[tuple[float, str
     return [(ranks[each], table[each]) for each in best]
 
 
-def did_you_mean(given: object, names: Iterable[object]) -> str:
+def did_you_mean(unknown: object, names: Iterable[object]) -> str:
     """Return the question "did you mean tripod or tripod_mid?"; empty if no name is near."""
-    near = nearest(given, names)
+    near = nearest(unknown, names)
     if len(near) > 1:
         near = [", ".join(near[:-1]), near[-1]]
     return f"did you mean {' or '.join(near)}?" if near else ""
 
 
-def _best_of_few(given: object, names: Iterable[object]) -> str:
+def _best_of_few(unknown: object, names: Iterable[object]) -> str:
     """Return the question for a single nearest name, for a message that also lists all names."""
-    ranked = _rank_names(given, names)
+    ranked = _rank_names(unknown, names)
     alone = len(ranked) == 1 or (len(ranked) > 1 and ranked[0][0] > ranked[1][0])
     return f"did you mean {ranked[0][1]}?" if alone else ""
 
 
 def known_names(
-    given: object,
+    unknown: object,
     names: Iterable[object],
-    known: str = "known:",
+    heading: str = "known:",
     *,
     lists_all: str = "",
     whole: bool = False,
@@ -75,23 +75,23 @@ def known_names(
     """Return the second half of an error message: suggestions and known names.
 
     Args:
-        given: The unknown name.
+        unknown: The unknown name.
         names: The known names.
-        known: Text before the list: "known joints:".
+        heading: Text before the list: "known joints:".
         lists_all: Command that lists all of them, for more than MOST_LISTED.
         whole: List all names, because no other command does.
     """
     every = list(map(str, names))
     if whole or len(every) <= MOST_LISTED:
-        return f"{_best_of_few(given, every)} {known} {listing(every)}".lstrip()
-    more = f"{known} {listing(every[:MOST_PROPOSED])} and {len(every) - MOST_PROPOSED} more"
-    return (did_you_mean(given, every) or more) + (f" (all: {lists_all})" if lists_all else "")
+        return f"{_best_of_few(unknown, every)} {heading} {listing(every)}".lstrip()
+    more = f"{heading} {listing(every[:MOST_PROPOSED])} and {len(every) - MOST_PROPOSED} more"
+    return (did_you_mean(unknown, every) or more) + (f" (all: {lists_all})" if lists_all else "")
 
 
-def one_of(given: object, names: Iterable[object]) -> str:
+def one_of(unknown: object, names: Iterable[object]) -> str:
     """Return the allowed words for a wrong one: "one of tet4, tet10 (did you mean tet4?)"."""
     every = list(map(str, names))
-    question = _best_of_few(given, every)
+    question = _best_of_few(unknown, every)
     return f"one of {listing(every)}" + (f" ({question})" if question else "")
 
 
@@ -120,7 +120,7 @@ class Registry(Generic[N]):
     def __init__(self, what: str, *shipped: N) -> None:
         self._what = what
         self._shipped = {each.name for each in shipped}
-        self._known = {each.name: each for each in shipped}
+        self._registered = {each.name: each for each in shipped}
 
     def register(self, new: N) -> None:
         """Register `new` by its name, replacing one that a scene file registered before.
@@ -130,7 +130,7 @@ class Registry(Generic[N]):
         """
         if new.name in self._shipped:
             raise SceneError(f"{self._what} {new.name!r} is the package's own; choose another name for yours")
-        self._known[new.name] = new
+        self._registered[new.name] = new
 
     def get(self, name: str) -> N:
         """Return the implementation of that name.
@@ -138,10 +138,10 @@ class Registry(Generic[N]):
         Raises:
             SceneError: there is none; the message lists the known ones.
         """
-        if name not in self._known:
-            raise SceneError(f"unknown {self._what} {name!r}; {known_names(name, self._known)}")
-        return self._known[name]
+        if name not in self._registered:
+            raise SceneError(f"unknown {self._what} {name!r}; {known_names(name, self._registered)}")
+        return self._registered[name]
 
     def names(self) -> tuple[str, ...]:
         """Return all known names, the package's own first."""
-        return tuple(self._known)
+        return tuple(self._registered)

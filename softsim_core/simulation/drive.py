@@ -116,13 +116,13 @@ class MovableBases:
             nothing is changed.
         """
         joints = self._model.joints
-        known = {joint.name: j for j, joint in enumerate(joints) if joint.moves_frame}
-        if name not in known:
-            raise CommandError(f"no joint {name!r} has a base; {known_names(name, known)}")
+        indices = {joint.name: j for j, joint in enumerate(joints) if joint.moves_frame}
+        if name not in indices:
+            raise CommandError(f"no joint {name!r} has a base; {known_names(name, indices)}")
         target = np.array(position, dtype=float)
         if target.shape != (3,) or not np.isfinite(target).all():
             raise CommandError(f"base of {name} refused: expected three finite numbers in metres")
-        j = known[name]
+        j = indices[name]
         base = self._start[j]
         self.targets[j] = target + base - joints[j].base_origin(base, base_shift)
         self._arrived = False

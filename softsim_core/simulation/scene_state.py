@@ -38,7 +38,7 @@ from softsim_core.physics.fem import stress_at_nodes
 from softsim_core.physics.fem.materials import von_mises
 from softsim_core.physics.mechanics import COMMANDED, Model, Pose, Rows, State, quaternion_of
 from softsim_core.physics.mesh import SurfaceFollower
-from softsim_core.physics.sensing import Seen, Sensors
+from softsim_core.physics.sensing import Sensors, StepObservation
 from softsim_core.scene import SceneDescription
 from softsim_core.scene.building import Body, BuiltScene, build, contacts, sensors
 from softsim_core.simulation.drive import check_values, set_body_motion
@@ -168,7 +168,7 @@ class SceneState:
             state.extra[COMMANDED][:] = state.joint_positions
         return state
 
-    def keep_state_in(self, buffer: Array) -> None:
+    def store_state_in(self, buffer: Array) -> None:
         """Store the state in a part (s,) of a larger array from now on; see State.buffer."""
         state = self.model.empty_state(buffer)
         state.copy_from(self._state)
@@ -215,8 +215,8 @@ class SceneState:
     def _sense(self, steps: int, before: State | None = None) -> None:
         """Measure after `steps` steps: all sensors, or with the state `before` a step only those due."""
         start, drag = self._state if before is None else before, self.parameters.rayleigh_mass
-        seen = Seen(self.model, start, self._state, self._report, self._forces, drag)
-        self._sensors.sample(steps, seen, anew=before is None)
+        observation = StepObservation(self.model, start, self._state, self._report, self._forces, drag)
+        self._sensors.sample(steps, observation, anew=before is None)
 
     # --- joints ---
 

@@ -135,19 +135,19 @@ class Simulation(SceneState):
             if controller.on_begin is not None:
                 controller.on_begin(self)
         begun = perf_counter()
-        told = self._drive.positions
+        positions = self._drive.positions
         self._drive.advance(self.time, self.dt)
         self._last_good.copy_from(self._state)
         control = Control(self._drive.positions, self.forces, self._drive.base_shift, self._rigid_forces)
         try:
             report = self._stepper.step(self._state, control, self.parameters)
         except (FactorisationError, DetectionOverflowError) as error:
-            raise self._reject_step(told) from error
+            raise self._reject_step(positions) from error
         except Exception:  # an error of the scene's code, not of the physics: the state stays as it is
-            self._go_back(told)
+            self._go_back(positions)
             raise
         if not report.top_speed < self._runaway_speed:  # also catches NaN
-            raise self._reject_step(told)
+            raise self._reject_step(positions)
         self._report = report
         if self._bases.advance(self._state, self.dt):
             self._actuators.measure(self.model, self._state)
@@ -168,17 +168,17 @@ class Simulation(SceneState):
         points = np.concatenate([self.model.rest, self.collision_points])
         return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else math.inf
 
-    def _reject_step(self, told: Array) -> SolverDivergedError:
-        """Restore the last good state and setpoints `told` (j,); return an error that locates the failure."""
+    def _reject_step(self, positions: Array) -> SolverDivergedError:
+        """Restore the last good state and setpoints (j,); return an error that locates the failure."""
         speed = np.nan_to_num(np.abs(self._state.velocities), nan=np.inf).max(axis=1, initial=0.0)
         worst = int(np.argmax(speed)) if len(speed) else 0
-        self._go_back(told)
+        self._go_back(positions)
         return SolverDivergedError(self.step_count + 1, self.time + self.dt, worst)
 
-    def _go_back(self, told: Array) -> None:
+    def _go_back(self, positions: Array) -> None:
         """Return to the last good state; the drive continues from its previous setpoints (j,)."""
         self._state.copy_from(self._last_good)
-        self._drive.positions = told
+        self._drive.positions = positions
 
     # --- commands ---
 
@@ -334,8 +334,8 @@ class Simulation(SceneState):
         """
         b = self._number(body, [name for name, _ in self.scene.materials])
         changed = self.model.law(b).values({**self.parameters.materials[b], **values})
-        if sentence := locking_warning(self.model.element(b), values):
-            warnings.warn(f"body {body}: {sentence}", stacklevel=2)
+        if warning := locking_warning(self.model.element(b), values):
+            warnings.warn(f"body {body}: {warning}", stacklevel=2)
         self.parameters.materials[b] = changed
 
     def material(self, body: str) -> MaterialDescription:

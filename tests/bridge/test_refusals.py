@@ -34,7 +34,7 @@ from servo_bridge.nodes import (
     main,
 )
 from softsim_core.base import CommandError, SceneError, SoftSimError
-from softsim_node import LONGEST_SENTENCE, list_names, sentence
+from softsim_node import LONGEST_MESSAGE, error_text, list_names
 
 pytestmark = pytest.mark.slow
 
@@ -91,7 +91,7 @@ def test_a_refusal_is_short_and_printable_whatever_the_names_are() -> None:
         driver.command_named(dict.fromkeys(names, -1.0))
     text = str(caught.value)
     assert text.isprintable()
-    assert len(text) <= LONGEST_SENTENCE
+    assert len(text) <= LONGEST_MESSAGE
     assert text.startswith("joint states without j0, j1, j2 refused; they name ")
     assert text.endswith("and 490 more; nothing was moved")
     assert driver.counts.last_refusal == text
@@ -102,8 +102,8 @@ def test_names_and_sentences_are_bounded() -> None:
     assert list_names(["servo_0", "servo_1"]) == "servo_0, servo_1"
     assert list_names([str(number) for number in range(12)]) == "0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more"
     assert list_names(["a" * 100]) == "a" * 13 + "..."
-    assert sentence("x\x1b[0m\n" * 1000).isprintable()
-    assert len(sentence("\U0001f600\x00" * 10_000)) <= LONGEST_SENTENCE
+    assert error_text("x\x1b[0m\n" * 1000).isprintable()
+    assert len(error_text("\U0001f600\x00" * 10_000)) <= LONGEST_MESSAGE
 
 
 def test_two_hundred_thousand_foreign_names_are_one_short_refusal(
@@ -130,7 +130,7 @@ def test_two_hundred_thousand_foreign_names_are_one_short_refusal(
         )
 
     assert wait_until(refused)
-    assert len(refused()) <= LONGEST_SENTENCE
+    assert len(refused()) <= LONGEST_MESSAGE
     assert refused().isprintable()
     assert "\x1b]" not in bridge.output
     assert max(map(len, bridge.output.splitlines())) < 500
@@ -177,8 +177,8 @@ def test_a_name_that_no_file_has_is_one_sentence(tmp_path: Path, parameter: str,
         value = str(file)
     with pytest.raises(SoftSimError) as caught:
         assemble(settings(**{parameter: value}), None, EStop(), lambda reading: None)
-    assert "\n" not in sentence(caught.value)
-    assert len(sentence(caught.value)) <= LONGEST_SENTENCE
+    assert "\n" not in error_text(caught.value)
+    assert len(error_text(caught.value)) <= LONGEST_MESSAGE
 
 
 def test_a_robot_of_an_unknown_user_leaves_the_bridge_unconfigured(

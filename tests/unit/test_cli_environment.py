@@ -43,7 +43,7 @@ def test_discovery_stays_on_this_computer_unless_the_user_wishes_otherwise(
     environment.set_defaults(variables, tmp_path)
     assert variables[environment.RANGE] == taken
     assert "ROS_LOCALHOST_ONLY" not in variables
-    assert told in environment.sentence(variables)
+    assert told in environment.describe_range(variables)
 
 
 def test_rclpy_starts_in_one_place_which_prepares_the_environment() -> None:
@@ -64,7 +64,7 @@ def test_an_unknown_discovery_range_is_refused_with_what_is_allowed() -> None:
 
 
 def test_computers_named_by_hand_are_told() -> None:
-    assert "the computers in ROS_STATIC_PEERS (10.0.0.7)" in environment.sentence(
+    assert "the computers in ROS_STATIC_PEERS (10.0.0.7)" in environment.describe_range(
         {environment.PEERS: "10.0.0.7"}
     )
 

@@ -10,9 +10,9 @@ import pytest
 FAULTS = """
 import resource, sys, threading
 import numpy as np
-from softsim_node import keep_freed_memory
+from softsim_node import reuse_freed_memory
 
-if sys.argv[1] == "kept" and not keep_freed_memory():
+if sys.argv[1] == "reused" and not reuse_freed_memory():
     sys.exit(7)
 
 
@@ -49,7 +49,7 @@ def faults(how: str) -> int | None:
 
 
 def test_arrays_of_a_thread_come_without_page_faults() -> None:
-    kept = faults("kept")
+    kept = faults("reused")
     if kept is None:
         pytest.skip("no glibc")
     left = faults("left")

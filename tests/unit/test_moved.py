@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import re
 import subprocess
 import sys
 import warnings
@@ -17,7 +18,8 @@ import softsim_core
 import softsim_node
 import softsim_ros
 from softsim_core import MOVED
-from softsim_core.base import FormerNames
+from softsim_core.base import FormerNames, find_former_names
+from softsim_core.physics import sensing
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -133,6 +135,29 @@ def test_a_script_is_warned_at_its_own_line(tmp_path: Path) -> None:
     words = [sys.executable, str(script)]
     ended = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, check=True)
     assert f"{script}:1: DeprecationWarning: softsim_core.values has moved" in ended.stderr
+
+
+def test_a_former_name_of_a_class_gives_the_class_and_warns() -> None:
+    for package in (softsim_core, sensing):
+        expected = f"{package.__name__}.Seen is now {package.__name__}.StepObservation; release 0.3.0"
+        with pytest.warns(DeprecationWarning, match=re.escape(expected)) as caught:
+            assert package.Seen is package.StepObservation  # type: ignore[attr-defined]
+        assert caught[0].filename == __file__
+        assert "Seen" not in [*package.__all__, *dir(package)]
+    with pytest.warns(DeprecationWarning, match="StepObservation"):
+        from softsim_core import Seen  # type: ignore[attr-defined]
+    assert Seen is softsim_core.StepObservation
+    with pytest.raises(AttributeError):
+        _ = softsim_core.nothing  # type: ignore[attr-defined]
+
+
+def test_only_former_names_of_attributes_warn() -> None:
+    find = find_former_names("package", {"old": "new"}, {"new": 1, "other": 2}.__getitem__)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert (find("new"), find("other")) == (1, 2)
+    with pytest.warns(DeprecationWarning, match=re.escape("package.old is now package.new")):
+        assert find("old") == 1
 
 
 @pytest.mark.filterwarnings("ignore:.* has moved:DeprecationWarning")

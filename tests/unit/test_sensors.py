@@ -19,9 +19,9 @@ from softsim_core.physics.sensing import (
     MarkersDescription,
     Reference,
     Scenery,
-    Seen,
     Sensor,
     SimulatedSensorDescription,
+    StepObservation,
     StrainSensorDescription,
     TactileArrayDescription,
     WrenchSensorDescription,
@@ -352,8 +352,8 @@ class Height(Sensor):
         super().__init__()
         self._place = scenery.places[described.on]
 
-    def measure(self, seen: Seen) -> np.ndarray:
-        return self._place.pose(seen.model, seen.state)[0][2:]
+    def measure(self, observation: StepObservation) -> np.ndarray:
+        return self._place.pose(observation.model, observation.state)[0][2:]
 
 
 def test_a_user_s_own_kind_stands_in_files_as_the_package_s(tmp_path: Path) -> None:

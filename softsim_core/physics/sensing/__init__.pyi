@@ -24,8 +24,8 @@ from .registry import (
 )
 from .sensor import (
     Place as Place,
-    Seen as Seen,
     Sensor as Sensor,
+    StepObservation as StepObservation,
 )
 from .sensors import (
     SensorReading as SensorReading,

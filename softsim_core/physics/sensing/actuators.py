@@ -16,7 +16,7 @@ from softsim_core.physics.sensing.description import (
     SensorKind,
     SimulatedSensorDescription,
 )
-from softsim_core.physics.sensing.sensor import Seen, Sensor
+from softsim_core.physics.sensing.sensor import Sensor, StepObservation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,9 +62,9 @@ class ActuatorSensor(Sensor):
         super().__init__(noise, bias)
         self._joint, self._sign, self._zero = joint, sign, zero
 
-    def measure(self, seen: Seen) -> Array:
+    def measure(self, observation: StepObservation) -> Array:
         """Return the coordinate, then the multiplier, shape (2,)."""
-        state, j = seen.state, self._joint
+        state, j = observation.state, self._joint
         return np.array([self._zero + self._sign * state.joint_positions[j], state.joint_efforts[j]])
 
 

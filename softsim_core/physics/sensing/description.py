@@ -90,7 +90,7 @@ def need_sensors(
     scene: str,
     dt: float,
     sensors: Sequence[SimulatedSensorDescription],
-    known: Mapping[str, Sequence[str]],
+    defined: Mapping[str, Sequence[str]],
 ) -> None:
     """Refuse sensors that name parts the scene lacks, or that sample faster than its steps.
 
@@ -98,17 +98,17 @@ def need_sensors(
         scene: Name of the scene, for messages.
         dt: Its time step in [s].
         sensors: Its sensors.
-        known: Names of the parts of the scene, per kind of reference (see Reference.among).
+        defined: Names of the parts of the scene, per kind of reference (see Reference.among).
 
     Raises:
         SceneError: a sensor names a missing part or is too fast.
     """
     for sensor in sensors:
         for field, name, among in sensor.references():
-            if name not in known.get(among, ()):
+            if name not in defined.get(among, ()):
                 raise SceneError(
                     f"scene {scene}: unknown {among} {name!r} ({field} of {sensor.owner}); "
-                    f"{known_names(name, known.get(among, ()))}"
+                    f"{known_names(name, defined.get(among, ()))}"
                 )
         if sensor.rate is not None and sensor.rate * dt > 1.0 + 1e-9:
             raise SceneError(

@@ -30,7 +30,7 @@ from softsim_core.physics.sensing.description import (
     SimulatedSensorDescription,
     both,
 )
-from softsim_core.physics.sensing.sensor import Place, Seen, Sensor
+from softsim_core.physics.sensing.sensor import Place, Sensor, StepObservation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,16 +80,16 @@ class ForceTorqueSensor(Sensor):
         super().__init__(noise, bias)
         self._nodes, self._bodies, self._place = nodes, np.array(bodies, dtype=np.int64), place
 
-    def measure(self, seen: Seen) -> Array:
+    def measure(self, observation: StepObservation) -> Array:
         """Return the force, then the moment, shape (6,)."""
-        model, state, before = seen.model, seen.state, seen.before
+        model, state, before = observation.model, observation.state, observation.before
         change = model.momentum(state.velocities - before.velocities) / model.dt
         free = (model.region_of_node == FREE)[:, None]  # moving a base is no motion
         rates = np.where(free, (state.positions - before.positions) / model.dt, state.velocities)
-        missing = change - model.weight - seen.forces + seen.drag * model.momentum(rates)
+        missing = change - model.weight - observation.forces + observation.drag * model.momentum(rates)
         points = before.positions[self._nodes]
         origin, rotation = self._place.pose(model, before)
-        touching = seen.contacts
+        touching = observation.contacts
         own = np.isin(touching.bodies, self._bodies)
         outside = (own[:, 0].astype(float) - own[:, 1])[:, None] * touching.forces
         force = missing[self._nodes].sum(axis=0) - outside.sum(axis=0)
@@ -136,11 +136,11 @@ def _hangs(model: Model, nodes: IndexArray, joints: Sequence[int], owner: str) -
     Raises:
         SceneError: one is, and something else is attached to the body as well.
     """
-    held = model.region_of_node[nodes]
-    holding = {model.regions[r].joint for r in np.unique(held[held >= 0])} - {-1}  # not free frames
+    region = model.region_of_node[nodes]
+    holding = {model.regions[r].joint for r in np.unique(region[region >= 0])} - {-1}  # not free frames
     if not holding.intersection(joints):
         return False
-    if (held == FIXED).any() or model.spring[nodes].any() or holding.difference(joints):
+    if (region == FIXED).any() or model.spring[nodes].any() or holding.difference(joints):
         raise SceneError(
             f"{owner} is held elsewhere, too, so its motion does not tell what the joint does to it; choose "
             "another joint"

@@ -27,7 +27,7 @@ from softsim_core.physics.sensing.description import (
     SimulatedSensorDescription,
     both,
 )
-from softsim_core.physics.sensing.sensor import Place, Seen, Sensor
+from softsim_core.physics.sensing.sensor import Place, Sensor, StepObservation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,11 +110,13 @@ class Imu(Sensor):
         """Whether a sample has random noise, including that of the orientation."""
         return bool(self.noise.any() or self._turning)
 
-    def measure(self, seen: Seen) -> Array:
+    def measure(self, observation: StepObservation) -> Array:
         """Return specific force, angular rate and, if measured, orientation, shape (6,) or (10,)."""
-        model, place = seen.model, self._place
-        (velocity, spin), (earlier, _) = (place.twist(model, each) for each in (seen.state, seen.before))
-        now = place.pose(model, seen.state)[1]
+        model, place = observation.model, self._place
+        (velocity, spin), (earlier, _) = (
+            place.twist(model, each) for each in (observation.state, observation.before)
+        )
+        now = place.pose(model, observation.state)[1]
         force, rate = inertial(earlier[None], velocity[None], spin[None], now[None], model.gravity, model.dt)
         motion = (force[0], rate[0])
         return np.concatenate(motion if self._turning is None else (*motion, quaternion_of(now)))
@@ -124,11 +126,11 @@ class Imu(Sensor):
 
         The noise of the orientation is a small rotation about the unit's axes.
         """
-        told = super().add_noise(value[:6], generator)
+        sample = super().add_noise(value[:6], generator)
         if self._turning is None or generator is None:
-            return np.concatenate([told, value[6:]])
+            return np.concatenate([sample, value[6:]])
         turn = rotation_exp(self._turning * generator.standard_normal(3))
-        return np.concatenate([told, quaternion_of(rotation_of(value[6:]) @ turn)])
+        return np.concatenate([sample, quaternion_of(rotation_of(value[6:]) @ turn)])
 
 
 def _build_imu(described: ImuDescription, scenery: Scenery) -> Imu:

@@ -16,7 +16,7 @@ from softsim_core.physics.sensing.description import (
     SensorKind,
     SimulatedSensorDescription,
 )
-from softsim_core.physics.sensing.sensor import Seen, Sensor
+from softsim_core.physics.sensing.sensor import Sensor, StepObservation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,9 +83,9 @@ class Markers(Sensor):
         described = self._described
         return max(described.noise, described.depth_noise, described.dropout) > 0.0
 
-    def measure(self, seen: Seen) -> Array:
+    def measure(self, observation: StepObservation) -> Array:
         """Return the positions in [m], shape (k, 3)."""
-        carried = seen.state.positions[self._points.nodes]
+        carried = observation.state.positions[self._points.nodes]
         return np.asarray(np.einsum("pa,pai->pi", self._points.weights, carried))
 
     def add_noise(self, value: Array, generator: np.random.Generator | None) -> Array:
@@ -96,14 +96,14 @@ class Markers(Sensor):
         if generator is None:
             return value
         described, away = self._described, generator.standard_normal(value.shape)
-        told = value + described.noise * away
+        sample = value + described.noise * away
         if described.camera is not None:
             sight = value - np.array(described.camera)
             sight /= np.linalg.norm(sight, axis=1, keepdims=True)
             along = np.einsum("pi,pi->p", away, sight)
-            told += (described.depth_noise - described.noise) * along[:, None] * sight
-        told[generator.random(len(value)) < described.dropout] = np.nan
-        return told
+            sample += (described.depth_noise - described.noise) * along[:, None] * sight
+        sample[generator.random(len(value)) < described.dropout] = np.nan
+        return sample
 
 
 def _build_markers(described: MarkersDescription, scenery: Scenery) -> Markers:

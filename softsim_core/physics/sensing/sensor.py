@@ -73,7 +73,7 @@ class SampleNoise:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class StepObservation:
     """Inputs of the sensors at the end of a step.
 
     Attributes:
@@ -115,12 +115,12 @@ class Sensor(ABC):
         return bool(self.noise.any())
 
     @abstractmethod
-    def measure(self, seen: Seen) -> Array:
+    def measure(self, observation: StepObservation) -> Array:
         """Return the true value, always of the same shape."""
 
     def add_noise(self, value: Array, generator: np.random.Generator | None) -> Array:
         """Return the sample for a true `value`; without a generator nothing is random."""
-        told = value + self.bias
+        sample = value + self.bias
         if generator is not None:
-            told = told + self.noise * generator.standard_normal(value.shape)
-        return np.asarray(told)
+            sample = sample + self.noise * generator.standard_normal(value.shape)
+        return np.asarray(sample)

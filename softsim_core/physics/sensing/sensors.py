@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from softsim_core.base import Array, SceneError, known_names
 from softsim_core.physics.sensing.description import SimulatedSensorDescription
-from softsim_core.physics.sensing.sensor import SampleNoise, Seen, Sensor
+from softsim_core.physics.sensing.sensor import SampleNoise, Sensor, StepObservation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,17 +39,17 @@ class Sensors:
     def __init__(self, built: Sequence[tuple[SimulatedSensorDescription, Sensor]], dt: float) -> None:
         self._built, self._dt = tuple(built), dt
         self._noise = [SampleNoise(each.seed, each.name) for each, _ in built]
-        self._told: dict[str, SensorReading] = {}
+        self._readings: dict[str, SensorReading] = {}
 
-    def sample(self, step: int, seen: Seen, *, anew: bool = False) -> None:
+    def sample(self, step: int, observation: StepObservation, *, anew: bool = False) -> None:
         """Sample the sensors that are due after a number of steps since the start; `anew`: all of them."""
         for (description, sensor), noise in zip(self._built, self._noise, strict=True):
             number = self._number(description, step)
             if anew or number != self._number(description, step - 1):
                 generator = noise.of_sample(number) if sensor.random else None
-                value = sensor.add_noise(sensor.measure(seen), generator)
+                value = sensor.add_noise(sensor.measure(observation), generator)
                 value.flags.writeable = False
-                self._told[description.name] = SensorReading(description, value, step * self._dt, number)
+                self._readings[description.name] = SensorReading(description, value, step * self._dt, number)
 
     def _number(self, description: SimulatedSensorDescription, step: int) -> int:
         """Return the number of samples due within a number of steps, without the one at the start."""
@@ -61,12 +61,12 @@ class Sensors:
         Raises:
             SceneError: no sensor has the name.
         """
-        if name not in self._told:
-            raise SceneError(f"unknown sensor {name!r}; {known_names(name, self._told)}")
-        return self._told[name]
+        if name not in self._readings:
+            raise SceneError(f"unknown sensor {name!r}; {known_names(name, self._readings)}")
+        return self._readings[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._told)
+        return iter(self._readings)
 
     def __len__(self) -> int:
         return len(self._built)

@@ -16,7 +16,7 @@ from softsim_core.physics.sensing.description import (
     SensorKind,
     SimulatedSensorDescription,
 )
-from softsim_core.physics.sensing.sensor import Seen, Sensor
+from softsim_core.physics.sensing.sensor import Sensor, StepObservation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,9 +69,9 @@ class StrainSensor(Sensor):
         self._points = points
         self._rest_length = self._length(rest)
 
-    def measure(self, seen: Seen) -> Array:
+    def measure(self, observation: StepObservation) -> Array:
         """Return the strain, shape ()."""
-        return np.asarray(self._length(seen.state.positions) / self._rest_length - 1.0)
+        return np.asarray(self._length(observation.state.positions) / self._rest_length - 1.0)
 
     def _length(self, positions: Array) -> float:
         line = np.einsum("pa,pai->pi", self._points.weights, positions[self._points.nodes])

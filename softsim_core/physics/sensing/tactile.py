@@ -29,7 +29,7 @@ from softsim_core.physics.sensing.description import (
     SensorKind,
     SimulatedSensorDescription,
 )
-from softsim_core.physics.sensing.sensor import Seen, Sensor
+from softsim_core.physics.sensing.sensor import Sensor, StepObservation
 
 _FINE = 4
 """Largest edge of the parts of a triangle in the integrals, as a fraction of a cell's edge."""
@@ -64,36 +64,36 @@ class Grid:
         return np.asarray(row.clip(0, self.rows - 1) * self.columns + column.clip(0, self.columns - 1))
 
 
-def grid_over(patch: IndexArray, seen: Array, rows: int, columns: int) -> Grid | None:
+def grid_over(patch: IndexArray, points: Array, rows: int, columns: int) -> Grid | None:
     """Return a grid that covers a patch; None: the patch has no area in this plane.
 
     Args:
         patch: Triangles, shape (m, 3).
-        seen: Positions of all vertices in the plane in [m], shape (v, 2).
+        points: Positions of all vertices in the plane in [m], shape (v, 2).
         rows: Rows of the grid, along the second axis.
         columns: Columns of the grid, along the first axis.
     """
-    corners = seen[patch]
+    corners = points[patch]
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     if not _areas(corners).max() > _FLAT * float(np.linalg.norm(high - low)) ** 2:
         return None
     return Grid(low, (high - low) / (columns, rows), rows, columns)
 
 
-def spread_over(patch: IndexArray, seen: Array, grid: Grid) -> csr_array:
+def spread_over(patch: IndexArray, points: Array, grid: Grid) -> csr_array:
     """Return the share of a force on each vertex that falls on each cell, divided by the cell's area.
 
     The force is spread by the vertex's shape function on the triangles of the patch around it.
 
     Args:
         patch: Triangles, shape (m, 3).
-        seen: Positions of all vertices in the plane of the grid in [m], shape (v, 2).
+        points: Positions of all vertices in the plane of the grid in [m], shape (v, 2).
         grid: Grid over the patch.
 
     Returns:
         Shares in [1/m^2], shape (rows columns, v).
     """
-    corners = seen[patch]
+    corners = points[patch]
     sides = np.abs(np.roll(corners, -1, axis=1) - corners)
     cuts = np.ceil(_FINE * (sides / grid.edge).max(axis=(1, 2))).astype(int).clip(1, _MOST_CUTS)
     cells, vertices, values = [], [], []
@@ -105,7 +105,7 @@ def spread_over(patch: IndexArray, seen: Array, grid: Grid) -> csr_array:
         vertices.append(np.repeat(patch[chosen][:, None], len(middles), axis=1).ravel())
         values.append(share.ravel())
     entries = (np.concatenate(values), (np.concatenate(cells), np.concatenate(vertices)))
-    spread = csr_array(entries, shape=(grid.rows * grid.columns, len(seen)))
+    spread = csr_array(entries, shape=(grid.rows * grid.columns, len(points)))
     whole = np.asarray(spread.sum(axis=0)).ravel() * grid.area
     spread.data /= np.where(whole > 0.0, whole, 1.0)[spread.indices]
     return spread
@@ -185,9 +185,9 @@ class TactileArray(Sensor):
         super().__init__(noise, bias)
         self._spread, self._grid, self._body = spread, grid, body
 
-    def measure(self, seen: Seen) -> Array:
+    def measure(self, observation: StepObservation) -> Array:
         """Return the pressures in [Pa], shape (rows, columns)."""
-        vertices, weights, pressing = select_contacts(seen.contacts, self._body)
+        vertices, weights, pressing = select_contacts(observation.contacts, self._body)
         forces = np.bincount(
             vertices.ravel(), (pressing[:, None] * weights).ravel(), minlength=self._spread.shape[1]
         )
@@ -211,9 +211,9 @@ class RigidTactileArray(Sensor):
         super().__init__(noise, bias)
         self._patch, self._places, self._grid, self._body = patch, places, grid, body
 
-    def measure(self, seen: Seen) -> Array:
+    def measure(self, observation: StepObservation) -> Array:
         """Return the pressures in [Pa], shape (rows, columns)."""
-        vertices, weights, pressing = select_contacts(seen.contacts, self._body)
+        vertices, weights, pressing = select_contacts(observation.contacts, self._body)
         pressing = np.where((self._patch[vertices] | (weights == 0.0)).all(axis=1), pressing, 0.0)
         cells = self._grid.cell(np.einsum("kc,kci->ki", weights, self._places[vertices]))
         shape = (self._grid.rows, self._grid.columns)
@@ -246,11 +246,11 @@ def _build_tactile(described: TactileArrayDescription, scenery: Scenery) -> Sens
     triangles = np.concatenate([each.triangles for each in surfaces])
     patch = triangles[inside[triangles].all(axis=1)]
     if not len(patch):
-        seen = local[np.unique(triangles)]
+        corners = local[np.unique(triangles)]
         raise SceneError(
             f"{described.owner}: no triangle of a collision surface of body {described.body} lies inside its "
-            f"box; move or enlarge it (they span {seen.min(axis=0).round(6).tolist()} to "
-            f"{seen.max(axis=0).round(6).tolist()} m along its axes, from its centre)"
+            f"box; move or enlarge it (they span {corners.min(axis=0).round(6).tolist()} to "
+            f"{corners.max(axis=0).round(6).tolist()} m along its axes, from its centre)"
         )
     places, number = local[:, :2], scenery.body_names.index(described.body)
     grid = grid_over(patch, places, described.rows, described.columns)

@@ -18,7 +18,7 @@ from softsim_core.physics.sensing.description import (
     SimulatedSensorDescription,
     both,
 )
-from softsim_core.physics.sensing.sensor import Place, Seen, Sensor
+from softsim_core.physics.sensing.sensor import Place, Sensor, StepObservation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,15 +70,15 @@ class WrenchSensor(Sensor):
         super().__init__(noise, bias)
         self._body, self._other, self._place = body, other, place
 
-    def measure(self, seen: Seen) -> Array:
+    def measure(self, observation: StepObservation) -> Array:
         """Return the force, then the moment, shape (6,)."""
-        touching = seen.contacts
+        touching = observation.contacts
         own = touching.bodies == self._body
         if self._other >= 0:
             own &= (touching.bodies == self._other)[:, ::-1]
         sign = own[:, 0].astype(float) - own[:, 1]
         forces = sign[:, None] * touching.forces
-        origin, rotation = self._place.pose(seen.model, seen.state)
+        origin, rotation = self._place.pose(observation.model, observation.state)
         moment = cross(touching.points - origin, forces).sum(axis=0)
         return np.concatenate([forces.sum(axis=0) @ rotation, moment @ rotation])
 

@@ -55,7 +55,7 @@ class Share:
         """Make one copy for each row of `states` (k, s); the copy stores its state in that row."""
         for row in states:
             copy = Simulation(self._robot, self._backend, self._leader) if self._copies else self._leader
-            copy.keep_state_in(row)
+            copy.store_state_in(row)
             self._copies.append(copy)
             self._states.append(row)
 
@@ -116,10 +116,10 @@ class Share:
                 "change numbers only, or make a batch of its own"
             )
         if k:
-            copy.keep_state_in(self._states[k])
+            copy.store_state_in(self._states[k])
             self._copies[k] = copy
         else:  # the other copies continue to share the plan of the first one
-            copy.keep_state_in(self._states[0])
+            copy.store_state_in(self._states[0])
             self._copies[0] = copy
         self._failed.discard(k)
 

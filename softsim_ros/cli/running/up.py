@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         stack.enter_context(only_one(namespace))
         print(f"starting {scene.name}: Ctrl-C ends it in the safe pose", flush=True)
-        print(environment.sentence(os.environ), flush=True)
+        print(environment.describe_range(os.environ), flush=True)
         page = None
         if not arguments.no_viewer:
             choice = PageChoice(arguments.host, arguments.port, arguments.lite, arguments.no_token)

@@ -69,7 +69,7 @@ def mixture() -> list[Finding]:
 
 def reach() -> list[Finding]:
     """Check which computers can reach the nodes started here."""
-    wished, text = environment.requested_range(os.environ), environment.sentence(os.environ)
+    wished, text = environment.requested_range(os.environ), environment.describe_range(os.environ)
     if wished in ("SUBNET", "SYSTEM_DEFAULT") or os.environ.get(environment.PEERS):
         names = f"{environment.DISCOVERY_VARIABLE} and {environment.PEERS}"
         advice = f"unset {names} to keep the robot to this computer"

@@ -242,7 +242,9 @@ class TuningParameters:
                 self._node.undeclare_parameter(name)
             self._tunables, values = {}, {}
             for name, tunable in tunables(robot).items():
-                values[name] = declare_value(self._node, name, tunable.value, tunable.about, given=given)
+                values[name] = declare_value(
+                    self._node, name, tunable.value, tunable.about, overridable=given
+                )
                 self._tunables[name] = tunable
         self._robot = with_values(robot, values)
         return self._robot

@@ -29,7 +29,7 @@ from softsim_node import (
     Program,
     StateTopics,
     declare,
-    keep_freed_memory,
+    reuse_freed_memory,
     run_node,
 )
 from softsim_ros import FrameSettings, RobotNode
@@ -147,7 +147,7 @@ class Simulator(RobotNode):
     _closed = False
 
     def _begin(self, robot: RobotDescription) -> None:
-        keep_freed_memory()
+        reuse_freed_memory()
         self._aside = BackgroundWorker("another scene is being loaded")
         self._tried: Attempt | None = None
         first = declare(self, SceneSettings(robot=self.robot_parameter))
