@@ -53,7 +53,7 @@ def placement(position: Array, rotation: Array) -> Placement:
 
 def carriers(loaded: CompiledModel) -> tuple[dict[int, Carrier], tuple[JointDescription, ...]]:
     """Return the carrier of each body except flex vertices, and the joints that move some of them."""
-    m, told = loaded.model, loaded.told
+    m, notes = loaded.model, loaded.notes
     world = Carrier("world", "world", 0, np.zeros(3), np.eye(3))
     found, joints = {0: world}, list[JointDescription]()
     for b in range(1, m.nbody):
@@ -61,7 +61,7 @@ def carriers(loaded: CompiledModel) -> tuple[dict[int, Carrier], tuple[JointDesc
             continue
         carrier = found.get(int(m.body_parentid[b]), world)
         if m.body_mocapid[b] >= 0:
-            told.say(f"body {m.body(b).name}", "mocap: it stays where it starts")
+            notes.say(f"body {m.body(b).name}", "mocap: it stays where it starts")
         for j in range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b]):
             carrier = _add_joint(loaded, b, j, carrier, joints)
         found[b] = carrier
@@ -72,7 +72,7 @@ def _add_joint(
     loaded: CompiledModel, b: int, j: int, below: Carrier, joints: list[JointDescription]
 ) -> Carrier:
     """Return the carrier of a body after one more of its joints."""
-    m, d, told, kinds = loaded.model, loaded.data, loaded.told, loaded.mujoco.mjtJoint
+    m, d, notes, kinds = loaded.model, loaded.data, loaded.notes, loaded.mujoco.mjtJoint
     called, kind = f"joint {m.jnt(j).name or j} of body {m.body(b).name or b}", m.jnt_type[j]
     place, turn = np.array(d.xpos[b]), np.array(d.xmat[b]).reshape(3, 3)
     if kind == kinds.mjJNT_FREE:
@@ -82,10 +82,10 @@ def _add_joint(
             "frame" if pinned else "free", loaded.names.new(m.body(b).name, "body"), b, place, turn
         )
     if kind == kinds.mjJNT_BALL:
-        told.say(called, "type ball is not taken over: the body does not turn about it")
+        notes.say(called, "type ball is not taken over: the body does not turn about it")
         return below
     if below.kind in ("free", "frame"):
-        told.say(called, "hangs on a body that moves freely: it is not taken over, both move as one")
+        notes.say(called, "hangs on a body that moves freely: it is not taken over, both move as one")
         return below
     name = loaded.names.new(m.jnt(j).name, "joint")
     hinge = kind == kinds.mjJNT_HINGE
@@ -119,7 +119,7 @@ def _limits(loaded: CompiledModel, j: int) -> JointLimits:
 
 def _drive(loaded: CompiledModel, j: int, called: str) -> dict[str, Any]:
     """Return stiffness and inertia of a joint: of a position servo, of a spring, or none."""
-    m, told = loaded.model, loaded.told
+    m, notes = loaded.model, loaded.notes
     own = float(m.jnt_stiffness[j]) if np.ndim(m.jnt_stiffness[j]) == 0 else float(m.jnt_stiffness[j][0])
     servo = next((k for k in range(m.nu) if _turns(loaded, k, j) and m.actuator_biasprm[k, 1] < 0.0), None)
     stiffness = own
@@ -127,15 +127,15 @@ def _drive(loaded: CompiledModel, j: int, called: str) -> dict[str, Any]:
         gear = float(m.actuator_gear[servo, 0])
         stiffness = -float(m.actuator_biasprm[servo, 1]) * gear**2
         if own > 0.0:
-            told.say(called, "stiffness is not taken over beside that of its position actuator")
+            notes.say(called, "stiffness is not taken over beside that of its position actuator")
         if not math.isclose(gear, 1.0):
-            told.say(called, "gear of its actuator is in the stiffness; commands are positions of the joint")
+            notes.say(called, "gear of its actuator is in the stiffness; commands are positions of the joint")
     elif own > 0.0:
         start = float(m.qpos0[m.jnt_qposadr[j]])
         if not math.isclose(float(m.qpos_spring[m.jnt_qposadr[j]]), start, abs_tol=1e-9):
-            told.say(called, "springref is not taken over: the spring is at rest where the model starts")
+            notes.say(called, "springref is not taken over: the spring is at rest where the model starts")
     if not stiffness > 0.0:
-        told.say(called, "turns or slides freely in MuJoCo; here it stays where it is commanded")
+        notes.say(called, "turns or slides freely in MuJoCo; here it stays where it is commanded")
         return {}
     inertia = _inertia(loaded, j)
     return {"stiffness": stiffness, "inertia": float(f"{inertia:.9g}")}
@@ -167,7 +167,7 @@ def _inertia(loaded: CompiledModel, j: int) -> float:
         else:
             total += mass
     if weight > 0.0 and np.any(np.array(m.opt.gravity)):
-        loaded.told.say(
+        loaded.notes.say(
             f"body {m.body(m.jnt_bodyid[j]).name or m.jnt_bodyid[j]}",
             f"mass {weight:.4g} kg on a joint has inertia here, but no weight",
         )

@@ -34,7 +34,7 @@ def library(file: str | Path) -> Any:
         raise MjcfError(file, f"MuJoCo is not installed ({error}): {INSTALL}") from error
     if not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):
         raise MjcfError(file, f"MuJoCo {mujoco_version()} has no integrator discrete: {INSTALL}")
-    mujoco.set_mju_user_warning(_keep_quiet)
+    mujoco.set_mju_user_warning(_ignore_warning)
     return mujoco
 
 
@@ -144,5 +144,5 @@ class MujocoRun:
         self._mujoco.mj_flex(self.model, self.data)
 
 
-def _keep_quiet(_: str) -> None:
+def _ignore_warning(_: str) -> None:
     """Ignore a warning; MujocoRun.warnings counts them."""

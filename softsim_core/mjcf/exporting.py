@@ -29,16 +29,16 @@ class Mask:
     others: int = 0
 
 
-def masks(scene: SceneDescription, told: ConversionNotes) -> dict[str, Mask]:
+def masks(scene: SceneDescription, notes: ConversionNotes) -> dict[str, Mask]:
     """Return a bit for each body with collision surfaces, and the bits of the bodies that it touches."""
     groups: dict[str, list[frozenset[str]]] = {name: [] for name in scene.body_names}
     for collision in scene.collisions:
         groups[collision.body].append(frozenset(collision.groups))
         if collision.surface is not None or collision.boxes or collision.faces is not None:
-            told.say(f"collision {collision.name}", "the whole surface of its body touches in the model")
+            notes.say(f"collision {collision.name}", "the whole surface of its body touches in the model")
     touching = [name for name, each in groups.items() if each]
     if len(touching) > _BITS:
-        told.say(
+        notes.say(
             "collisions",
             f"all of the {len(touching)} bodies with a surface may touch each other in the model",
         )
@@ -64,7 +64,7 @@ class Draft:
     Attributes:
         scene, built: The exported scene.
         root, world: The document, and its element `worldbody`.
-        told: Messages on parts that MuJoCo does not support.
+        notes: Messages on parts that MuJoCo does not support.
         masks: Collision masks by the names of bodies.
         carriers: Element and origin in [m], shape (3,), of the bodies that move with each joint and frame; no
             body of the document is rotated at the start.
@@ -74,7 +74,7 @@ class Draft:
     built: BuiltScene
     root: ElementTree.Element
     world: ElementTree.Element
-    told: ConversionNotes
+    notes: ConversionNotes
     masks: dict[str, Mask]
     carriers: dict[str, tuple[ElementTree.Element, Array]]
 
@@ -98,7 +98,7 @@ _FIRM = {"revolute": 1e3, "prismatic": 1e5}
 """Stiffness in [N m/rad] or [N/m] of servos that are rigid in our scenes."""
 _TIGHT = 1e5
 """Stiffness in [N/m] of cables that are rigid in our scenes."""
-_HELD_KG_M2 = 1e-4
+_STILL_KG_M2 = 1e-4
 
 
 def joint_attributes(model: Model, j: int, joint: JointDescription) -> dict[str, str]:
@@ -109,7 +109,7 @@ def joint_attributes(model: Model, j: int, joint: JointDescription) -> dict[str,
         "type": "hinge" if joint.kind == "revolute" else "slide",
         "axis": words(axis),
         "ref": words([joint.rest]),
-        "armature": words([joint.inertia or (0.0 if joint.stiffness else _HELD_KG_M2)]),
+        "armature": words([joint.inertia or (0.0 if joint.stiffness else _STILL_KG_M2)]),
     }
     if math.isfinite(joint.limits.lower) and math.isfinite(joint.limits.upper):
         found["range"] = words([joint.limits.lower, joint.limits.upper])
@@ -130,16 +130,16 @@ def add_servos(draft: Draft) -> None:
                 **({} if joint.stiffness else {"dampratio": "1"}),
             )
             if joint.stiffness is None:
-                draft.told.say(
+                draft.notes.say(
                     f"joint {joint.name}",
                     f"follows its command with {stiffness:g} N·m/rad (N/m) there",
                 )
             if joint.rest:
-                draft.told.say(f"joint {joint.name}", f"set its control to {joint.rest:g}, where it starts")
+                draft.notes.say(f"joint {joint.name}", f"set its control to {joint.rest:g}, where it starts")
             if any(joint.base.rotation_deg) or joint.limits.speed < math.inf:
-                draft.told.say(f"joint {joint.name}", "has no limit of speed in the model")
+                draft.notes.say(f"joint {joint.name}", "has no limit of speed in the model")
         elif not isinstance(joint.actuator, CableDescription):
-            draft.told.say(f"joint {joint.name}", f"kind {joint.kind}: MuJoCo has nothing for it")
+            draft.notes.say(f"joint {joint.name}", f"kind {joint.kind}: MuJoCo has nothing for it")
 
 
 def add_cables(draft: Draft) -> None:
@@ -159,9 +159,9 @@ def _add_cable(draft: Draft, joint: JointDescription, cable: CableDescription) -
     for k, (point, owner) in enumerate(places):
         _add_site(draft, f"{joint.name}_{k}", point, owner)
         add(tendon, "site", site=f"{joint.name}_{k}")
-    draft.told.say(f"cable {joint.name}", "its points sit on the nearest nodes in the model")
+    draft.notes.say(f"cable {joint.name}", "its points sit on the nearest nodes in the model")
     if not cable.pull_only:
-        draft.told.say(f"cable {joint.name}", "pushes, too: in the model it pulls only")
+        draft.notes.say(f"cable {joint.name}", "pushes, too: in the model it pulls only")
     most = cable.max_tension or 1e6
     section = draft.section("actuator")
     if cable.control == "force":
@@ -176,7 +176,7 @@ def _add_cable(draft: Draft, joint: JointDescription, cable: CableDescription) -
         return
     length = float(np.linalg.norm(np.diff([place for place, _ in places], axis=0), axis=1).sum())
     rest = cable.rest_length or length
-    draft.told.say(f"cable {joint.name}", f"holds its displacement with {_TIGHT:g} N/m in the model")
+    draft.notes.say(f"cable {joint.name}", f"holds its displacement with {_TIGHT:g} N/m in the model")
     add(
         section,
         "general",
@@ -239,7 +239,7 @@ def add_rigid_bodies(draft: Draft) -> None:
             )
             _add_geom(draft, element, description, body, (np.zeros(3), np.eye(3)))
             if any((*description.velocity, *description.angular_velocity)):
-                draft.told.say(f"rigid body {body.name}", "velocity: everything starts without in the model")
+                draft.notes.say(f"rigid body {body.name}", "velocity: everything starts without in the model")
             continue
         carrier, pose = draft.world, (body.position, body.rotation)
         joints = {joint.name: j for j, joint in enumerate(model.joints)}
@@ -298,9 +298,9 @@ def _add_geom(
             face=words(body.surface.triangles),
         )
         if mask.own:
-            draft.told.say(f"rigid body {body.name}", "touches with the convex hull of its mesh in MuJoCo")
+            draft.notes.say(f"rigid body {body.name}", "touches with the convex hull of its mesh in MuJoCo")
     if kind == "plane" and parent is not draft.world:
-        draft.told.say(f"rigid body {body.name}", "a plane that moves is a thin box in the model")
+        draft.notes.say(f"rigid body {body.name}", "a plane that moves is a thin box in the model")
         kind, size = "box", [*size[:2], 0.0005]
     more = {"size": words(size)} if size else {"mesh": body.name}
     add(
@@ -355,8 +355,8 @@ def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> Export
     """
     built = build(scene)
     _check(built, scene.name)
-    told = ConversionNotes()
-    _tell(scene, told)
+    notes = ConversionNotes()
+    _note_differences(scene, notes)
     root = ElementTree.Element("mujoco", model=scene.name)
     add(root, "compiler", angle="radian")
     option = add(
@@ -371,7 +371,7 @@ def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> Export
         option.set("solver", "CG")  # the only solver of MuJoCo 3 for vertices or tendons on moving bodies
     if not scene.collisions:
         add(option, "flag", contact="disable")
-    draft = Draft(scene, built, root, add(root, "worldbody"), told, masks(scene, told), {})
+    draft = Draft(scene, built, root, add(root, "worldbody"), notes, masks(scene, notes), {})
     _add_carriers(draft)
     add_rigid_bodies(draft)
     flexes = add(root, "deformable") if scene.bodies else root
@@ -380,7 +380,7 @@ def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> Export
     add_servos(draft)
     add_cables(draft)
     ElementTree.indent(root)
-    return ExportedModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(told.lines))
+    return ExportedModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes.lines))
 
 
 def _check(built: BuiltScene, name: str) -> None:
@@ -391,27 +391,29 @@ def _check(built: BuiltScene, name: str) -> None:
             raise MjcfError(name, f"body {body.name} has quadratic cells, MuJoCo linear ones; set `order: 1`")
 
 
-def _tell(scene: SceneDescription, told: ConversionNotes) -> None:
+def _note_differences(scene: SceneDescription, notes: ConversionNotes) -> None:
     for body in scene.bodies:
         law = body.material.law_for(scene.solver.rotation).name
         if law in _SAME_AT_REST:
-            told.say(f"body {body.name}", f"law {law}: MuJoCo's {_EXACT_LAW} is the same at small strain")
+            notes.say(f"body {body.name}", f"law {law}: MuJoCo's {_EXACT_LAW} is the same at small strain")
         elif law != _EXACT_LAW:
-            told.say(f"body {body.name}", f"law {law}: the model has its stiffness at rest")
+            notes.say(f"body {body.name}", f"law {law}: the model has its stiffness at rest")
         for each in body.reinforcements:
-            told.say(f"body {body.name}", f"{each.name}: layers and fibres are not in the model")
+            notes.say(f"body {body.name}", f"{each.name}: layers and fibres are not in the model")
         for region in body.regions:
-            told.say(f"body {body.name}", f"{region.name}: a flex is of one material, that of the body")
+            notes.say(f"body {body.name}", f"{region.name}: a flex is of one material, that of the body")
         if body.mass_distribution == "consistent":
-            told.say(f"body {body.name}", "consistent mass: each vertex has its share by volume in the model")
+            notes.say(
+                f"body {body.name}", "consistent mass: each vertex has its share by volume in the model"
+            )
         if any(body.velocity):
-            told.say(f"body {body.name}", "velocity: everything starts without in the model")
+            notes.say(f"body {body.name}", "velocity: everything starts without in the model")
     if scene.bodies and scene.solver.rayleigh_mass > 0.0:
-        told.say("solver", "rayleigh_mass: MuJoCo's flexes have no damping per mass")
+        notes.say("solver", "rayleigh_mass: MuJoCo's flexes have no damping per mass")
     for sensor in scene.sensors:
-        told.say(f"sensor {sensor.name}", "is not in the model")
+        notes.say(f"sensor {sensor.name}", "is not in the model")
     if scene.bodies and not scene.collisions and any(each.shape.plane for each in scene.rigid_bodies):
-        told.say("contact", "nothing collides in the scene, so nothing does in the model")
+        notes.say("contact", "nothing collides in the scene, so nothing does in the model")
 
 
 def _add_carriers(draft: Draft) -> None:

@@ -56,7 +56,7 @@ def soft_bodies(loaded: CompiledModel, found: dict[int, Carrier], law: str | Non
     frames: set[str] = set()
     for f in range(loaded.model.nflex):
         if reason := loaded.refusal(f):
-            loaded.told.say(loaded.flex_name(f), reason)
+            loaded.notes.say(loaded.flex_name(f), reason)
         else:
             bodies.append(_soft_body(loaded, f, found, frames, law))
     return tuple(bodies)
@@ -71,19 +71,19 @@ def _soft_body(
     tets = np.array(m.flex_elem[start : start + 4 * count], dtype=np.int64).reshape(-1, 4)
     mesh = TetMesh(loaded.flex_points(f), tets[:, [0, 1, 3, 2]], name)  # MuJoCo's corner order
     if law != "saint_venant_kirchhoff":
-        loaded.told.say(
+        loaded.notes.say(
             loaded.flex_name(f), "MuJoCo's law, saint_venant_kirchhoff, is the same at small strain"
         )
     if spec.poisson and int(str(loaded.mujoco.__version__).partition(".")[0]) < _EXACT:
-        loaded.told.say(
+        loaded.notes.say(
             loaded.flex_name(f),
             f"MuJoCo {loaded.mujoco.__version__} takes twice the first Lame parameter, 4.0 does not",
         )
-    held = dict(_find_pinned_vertices(loaded, f, found))
-    attachments = tuple(_attachments(loaded, name, held, found, frames))
-    groups = {each.group or "": held[b] for b, each in zip(held, attachments, strict=True)}
+    fixed = dict(_find_pinned_vertices(loaded, f, found))
+    attachments = tuple(_attachments(loaded, name, fixed, found, frames))
+    groups = {each.group or "": fixed[b] for b, each in zip(fixed, attachments, strict=True)}
     if m.flex_interp[f]:
-        loaded.told.say(
+        loaded.notes.say(
             loaded.flex_name(f), "dof: its vertices move each by itself here, so it is softer than in MuJoCo"
         )
     body = BodyDescription(
@@ -93,7 +93,7 @@ def _soft_body(
         colour=colour(m.flex_rgba[f]),
         **_mass(loaded, f, mesh),
     )
-    body = replace(body, added_masses=tuple(_build_added_masses(loaded, body, held, found)))
+    body = replace(body, added_masses=tuple(_build_added_masses(loaded, body, fixed, found)))
     return SoftBody(f, body, attachments, float(spec.damping))
 
 
@@ -136,9 +136,13 @@ def _still(loaded: CompiledModel, f: int) -> Array:
 
 
 def _attachments(
-    loaded: CompiledModel, name: str, held: dict[int, IndexArray], found: dict[int, Carrier], frames: set[str]
+    loaded: CompiledModel,
+    name: str,
+    fixed: dict[int, IndexArray],
+    found: dict[int, Carrier],
+    frames: set[str],
 ) -> Iterator[AttachmentDescription]:
-    for b in held:
+    for b in fixed:
         carrier = found[b]
         if carrier.kind == "world":
             yield AttachmentDescription(
@@ -166,22 +170,22 @@ def _attachments(
 
 
 def _build_added_masses(
-    loaded: CompiledModel, body: BodyDescription, held: dict[int, IndexArray], found: dict[int, Carrier]
+    loaded: CompiledModel, body: BodyDescription, fixed: dict[int, IndexArray], found: dict[int, Carrier]
 ) -> Iterator[AddedMassDescription]:
     """Yield the mass of free bodies with pinned vertices, on those vertices, minus their own mass."""
     m = loaded.model
-    for b, nodes in held.items():
+    for b, nodes in fixed.items():
         carrier = found[b]
         own = _weight(body, nodes)
         if carrier.kind == "joint" and own > 0.0:
-            loaded.told.say(
+            loaded.notes.say(
                 f"flex {body.name}",
                 f"its {len(nodes)} pinned vertices on {carrier.name} have {own:.4g} kg here, in MuJoCo none",
             )
         if carrier.kind != "frame":
             continue
         mass = sum(float(m.body_mass[k]) for k, each in found.items() if each.body == b)
-        loaded.told.say(
+        loaded.notes.say(
             f"body {m.body(b).name or b}",
             f"its mass, {mass:.4g} kg, is spread over the vertices that are pinned to it, and so its inertia",
         )
@@ -213,7 +217,7 @@ def _mass(loaded: CompiledModel, f: int, mesh: TetMesh) -> dict[str, Any]:
     bodies = [int(b) for b in loaded.flex_bodies(f) if loaded.is_vertex(int(b))]
     masses = np.array([m.body_mass[b] for b in bodies])
     if not len(masses) or not masses.sum() > 0.0:
-        loaded.told.say(loaded.flex_name(f), "has no mass of its own: 1000 kg/m^3 is assumed")
+        loaded.notes.say(loaded.flex_name(f), "has no mass of its own: 1000 kg/m^3 is assumed")
         return {"density": 1000.0}
     if m.flex_interp[f]:  # its moving nodes share all of it
         return {"total_mass": float(f"{masses.sum():.9g}")}
@@ -224,7 +228,7 @@ def _mass(loaded: CompiledModel, f: int, mesh: TetMesh) -> dict[str, Any]:
     shares = _volumes(mesh)
     density = float(masses.sum() / shares[moving].sum())
     if np.abs(density * shares[moving] - masses).max() > 1e-3 * masses.mean():
-        loaded.told.say(loaded.flex_name(f), "masses of its vertices are spread by volume here")
+        loaded.notes.say(loaded.flex_name(f), "masses of its vertices are spread by volume here")
     return {"density": float(f"{density:.9g}")}
 
 
@@ -261,29 +265,29 @@ def _cable(
     m, kinds = loaded.model, loaded.mujoco.mjtWrap
     wraps = range(int(m.tendon_adr[t]), int(m.tendon_adr[t] + m.tendon_num[t]))
     if any(m.wrap_type[w] != kinds.mjWRAP_SITE for w in wraps):
-        loaded.told.say(called, "runs over joints, geoms or pulleys: it is not taken over")
+        loaded.notes.say(called, "runs over joints, geoms or pulleys: it is not taken over")
         return None
     sites = [_site(loaded, int(m.wrap_objid[w]), soft, found) for w in wraps]
     inside = [k for k, site in enumerate(sites) if site.soft]
     bodies = {sites[k].soft for k in inside}
     if len(bodies) != 1 or inside != list(range(inside[0], inside[-1] + 1)):
-        loaded.told.say(called, "does not run through one soft body: it is not taken over")
+        loaded.notes.say(called, "does not run through one soft body: it is not taken over")
         return None
     if inside[0] == 0 and inside[-1] < len(sites) - 1:
         sites, inside = sites[::-1], [len(sites) - 1 - k for k in reversed(inside)]
     if inside[-1] != len(sites) - 1:
-        loaded.told.say(called, "is pulled at both ends: it is not taken over")
+        loaded.notes.say(called, "is pulled at both ends: it is not taken over")
         return None
     pulled = sites[inside[0] - 1] if inside[0] else None
     points = tuple(vector(sites[k].place) for k in inside)
     if len(points) + (pulled is not None) < 2:
-        loaded.told.say(called, "has a single point: it is not taken over")
+        loaded.notes.say(called, "has a single point: it is not taken over")
         return None
     (body,) = bodies
     limits, how = _command(loaded, t, called)
     for name in ("stiffness", "damping"):
         if np.any(getattr(m, f"tendon_{name}")[t]):
-            loaded.told.say(called, f"{name} is not taken over: a cable does not stretch here")
+            loaded.notes.say(called, f"{name} is not taken over: a cable does not stretch here")
     return JointDescription(
         name=loaded.names.new(m.tendon(t).name, "cable"),
         kind="cable",
@@ -330,17 +334,19 @@ def _command(loaded: CompiledModel, t: int, called: str) -> tuple[JointLimits, d
         pulls = (
             [-scale * each for each in m.actuator_ctrlrange[k].tolist()] if m.actuator_ctrllimited[k] else []
         )
-        loaded.told.say(
+        loaded.notes.say(
             called, f"is commanded by its tension in N here, which is {-scale:g} times MuJoCo's control"
         )
         return JointLimits(lower=0.0, upper=max([*pulls, 0.0]) or math.inf), {"control": "force"}
     if acting:
-        loaded.told.say(called, "is commanded by how much it is shortened, in m, and holds that exactly here")
+        loaded.notes.say(
+            called, "is commanded by how much it is shortened, in m, and holds that exactly here"
+        )
     how: dict[str, Any] = {}
     if m.tendon_limited[t] and m.tendon_range[t, 1] > 0.0:
         rest = float(m.tendon_range[t, 1])
         if not math.isclose(rest, length, rel_tol=1e-6):
             how["rest_length"] = rest
     elif not acting:
-        loaded.told.say(called, "is not limited in MuJoCo; here it does not get longer than it starts")
+        loaded.notes.say(called, "is not limited in MuJoCo; here it does not get longer than it starts")
     return JointLimits(lower=0.0, upper=0.5 * length), how

@@ -56,13 +56,13 @@ def rigid_bodies(loaded: CompiledModel, found: dict[int, Carrier]) -> tuple[Rigi
 
 def _usable(loaded: CompiledModel, g: int) -> bool:
     kinds, kind = loaded.mujoco.mjtGeom, int(loaded.model.geom_type[g])
-    known = (
+    supported = (
         *(kinds.mjGEOM_PLANE, kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE),
         *(kinds.mjGEOM_ELLIPSOID, kinds.mjGEOM_CYLINDER, kinds.mjGEOM_BOX, kinds.mjGEOM_MESH),
     )
-    if kind not in map(int, known):
+    if kind not in map(int, supported):
         word = kinds(kind).name.removeprefix("mjGEOM_").lower()
-        loaded.told.say(
+        loaded.notes.say(
             describe_geom(loaded, g), f"type {word} is not taken over; its shape has no surface here"
         )
         return False
@@ -102,14 +102,14 @@ def _free(
     """Yield a free body, with everything welded to it."""
     m = loaded.model
     if not geoms:
-        loaded.told.say(f"body {carrier.name}", "has no geom with a surface: it is not taken over")
+        loaded.notes.say(f"body {carrier.name}", "has no geom with a surface: it is not taken over")
         return
     mass, centre, inertia = _weight(loaded, bodies)
     if len(geoms) == 1:
         place, turn = _pose(loaded, geoms[0])
         shape, surface = _shape(loaded, geoms[0], carrier.name)
     else:
-        loaded.told.say(f"body {carrier.name}", f"its {len(geoms)} geoms are their convex hull here")
+        loaded.notes.say(f"body {carrier.name}", f"its {len(geoms)} geoms are their convex hull here")
         place, turn = centre, carrier.rotation
         surface = _hull(np.concatenate([_transform_surface_points(loaded, g, place, turn) for g in geoms]))
         shape = Shape(mesh=MeshFile(file=Path(f"{carrier.name}.stl")))
@@ -118,9 +118,9 @@ def _free(
         np.linalg.norm(np.ptp(surface_of(shape).points if surface is None else surface.points, axis=0))
     )
     if np.linalg.norm(centre - place) > _OFF_CENTRE * size and shape.mesh is None:
-        loaded.told.say(f"body {carrier.name}", "its centre of mass is that of its shape here")
+        loaded.notes.say(f"body {carrier.name}", "its centre of mass is that of its shape here")
     if np.abs(own - np.diag(np.diag(own))).max() > 1e-3 * np.trace(own):
-        loaded.told.say(f"body {carrier.name}", "its products of inertia are not taken over")
+        loaded.notes.say(f"body {carrier.name}", "its products of inertia are not taken over")
     description = RigidBodyDescription(
         name=carrier.name,
         shape=shape,
@@ -161,7 +161,7 @@ def _shape(loaded: CompiledModel, g: int, name: str) -> tuple[Shape, SurfaceMesh
         x, y = size[0], size[1]
         if not (x > 0.0 and y > 0.0):
             most = 10.0 * float(m.stat.extent)
-            loaded.told.say(
+            loaded.notes.say(
                 describe_geom(loaded, g),
                 f"its plane has no end in MuJoCo; here it is {2.0 * most:.3g} m wide",
             )
@@ -177,7 +177,7 @@ def _surface(loaded: CompiledModel, g: int) -> SurfaceMesh:
         k = int(m.geom_dataid[g])
         vertices = slice(int(m.mesh_vertadr[k]), int(m.mesh_vertadr[k] + m.mesh_vertnum[k]))
         faces = slice(int(m.mesh_faceadr[k]), int(m.mesh_faceadr[k] + m.mesh_facenum[k]))
-        loaded.told.say(
+        loaded.notes.say(
             describe_geom(loaded, g), "touches with its mesh here, in MuJoCo with the convex hull of it"
         )
         points = np.array(m.mesh_vert[vertices], dtype=float)

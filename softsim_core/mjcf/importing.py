@@ -83,8 +83,8 @@ def _is_holder(tag: str, parent: str) -> bool:
 
 def _is_inside_one(above: tuple[str, ...]) -> bool:
     """Return whether an element above is reported as a whole."""
-    known = (*_READ, *_WHOLE, *_HOLDERS)
-    return any(each not in known for each in above)
+    transparent = (*_READ, *_WHOLE, *_HOLDERS)
+    return any(each not in transparent for each in above)
 
 
 def _note(found: dict[str, dict[str, list[str]]], tag: str, parent: str, attributes: dict[str, str]) -> None:
@@ -114,8 +114,8 @@ def _lines(found: dict[str, dict[str, list[str]]]) -> Iterator[str]:
 
 
 def _of(names: tuple[str, ...]) -> str:
-    given = [name for name in names if name]
-    shown = ", ".join(given[:_MOST_NAMES]) + (", ..." if len(given) > _MOST_NAMES else "")
+    named = [name for name in names if name]
+    shown = ", ".join(named[:_MOST_NAMES]) + (", ..." if len(named) > _MOST_NAMES else "")
     if len(names) == 1:
         return f" ({shown})" if shown else ""
     return f" ({len(names)} of them{': ' + shown if shown else ''})"
@@ -172,7 +172,7 @@ def _convert_model(loaded: CompiledModel, law: str | None) -> ImportedScene:
         solver=SolverSettings(rayleigh_stiffness=_damping(loaded, soft)),
         bodies=tuple(each.body for each in soft),
         joints=(*joints, *cables(loaded, soft, found)),
-        attachments=tuple(held for each in soft for held in each.attachments),
+        attachments=tuple(attachment for each in soft for attachment in each.attachments),
         rigid_bodies=tuple(each.description for each in rigid),
         collisions=surfaces,
         contact=contact,
@@ -204,7 +204,7 @@ def _damping(loaded: CompiledModel, soft: tuple[SoftBody, ...]) -> float:
     """Return the Rayleigh damping in [s]; a scene has one value for all bodies."""
     values = sorted({each.damping for each in soft})
     if len(values) > 1:
-        loaded.told.say(
+        loaded.notes.say(
             "flexes", f"elasticity damping differs: all bodies have the least, {values[0]:g} s, here"
         )
     return values[0] if values else 0.0
@@ -248,5 +248,5 @@ def write_imported(imported: ImportedScene, folder: str | Path, origin: str) -> 
 def _head(imported: ImportedScene, origin: str) -> str:
     lines = [f"{imported.scene.name}: made of {origin} (MuJoCo). SI units (m, kg, s, Pa)."]
     if imported.told:
-        lines += ["Not taken over, or otherwise than there:", *(f"  {told}" for told in imported.told)]
+        lines += ["Not taken over, or otherwise than there:", *(f"  {note}" for note in imported.told)]
     return comment(*lines)

@@ -33,9 +33,9 @@ class ConversionNotes:
 
     lines: list[str] = field(default_factory=list)
 
-    def say(self, what: str, sentence: str) -> None:
+    def say(self, what: str, note: str) -> None:
         """Add a message about a named part."""
-        line = f"{what}: {sentence}"
+        line = f"{what}: {note}"
         if line not in self.lines:
             self.lines.append(line)
 
@@ -44,16 +44,16 @@ class Names:
     """Allocator of names for scenes: letters, digits and underscores, without duplicates."""
 
     def __init__(self) -> None:
-        self._given: set[str] = set()
+        self._used: set[str] = set()
 
-    def new(self, wished: str, otherwise: str) -> str:
+    def new(self, proposed: str, otherwise: str) -> str:
         """Return a new name similar to the wished one, or to the other if that is empty."""
-        clean = re.sub(r"\W+", "_", wished, flags=re.ASCII).strip("_") or otherwise
+        clean = re.sub(r"\W+", "_", proposed, flags=re.ASCII).strip("_") or otherwise
         clean = clean if clean[0].isalpha() else f"{otherwise}_{clean}"
         name, number = clean, 2
-        while name in self._given:
+        while name in self._used:
             name, number = f"{clean}_{number}", number + 1
-        self._given.add(name)
+        self._used.add(name)
         return name
 
 
@@ -67,7 +67,7 @@ class CompiledModel:
         spec: The library's specification of the model.
         model: The compiled model.
         data: The initial state (qpos0), with all positions.
-        told: Messages so far.
+        notes: Messages so far.
         vertices: Whether each body is only a point of a flex, shape (b,).
         names: Allocator of names for bodies and other parts of a scene.
     """
@@ -78,7 +78,7 @@ class CompiledModel:
     model: Any
     data: Any
     vertices: Array
-    told: ConversionNotes
+    notes: ConversionNotes
     names: Names
 
     @property

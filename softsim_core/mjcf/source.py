@@ -63,14 +63,14 @@ def read_source(path: str | Path) -> Source:
     """
     file = Path(path).expanduser().absolute()
     roots: list[ElementTree.Element] = []
-    seen: set[Path] = set()
+    files: set[Path] = set()
     waiting, length = [file], 0
     while waiting:
         one = waiting.pop(0)
-        if one.resolve() in seen:
+        if one.resolve() in files:
             raise MjcfError(file, f"includes {one.name} twice or in a circle, which MuJoCo does not allow")
-        seen.add(one.resolve())
-        if len(seen) > MOST_FILES:
+        files.add(one.resolve())
+        if len(files) > MOST_FILES:
             raise MjcfError(file, f"includes more than {MOST_FILES} files; join them")
         text = _text(one, file)
         length += len(text)
@@ -85,10 +85,10 @@ def read_source(path: str | Path) -> Source:
             waiting.append(_inside(element.get("file", ""), file.parent, file, "include"))
         for element in root.iter("model"):  # an attached model, possibly several times
             attached = _inside(element.get("file", ""), file.parent, file, "model")
-            if attached.resolve() not in (*seen, *(each.resolve() for each in waiting)):
+            if attached.resolve() not in (*files, *(each.resolve() for each in waiting)):
                 waiting.append(attached)
     source = Source(file, tuple(roots))
-    _check(source, {each.parent for each in seen})
+    _check(source, {each.parent for each in files})
     return source
 
 

@@ -74,7 +74,7 @@ def collisions(
             continue
         named = any({i, j} in apart for i in a.bodies for j in b.bodies)
         if any({i, j} in crossing for i in a.driven for j in b.driven):
-            loaded.told.say(a.name, f"crosses {b.name} at the start: the two do not touch here")
+            loaded.notes.say(a.name, f"crosses {b.name} at the start: the two do not touch here")
             named = True
         if a.meets(b) and not named and {a.carrier, b.carrier} not in neighbours:
             meeting.append((a, b))
@@ -98,7 +98,7 @@ def _soft(loaded: CompiledModel, soft: tuple[SoftBody, ...]) -> Iterator[_Surfac
     m = loaded.model
     for each in soft:
         f = each.flex
-        held = {held.name if held.to == "free" else held.to for held in each.attachments}
+        attached = {attached.name if attached.to == "free" else attached.to for attached in each.attachments}
         yield _Surface(
             each.body.name,
             int(m.flex_contype[f]),
@@ -107,7 +107,7 @@ def _soft(loaded: CompiledModel, soft: tuple[SoftBody, ...]) -> Iterator[_Surfac
             each.body.name,
             frozenset(),
             float(m.flex_radius[f]),
-            frozenset(held - {"world"}),
+            frozenset(attached - {"world"}),
         )
 
 
@@ -145,7 +145,7 @@ def _settings(
     radii = [each.radius for each in surfaces if each.radius > 0.0]
     gap = float(f"{max(radii, default=_GAP_M):.6g}")
     if len({f"{each:.6g}" for each in radii}) > 1:
-        loaded.told.say(
+        loaded.notes.say(
             "flexes", f"radius differs: all bodies keep the largest, {gap:g} m, as their gap here"
         )
     pairs = {(a.name, b.name): max(a.friction, b.friction) for a, b in meeting}
@@ -154,7 +154,7 @@ def _settings(
     others = tuple(
         PairFriction(between=names, friction=value) for names, value in pairs.items() if value != usual
     )
-    loaded.told.say(
+    loaded.notes.say(
         "contact", "is rigid with Coulomb friction here; MuJoCo's is a spring with a time constant"
     )
     return ContactSettings(

@@ -44,13 +44,13 @@ def nodes_in(region: Box | Sphere, points: Array) -> IndexArray:
     return np.flatnonzero((np.abs(local) <= np.array(region.size) / 2 + SLACK_M).all(axis=1))
 
 
-def need_one_region(owner: str, *given: Box | Sphere | RodEnd | str | None) -> None:
+def need_one_region(owner: str, *regions: Box | Sphere | RodEnd | str | None) -> None:
     """Raise an error unless exactly one of a region's box, sphere, end of a rod and group is given.
 
     Raises:
         SceneError: names the owner.
     """
-    if sum(each is not None for each in given) != 1:
+    if sum(each is not None for each in regions) != 1:
         raise SceneError(f"{owner}: give exactly one of box, sphere, end and group")
 
 
@@ -202,10 +202,10 @@ class BodyDescription:
         if self.density is None and self.total_mass is None:
             object.__setattr__(self, "density", self.material.known_density)
         if (self.density is None) == (self.total_mass is None):
-            given = "neither" if self.density is None else "both"
+            sources = "neither" if self.density is None else "both"
             raise SceneError(
                 f"body {self.name}: give exactly one of `density` in kg/m^3 and `total_mass` in kg, "
-                f"not {given}"
+                f"not {sources}"
             )
         if self.density is not None:
             need_positive(f"body {self.name}", "density", self.density, "kg/m^3")

@@ -130,8 +130,8 @@ class MaterialDescription:
         if self.preset is None:
             return law | values | fading
         own = preset_values(self.preset, self.law or DEFAULT_FIT)
-        given = {name: value for name, value in values.items() if value != own[name]}
-        return {"preset": self.preset} | ({} if self.law == DEFAULT_FIT else law) | given | fading
+        changed = {name: value for name, value in values.items() if value != own[name]}
+        return {"preset": self.preset} | ({} if self.law == DEFAULT_FIT else law) | changed | fading
 
 
 def law_parameters(law: object) -> tuple[MaterialParameter, ...]:
@@ -166,8 +166,8 @@ def _law_of(law: object, terms: int = 0) -> Material:
 def _check_values(law: Material, values: Mapping[str, float]) -> dict[str, float]:
     for name in values:
         if name not in law.names:
-            known = known_names(name, law.names)
-            raise SceneError(f"material: the law {law.name} has no parameter {name!r}; {known}")
+            hint = known_names(name, law.names)
+            raise SceneError(f"material: the law {law.name} has no parameter {name!r}; {hint}")
     complete = {}
     for parameter in law.parameters:
         value = values.get(parameter.name, parameter.default)

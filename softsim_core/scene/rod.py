@@ -324,7 +324,7 @@ class RodDescription:
     def beyond_tetrahedra(self) -> list[str]:
         """Names of the given fields that tetrahedra do not support; none: the rod can be tetrahedra."""
         section = self.section
-        given = {
+        beyond_by_field = {
             "section.shape": section.shape != "rectangle",
             "section.wall": section.wall is not None,
             "section.layers": bool(section.layers),
@@ -333,7 +333,7 @@ class RodDescription:
             "start_clamp": self.start_clamp is not None,
             "end_clamp": self.end_clamp is not None,
         }
-        return [name for name, beyond in given.items() if beyond]
+        return [name for name, beyond in beyond_by_field.items() if beyond]
 
     def end_place(self, start: bool) -> tuple[float, float, float]:
         """Return the initial position of its start or end in the world in [m], without a clamp."""

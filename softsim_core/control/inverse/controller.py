@@ -204,17 +204,21 @@ class InverseController:
             SolverDivergedError: the model cannot reach the joints.
         """
         try:
-            wanted = self.command if joints is None else np.asarray(joints, dtype=float)
+            positions = self.command if joints is None else np.asarray(joints, dtype=float)
         except (TypeError, ValueError):
             raise CommandError("start refused: joints must be numbers; nothing was moved") from None
         shift = self.robot.start_shift if base_shift is None else float(base_shift)
-        if wanted.shape != self.command.shape or not np.isfinite(wanted).all() or not math.isfinite(shift):
+        if (
+            positions.shape != self.command.shape
+            or not np.isfinite(positions).all()
+            or not math.isfinite(shift)
+        ):
             raise CommandError(
-                f"start at {wanted.tolist()} with bases at {shift} refused: expected {len(self.command)} "
+                f"start at {positions.tolist()} with bases at {shift} refused: expected {len(self.command)} "
                 "finite joint positions and a finite shift; nothing was moved"
             )
-        place(self.model, wanted, shift)
-        self._posture = self._posture_from(wanted)
+        place(self.model, positions, shift)
+        self._posture = self._posture_from(positions)
         self._sampled_at = None
         self._measure_period()
         self._forget()
@@ -288,7 +292,7 @@ class InverseController:
         return InverseReport(
             self.command, pose, *residual, *mismatch, active, status != "unreachable", status,
             solution.kkt_residual, self._sensitivity_age, qp_ms, 1e3 * (perf_counter() - started),
-            self._sentence(status, residual, mismatch, active),
+            self._message(status, residual, mismatch, active),
         )  # fmt: skip
 
     # --- parts of a tick ---
@@ -375,13 +379,13 @@ class InverseController:
         return True
 
     def _progress(
-        self, task: Task, before: Pose, seen: Pose, residual: tuple[float, float], solution: Solution
+        self, task: Task, before: Pose, reached: Pose, residual: tuple[float, float], solution: Solution
     ) -> InverseStatus:
         """Record a tick towards the goal, and return its status."""
         settings, shares = self.settings, self._pace
         left = lengths(task, task.jacobian(self._lag[:, None], before)[:, 0])  # remaining motion until rest
         there = self._is_there(residual) and self._is_there(left)
-        ends = self._residual(_shift_pose(seen, self._lag))
+        ends = self._residual(_shift_pose(reached, self._lag))
         weight = shares.approach / shares.full
         distance = ends[0] + settings.lever * ends[1]
         dq = solution.dq / self.limits.scale
@@ -428,14 +432,14 @@ class InverseController:
         """Move the correction towards the measurement; return the model's distance in [m] and [rad]."""
         if measured is None:
             return 0.0, 0.0
-        seen = _difference(measured, pose)
+        difference = _difference(measured, pose)
         share = 1.0 - math.exp(-min(self.settings.feedback_gain, self._pace.rate) * self.period)
         for part, most in ((slice(0, 3), "max_correction"), (slice(3, 6), "max_correction_turn")):
-            if np.isfinite(seen[part]).all():
-                learned = self._correction[part] + share * (seen[part] - self._correction[part])
+            if np.isfinite(difference[part]).all():
+                learned = self._correction[part] + share * (difference[part] - self._correction[part])
                 self._correction[part] = _shorten_vector(learned, getattr(self.settings, most))
-        known = np.where(np.isfinite(seen), seen, 0.0)
-        return float(np.linalg.norm(known[:3])), float(np.linalg.norm(known[3:]))
+        finite = np.where(np.isfinite(difference), difference, 0.0)
+        return float(np.linalg.norm(finite[:3])), float(np.linalg.norm(finite[3:]))
 
     def _correct_goal(self, goal: Pose) -> Pose:
         """Return the goal of the model for which the plant is at the given goal."""
@@ -477,7 +481,7 @@ class InverseController:
 
     # --- messages ---
 
-    def _sentence(
+    def _message(
         self,
         status: InverseStatus,
         residual: tuple[float, float],
@@ -485,24 +489,24 @@ class InverseController:
         active: tuple[str, ...],
     ) -> str:
         away = _distance(*residual, self.settings.task)
-        held = f" (limits: {', '.join(active)})" if active else ""
-        sentence = {
+        limits = f" (limits: {', '.join(active)})" if active else ""
+        message = {
             "idle": "no goal, holding",
             "moving": f"on the way, {away} away",
             "reached": f"at the goal, {away} away",
-            "limited": f"on the way, {away} away{held}",
-            "unreachable": f"unreachable, {away} away{held}",
-            "stalled": f"no nearer for a while, {away} away{held}; give another goal, or start elsewhere",
+            "limited": f"on the way, {away} away{limits}",
+            "unreachable": f"unreachable, {away} away{limits}",
+            "stalled": f"no nearer for a while, {away} away{limits}; give another goal, or start elsewhere",
             "infeasible": "no joint step keeps all limits, holding; widen them or start elsewhere",
             "not_converged": "the joint step could not be solved for, holding",
             "diverged": "the model diverged, holding; start again from the robot's joints",
         }[status]
         if self._sensitivity_age and status != "idle":
             ticks = f"{self._sensitivity_age} tick{'s' if self._sensitivity_age > 1 else ''}"
-            sentence += f"; the sensitivity is {ticks} old, as none exists at this pose"
+            message += f"; the sensitivity is {ticks} old, as none exists at this pose"
         if self.settings.feedback_gain == 0.0 and any(mismatch):
-            return f"{sentence}; the model is {_distance(*mismatch, 'pose')} off the measured pose"
-        return sentence
+            return f"{message}; the model is {_distance(*mismatch, 'pose')} off the measured pose"
+        return message
 
 
 def _shift_pose(pose: Pose, displacement: Array) -> Pose:

@@ -194,12 +194,12 @@ def read_path(file: str | PathLike[str], start: ArrayLike) -> EffectorPath:
 
 def known_paths() -> dict[str, Path]:
     """Return names and files of the paths in `configs/paths`, sorted by name."""
-    known: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for root in config_roots():
         for suffix in SUFFIXES:
             for path in (root / "paths").glob(f"*{suffix}"):
-                known.setdefault(path.name, path)
-    return dict(sorted(known.items()))
+                paths.setdefault(path.name, path)
+    return dict(sorted(paths.items()))
 
 
 def find_path(name_or_path: str | PathLike[str]) -> Path:
@@ -227,19 +227,19 @@ def known_path(text: str) -> Path:
     Raises:
         ConfigError: there is none, or two of that name; names the known paths.
     """
-    known = known_paths()
-    found = [file for name, file in known.items() if text in (name, Path(name).stem)]
+    paths = known_paths()
+    found = [file for name, file in paths.items() if text in (name, Path(name).stem)]
     if len(found) == 1:
         return found[0]
     problem = (
         "more than one path is called so; add its ending" if found else "no such file, and no known path"
     )
-    raise ConfigError(text, "", f"{problem}; {known_names(text, known, 'known paths:')}")
+    raise ConfigError(text, "", f"{problem}; {known_names(text, paths, 'known paths:')}")
 
 
 def is_known_path(name: str) -> bool:
     """Return whether a name alone identifies a file in `configs/paths`."""
-    return any(name in (known, Path(known).stem) for known in known_paths())
+    return any(name in (each, Path(each).stem) for each in known_paths())
 
 
 def read_maze_plan(file: str | PathLike[str]) -> Array:

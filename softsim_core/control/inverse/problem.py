@@ -251,12 +251,12 @@ def torque_rows(T: Array, efforts: Array, limits: Limits, gain: float = 1.0) -> 
     if excess.any():  # dq = -share T^-1 excess must fit into the step
         back = np.abs(np.linalg.lstsq(T, excess, rcond=None)[0])
         share *= min(1.0, 0.5 * float(np.min(limits.step / np.maximum(back, 1e-300))))
-    room = np.concatenate([limits.torque - efforts, limits.torque + efforts])
-    kept = np.concatenate([limited_joints, len(efforts) + limited_joints])
+    margin = np.concatenate([limits.torque - efforts, limits.torque + efforts])
+    chosen = np.concatenate([limited_joints, len(efforts) + limited_joints])
     names = [f"{limits.names[j]} torque" for j in limited_joints]
     return Constraint(
-        np.concatenate([T, -T])[kept],
-        np.where(room > 0.0, gain * room, share * room)[kept],
+        np.concatenate([T, -T])[chosen],
+        np.where(margin > 0.0, gain * margin, share * margin)[chosen],
         tuple(names + names),
     )
 

@@ -77,8 +77,10 @@ def analytic_sensitivity(
         moved = np.linalg.solve(matrix, commanded)
         follow, effort = follow @ moved, (effort - np.diag(drive)) @ moved
     gains = simulation.command_gains()
-    given = gains == 0.0  # joints with effort commands
-    effort = np.where(given[:, None], np.eye(len(gains)), effort / np.where(given, 1.0, gains)[:, None])
+    by_effort = gains == 0.0  # joints with effort commands
+    effort = np.where(
+        by_effort[:, None], np.eye(len(gains)), effort / np.where(by_effort, 1.0, gains)[:, None]
+    )
     return Sensitivity(follow[first : first + 6], effort, loaded[first : first + 6])
 
 

@@ -112,9 +112,9 @@ class Workspace:
 
     def volume_within(self, most_effort: float) -> float:
         """Return the volume in [m^3] of the poses with no effort above `most_effort` in [N m] or [N]."""
-        held = np.abs(self.efforts).max(axis=1, initial=0.0) <= most_effort
+        within = np.abs(self.efforts).max(axis=1, initial=0.0) <= most_effort
         try:
-            return float(ConvexHull(self.positions[held]).volume)
+            return float(ConvexHull(self.positions[within]).volume)
         except (QhullError, ValueError):
             return 0.0
 

@@ -122,23 +122,23 @@ class JumpDetector:
     def __init__(self, prior: Array, false_alarms: float) -> None:
         self._limit = np.diag(1.0 / prior**2)
         self.threshold = chi_square_limit(max(len(prior), 1), false_alarms / len(WINDOWS))
-        self._seen: deque[tuple[Array, Array]] = deque(maxlen=WINDOWS[-1])
+        self._steps: deque[tuple[Array, Array]] = deque(maxlen=WINDOWS[-1])
 
     def forget(self) -> None:
         """Clear the windows."""
-        self._seen.clear()
+        self._steps.clear()
 
     def look(self, innovation: Array, rows: Array, covariance: Array) -> Jump | None:
         """Add a step's innovation v (m,), G (m, c) and S (m, m); return the likeliest jump, if any."""
         weighted = np.linalg.solve(covariance, np.column_stack([rows, innovation]))
-        self._seen.append((rows.T @ weighted[:, :-1], rows.T @ weighted[:, -1]))
+        self._steps.append((rows.T @ weighted[:, :-1], rows.T @ weighted[:, -1]))
         best: Jump | None = None
         information, score, done = self._limit.copy(), np.zeros(len(self._limit)), 0
         for window in WINDOWS:
-            if window > len(self._seen):
+            if window > len(self._steps):
                 break
             for back in range(done, window):
-                each = self._seen[-1 - back]
+                each = self._steps[-1 - back]
                 information += each[0]
                 score += each[1]
             done = window

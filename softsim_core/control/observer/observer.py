@@ -111,32 +111,32 @@ class ConsistencyTest:
     """
 
     def __init__(self, steps: int, unknowns: Unknowns, prior: StateEstimate) -> None:
-        self._seen: deque[tuple[float, int]] = deque(maxlen=max(1, steps))
+        self._distances: deque[tuple[float, int]] = deque(maxlen=max(1, steps))
         self._unknowns, self._prior = unknowns, prior.deviation
 
     def take(self, distance: float, freedom: int) -> None:
         """Add v^T S^-1 v of a step that measured `freedom` coordinates."""
-        self._seen.append((distance, freedom))
+        self._distances.append((distance, freedom))
 
     @property
     def consistency(self) -> float:
         """Mean of v^T S^-1 v per coordinate: 1 if the model is consistent, or if nothing was measured."""
-        freedom = sum(m for _, m in self._seen)
-        return sum(each for each, _ in self._seen) / freedom if freedom else 1.0
+        freedom = sum(m for _, m in self._distances)
+        return sum(each for each, _ in self._distances) / freedom if freedom else 1.0
 
-    def sentence(self, belief: StateEstimate) -> str:
+    def message(self, estimate: StateEstimate) -> str:
         """Return a message with the evidence against the model; empty: there is none."""
-        freedom, ratio = sum(m for _, m in self._seen), self.consistency
+        freedom, ratio = sum(m for _, m in self._distances), self.consistency
         if freedom and ratio * freedom > chi_square_limit(freedom, SURE):
             return (
                 f"measurements are {math.sqrt(ratio):.1f} times as far from the model as its and their "
                 "uncertainty allow: the model, or the noise that the sensors are said to have, is wrong"
             )
-        known = np.flatnonzero(self._prior)
-        far = np.abs(belief.mean[known]) / self._prior[known]
+        uncertain = np.flatnonzero(self._prior)
+        far = np.abs(estimate.mean[uncertain]) / self._prior[uncertain]
         if far.max(initial=0.0) <= IMPLAUSIBLE:
             return ""
-        name = self._unknowns.name(int(known[np.argmax(far)]))
+        name = self._unknowns.name(int(uncertain[np.argmax(far)]))
         return f"{name} had to be taken {far.max():.1f} times as far off as the model may be"
 
 
@@ -158,8 +158,8 @@ class Observer:
 
     Attributes:
         model: The estimate of nodes, frames and joints; read-only.
-        unknowns: Positions of the unknowns in `belief`.
-        belief: Estimate of the unknowns.
+        unknowns: Positions of the unknowns in `state_estimate`.
+        state_estimate: Estimate of the unknowns.
         settings: The settings in use.
 
     Raises:
@@ -203,13 +203,15 @@ class Observer:
             SolverDivergedError: the model cannot reach the joints.
         """
         place(self.model, np.asarray(joints, dtype=float), base_shift)
-        self.belief = self.unknowns.prior(self.settings)
+        self.state_estimate = self.unknowns.prior(self.settings)
         self._joints = self.model.joint_targets
         self._bad = dict.fromkeys(self.sensors, 0)
         self._learned = self._silent = 0.0
         self._touching, self._doubtful = False, 0.0
         self._before: deque[StateEstimate] = deque(maxlen=WINDOWS[-1])
-        self._judge = ConsistencyTest(round(self.settings.window / self.dt), self.unknowns, self.belief)
+        self._consistency = ConsistencyTest(
+            round(self.settings.window / self.dt), self.unknowns, self.state_estimate
+        )
         self._detector.forget()
         for _ in range(self._motion.parts):
             self._linearised = self._linearise()
@@ -239,29 +241,29 @@ class Observer:
         travel = self._advance(joints, base_shift)
         with suppress(FactorisationError, np.linalg.LinAlgError):  # else keep the last linearisation
             self._linearised = self._linearise()
-        self._before.append(self.belief)
-        self.belief = self.belief.spread(self._change(travel))
-        seen, left_out = self._compare_measurements(measured, travel / self.dt)
-        self._learn(seen)
+        self._before.append(self.state_estimate)
+        self.state_estimate = self.state_estimate.spread(self._change(travel))
+        measurement, left_out = self._compare_measurements(measured, travel / self.dt)
+        self._learn(measurement)
         self._end_touch()
-        return self._estimate(len(seen.innovation), left_out)
+        return self._estimate(len(measurement.innovation), left_out)
 
     # --- parts of a step ---
 
     def _advance(self, joints: Sequence[float] | Array, base_shift: float | None) -> Array:
         """Step the model to the joints; return their travel, shape (j,)."""
-        model, mean = self.model, self.belief.mean
+        model, mean = self.model, self.state_estimate.mean
         read = np.array(check_command(list(joints), model.joint_names))
         fields = self.unknowns.fields(model)
         model.forces = self.unknowns.forces(fields, mean)
-        told = model.joint_targets
+        targets = model.joint_targets
         model.command(read + mean[self.unknowns.offsets])
         if base_shift is not None:
             model.base_shift = base_shift
         try:
             model.step()
         except SolverDivergedError:
-            model.command(told)
+            model.command(targets)
             raise
         travel, self._joints = read - self._joints, read
         return np.asarray(travel)
@@ -294,7 +296,7 @@ class Observer:
 
     def _compare_measurements(
         self, measured: Mapping[str, object], speed: Array
-    ) -> tuple[_Seen, tuple[str, ...]]:
+    ) -> tuple[_Measurement, tuple[str, ...]]:
         """Return measurements minus expected values without outliers, and the names of the outliers."""
         offsets, settings = self.unknowns.offsets, self.settings
         jitter = self.unknowns.joint_variance(settings)
@@ -303,24 +305,26 @@ class Observer:
         for name, value in measured.items():
             sensor, rows = self.sensors[name], self._rows(name)
             innovation = (
-                sensor.innovation(self.model, value) - self.belief.mean[self.unknowns.misplaced[name]]
+                sensor.innovation(self.model, value) - self.state_estimate.mean[self.unknowns.misplaced[name]]
             )
-            known = np.isfinite(innovation)
-            if not known.any():
+            finite = np.isfinite(innovation)
+            if not finite.any():
                 continue
-            innovation, rows = innovation[known], rows[known]
-            noise = np.diag(sensor.noise[known] ** 2)
+            innovation, rows = innovation[finite], rows[finite]
+            noise = np.diag(sensor.noise[finite] ** 2)
             if self._is_outlier(name, innovation, rows, noise):
                 left_out.append(name)
             else:
-                parts.append((innovation, rows, sensor.noise[known] ** 2))
+                parts.append((innovation, rows, sensor.noise[finite] ** 2))
         if not parts:
-            return _Seen(np.zeros(0), np.zeros((0, self.unknowns.size)), np.zeros((0, 0))), tuple(left_out)
+            return _Measurement(np.zeros(0), np.zeros((0, self.unknowns.size)), np.zeros((0, 0))), tuple(
+                left_out
+            )
         innovation, rows, variance = (np.concatenate(each) for each in zip(*parts, strict=True))
         by_joints = rows[:, offsets]
         late = settings.latency * by_joints @ speed
         noise = np.diag(variance) + np.outer(late, late) + (by_joints * jitter) @ by_joints.T
-        return _Seen(innovation, rows, noise), tuple(left_out)
+        return _Measurement(innovation, rows, noise), tuple(left_out)
 
     def _rows(self, name: str) -> Array:
         """Return the derivatives of a sensor by all unknowns, shape (m, p)."""
@@ -332,39 +336,43 @@ class Observer:
 
     def _is_outlier(self, name: str, innovation: Array, rows: Array, noise: Array) -> bool:
         """Return whether a measurement is too far off to be used; a persistent deviation is no outlier."""
-        expected = rows @ self.belief.covariance @ rows.T + noise
+        expected = rows @ self.state_estimate.covariance @ rows.T + noise
         far = squared_distance(innovation, expected) > self.settings.outlier * len(innovation)
         self._bad[name] = self._bad[name] + 1 if far else 0
         return 0 < self._bad[name] <= self.settings.patience
 
-    def _learn(self, seen: _Seen) -> None:
+    def _learn(self, measurement: _Measurement) -> None:
         """Update the estimate, and move the model with it."""
-        self._silent = 0.0 if len(seen.innovation) else self._silent + self.dt
-        if not len(seen.innovation):
+        self._silent = 0.0 if len(measurement.innovation) else self._silent + self.dt
+        if not len(measurement.innovation):
             return
         learning, self._learned = self._learned < self.settings.learning, self._learned + self.dt
-        expected = seen.rows @ self.belief.covariance @ seen.rows.T + seen.noise
+        expected = measurement.rows @ self.state_estimate.covariance @ measurement.rows.T + measurement.noise
         jump: Jump | None = None
         if not learning:
-            jump = self._detector.look(seen.innovation, seen.rows[:, self.unknowns.touch], expected)
+            jump = self._detector.look(
+                measurement.innovation, measurement.rows[:, self.unknowns.touch], expected
+            )
         if jump is not None:
             began = self._before[-min(jump.steps, len(self._before))]
             touch = self.unknowns.touch
-            self._believe(began.with_unknowns(touch, began.mean[touch] + jump.mean, jump.covariance))
+            self._set_estimate(began.with_unknowns(touch, began.mean[touch] + jump.mean, jump.covariance))
             self._detector.forget()
             self._touching, self._doubtful = True, 0.0
             return
         if not learning:
-            self._judge.take(squared_distance(seen.innovation, expected), len(seen.innovation))
-        before = self.belief.mean
-        belief = self.belief.with_measurement(*seen)
-        missed = NONLINEAR * (belief.mean - before)
-        self._believe(belief.spread(missed**2))
+            self._consistency.take(
+                squared_distance(measurement.innovation, expected), len(measurement.innovation)
+            )
+        before = self.state_estimate.mean
+        estimate = self.state_estimate.with_measurement(*measurement)
+        missed = NONLINEAR * (estimate.mean - before)
+        self._set_estimate(estimate.spread(missed**2))
 
-    def _believe(self, belief: StateEstimate) -> None:
+    def _set_estimate(self, estimate: StateEstimate) -> None:
         """Set the estimate, and move the model to the state that belongs to it."""
-        change = (belief.mean - self.belief.mean)[: self.unknowns.acting]
-        self.belief = belief
+        change = (estimate.mean - self.state_estimate.mean)[: self.unknowns.acting]
+        self.state_estimate = estimate
         if change.any():
             self.model.displace(self._motion.by_unknowns @ change, self._linearised.reduced @ change)
 
@@ -373,10 +381,13 @@ class Observer:
         if not self._touching:
             return
         touch = self.unknowns.touch
-        nothing = squared_distance(self.belief.mean[touch], self.belief.covariance[touch, touch]) < NOTHING
+        nothing = (
+            squared_distance(self.state_estimate.mean[touch], self.state_estimate.covariance[touch, touch])
+            < NOTHING
+        )
         self._doubtful = self._doubtful + self.dt if nothing else 0.0
         if self._doubtful >= self.settings.release or self._silent > self.settings.silence:
-            self._believe(self.belief.with_fixed_unknowns(touch))
+            self._set_estimate(self.state_estimate.with_fixed_unknowns(touch))
             self._detector.forget()
             self._touching = False
 
@@ -391,23 +402,23 @@ class Observer:
 
     @property
     def _acting_covariance(self) -> Array:
-        return self.belief.covariance[: self.unknowns.acting, : self.unknowns.acting]
+        return self.state_estimate.covariance[: self.unknowns.acting, : self.unknowns.acting]
 
     def _estimate(self, used: int, left_out: tuple[str, ...]) -> Estimate:
-        sentence = self._judge.sentence(self.belief)
-        verdict: Verdict = "wrong" if sentence else "good"
+        message = self._consistency.message(self.state_estimate)
+        verdict: Verdict = "wrong" if message else "good"
         if self._silent > self.settings.silence or self._learned == 0.0:
-            verdict, sentence = "alone", ""
+            verdict, message = "alone", ""
         elif self._learned < self.settings.learning:
-            verdict, sentence = "learning", ""
+            verdict, message = "learning", ""
         rows = self._linearised.effector
         touch, part = None, self.unknowns.touch
         if self._touching:
-            wrench = self.belief.mean[part]
-            touch = Touch(wrench[:3].copy(), wrench[3:].copy(), self.belief.deviation[part])
+            wrench = self.state_estimate.mean[part]
+            touch = Touch(wrench[:3].copy(), wrench[3:].copy(), self.state_estimate.deviation[part])
         return Estimate(
-            self.model.effector_pose, rows @ self._acting_covariance @ rows.T, touch, verdict, sentence,
-            self._judge.consistency, used, left_out,
+            self.model.effector_pose, rows @ self._acting_covariance @ rows.T, touch, verdict, message,
+            self._consistency.consistency, used, left_out,
         )  # fmt: skip
 
 
@@ -419,7 +430,7 @@ class _Linearised(NamedTuple):
     reduced: Array
 
 
-class _Seen(NamedTuple):
+class _Measurement(NamedTuple):
     """Measurements of a step: innovation (m,), its derivatives (m, p), covariance of its noise (m, m)."""
 
     innovation: Array

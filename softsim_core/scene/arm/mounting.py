@@ -136,41 +136,43 @@ def _links(
 def _without(robot: RobotDescription, tool: ToolDescription) -> RobotDescription:
     """Return a tool's robot without the excluded parts; what a removed joint carried moves to its carrier."""
     scene, left = robot.scene, set(tool.without)
-    known = [part.name for kind in _PARTS for part in getattr(scene, kind)]
-    if unknown := sorted(left - set(known)):
+    names_of_parts = [part.name for kind in _PARTS for part in getattr(scene, kind)]
+    if unknown := sorted(left - set(names_of_parts)):
         raise SceneError(
-            f"arm: {tool.robot} has no {unknown[0]!r} to leave out; {known_names(unknown[0], known)}"
+            f"arm: {tool.robot} has no {unknown[0]!r} to leave out; {known_names(unknown[0], names_of_parts)}"
         )
     carriers = {each.name: each.parent for each in scene.joints}
 
-    def kept_carrier(name: str | None) -> str | None:
+    def remaining_carrier(name: str | None) -> str | None:
         while name in left and name in carriers:
             name = carriers[name]
         return name
 
-    kept: dict[str, Any] = {
+    remaining: dict[str, Any] = {
         kind: tuple(part for part in getattr(scene, kind) if part.name not in left) for kind in _PARTS
     }
-    bodies = {each.name for each in (*kept["bodies"], *kept["rigid_bodies"])}
+    bodies = {each.name for each in (*remaining["bodies"], *remaining["rigid_bodies"])}
     for kind in ("attachments", "collisions"):
-        kept[kind] = tuple(each for each in kept[kind] if each.body in bodies)
-    kept["joints"] = tuple(
+        remaining[kind] = tuple(each for each in remaining[kind] if each.body in bodies)
+    remaining["joints"] = tuple(
         replace(
-            each, parent=kept_carrier(each.parent), actuator=_replace_carriers(each.actuator, kept_carrier)
+            each,
+            parent=remaining_carrier(each.parent),
+            actuator=_replace_carriers(each.actuator, remaining_carrier),
         )
-        for each in kept["joints"]
+        for each in remaining["joints"]
     )
     for kind, field_name in (("attachments", "to"), ("rigid_bodies", "on")):
-        kept[kind] = tuple(
-            replace(each, **{field_name: kept_carrier(getattr(each, field_name)) or "world"})
-            for each in kept[kind]
+        remaining[kind] = tuple(
+            replace(each, **{field_name: remaining_carrier(getattr(each, field_name)) or "world"})
+            for each in remaining[kind]
         )
     pairs = tuple(each for each in scene.contact.friction_pairs if not left & set(each.between))
     order = [k for k, each in enumerate(scene.joints) if each.name not in left]
-    names = {each.name for each in kept["joints"]}
+    names = {each.name for each in remaining["joints"]}
     return replace(
         robot,
-        scene=replace(scene, **kept, contact=replace(scene.contact, friction_pairs=pairs)),
+        scene=replace(scene, **remaining, contact=replace(scene.contact, friction_pairs=pairs)),
         poses={name: tuple(values[k] for k in order) for name, values in robot.poses.items()},
         keys={key: each for key, each in robot.keys.items() if names.issuperset(each.joints)},
         start=None,

@@ -329,12 +329,12 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
     at_points = (np.arange(rod.elements)[:, None] + _GAUSS) / rod.elements
     at_sections = (np.arange(rod.elements)[:, None] + np.array([0.0, 0.5, 1.0])) / rod.elements
     area, line = _stiffness(rod.section, at_points, moduli)
-    held, _ = _stiffness(rod.section, at_sections, moduli)
+    area_at_sections, _ = _stiffness(rod.section, at_sections, moduli)
     sections = RodSections(
         lengths=np.full(rod.elements, length / rod.elements),
         area=area,
         line=line,
-        across=held[..., None, None] * np.eye(3),
+        across=area_at_sections[..., None, None] * np.eye(3),
         curvature=np.broadcast_to(np.array(rod.curvature, dtype=float), (rod.elements, 3)),
         straight=np.full(rod.elements, rod.natural == "straight"),
         own=np.zeros(rod.elements, dtype=np.bool_),
@@ -399,8 +399,8 @@ def _with_clamp(
     gap, rigid = 0.5 * length, np.isinf(clamp.stiffness)
     beside = STIFFER * np.diagonal(sections.line[end, end] * np.sqrt(np.multiply.outer(moduli, moduli)))
     own = np.tile(np.diag(beside), (2, 1, 1))
-    given = np.diag(np.where(rigid, beside, clamp.stiffness * gap))
-    own[0, :3, :3], own[1, 3:, 3:] = given[:3, :3], given[3:, 3:]
+    clamped = np.diag(np.where(rigid, beside, clamp.stiffness * gap))
+    own[0, :3, :3], own[1, 3:, 3:] = clamped[:3, :3], clamped[3:, 3:]
     own[1, :3, :3] += beside[3:5].max() / gap**2 * np.eye(3)  # t carries moments as forces over the gap
     across = sections.across[end, end] * holding
     cell = RodSections(
@@ -474,8 +474,8 @@ def _stiffness(section: RodSectionDescription, along: Array, moduli: Array) -> t
     if section.stiffness is not None:
         start = _moments(section, np.zeros(()))
         taper = [area / start[0]] * 3 + [second[..., k] / start[1][k] for k in (0, 1)] + [twist / start[2]]
-        for k, (given, ratio) in enumerate(zip(section.stiffness, taper, strict=True)):
-            line[..., k, k] = given / moduli[k] * ratio
+        for k, (stiffness, ratio) in enumerate(zip(section.stiffness, taper, strict=True)):
+            line[..., k, k] = stiffness / moduli[k] * ratio
     if section.layers:
         shares = np.array([each.share for each in section.layers])
         ratios = np.array([each.modulus_ratio for each in section.layers])

@@ -278,8 +278,8 @@ def _tetrahedra(description: BodyDescription, start: int) -> Body:
         mesh = drop_unused_nodes(mesh)
     if description.order is not None:
         mesh = linear(mesh) if description.order == 1 else quadratic(mesh)
-    for sentence in check_tets(mesh).warnings:
-        warnings.warn(f"body {description.name}: {sentence}", stacklevel=5)
+    for warning in check_tets(mesh).warnings:
+        warnings.warn(f"body {description.name}: {warning}", stacklevel=5)
     triangles = boundary(mesh)
     if description.surface is None:
         used, numbered = np.unique(triangles, return_inverse=True)
@@ -363,9 +363,9 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementG
                 f"cells of its mesh have {nodes}; choose another element or mesh"
             )
         for owner, made_of, inside in material_parts(description, bodies[b]):
-            for sentence in (locking_warning(cell, made_of.values), made_of.warning):
-                if sentence:
-                    warnings.warn(f"body {owner}: {sentence}", stacklevel=4)
+            for warning in (locking_warning(cell, made_of.values), made_of.warning):
+                if warning:
+                    warnings.warn(f"body {owner}: {warning}", stacklevel=4)
             number = owners.index(owner)
             members.setdefault((cell.name, laws[number].name), []).append((b, number, inside))
     groups = []
@@ -461,8 +461,8 @@ def chosen_nodes(
     if chosen.group is not None:
         groups = body.mesh.groups if isinstance(body.mesh, TetMesh) else {}
         if chosen.group not in groups:
-            known = known_names(chosen.group, groups, "its groups are")
-            raise SceneError(f"body {body.name}: its mesh has no group {chosen.group!r}; {known}")
+            hint = known_names(chosen.group, groups, "its groups are")
+            raise SceneError(f"body {body.name}: its mesh has no group {chosen.group!r}; {hint}")
         return np.asarray(groups[chosen.group] + body.nodes.start)
     region = chosen.box or chosen.sphere
     assert region is not None  # checked by the description

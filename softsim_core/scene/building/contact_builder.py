@@ -269,14 +269,14 @@ def triangles_in(faces: str | None, body: Body) -> IndexArray:
     mesh = body.mesh
     named = mesh.surfaces if isinstance(mesh, TetMesh) else {}
     if not isinstance(mesh, TetMesh) or faces not in named:
-        known = known_names(faces, named, "its groups of faces are")
-        raise SceneError(f"body {body.name} has no group {faces!r} of faces in its mesh; {known}")
-    wanted = np.unique(np.sort(named[faces], axis=1), axis=0)
-    found = body.boundary[triangles_of(mesh, body.boundary - body.nodes.start, wanted)]
-    inside = len(wanted) - len(found) // (4 if mesh.order == 2 else 1)
+        hint = known_names(faces, named, "its groups of faces are")
+        raise SceneError(f"body {body.name} has no group {faces!r} of faces in its mesh; {hint}")
+    group = np.unique(np.sort(named[faces], axis=1), axis=0)
+    found = body.boundary[triangles_of(mesh, body.boundary - body.nodes.start, group)]
+    inside = len(group) - len(found) // (4 if mesh.order == 2 else 1)
     if inside:
         raise SceneError(
-            f"body {body.name} has {inside} of the {len(wanted)} faces of group {faces!r} inside; name faces "
+            f"body {body.name} has {inside} of the {len(group)} faces of group {faces!r} inside; name faces "
             "that its cells leave free"
         )
     return found
@@ -288,12 +288,12 @@ def _choose_triangles(description: CollisionDescription, surface: SurfaceMesh) -
         surface = read_surface(description.surface.file, description.surface.placement)
     triangles = surface.triangles
     if description.boxes:
-        keep = np.zeros(len(triangles), dtype=bool)
+        chosen = np.zeros(len(triangles), dtype=bool)
         for box in description.boxes:
             inside = np.zeros(len(surface.points), dtype=bool)
             inside[nodes_in(box, surface.points)] = True
-            keep |= inside[triangles].all(axis=1)
-        triangles = triangles[keep]
+            chosen |= inside[triangles].all(axis=1)
+        triangles = triangles[chosen]
         if not len(triangles):
             raise SceneError(
                 f"collision {description.name}: no triangle of body {description.body} lies inside its "

@@ -118,8 +118,8 @@ def _contact_distances(
     settings = scene.contact
     allowed = {"alarm_distance": (2.0, "twice "), "contact_distance": (1.0, "")}
     named = {name: getattr(settings, name) for name in allowed}
-    given = {name: value for name, value in named.items() if value is not None}
-    if not given:
+    distances = {name: value for name, value in named.items() if value is not None}
+    if not distances:
         return []
     widths = thicknesses(scene, bodies, rigid)
     if not widths:
@@ -130,6 +130,6 @@ def _contact_distances(
         f"contact: {name} is {1e3 * value:.3g} mm, more than {allowed[name][1]}the thickness of "
         f"body {thinnest}, {1e3 * width:.3g} mm; give a smaller one, or leave it out: the default fits the "
         "thinnest body"
-        for name, value in given.items()
+        for name, value in distances.items()
         if value > ROUNDED * allowed[name][0] * width
     ]

@@ -63,13 +63,13 @@ class RestShapes:
             MeshError: its mesh cannot be used.
         """
         shape = _shape(description)
-        known = self._made.get(description.name)
-        if known is None or known[0] != shape:
+        entry = self._made.get(description.name)
+        if entry is None or entry[0] != shape:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 (body,) = rest_bodies(SceneDescription(name="rest", bodies=(description,)))
-            known = self._made[description.name] = (shape, body)
-        return known[1]
+            entry = self._made[description.name] = (shape, body)
+        return entry[1]
 
 
 def chosen_by(scene: SceneDescription, shapes: RestShapes) -> list[Chosen]:
@@ -103,7 +103,7 @@ def _of_attachments(
     owners: dict[tuple[str, int], str] = {}
     for attachment in scene.attachments:
         body = shapes.body(bodies[attachment.body])
-        points = _seen_by(scene, attachment, body.region_points)
+        points = _in_frame_of(scene, attachment, body.region_points)
         find = partial(chosen_nodes, body, attachment, points)
         chosen = _choose_nodes(f"attachments/{attachment.name}", body, find)
         if attachment.stiffness is None and not chosen.problem:
@@ -111,14 +111,14 @@ def _of_attachments(
             shared = [owners[key] for key in keys if key in owners]
             owners |= dict.fromkeys(keys, attachment.name)
             if shared:
-                sentence = f"shares {len(shared)} nodes with {shared[0]}; move or shrink one of them"
-                chosen = replace(chosen, problem=sentence)
+                problem = f"shares {len(shared)} nodes with {shared[0]}; move or shrink one of them"
+                chosen = replace(chosen, problem=problem)
             elif attachment.to == "free" and _on_a_line(chosen.points):
                 chosen = replace(chosen, problem="its nodes lie on one line; enlarge it")
         yield chosen
 
 
-def _seen_by(scene: SceneDescription, attachment: AttachmentDescription, points: Array) -> Array:
+def _in_frame_of(scene: SceneDescription, attachment: AttachmentDescription, points: Array) -> Array:
     """Transform points (n, 3) into the frame in which an attachment's region is given."""
     for joint in scene.joints:
         if joint.name == attachment.relative_to:
@@ -142,12 +142,12 @@ def _touching(body: Body, boxes: Any, faces: str | None) -> IndexArray:
     triangles, points = triangles_in(faces, body), body.mesh.points
     if not boxes:
         return np.unique(triangles)
-    keep = np.zeros(len(triangles), dtype=bool)
+    chosen = np.zeros(len(triangles), dtype=bool)
     for box in boxes:
         inside = np.zeros(len(points), dtype=bool)
         inside[nodes_in(box, points)] = True
-        keep |= inside[triangles].all(axis=1)
-    return np.unique(triangles[keep])
+        chosen |= inside[triangles].all(axis=1)
+    return np.unique(triangles[chosen])
 
 
 def _hollow(body: Body, joint: JointDescription) -> IndexArray:

@@ -154,16 +154,16 @@ class _Writer:
         return value
 
 
-def _holders(tree: Any, wanted: Any) -> int:
+def _holders(tree: Any, part_of: Any) -> int:
     """Return the number of places of an object in a tree."""
-    count, seen, left = 0, set[int](), [tree]
+    count, visited, left = 0, set[int](), [tree]
     while left:
         at = left.pop()
-        if id(at) in seen:
+        if id(at) in visited:
             continue
-        seen.add(id(at))
+        visited.add(id(at))
         for part in at.values() if isinstance(at, dict) else at:
-            count += part is wanted
+            count += part is part_of
             if isinstance(part, dict | list):
                 left.append(part)
     return count
@@ -235,12 +235,12 @@ def _hunks(base: list[str], new: list[str], place: Mapping[int, int]) -> list[tu
 
 def _remarks_after(replaced: list[str], lines: list[str]) -> list[str]:
     """Return comments at the end of removed lines: they belong to the following lines, and stay."""
-    kept: list[str] = []
+    remarks: list[str] = []
     for line in reversed(replaced):
         if not (_is_remark(line) or not line.strip()) or (lines and line == lines[-1]):
             break
-        kept.insert(0, line)
-    return kept
+        remarks.insert(0, line)
+    return remarks
 
 
 def _is_beside(line: str, added: str) -> bool:

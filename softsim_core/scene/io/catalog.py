@@ -64,12 +64,12 @@ class SceneCatalog:
 
     def scenes(self) -> dict[str, Path]:
         """Return names and files of every known scene, sorted by name."""
-        known = known_scenes()
+        files_by_name = known_scenes()
         for name, file in self._named.items():
-            known.setdefault(name, file)
+            files_by_name.setdefault(name, file)
         for folder in self._code_folders:
-            _add(known, folder, folder.rglob("*"))
-        return dict(sorted(known.items()))
+            _add(files_by_name, folder, folder.rglob("*"))
+        return dict(sorted(files_by_name.items()))
 
     def names(self) -> tuple[str, ...]:
         """Return the names of the scenes that can be loaded."""
@@ -81,23 +81,23 @@ class SceneCatalog:
         Raises:
             ConfigError: no scene of that name is known, or its code may not run.
         """
-        known = self.scenes()
-        if name not in known:
-            near = known_names(name, map(shorten, known), "known are")
+        files_by_name = self.scenes()
+        if name not in files_by_name:
+            near = known_names(name, map(shorten, files_by_name), "known are")
             raise ConfigError(
                 shorten(name),
                 "",
                 f"no known scene has this name; {near}; another "
                 "file must be named when the simulator is started",
             )
-        if not self.rule_of(known[name]).allows(known[name]):
+        if not self.rule_of(files_by_name[name]).allows(files_by_name[name]):
             raise ConfigError(
                 name,
                 "",
                 "is a Python scene, which runs code; name it when the simulator is started, or allow the "
                 "code of its folder there (--allow-code DIR, parameter allow_code)",
             )
-        return known[name].absolute()
+        return files_by_name[name].absolute()
 
     def load(self, name: str, overrides: Mapping[str, Any] | None = None) -> RobotDescription:
         """Load a known scene, with overrides as `load_scene` takes them.
@@ -156,7 +156,7 @@ def code_folder(path: str | os.PathLike[str]) -> Path:
     raise ConfigError(shorten(os.fspath(path)), "", "is no folder; allow the code of an existing one")
 
 
-def _add(known: dict[str, Path], folder: Path, files: Iterable[Path]) -> None:
+def _add(files_by_name: dict[str, Path], folder: Path, files: Iterable[Path]) -> None:
     """Add the scenes among some files of a folder if their names are free."""
     try:
         entries = itertools.islice(files, MOST_ENTRIES)
@@ -165,8 +165,8 @@ def _add(known: dict[str, Path], folder: Path, files: Iterable[Path]) -> None:
         return
     for file in found[:MOST_FILES]:
         name = file.relative_to(folder).with_suffix("").as_posix()
-        if name not in known and _is_scene(file):
-            known[name] = file
+        if name not in files_by_name and _is_scene(file):
+            files_by_name[name] = file
 
 
 def _is_scene(file: Path) -> bool:

@@ -68,15 +68,15 @@ def known_scenes(kind: Kind | None = None) -> dict[str, Path]:
     Args:
         kind: Only robots or only scenes; None lists both (a robot hides a scene of the same name).
     """
-    known: dict[str, Path] = {}
+    files_by_name: dict[str, Path] = {}
     for each in KINDS if kind is None else (kind,):
         for root in config_roots():
             folder = root / each
             for suffix in SUFFIXES:
                 for path in folder.rglob(f"*{suffix}"):
                     if not path.name.startswith("_"):
-                        known.setdefault(path.relative_to(folder).with_suffix("").as_posix(), path)
-    return dict(sorted(known.items()))
+                        files_by_name.setdefault(path.relative_to(folder).with_suffix("").as_posix(), path)
+    return dict(sorted(files_by_name.items()))
 
 
 def find_config(name_or_path: str | os.PathLike[str], kind: Kind | None = None) -> Path:
@@ -102,12 +102,12 @@ def find_config(name_or_path: str | os.PathLike[str], kind: Kind | None = None) 
         return path.absolute()
     if is_file and (path.is_absolute() or path.suffix or len(path.parts) > 1):
         raise ConfigError(text, "", f"a scene file ends in {listing(SUFFIXES)}, not in {path.suffix!r}")
-    known = known_scenes(kind)
+    files_by_name = known_scenes(kind)
     name = path.with_suffix("").as_posix() if path.suffix in SUFFIXES else text
-    if name in known and (path.suffix in ("", known[name].suffix) or name == text):
-        return known[name].absolute()
+    if name in files_by_name and (path.suffix in ("", files_by_name[name].suffix) or name == text):
+        return files_by_name[name].absolute()
     what = "robot" if kind == "robots" else "scene" if kind == "scenes" else "robot or scene"
-    near = known_names(name, known, lists_all="softsim scenes")
+    near = known_names(name, files_by_name, lists_all="softsim scenes")
     raise ConfigError(text, "", f"no such file, and no {what} of that name; {near}")
 
 
@@ -169,13 +169,13 @@ def _keys(kind: type) -> Iterator[tuple[str, Any]]:
     for each in fields(kind):
         if is_absent(each):
             continue
-        held = hints[each.name]
+        hint = hints[each.name]
         if is_beside(each):
-            yield from _keys(held)
-        elif ActuatorDescription in typing.get_args(held):
+            yield from _keys(hint)
+        elif ActuatorDescription in typing.get_args(hint):
             yield from described_kinds().items()
         else:
-            yield each.name, held
+            yield each.name, hint
 
 
 _hints = functools.cache(typing.get_type_hints)

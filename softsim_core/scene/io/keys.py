@@ -120,11 +120,13 @@ def as_threads(value: Any, _: Any) -> Any:
     return value
 
 
-def refuse_unknown(value: Mapping[Any, Any], known: list[str], read_before: Sequence[str] = ()) -> None:
+def refuse_unknown(
+    value: Mapping[Any, Any], allowed_keys: list[str], read_before: Sequence[str] = ()
+) -> None:
     """Reject a mapping with an unknown key; the message also lists the keys that were read before."""
     for key in value:
-        if key not in known:
-            allowed = known_names(key, [*known, *read_before], "known keys:", whole=True)
+        if key not in allowed_keys:
+            allowed = known_names(key, [*allowed_keys, *read_before], "known keys:", whole=True)
             raise RefusedValue(f"unknown key; {allowed}", (str(key),))
 
 
@@ -145,20 +147,20 @@ def material_structure(value: Any, _: Any) -> MaterialDescription:
         raise RefusedValue(f"must be {error.allowed}, not {format_value(law)}", ("law",)) from None
     except SceneError as error:
         raise RefusedValue(str(error), ("law",)) from None
-    known = ["law", "preset", "prony", *(each.name for each in parameters)]
+    allowed_keys = ["law", "preset", "prony", *(each.name for each in parameters)]
     for key in value:
-        if key in known:
+        if key in allowed_keys:
             continue
         laws = [each for each in material_names() if key in material(each).names]
         misspelt = [
             each
             for each in value
-            if each not in known and not any(each in material(name).names for name in material_names())
+            if each not in allowed_keys and not any(each in material(name).names for name in material_names())
         ]
         if laws and not misspelt:
             problem = f"is no parameter of the law {law or DEFAULT_LAW}, but of {listing(laws)}; set `law`"
             raise RefusedValue(problem, (str(key),))
-    refuse_unknown(value, known)
+    refuse_unknown(value, allowed_keys)
     values = {}
     for parameter in parameters:
         name = parameter.name
@@ -234,8 +236,8 @@ def sensor_structure(structure: Callable[[Any, type], Any]) -> Callable[[Any, ty
         try:
             description = sensor_kind(str(kind)).description
         except SceneError:
-            given = "absent" if kind is None else repr(kind)
-            raise FieldError("sensor", KIND, given, one_of(kind, sensor_kinds())) from None
+            shown = "absent" if kind is None else repr(kind)
+            raise FieldError("sensor", KIND, shown, one_of(kind, sensor_kinds())) from None
         own = SourcedMapping({key: each for key, each in value.items() if key != KIND}, None)
         for key in own:
             own.put(key, own[key], value.file_of(key) if isinstance(value, SourcedMapping) else None)

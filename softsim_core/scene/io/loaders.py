@@ -193,8 +193,8 @@ MODULES: Final = {
 
 def new_place(error: ImportError) -> str | None:
     """Return a message for a failed import of something that has moved; None: nothing has moved."""
-    wanted = re.search(r"cannot import name '(\w+)' from '([\w.]+)'", str(error))
-    name, module = wanted.groups() if wanted else ("", error.name or "")
+    match = re.search(r"cannot import name '(\w+)' from '([\w.]+)'", str(error))
+    name, module = match.groups() if match else ("", error.name or "")
     full = f"{module}.{name}" if name else module
     if full in MODULES:
         return f"the module {full} has moved; import {MODULES[full]} in its place"
@@ -270,11 +270,11 @@ def _beside(path: Path) -> Iterator[None]:
     """
     folder = str(path.parent)
     sys.path.insert(0, folder)
-    kept, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         yield
     finally:
-        sys.dont_write_bytecode = kept
+        sys.dont_write_bytecode = before
         if folder in sys.path:
             sys.path.remove(folder)
 

@@ -28,9 +28,9 @@ def places_of(file: Path) -> dict[str, Place]:
     if file.suffix == ".py":
         return {"": (str(file), _line_of_function(file))}
     found: dict[str, Place] = {"": (str(file), 1)}
-    seen, at = set[Path](), file
-    while at not in seen:
-        seen.add(at)
+    visited, at = set[Path](), file
+    while at not in visited:
+        visited.add(at)
         root = _root(at)
         _note(root, "", at, found)
         target = _values(root).get("extends")

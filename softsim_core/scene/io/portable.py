@@ -56,9 +56,9 @@ def _plain(value: Any, file: Path | None, given_only: bool = False) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         data = SourcedMapping({}, file)
         for each in fields(value):
-            held = getattr(value, each.name)
-            if not is_absent(each) and not (given_only and _is_default(each, held)):
-                plain = _plain(held, file, given_only)
+            content = getattr(value, each.name)
+            if not is_absent(each) and not (given_only and _is_default(each, content)):
+                plain = _plain(content, file, given_only)
                 data.update(plain if is_beside(each) else {each.name: plain})
         if isinstance(value, JointDescription):
             actuator = data.pop("actuator", None)
@@ -139,8 +139,8 @@ def _frame_joint(joint: Any) -> Any:
     kinds = {*FRAME_KINDS, *described_kinds()}
     if not isinstance(joint, Mapping) or joint.get("kind", "revolute") in kinds:
         return joint
-    kept = {key: value for key, value in joint.items() if key != joint["kind"]}
-    return SourcedMapping({**kept, "kind": "prismatic"}, ORIGIN)
+    others = {key: value for key, value in joint.items() if key != joint["kind"]}
+    return SourcedMapping({**others, "kind": "prismatic"}, ORIGIN)
 
 
 def _for_yaml(value: Any) -> Any:

@@ -101,20 +101,20 @@ def scene_converter(find_files: bool) -> Any:
         return structure
 
     def dataclass_hook(cls: Any) -> Hook:
-        known, inner = keys_of(cls), beside(cls)
+        keys, inner = keys_of(cls), beside(cls)
         omitted = {each.name: gen.override(omit=True) for each in fields(cls) if is_absent(each)}
         build = gen.make_dict_structure_fn(cls, converter, **omitted)
 
         def structure(value: Any, _: Any) -> Any:
             if not isinstance(value, Mapping):
                 raise RefusedValue(
-                    f"must be a mapping with keys among {listing(known)}, not {format_value(value)}"
+                    f"must be a mapping with keys among {listing(keys)}, not {format_value(value)}"
                 )
-            refuse_unknown(value, list(known), ("extends", "arm") if cls is RobotDescription else ())
-            given = dict(value)
+            refuse_unknown(value, list(keys), ("extends", "arm") if cls is RobotDescription else ())
+            data = dict(value)
             for name, part in inner.items():
-                given[name] = {key: given.pop(key) for key in keys_of(part) if key in given}
-            built = build(given, cls)
+                data[name] = {key: data.pop(key) for key in keys_of(part) if key in data}
+            built = build(data, cls)
             paths = [each.name for each in fields(cls) if isinstance(getattr(built, each.name), Path)]
             if not (find_files and paths):
                 return built

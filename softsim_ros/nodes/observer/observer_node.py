@@ -343,7 +343,7 @@ class ObserverNode(RobotNode):
                 "left_out": ", ".join(estimate.left_out),
                 "touched": self._touched,
             }
-            offsets = self._observer.belief.mean[self._observer.unknowns.offsets]
+            offsets = self._observer.state_estimate.mean[self._observer.unknowns.offsets]
             names = self._observer.model.joint_names
             values_told |= {f"offset_{name}": float(x) for name, x in zip(names, offsets, strict=True)}
         well = self._verdict in ("good", "learning")
