@@ -183,7 +183,7 @@ def _convert_model(loaded: CompiledModel, law: str | None) -> ImportedScene:
     return ImportedScene(
         scene=scene,
         surfaces={f"{each.description.name}.stl": each.surface for each in rigid if each.surface},
-        told=(*loaded.told.lines, *remaining(loaded.source)),
+        told=(*loaded.notes.lines, *remaining(loaded.source)),
         flexes={
             each.body.name: slice(int(starts[each.flex]), int(starts[each.flex] + m.flex_vertnum[each.flex]))
             for each in soft

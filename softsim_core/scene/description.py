@@ -189,10 +189,10 @@ class SolverSettings:
             raise FieldError("solver", "iterations", self.iterations, f"1 to {MOST_ITERATIONS}")
         if self.iteration_tolerance is not None and not 0.0 <= self.iteration_tolerance < math.inf:
             raise FieldError("solver", "iteration_tolerance", self.iteration_tolerance, ">= 0 m")
-        allowed = (AUTO, *linear_solver_names())
-        if self.linear_solver not in allowed:
+        solvers = (AUTO, *linear_solver_names())
+        if self.linear_solver not in solvers:
             raise FieldError(
-                "solver", "linear_solver", self.linear_solver, one_of(self.linear_solver, allowed)
+                "solver", "linear_solver", self.linear_solver, one_of(self.linear_solver, solvers)
             )
         if self.threads != "auto" and not 1 <= self.threads <= MOST_THREADS:
             raise FieldError("solver", "threads", self.threads, f"auto, or 1 to {MOST_THREADS}")

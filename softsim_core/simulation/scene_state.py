@@ -128,7 +128,7 @@ class SceneState:
             stepper = ContactStepper(euler, collisions, smooth)
         if relaxing_groups(model):
             stepper = ViscousStepper(stepper)
-        return ActuatorStateStepper(stepper) if self._actuators.keeps else stepper
+        return ActuatorStateStepper(stepper) if self._actuators.internal_size else stepper
 
     def _euler_of(self, model: Model) -> IteratedStepper:
         settings = self.scene.solver

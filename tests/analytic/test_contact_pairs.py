@@ -80,8 +80,8 @@ def test_what_runs_away_is_refused_before_anything_is_looked_for(monkeypatch: py
 
 def test_more_close_pairs_than_are_ever_listed_end_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
     sim = Simulation(two_boxes())
-    monkeypatch.setattr(detector, "_ROOM", 1)
-    monkeypatch.setattr(detector, "_MOST_ROOM", 2)
+    monkeypatch.setattr(detector, "_INITIAL_PAIRS", 1)
+    monkeypatch.setattr(detector, "_MOST_PAIRS", 2)
     sim._contacts._detector._near = detector.allocate_near(1)
     sim._contacts._detector._found = detector.allocate_found(1)
     with pytest.raises(SolverDivergedError):

@@ -16,11 +16,11 @@ from softsim_core.physics.fem import (
     cell_forces,
     during_step,
     element_group,
-    held_forces,
-    held_stiffness,
-    held_stress,
     memory_shape,
     remember,
+    step_stress,
+    step_stress_forces,
+    step_stress_stiffness,
 )
 from softsim_core.physics.fem.elements import element
 from softsim_core.physics.fem.materials import material, relaxing
@@ -74,9 +74,11 @@ def test_forces_are_those_of_the_integral_over_the_past(law: str) -> None:
             break
         if k:
             remember(group, p, memory, x, h)
-    held = held_stress(group, p, memory, h)
+    held = step_stress(group, p, memory, h)
     values = group.values([during_step(group.material, made_of(law).values, h)])
-    forces = cell_forces(group, x, values) + held_forces(held_stiffness(group, held), group.cells, x)
+    forces = cell_forces(group, x, values) + step_stress_forces(
+        step_stress_stiffness(group, held), group.cells, x
+    )
 
     times, stresses = h * np.arange(count + 1), np.array(seen)
     faded = np.zeros_like(stresses[-1])

@@ -14,11 +14,11 @@ from softsim_core.physics.fem import (
     cell_forces,
     cell_stiffness,
     element_group,
-    held_forces,
-    held_stiffness,
-    held_stress,
     memory_shape,
     remember,
+    step_stress,
+    step_stress_forces,
+    step_stress_stiffness,
 )
 from softsim_core.physics.fem.elements import element
 from softsim_core.physics.fem.materials import material, relaxing
@@ -186,12 +186,12 @@ def test_what_is_held_and_remembered(name: str, cell: str) -> None:
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-11 * np.abs(theirs).max() + 1e-9)
     held = np.empty_like(ours[..., 0, :, :])
     compiled.hold(p, ours, held, 0.02)
-    np.testing.assert_allclose(held, held_stress(group, p, theirs, 0.02), atol=1e-11 * np.abs(theirs).max())
+    np.testing.assert_allclose(held, step_stress(group, p, theirs, 0.02), atol=1e-11 * np.abs(theirs).max())
     velocities = rng.normal(size=x.shape)
     bare, held_too = (filled(group, p, x, velocities, None, True, 1.0, each) for each in (None, held))
-    stiffness = held_stiffness(group, held)
+    stiffness = step_stress_stiffness(group, held)
     wanted = np.zeros_like(x)
-    np.add.at(wanted, group.cells, held_forces(stiffness, group.cells, x + 0.01 * velocities))
+    np.add.at(wanted, group.cells, step_stress_forces(stiffness, group.cells, x + 0.01 * velocities))
     atol = 1e-10 * np.abs(bare[0]).max() + 1e-14 * np.abs(wanted).max()
     np.testing.assert_allclose(held_too[0] - bare[0], wanted, rtol=0, atol=atol)
     blocks = stiffness[..., None, None] * np.eye(3)

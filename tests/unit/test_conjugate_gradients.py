@@ -73,7 +73,7 @@ def problem(seed: int, count: int = 60) -> tuple[Matrix, Preconditioner, Sharing
 @pytest.mark.slow
 def test_the_product_is_that_of_the_dense_matrix(seed: int) -> None:
     matrix, by, sharing, dense = problem(seed)
-    p, q = sharing.room[2:]
+    p, q = sharing.work[2:]
     for _ in range(2):  # nothing is left of one in the next
         p[:] = np.random.default_rng(seed).normal(size=len(dense))
         multiply(matrix, by, sharing, open_agenda())
@@ -90,7 +90,7 @@ def test_the_preconditioner_is_the_turned_inverse(seed: int) -> None:
     turn = np.zeros_like(dense)
     for n, rotation in enumerate(by.rotations):
         turn[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = rotation
-    r, z = sharing.room[:2]
+    r, z = sharing.work[:2]
     r[:] = 1e-30 * rng.normal(size=len(dense))
     precondition(matrix, by, sharing, 1e-30, open_agenda())
     wanted = turn @ np.linalg.solve(dense, turn.T @ r)

@@ -20,6 +20,7 @@ from softsim_core.physics.linalg import (  # noqa: E402  # noqa: E402  # noqa: E
     Plan,
     Preconditioner,
     Teamwork,
+    allocate_panels,
     conjugate,
     conjugate_gradients,
     copy_matrix,
@@ -33,13 +34,12 @@ from softsim_core.physics.linalg import (  # noqa: E402  # noqa: E402  # noqa: E
     plan,
     plan_stack,
     precondition,
-    room_for,
     round_up,
     sharing_of,
     support_factor,
     support_gradients,
     tree_of,
-    with_room_for,
+    with_space_for,
 )
 
 CELLS = (9, 8, 8)
@@ -77,12 +77,12 @@ def test_a_divided_factor_is_the_whole_one_and_the_same_for_any_threads(kind: ty
     assert sizes.max() > LARGE  # panels that are factored in pieces
     results = []
     for threads in (0, 1, 2, 3):
-        chosen = with_room_for(layout, division, ROWS) if threads else layout
+        chosen = with_space_for(layout, division, ROWS) if threads else layout
         tree, store = tree_of(chosen), empty_factor(chosen, 0, kind)
         copy_matrix(matrix, tree, supernodes(layout), store.panels)
         if threads:
             team = Teamwork(threads, lead_factor, support_factor)
-            team(tree, store, division, room_for(tree, division, kind))
+            team(tree, store, division, allocate_panels(tree, division, kind))
         else:
             factor(tree, store)
         results.append(store.panels)
@@ -133,9 +133,9 @@ def test_parts_and_pieces_precondition_as_the_whole_tree_does() -> None:
     by, results = Preconditioner(tree, store.panels, rotations, room, line), []
     for parts in (division, divide_tree(layout, np.inf)):
         sharing = sharing_of(parts, 3 * count)
-        sharing.room[0] = np.random.default_rng(2).normal(size=3 * count)
+        sharing.work[0] = np.random.default_rng(2).normal(size=3 * count)
         precondition(matrix, by, sharing, 1.0, open_agenda())
-        results.append(sharing.room[1])
+        results.append(sharing.work[1])
     assert np.abs(results[0] - results[1]).max() < 1e-5 * np.abs(results[1]).max()
 
 
@@ -169,7 +169,7 @@ def test_updates_of_several_bodies_lie_apart_until_the_last_unknowns_have_taken_
     frame = np.stack(np.meshgrid(np.arange(count, step=5), np.arange(6)), axis=-1).reshape(-1, 2)
     layout = plan(count, np.concatenate(bodies), frame, 6, LANES, ROWS)
     division = divide_tree(layout, 0.0)
-    roomy = with_room_for(layout, division, ROWS)
+    roomy = with_space_for(layout, division, ROWS)
     part = np.full(len(layout.parent), -1)
     for number, (low, high) in enumerate(zip(division.first, division.end, strict=True)):
         part[low:high] = number

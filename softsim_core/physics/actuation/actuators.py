@@ -33,9 +33,9 @@ import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.mechanics import (
+    ACTUATOR_STATE,
     COMMANDED,
     EFFORT_CHANGE,
-    KEPT,
     Control,
     Model,
     Rows,
@@ -152,19 +152,19 @@ class Actuator(ABC):
         """Return the command under which it rests at a coordinate with a multiplier."""
         return multiplier if self.by_multiplier else value + self.compliance * multiplier
 
-    def begin(self, state: State, kept: Array, command: float, span: float) -> Transmission:
-        """Return the constraint of a step of `span` [s] from a state, given its internal state `kept` (k,).
+    def begin(self, state: State, internal: Array, command: float, span: float) -> Transmission:
+        """Return the constraint of a step of `span` [s] from a state, given the `internal` state (k,).
 
         It is called only if `keeps` is not 0.
         """
         raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `begin`")
 
-    def end(self, state: State, kept: Array, command: float, span: float) -> None:
-        """Update the internal state `kept` (k,) in place after a step of `span` [s] that ended in a state."""
+    def end(self, state: State, internal: Array, command: float, span: float) -> None:
+        """Update the `internal` state (k,) in place after a step of `span` [s] that ended in a state."""
         raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `end`")
 
-    def settle(self, state: State, kept: Array, command: float) -> None:
-        """Set the internal state `kept` (k,) to its value at rest."""
+    def settle(self, state: State, internal: Array, command: float) -> None:
+        """Set the `internal` state (k,) to its value at rest."""
         raise NotImplementedError(f"an actuator of kind {self.kind} that keeps numbers has to say `settle`")
 
     def geometric_stiffness(self, model: Model, state: State, multiplier: float) -> GeometricStiffness:
@@ -290,8 +290,8 @@ class PlainGroup:
 
     def commands_of(self, values: Array, multipliers: Array) -> Array:
         """Return the command under which each actuator rests at its coordinate and multiplier, shape (c,)."""
-        given = zip(self._actuators, values.tolist(), multipliers.tolist(), strict=True)
-        return np.array([each.command_of(s, t) for each, s, t in given], dtype=float)
+        rows = zip(self._actuators, values.tolist(), multipliers.tolist(), strict=True)
+        return np.array([each.command_of(s, t) for each, s, t in rows], dtype=float)
 
     def keeping(self) -> list[tuple[int, Actuator]]:
         """Return the actuators that have internal state, each with its index among the c."""
@@ -342,7 +342,7 @@ class Actuators:
         constraints: Constant part of all rows.
         joint: Joint of each actuator, shape (c,).
         multiplied: Joints commanded by a multiplier.
-        keeps: How many numbers of internal state they have in all, in State.extra[KEPT].
+        internal_size: How many numbers of internal state they have in all, in State.extra[ACTUATOR_STATE].
         paced: Joints with a command that drives the coordinate: a multiplier, or the volume of a pump.
     """
 
@@ -365,7 +365,7 @@ class Actuators:
         first = self._rows.tolist()
         keeping = [(first[g] + c, each) for g, group in enumerate(self.groups) for c, each in group.keeping()]
         ends = np.cumsum([0, *(each.keeps for _, each in keeping)]).tolist()
-        self.keeps: int = ends[-1]
+        self.internal_size: int = ends[-1]
         self._keeping = [
             (row, each, slice(*ends[k : k + 2])) for k, (row, each) in enumerate(keeping)
         ]  # row, actuator, its part of the internal state
@@ -406,7 +406,7 @@ class Actuators:
         parts = [group.commands_of(values[rows], multipliers[rows]) for group, rows, _ in self.spans()]
         return np.concatenate([np.zeros(0), *parts])
 
-    def kept_in(self, state: State, control: Control) -> Transmissions:
+    def transmissions_of_step(self, state: State, control: Control) -> Transmissions:
         """Return the constraints of all actuators in a step: the control's, else those of the targets."""
         if control.transmissions is not None:
             return control.transmissions
@@ -417,7 +417,7 @@ class Actuators:
         own = commands[self.joint]
         result = self.transmissions(own, state.joint_efforts[self.joint])
         for row, actuator, part in self._keeping:
-            found = actuator.begin(state, state.extra[KEPT][part], float(own[row]), span)
+            found = actuator.begin(state, state.extra[ACTUATOR_STATE][part], float(own[row]), span)
             for array, value in zip(result, found, strict=True):
                 array[row] = value
         return result
@@ -425,14 +425,14 @@ class Actuators:
     def end(self, state: State, commands: Array, span: float) -> None:
         """Update internal state after a step of `span` [s] that ended in a state, under commands (j,)."""
         for row, actuator, part in self._keeping:
-            actuator.end(state, state.extra[KEPT][part], float(commands[self.joint[row]]), span)
+            actuator.end(state, state.extra[ACTUATOR_STATE][part], float(commands[self.joint[row]]), span)
 
     def settle(self, state: State, commands: Array) -> None:
         """Set internal state to that of a state at rest under the commands of all joints (j,)."""
         if COMMANDED in state.extra:
             state.extra[COMMANDED][:], state.extra[EFFORT_CHANGE][:] = commands, 0.0
         for row, actuator, part in self._keeping:
-            actuator.settle(state, state.extra[KEPT][part], float(commands[self.joint[row]]))
+            actuator.settle(state, state.extra[ACTUATOR_STATE][part], float(commands[self.joint[row]]))
 
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False

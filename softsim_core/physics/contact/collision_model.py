@@ -167,12 +167,12 @@ class CollisionModel:
             for each in self._movable
             if each.vertices.start == surface.vertices.start
         )
-        self._known: LastDetection | None = None
+        self._last: LastDetection | None = None
 
     def of_another_copy(self) -> CollisionModel:
         """Return the same surfaces for another copy of the scene; both share the detector's buffers."""
         other = copy(self)
-        other._fixed, other._bases, other._known = self._fixed.copy(), np.zeros(0), None
+        other._fixed, other._bases, other._last = self._fixed.copy(), np.zeros(0), None
         return other
 
     # --- positions ---
@@ -200,9 +200,9 @@ class CollisionModel:
 
     def start(self, before: State) -> Place:
         """Return the configuration at the start of a step; usually this is the end of the previous step."""
-        known, still = self._known, np.zeros_like(before.rigid_velocities)
-        if known is not None and np.array_equal(known.buffer, before.buffer):
-            return Place(before, known.place.points, self._still, still)
+        last, still = self._last, np.zeros_like(before.rigid_velocities)
+        if last is not None and np.array_equal(last.buffer, before.buffer):
+            return Place(before, last.place.points, self._still, still)
         return Place(before, self.points(before), self._still, still)
 
     def end(self, start: Place, state: State) -> Place:
@@ -218,9 +218,9 @@ class CollisionModel:
         """Return the motion subspace of the reduced coordinates; None where they carry no surface."""
         if not self.moving:
             return None
-        known = self._known
-        if known is not None and known.place.points is place.points:
-            return known.motion_subspace
+        last = self._last
+        if last is not None and last.place.points is place.points:
+            return last.motion_subspace
         return self.model.motion_subspace(place.state)
 
     def between(self, start: Place, end: Place, share: float) -> Place:
@@ -260,22 +260,22 @@ class CollisionModel:
         Also return the displacement of the vertices in the step at their initial velocities in [m], shape (v,
         3); vertices on frames and joints have their free displacement.
         """
-        known = self._known
-        if known is None or known.place.points is not start.points:
-            known = self._known = self._run_detection(start)
+        last = self._last
+        if last is None or last.place.points is not start.points:
+            last = self._last = self._run_detection(start)
         needed = free.moved.copy()
         needed[self.soft] = self.model.dt * self._interpolate_vertices(start.state.velocities)
-        farther, near = self._farthest(needed), known.near
-        if (farther > known.travel).any():
-            travel = np.maximum(farther, known.travel)
+        farther, near = self._farthest(needed), last.near
+        if (farther > last.travel).any():
+            travel = np.maximum(farther, last.travel)
             near = self._detector.candidates(start.points, self.settings.alarm_distance, travel)
         needed[self._falling] -= self.model.dt**2 * self.model.gravity
         return near, needed
 
     def at_end(self, end: Place) -> Proximities:
         """Return the contacts at the end of a step, including those that may close in the next one."""
-        self._known = self._run_detection(end)
-        return self._known.near
+        self._last = self._run_detection(end)
+        return self._last.near
 
     def at(self, place: Place, free: Place, end: Place) -> Proximities:
         """Return the contacts at a configuration within a step that continues to `free` and to `end`."""
@@ -305,17 +305,17 @@ class CollisionModel:
         strays, way = slides is not None, at.moved if slides is None else slides
         return self._detector.may_hold(near, at.points, ahead, way, self._closeness, strays, first)
 
-    def held_astray(self, held: Proximities, forces: Array, at: Place, end: Place) -> bool:
+    def any_astray(self, active: Proximities, forces: Array, at: Place, end: Place) -> bool:
         """Return whether a contact bore a force although its bodies had slid past each other by the end.
 
         Args:
-            held: The contacts, k of them.
+            active: The contacts, k of them.
             forces: Along their normals and two tangents in [N], shape (3 k,).
             at: The place.
             end: The end of the step.
         """
         limit = _ASTRAY * self.settings.contact_distance
-        return self._detector.held_astray(held, forces, at.points, end.points - at.points, limit)
+        return self._detector.any_astray(active, forces, at.points, end.points - at.points, limit)
 
     def free_share(self, start: Place, end: Place) -> float:
         """Return the share of the motion from `start` to `end` without passing through a surface."""
@@ -325,7 +325,7 @@ class CollisionModel:
             return 1.0
         return self._detector.free_share(start.points, end.points, watched)
 
-    def room(self, near: Proximities) -> float:
+    def clearance(self, near: Proximities) -> float:
         """Return the smallest gap in [m] of surfaces that a force can part, at most the alarm distance."""
         parted = self._parts[near.pair].any(axis=1)
         return float(near.distance[parted].min(initial=self.settings.alarm_distance))

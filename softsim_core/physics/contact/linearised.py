@@ -54,8 +54,8 @@ class LinearisedContacts:
         start = np.zeros((len(self), 3))
         if len(warm_start) and len(self):
             place = np.minimum(np.searchsorted(warm_start[:, 0], self.keys), len(warm_start) - 1)
-            known = warm_start[place, 0] == self.keys
-            start[known] = warm_start[place[known], 1:]
+            matched = warm_start[place, 0] == self.keys
+            start[matched] = warm_start[place[matched], 1:]
         return start.ravel()
 
     def warm_start(self, forces: Array) -> Array:
@@ -119,12 +119,12 @@ def linearise(
     return LinearisedContacts(near, rows, on_rigid, gap.ravel(), directions, middle, friction, keys, settings)
 
 
-def _among(keys: IndexArray, wanted: IndexArray) -> BoolArray:
-    """Return which of the `wanted` (w,) are among `keys` (k,), ascending."""
+def _among(keys: IndexArray, requested: IndexArray) -> BoolArray:
+    """Return which of the `requested` (w,) are among `keys` (k,), ascending."""
     if not len(keys):
-        return np.zeros(len(wanted), dtype=np.bool_)
-    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return np.asarray(keys[place] == wanted)
+        return np.zeros(len(requested), dtype=np.bool_)
+    place = np.minimum(np.searchsorted(keys, requested), len(keys) - 1)
+    return np.asarray(keys[place] == requested)
 
 
 def _rows(

@@ -122,25 +122,26 @@ def condense_tangent(
     if pressed and not within:
         tangent = stepper.static_tangent(state, parameters, loads)
     geometric = actuators.geometric_stiffness(model, state, multipliers, without_surfaces=within)
-    kept = _kept_at(stepper, state)
-    given = actuators.constraints.by_multiplier
-    gain = np.where(given, 0.0, kept.gain)
+    transmissions = _transmissions_at(stepper, state)
+    by_multiplier = actuators.constraints.by_multiplier
+    gain = np.where(by_multiplier, 0.0, transmissions.gain)
     own = [_less_command(model, actuators, pulling, gain), geometric.rows]
     before = sum(each.height for each in own)
     stiffness, arriving, compliance = tangent.condense(join_rows([*own, rows]))
     diagonal = range(before)
-    compliance[diagonal, diagonal] += np.append(kept.compliance, 1.0 / geometric.weight)
+    compliance[diagonal, diagonal] += np.append(transmissions.compliance, 1.0 / geometric.weight)
     compliance[diagonal, diagonal] *= 1.0 + SAME  # identical rows share their force
-    imposed = np.flatnonzero(given)
-    held = np.setdiff1d(np.arange(before), imposed)
+    imposed = np.flatnonzero(by_multiplier)
+    solved = np.setdiff1d(np.arange(before), imposed)
     left = np.append(imposed, np.arange(before, len(compliance)))
     answer = np.linalg.solve(
-        compliance[np.ix_(held, held)], np.hstack([arriving[:, held].T, compliance[np.ix_(held, left)]])
+        compliance[np.ix_(solved, solved)],
+        np.hstack([arriving[:, solved].T, compliance[np.ix_(solved, left)]]),
     )
     size, many = len(stiffness), len(imposed)
-    stiffness = stiffness + arriving[:, held] @ answer[:, :size]
-    reaching = arriving[:, left] - arriving[:, held] @ answer[:, size:]
-    moved = compliance[np.ix_(left, left)] - compliance[np.ix_(left, held)] @ answer[:, size:]
+    stiffness = stiffness + arriving[:, solved] @ answer[:, :size]
+    reaching = arriving[:, left] - arriving[:, solved] @ answer[:, size:]
+    moved = compliance[np.ix_(left, left)] - compliance[np.ix_(left, solved)] @ answer[:, size:]
     if many:
         at = size - len(model.joints) + actuators.joint[imposed]
         stiffness[:, at] -= reaching[:, :many]
@@ -156,16 +157,16 @@ def command_gains(stepper: Stepper, state: State) -> Array:
     0 for effort commands.
     """
     actuators, gains = stepper.actuators, np.ones(len(stepper.model.joints))
-    gains[actuators.joint] = _kept_at(stepper, state).gain
+    gains[actuators.joint] = _transmissions_at(stepper, state).gain
     gains[actuators.multiplied] = 0.0
     return gains
 
 
 def taut_commands(stepper: Stepper, state: State, commands: Array) -> tuple[Array, BoolArray]:
     """Return commands (j,) without the slack of actuators, and which joints have one-sided actuators (j,)."""
-    actuators, kept = stepper.actuators, _kept_at(stepper, state)
+    actuators, transmissions = stepper.actuators, _transmissions_at(stepper, state)
     efforts = state.joint_efforts[actuators.joint]
-    one_sided = (kept.lower >= 0.0) & ~actuators.constraints.by_multiplier
+    one_sided = (transmissions.lower >= 0.0) & ~actuators.constraints.by_multiplier
     slack = one_sided & (efforts <= 0.0)
     taut, pulls = commands.copy(), np.zeros(len(commands), dtype=np.bool_)
     taut[actuators.joint[slack]] = actuators.commands_of(actuators.values(stepper.model, state), efforts)[
@@ -175,7 +176,7 @@ def taut_commands(stepper: Stepper, state: State, commands: Array) -> tuple[Arra
     return taut, pulls
 
 
-def _kept_at(stepper: Stepper, state: State) -> Transmissions:
+def _transmissions_at(stepper: Stepper, state: State) -> Transmissions:
     """Return the transmissions of the actuators at a state, as if it were at rest."""
     actuators, multipliers = stepper.actuators, state.joint_efforts[stepper.actuators.joint]
     values = actuators.values(stepper.model, state)

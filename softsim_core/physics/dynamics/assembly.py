@@ -9,10 +9,17 @@ import scipy.sparse as sp
 
 from softsim_core.base import Array, IndexArray
 from softsim_core.physics.actuation import drive_stiffness
-from softsim_core.physics.fem import BlockPattern, elastic_forces, held_stiffness, stiffness_matrix
+from softsim_core.physics.fem import BlockPattern, elastic_forces, step_stress_stiffness, stiffness_matrix
 from softsim_core.physics.fem.materials import DAMPING
 from softsim_core.physics.fem.rods import RodGroup, rod_drag, rod_viscosity
-from softsim_core.physics.mechanics import Model, MotionSubspace, Parameters, RigidRegion, State, held_name
+from softsim_core.physics.mechanics import (
+    Model,
+    MotionSubspace,
+    Parameters,
+    RigidRegion,
+    State,
+    step_stress_name,
+)
 
 
 class Unknowns:
@@ -141,23 +148,23 @@ def _damped_rods(model: Model, parameters: Parameters) -> list[tuple[RodGroup, A
     return [(group, group.values(parameters.materials)) for group in rods]
 
 
-def held_matrix(model: Model, state: State) -> sp.csr_matrix | None:
+def step_stress_matrix(model: Model, state: State) -> sp.csr_matrix | None:
     """Return the stiffness of relaxing cells' known stress in a step in [N/m], (3 n, 3 n).
 
     None: there is none.
 
     See fem.prony.
     """
-    held = [
-        (group, held_stiffness(group, state.extra[held_name(k)]))
+    stiffnesses = [
+        (group, step_stress_stiffness(group, state.extra[step_stress_name(k)]))
         for k, group in enumerate(model.groups)
-        if held_name(k) in state.extra
+        if step_stress_name(k) in state.extra
     ]
-    if not held:
+    if not stiffnesses:
         return None
     size = len(model.rest)
     matrix = sp.csr_matrix((size, size))
-    for group, stiffness in held:
+    for group, stiffness in stiffnesses:
         nodes = np.broadcast_to(group.cells[:, :, None], stiffness.shape)
         places = (nodes.ravel(), np.swapaxes(nodes, 1, 2).ravel())
         matrix = matrix + sp.coo_matrix((stiffness.ravel(), places), shape=matrix.shape)

@@ -87,10 +87,10 @@ class BossakStepper(StepperAround):
         self._before = model.empty_state()
         compliant = model.compliant_joints
         self._compliant, self._stiffness = compliant, drive_stiffness(model)
-        led = np.setdiff1d(np.arange(len(model.joints)), compliant)
-        self._led_joints, self._led = led, 6 * len(model.frame_names) + led
+        driven = np.setdiff1d(np.arange(len(model.joints)), compliant)
+        self._driven_joints, self._driven = driven, 6 * len(model.frame_names) + driven
         self._regions = _RegionNodes(model)
-        self._held = model.region_of_node != FREE
+        self._in_regions = model.region_of_node != FREE
         self._inertia = np.array([joint.inertia for joint in model.joints])
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
@@ -148,10 +148,10 @@ class BossakStepper(StepperAround):
         a, b = before.extra[ACCELERATION], before.extra[REDUCED_ACCELERATION]
         start = self._start * (before.velocities + self._drift * a)
         reduced = self._start * (before.reduced_velocities + self._drift * b)
-        if len(self._led):  # displacement and acceleration of driven joints are known
-            way = control.targets[self._led_joints] - before.joint_positions[self._led_joints]
-            gains = (way / h - before.reduced_velocities[self._led]) * self._span / h
-            reduced[self._led] = way / self._length - gains
+        if len(self._driven):  # displacement and acceleration of driven joints are known
+            way = control.targets[self._driven_joints] - before.joint_positions[self._driven_joints]
+            gains = (way / h - before.reduced_velocities[self._driven]) * self._span / h
+            reduced[self._driven] = way / self._length - gains
         carried = self._carried * a
         if model.regions:
             rates = np.stack([reduced, self._carried * b])
@@ -174,11 +174,11 @@ class BossakStepper(StepperAround):
         a += (change / h - a) / self._gamma
         b += (turn / h - b) / self._gamma
         moved = state.joint_positions - before.joint_positions
-        state.reduced_velocities[self._led], b[self._led] = moved[self._led_joints] / h, 0.0
+        state.reduced_velocities[self._driven], b[self._driven] = moved[self._driven_joints] / h, 0.0
         if self.model.regions:
             rates = self._regions.rates(state, state.reduced_velocities[None])
             state.velocities[self._regions.nodes] = rates[0]
-            a[self._held] = 0.0
+            a[self._in_regions] = 0.0
 
     def goes_on(self, state: State) -> bool:
         """Return whether accelerations are known."""
@@ -192,9 +192,9 @@ class BossakStepper(StepperAround):
         """Restore `before`, but with the accelerations of the implicit Euler step from there to `state`."""
         h = self.model.dt
         acceleration = (state.velocities - before.velocities) / h
-        acceleration[self._held] = 0.0
+        acceleration[self._in_regions] = 0.0
         reduced = (state.reduced_velocities - before.reduced_velocities) / h
-        reduced[self._led] = 0.0
+        reduced[self._driven] = 0.0
         state.copy_from(before)
         state.extra[ACCELERATION][:], state.extra[REDUCED_ACCELERATION][:] = acceleration, reduced
 

@@ -62,7 +62,7 @@ class Pass(NamedTuple):
         report: Report of the step.
         end: Configuration at the end of the step.
         near: Contacts there.
-        room: Share of the motion without passing through a surface, and the smallest gap at the end in [m].
+        margin: Share of the motion without passing through a surface, and the smallest gap at the end in [m].
         values: State.buffer at the end.
     """
 
@@ -71,7 +71,7 @@ class Pass(NamedTuple):
     report: StepReport
     end: Place
     near: Proximities
-    room: tuple[float, float]
+    margin: tuple[float, float]
     values: Array
 
 
@@ -140,8 +140,8 @@ class ContactStepper(StepperAround):
 
     def _has_struck(self, start: State) -> bool:
         """Return whether a contact is active at the end of the step that was not active at its start."""
-        held = start.warm_start[start.warm_start[:, 1:].any(axis=1), 0]
-        return not bool(np.isin(self._holding, held).all())
+        active = start.warm_start[start.warm_start[:, 1:].any(axis=1), 0]
+        return not bool(np.isin(self._holding, active).all())
 
     def _advance(
         self, inner: IteratedStepper | BossakStepper, state: State, control: Control, parameters: Parameters
@@ -209,22 +209,22 @@ class ContactStepper(StepperAround):
             self.model.rigid.finish(state, before)
             warm_start = touching.warm_start(solution.forces)
             near = collisions.at_end(end)
-            room = (collisions.free_share(start, end), collisions.room(near))
-            if collisions.held_astray(touching.near, solution.forces, place, end):
-                room = (room[0], -math.inf)  # unusable, whatever its clearance
-            if best is None or room > best.room:
-                best = Pass(touching, solution, reached, end, near, room, state.buffer.copy())
-            if room >= (1.0, collisions.least_gap):
+            margin = (collisions.free_share(start, end), collisions.clearance(near))
+            if collisions.any_astray(touching.near, solution.forces, place, end):
+                margin = (margin[0], -math.inf)  # unusable, whatever its clearance
+            if best is None or margin > best.margin:
+                best = Pass(touching, solution, reached, end, near, margin, state.buffer.copy())
+            if margin >= (1.0, collisions.least_gap):
                 break
             earlier = np.union1d(earlier, touching.near.key)
             if count < MOST_PASSES:
-                share = room[0]
+                share = margin[0]
                 place = end if share == 1.0 else collisions.between(start, end, _SHORT * share)
                 slides = None if place is end else end.points - place.points
                 near = collisions.at(place, free, end)
         assert best is not None
         state.buffer[:] = best.values
-        if best.room[0] < 1.0:
+        if best.margin[0] < 1.0:
             best = self._cut(best, state, collisions, start)
         state.warm_start = best.touching.warm_start(best.solution.forces)
         self._holding = _holding(best)
@@ -237,7 +237,7 @@ class ContactStepper(StepperAround):
 
     def _cut(self, best: Pass, state: State, collisions: CollisionModel, start: Place) -> Pass:
         """Stop everything before something passes through a surface, with the velocities of the end."""
-        place = collisions.between(start, best.end._replace(state=state), _SHORT * best.room[0])
+        place = collisions.between(start, best.end._replace(state=state), _SHORT * best.margin[0])
         for name in ("velocities", "reduced_velocities", "rigid_velocities"):
             setattr(place.state, name, getattr(state, name))
         state.buffer[:] = place.state.buffer
@@ -262,10 +262,10 @@ class ContactStepper(StepperAround):
         reaches = len(touching.rows.place) > 0  # some contacts act on more than rigid bodies
         acting = len(self.actuators) if reaches else 0
         compliance = np.zeros((len(touching.gap),) * 2)
-        kept = self.actuators.kept_in(before, control)
+        transmissions = self.actuators.transmissions_of_step(before, control)
         if reaches:
             compliance = h * h * motion.compliance(touching.rows)
-            np.einsum("ii->i", compliance)[:acting] += kept.compliance[:acting]
+            np.einsum("ii->i", compliance)[:acting] += transmissions.compliance[:acting]
         moves = model.rigid.response(before, touching.on_rigid)
         compliance[acting:, acting:] += h * h * (moves @ touching.on_rigid.T)
         watch.mark("compliance")
@@ -278,7 +278,7 @@ class ContactStepper(StepperAround):
             solution = solve_contacts(
                 compliance,
                 gap + wrong,
-                (kept.lower[:acting], kept.upper[:acting]),
+                (transmissions.lower[:acting], transmissions.upper[:acting]),
                 touching.friction,
                 first,
                 touching.settings.iterations,

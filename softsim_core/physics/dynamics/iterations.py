@@ -80,12 +80,12 @@ class FreeTurning:
 
     Attributes:
         bodies: Nodes of each freely rotating body, shape (k,).
-        held: Nodes of each of the others, shape (k,).
+        attached: Nodes of each of the others, shape (k,).
     """
 
     def __init__(self, model: Model) -> None:
         self._mass, self._dt = model.mass, model.dt
-        held: set[int] = set()
+        attached: set[int] = set()
         nodes: dict[int, list[Array]] = {}
         for group in model.groups:
             for body in np.unique(group.body).tolist():
@@ -93,10 +93,10 @@ class FreeTurning:
                 nodes.setdefault(body, []).append(own)
                 still = (model.region_of_node[own] != FREE).any() or model.spring[own].any()
                 if still or not group.material.has_potential:
-                    held.add(body)
+                    attached.add(body)
         every = {body: np.unique(np.concatenate(own)) for body, own in nodes.items()}
-        self.bodies = [own for body, own in every.items() if body not in held]
-        self.held = [own for body, own in every.items() if body in held]
+        self.bodies = [own for body, own in every.items() if body not in attached]
+        self.attached = [own for body, own in every.items() if body in attached]
 
     def lagging(self, state: State, control: Control, share: float) -> Array:
         """Return the velocities (n, 3) by which a step multiplies K, plus a `share` of `control.carried`."""
@@ -106,14 +106,14 @@ class FreeTurning:
     def fit_rigidly(self, places: Array, onto: Array) -> Array:
         """Return places (n, 3) in [m] with each body moved rigidly to fit its position in `onto` (n, 3)."""
         result = places.copy()
-        for own in (*self.bodies, *self.held):
+        for own in (*self.bodies, *self.attached):
             centre, middle, rotation = self._fit_rigid_motion(own, places, onto)
             result[own] = middle + (places[own] - centre) @ rotation
         return result
 
     def dilation(self, before: Array, after: Array) -> float:
         """Return the largest a^2 / 2 of the held bodies, which turn by a between places (n, 3) in [m]."""
-        turns = [self._fit_rigid_motion(own, before, after)[2] for own in self.held]
+        turns = [self._fit_rigid_motion(own, before, after)[2] for own in self.attached]
         return max((0.5 * (3.0 - float(np.trace(turn))) for turn in turns), default=0.0)
 
     def _fit_rigid_motion(self, own: Array, places: Array, onto: Array) -> tuple[Array, Array, Array]:
@@ -166,20 +166,20 @@ class IteratedStepper(StepperAround):
         begun: Number of steps so far.
         before: State at the start of the step.
         reached: State about which the newest iteration is linearised.
-        kept: Copy of that state with the velocities of the step, to restore it.
+        saved: Copy of that state with the velocities of the step, to restore it.
     """
 
     def __init__(self, inner: Stepper, most: int = 1, tolerance: float = 0.0) -> None:
         super().__init__(inner)
         model = inner.model
         self.inner, self.most, self.tolerance, self.begun = inner, most, tolerance, 0
-        self.before, self.reached, self.kept = (model.empty_state() for _ in range(3))
+        self.before, self.reached, self.saved = (model.empty_state() for _ in range(3))
         self._start, self._trial = model.empty_state(), model.empty_state()
         self._turning, self._drive = FreeTurning(model), drive_stiffness(model)
         self._inertia = np.array([joint.inertia for joint in model.joints])
         self._compliant = model.compliant_joints
         others = np.append(self._compliant, self.actuators.joint)
-        self._led = np.setdiff1d(np.arange(len(model.joints)), others)
+        self._driven = np.setdiff1d(np.arange(len(model.joints)), others)
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """Advance the state by one dt with up to `most` Newton iterations, in place."""
@@ -268,11 +268,11 @@ class IteratedStepper(StepperAround):
         dragging = viscous_forces(model, before.positions, reached.positions, parameters, h)
         if dragging is not None:
             forces += dragging
-        targets, held = control.targets, self._compliant
-        if len(held):
-            rate, gains = self._joint_rates(reached)[held], self._gains(reached)[held]
+        targets, compliant = control.targets, self._compliant
+        if len(compliant):
+            rate, gains = self._joint_rates(reached)[compliant], self._gains(reached)[compliant]
             targets = targets.copy()
-            targets[held] -= gains / self._drive[held] + damping * rate
+            targets[compliant] -= gains / self._drive[compliant] + damping * rate
         control = replace(control, targets=targets, forces=forces, carried=carried)
         return self.inner.free_motion(start, control, parameters)
 
@@ -311,7 +311,7 @@ class IteratedStepper(StepperAround):
         if MOVED in state.extra:
             state.extra[MOVED][:] = end.extra[MOVED]
         self._set_rates(state)
-        state.joint_efforts[self._led] += self._gains(state)[self._led]
+        state.joint_efforts[self._driven] += self._gains(state)[self._driven]
         springs = self._drive * (control.targets - state.joint_positions)
         state.joint_efforts[self._compliant] = springs[self._compliant]
 
@@ -396,7 +396,7 @@ class IteratedFreeMotion:
         moved = farthest(self._from, self.state.positions)
         if moved <= max(self._last * (2.0 if self.count == 3 else 1.0), self._stepper.tolerance):
             return False
-        self.state.copy_from(self._stepper.kept)
+        self.state.copy_from(self._stepper.saved)
         return True
 
     def again(self, state: State) -> IteratedFreeMotion:
@@ -405,7 +405,7 @@ class IteratedFreeMotion:
         Contacts are not included, and rigid bodies are as at the start of the step.
         """
         stepper, control = self._stepper, self._control
-        stepper.kept.copy_from(state)
+        stepper.saved.copy_from(state)
         stepper.before.warm_start = state.warm_start
         motion = stepper.about(state, control, self._parameters)
         for name in _RIGID:

@@ -9,16 +9,16 @@ from typing import Protocol
 from softsim_core.base import Array
 from softsim_core.physics.dynamics.report import StepReport
 from softsim_core.physics.dynamics.stepper import FreeMotion, Stepper, StepperAround
-from softsim_core.physics.fem import ElementGroup, during_step, forget, held_stress, remember
+from softsim_core.physics.fem import ElementGroup, during_step, forget, remember, step_stress
 from softsim_core.physics.fem.materials import Relaxing
-from softsim_core.physics.mechanics import Control, Model, Parameters, State, held_name, memory_name
+from softsim_core.physics.mechanics import Control, Model, Parameters, State, memory_name, step_stress_name
 
 
 class Relaxation(Protocol):
     """Viscoelastic memory of one group of cells, advanced as in fem.prony."""
 
-    def hold(self, p: Array, memory: Array, held: Array, h: float) -> None:
-        """Write the stress that is known in a step of h [s] into `held`; see fem.prony.held_stress."""
+    def hold(self, p: Array, memory: Array, stress: Array, h: float) -> None:
+        """Write the stress that is known in a step of h [s] into `stress`; see fem.prony.step_stress."""
         ...
 
     def remember(self, p: Array, memory: Array, positions: Array, h: float) -> None:
@@ -32,9 +32,9 @@ class PlainRelaxation:
     def __init__(self, group: ElementGroup) -> None:
         self._group = group
 
-    def hold(self, p: Array, memory: Array, held: Array, h: float) -> None:
-        """Write the stress H that is known at the start of a step of h [s] into `held`."""
-        held[:] = held_stress(self._group, p, memory, h)
+    def hold(self, p: Array, memory: Array, stress: Array, h: float) -> None:
+        """Write the stress H that is known at the start of a step of h [s] into `stress`."""
+        stress[:] = step_stress(self._group, p, memory, h)
 
     def remember(self, p: Array, memory: Array, positions: Array, h: float) -> None:
         """Advance `memory` in place after a step of h [s] to node positions (n, 3)."""
@@ -89,8 +89,8 @@ class ViscousStepper(StepperAround):
 
     def _prepare_step(self, state: State, parameters: Parameters) -> Parameters:
         """Write the known stress of the step into the state; return the parameters for the inner step."""
-        for p, memory, held, relaxing in self._arrays(state, parameters):
-            relaxing.hold(p, memory, held, self.model.dt)
+        for p, memory, stress, relaxing in self._arrays(state, parameters):
+            relaxing.hold(p, memory, stress, self.model.dt)
         materials = [
             during_step(self.model.law(body), values, self.model.dt)
             for body, values in enumerate(parameters.materials)
@@ -102,7 +102,7 @@ class ViscousStepper(StepperAround):
     ) -> Iterator[tuple[Array, Array, Array, Relaxation]]:
         for k, group, relaxing in self._groups:
             p = group.values(parameters.materials)
-            yield p, state.extra[memory_name(k)], state.extra[held_name(k)], relaxing
+            yield p, state.extra[memory_name(k)], state.extra[step_stress_name(k)], relaxing
 
 
 class ActuatorStateStepper(StepperAround):
@@ -123,5 +123,5 @@ class ActuatorStateStepper(StepperAround):
         return self._inner.free_motion(state, self._begun(state, control), parameters)
 
     def _begun(self, state: State, control: Control) -> Control:
-        kept = self.actuators.begin(state, control.targets, self.model.dt)
-        return replace(control, transmissions=kept)
+        transmissions = self.actuators.begin(state, control.targets, self.model.dt)
+        return replace(control, transmissions=transmissions)

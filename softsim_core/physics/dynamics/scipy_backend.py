@@ -16,11 +16,11 @@ from softsim_core.physics.dynamics.actuator_statics import rows_on_unknowns
 from softsim_core.physics.dynamics.assembly import (
     Unknowns,
     diagonal_matrix,
-    held_matrix,
     jacobian,
     node_stiffness,
     static_forces,
     static_tangent,
+    step_stress_matrix,
     top_speed,
     viscosity_matrix,
 )
@@ -86,8 +86,8 @@ class ScipyStepper:
         matrix, rhs, mapping = self.system(state, control, parameters, moved, pressed)
         assembled = perf_counter()
         change, targets = np.zeros(at.size), control.targets
-        wanted = (targets - state.joint_positions)[at.prescribed] / h
-        change[at.fixed] = wanted - state.reduced_velocities[at.fixed - at.first_reduced]
+        rates = (targets - state.joint_positions)[at.prescribed] / h
+        change[at.fixed] = rates - state.reduced_velocities[at.fixed - at.first_reduced]
         change[at.joints[self.actuators.joint]] = 0.0  # an actuator's joint moves no frame
         factors, fallback = None, 0
         if len(at.solved):
@@ -144,15 +144,15 @@ class ScipyStepper:
         )
         if not len(actuators):
             return np.zeros(at.size)
-        kept = actuators.kept_in(state, control)
+        transmissions = actuators.transmissions_of_step(state, control)
         solved.values, solved.rows = actuators.values(model, state), actuators.rows(model, state)
         spread = solved.spread(model, at, solved.rows)
         after = change.copy()
         after[: at.first_reduced] += state.velocities[at.free].ravel()
         after[at.first_reduced :] += state.reduced_velocities
-        compliance = h * h * solved.compliance(at, spread) + np.diag(kept.compliance)
-        violations = solved.values - kept.command + h * (spread.T @ after)
-        solved.multipliers = solve_bounded(compliance, violations, kept.lower, kept.upper)
+        compliance = h * h * solved.compliance(at, spread) + np.diag(transmissions.compliance)
+        violations = solved.values - transmissions.command + h * (spread.T @ after)
+        solved.multipliers = solve_bounded(compliance, violations, transmissions.lower, transmissions.upper)
         solved.violations = violations + compliance @ solved.multipliers
         pulled = np.asarray(spread @ solved.multipliers)
         change += solved.answer(at, h * pulled)
@@ -212,10 +212,10 @@ class ScipyStepper:
         if pressed:
             stiffness = stiffness + self._of_surfaces(pressed)
         force = static_forces(model, state, parameters, control.forces)
-        held = held_matrix(model, state)
-        if held is not None:
-            stiffness = stiffness + held
-            force -= (held @ state.positions.ravel()).reshape(-1, 3)
+        stress_matrix = step_stress_matrix(model, state)
+        if stress_matrix is not None:
+            stiffness = stiffness + stress_matrix
+            force -= (stress_matrix @ state.positions.ravel()).reshape(-1, 3)
         force -= (parameters.rayleigh_mass * model.mass)[:, None] * state.velocities
         straining = self._turning.lagging(state, control, parameters.rayleigh_stiffness / lag)
         force -= lag * (stiffness @ straining.ravel()).reshape(-1, 3)

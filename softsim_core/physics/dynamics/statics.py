@@ -141,7 +141,7 @@ class StaticProblem:
         solver: LinearSolver,
     ) -> None:
         self.model, self.control, self.parameters, self.actuators = model, control, parameters, actuators
-        self.held = len(actuators)
+        self.constrained = len(actuators)
         self.at = Unknowns(model)
         self.matrices = Factoriser(solver, int((self.at.solved >= self.at.first_reduced).sum()))
         self.iterations, self.met_unstable = 0, False
@@ -155,13 +155,13 @@ class StaticProblem:
         self.first_targets = self.start.joint_positions.copy()
         self.first_targets[actuators.multiplied] = self.start.joint_efforts[actuators.multiplied]
         self.first_shift = float(self.start.base_shift[0])
-        given = (state.buffer, control.targets, control.forces, control.base_shift)
-        if not all(np.isfinite(each).all() for each in given):
+        inputs = (state.buffer, control.targets, control.forces, control.base_shift)
+        if not all(np.isfinite(each).all() for each in inputs):
             raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
         self.lever, self.beside = self._levers(), _beside(model)
         volumes = np.concatenate([np.zeros(0)] + [group.volumes for group in model.filling])
         self.size = float(np.cbrt(volumes.mean())) if len(volumes) else 0.0
-        self.first_residual = np.zeros(self.at.size + self.held)
+        self.first_residual = np.zeros(self.at.size + self.constrained)
         try:
             self.first_residual = self._residual(self.start, 0.0)[0]
         except np.linalg.LinAlgError as error:  # from the rotations of elements
@@ -172,7 +172,7 @@ class StaticProblem:
 
     def _levers(self) -> Array:
         """Return the displacement per unknown: that of its region's nodes (RMS, in [m]), 1 for nodes."""
-        lever = np.append(np.ones(self.at.size), np.zeros(self.held))
+        lever = np.append(np.ones(self.at.size), np.zeros(self.constrained))
         motion_subspace = self.model.motion_subspace(self.start)
         for region in self.model.regions:
             for k in region.reduced.tolist():
@@ -367,14 +367,14 @@ class StaticProblem:
         change = state.joint_positions - before.joint_positions
         subspace, driven = model.motion_subspace(before), np.zeros_like(before.positions)
         for region, nodes in self.beside:
-            held, both = before.positions[region.nodes], np.concatenate([region.nodes, nodes])
-            driven[region.nodes] = shifted.positions[region.nodes] - held
-            driven[nodes] = _moved_along(before.positions[nodes], held, shifted.positions[region.nodes])
+            start, both = before.positions[region.nodes], np.concatenate([region.nodes, nodes])
+            driven[region.nodes] = shifted.positions[region.nodes] - start
+            driven[nodes] = _moved_along(before.positions[nodes], start, shifted.positions[region.nodes])
             driven[nodes] -= before.positions[nodes]
             for k in region.reduced[region.reduced >= first].tolist():
                 driven[both] += change[k - first] * subspace.jacobian(k, before.positions[both])
             state.positions[nodes] = _moved_along(
-                before.positions[nodes], held, state.positions[region.nodes]
+                before.positions[nodes], start, state.positions[region.nodes]
             )
         return driven
 
@@ -388,15 +388,15 @@ class StaticProblem:
         """
         model, at = self.model, self.at
         forces = static_forces(model, state, self.parameters, self.control.forces)
-        residual = np.zeros(at.size + self.held)
-        if self.held:
+        residual = np.zeros(at.size + self.constrained)
+        if self.constrained:
             actuators, multipliers = self.actuators, self._multipliers(state)
             rows = rows_on_unknowns(model, at, state, actuators.rows(model, state))
             forces = forces + (rows.on_nodes.T @ multipliers).reshape(-1, 3)
             residual[at.first_reduced : at.size] = rows.on_reduced.T @ multipliers
-            kept = actuators.transmissions(state.joint_positions[actuators.joint], multipliers)
-            residual[at.size :] = actuators.values(model, state) - kept.command
-            residual[at.size :] += kept.compliance * multipliers
+            transmissions = actuators.transmissions(state.joint_positions[actuators.joint], multipliers)
+            residual[at.size :] = actuators.values(model, state) - transmissions.command
+            residual[at.size :] += transmissions.compliance * multipliers
         residual[: at.size] += generalised_forces(model, at, state, forces)
         residual[at.joints] += at.drive * (self._targets(fraction) - state.joint_positions)
         return residual - (1.0 - fraction) * self.first_residual, forces
@@ -413,23 +413,23 @@ class StaticProblem:
         """Return the factorised tangent of the residual on the solved unknowns; see `node_stiffness`."""
         at = self.at
         matrix = static_tangent(self.model, at, state, forces, stiffness)
-        if self.held:
+        if self.constrained:
             geometric = self._geometric(state)
             across = rows_on_unknowns(self.model, at, state, geometric.rows).on_unknowns
             matrix = matrix + across.T @ sp.diags(geometric.weight) @ across
         self.iterations += 1
         try:
             factors = self.matrices.factor(matrix[at.solved][:, at.solved])
-            if not self.held:
+            if not self.constrained:
                 return factors
             rows = rows_on_unknowns(self.model, at, state, self.actuators.rows(self.model, state))
             commands = self._targets(fraction)[self.actuators.joint]
-            kept = self.actuators.transmissions(commands, self._multipliers(state))
+            transmissions = self.actuators.transmissions(commands, self._multipliers(state))
             return ActuatedFactors(
                 factors,
                 rows.on_unknowns[:, at.solved],
-                kept.compliance,
-                (kept.lower, kept.upper),
+                transmissions.compliance,
+                (transmissions.lower, transmissions.upper),
             )
         except FactorisationError:
             residual, _ = self._residual(state, fraction)
@@ -437,7 +437,7 @@ class StaticProblem:
 
     def _solve(self, factors: Any, residual: Array, state: State) -> Array:
         at, step = self.at, np.zeros(len(residual))
-        if not self.held:
+        if not self.constrained:
             step[at.solved] = factors.solve(residual[at.solved])
         else:
             step[at.solved], step[at.size :] = factors.solve(
@@ -594,15 +594,15 @@ def _in_parts(problem: StaticProblem, tolerance: float, part: float) -> tuple[St
     tried where an unstable equilibrium was met, because the direction in which a column buckles would depend
     on rounding.
     """
-    current, reached, steps, tried = problem.start, 0.0, 0, False
+    current, reached, steps, attempted = problem.start, 0.0, 0, False
     soon = problem.iterations + PATIENCE
     while reached < 1.0:
         goal = min(1.0, reached + part)
         try:
             current = problem.newton(current, goal, tolerance)
         except NotConvergedError as failure:
-            if problem.iterations > soon and not tried and not problem.met_unstable:
-                tried = True
+            if problem.iterations > soon and not attempted and not problem.met_unstable:
+                attempted = True
                 if (found := _try_restrained_steps(problem, current, tolerance)) is not None:
                     return found, steps + 1
             part *= SMALLER

@@ -35,9 +35,9 @@ from .prony import (
     during_step as during_step,
     fading as fading,
     forget as forget,
-    held_forces as held_forces,
-    held_stiffness as held_stiffness,
-    held_stress as held_stress,
     memory_shape as memory_shape,
     remember as remember,
+    step_stress as step_stress,
+    step_stress_forces as step_stress_forces,
+    step_stress_stiffness as step_stress_stiffness,
 )

@@ -49,14 +49,14 @@ def during_step(law: Material, values: Mapping[str, float], h: float) -> dict[st
     return changed
 
 
-def held_stress(group: ElementGroup, p: Array, memory: Array, h: float) -> Array:
+def step_stress(group: ElementGroup, p: Array, memory: Array, h: float) -> Array:
     """Return the stress H at all points in [Pa], shape (m, q, 3, 3), for a step of h [s].
 
     `p` (m, k) are the scene's values, before `during_step`.
     """
     shares, fades, halves = _of_points(group, p, h)
-    held = (fades[..., None, None] * memory[..., :-1, :, :]).sum(axis=-3)
-    return np.asarray(held - (shares * halves).sum(axis=-1)[..., None, None] * memory[..., -1, :, :])
+    faded = (fades[..., None, None] * memory[..., :-1, :, :]).sum(axis=-3)
+    return np.asarray(faded - (shares * halves).sum(axis=-1)[..., None, None] * memory[..., -1, :, :])
 
 
 def remember(group: ElementGroup, p: Array, memory: Array, positions: Array, h: float) -> None:
@@ -86,16 +86,16 @@ def law_stress(group: ElementGroup, p: Array, positions: Array, otherwise: Array
     return np.asarray(0.5 * (result + np.swapaxes(result, -1, -2)))
 
 
-def held_stiffness(group: ElementGroup, held: Array) -> Array:
+def step_stress_stiffness(group: ElementGroup, stress: Array) -> Array:
     """Return the stiffness of the stress H (m, q, 3, 3): k_ab of blocks k_ab I in [N/m], shape (m, a, a).
 
     The force on node a is - sum k_ab x_b.
     """
-    weighted = group.weights[..., None, None] * (group.gradients @ held)
+    weighted = group.weights[..., None, None] * (group.gradients @ stress)
     return np.asarray((weighted @ np.swapaxes(group.gradients, -1, -2)).sum(axis=1))
 
 
-def held_forces(stiffness: Array, cells: IndexArray, positions: Array) -> Array:
+def step_stress_forces(stiffness: Array, cells: IndexArray, positions: Array) -> Array:
     """Return the forces of the stress H on the nodes of the cells in [N], shape (m, a, 3)."""
     return np.asarray(-(stiffness @ positions[cells]))
 

@@ -167,14 +167,14 @@ def _private(path: str) -> bytes:
     """
     number = os.open(path, _READING)
     with open(number, "rb") as file:  # noqa: PTH123
-        seen = os.fstat(number)
-        if not stat.S_ISREG(seen.st_mode):
+        status = os.fstat(number)
+        if not stat.S_ISREG(status.st_mode):
             raise _RefusedFileError("is no regular file")
         if hasattr(os, "geteuid"):  # else users and permissions are not those of POSIX
-            if seen.st_uid not in (0, os.geteuid()):
-                raise _RefusedFileError(f"belongs to the user {seen.st_uid}")
-            if seen.st_mode & OTHERS_MAY_WRITE:
-                raise _RefusedFileError(f"can be written by others (mode {stat.S_IMODE(seen.st_mode):o})")
+            if status.st_uid not in (0, os.geteuid()):
+                raise _RefusedFileError(f"belongs to the user {status.st_uid}")
+            if status.st_mode & OTHERS_MAY_WRITE:
+                raise _RefusedFileError(f"can be written by others (mode {stat.S_IMODE(status.st_mode):o})")
         return file.read()
 
 

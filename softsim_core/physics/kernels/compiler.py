@@ -50,8 +50,8 @@ def _is_own(folder: Path) -> bool:
     """
     if not os.access(folder, os.W_OK):
         return False
-    seen = folder.stat()
-    return not hasattr(os, "geteuid") or (seen.st_uid == os.geteuid() and not seen.st_mode & stat.S_IWOTH)
+    status = folder.stat()
+    return not hasattr(os, "geteuid") or (status.st_uid == os.geteuid() and not status.st_mode & stat.S_IWOTH)
 
 
 def _folder_of_the_user() -> Path:

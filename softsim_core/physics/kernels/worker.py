@@ -43,7 +43,7 @@ class CompileProcess:
         self._process: Popen[bytes] | None = None
         self._used = bool(sys.executable) and not getattr(sys, "frozen", False)
 
-    def compile(self, wanted: KernelRequest) -> bool:
+    def compile(self, requested: KernelRequest) -> bool:
         """Compile a kernel into the cache in the other process and wait.
 
         False: it failed, whatever the reason.
@@ -51,7 +51,7 @@ class CompileProcess:
         if not self._used:
             return False
         try:
-            request = pickle.dumps((_import_paths(), pickle.dumps(wanted)))
+            request = pickle.dumps((_import_paths(), pickle.dumps(requested)))
         except Exception:  # a type unknown to other processes, such as one local to a function
             return False
         with self._one_at_a_time:
@@ -122,18 +122,18 @@ def _import_paths() -> list[str]:
 def _compile_kernel(paths: list[str], request: bytes) -> bool:
     """Compile a kernel, unless another process has done so meanwhile."""
     sys.path[:] = paths  # also those of a new package
-    wanted: KernelRequest = pickle.loads(request)
-    kernel = getattr(import_module(wanted.module), wanted.name).for_python
+    requested: KernelRequest = pickle.loads(request)
+    kernel = getattr(import_module(requested.module), requested.name).for_python
     with alone(Path(kernel.stats.cache_path) / "compiling"):
-        kernel.compile(wanted.types)
+        kernel.compile(requested.types)
     return True
 
 
-def _receive_requests(requests: BinaryIO, heard: SimpleQueue[tuple[list[str], bytes]]) -> None:
+def _receive_requests(requests: BinaryIO, received: SimpleQueue[tuple[list[str], bytes]]) -> None:
     """Yield requests, and end this process with the one that asks, even in the middle of a kernel."""
     with suppress(EOFError, OSError):
         while True:
-            heard.put(pickle.load(requests))
+            received.put(pickle.load(requests))
     os._exit(0)
 
 
@@ -148,11 +148,11 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks, which ends this one
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of modules is no answer
-    heard: SimpleQueue[tuple[list[str], bytes]] = SimpleQueue()
-    Thread(target=_receive_requests, args=(sys.stdin.buffer, heard), daemon=True).start()
+    received: SimpleQueue[tuple[list[str], bytes]] = SimpleQueue()
+    Thread(target=_receive_requests, args=(sys.stdin.buffer, received), daemon=True).start()
     while True:
         try:
-            request = heard.get(timeout=IDLE_S)
+            request = received.get(timeout=IDLE_S)
         except Empty:
             os._exit(0)  # the reading thread has the input's lock, and Python would end with an error
         try:

@@ -30,11 +30,11 @@ from .conjugate import (
 )
 from .divided_factor import (
     Division as Division,
+    allocate_panels as allocate_panels,
     divide_tree as divide_tree,
     lead_factor as lead_factor,
-    room_for as room_for,
     support_factor as support_factor,
-    with_room_for as with_room_for,
+    with_space_for as with_space_for,
 )
 from .ordering import (
     LEAF as LEAF,

@@ -78,26 +78,26 @@ def _sums(compliance: Array, gap: Array, forces: Array) -> Array:
 
 def _active_sets(compliance: Array, gap: Array, lower: Array, upper: Array) -> Array:
     """Solve by active sets, releasing and holding rows all at once; may end without a solution."""
-    held = lower < upper
-    if held.all():
+    active = lower < upper
+    if active.all():
         forces = -np.linalg.solve(compliance, gap)
         if (forces >= lower).all() and (forces <= upper).all():
             return np.asarray(forces)  # the common case: no bound is reached
-    forces = np.where(held, 0.0, lower)
+    forces = np.where(active, 0.0, lower)
     for _ in range(2 * len(gap) + 1):
-        if held.any():
-            rest = gap[held] + compliance[np.ix_(held, ~held)] @ forces[~held]
-            forces[held] = -np.linalg.solve(compliance[np.ix_(held, held)], rest)
+        if active.any():
+            rest = gap[active] + compliance[np.ix_(active, ~active)] @ forces[~active]
+            forces[active] = -np.linalg.solve(compliance[np.ix_(active, active)], rest)
         remainder = gap + compliance @ forces
         bound = np.clip(forces, lower, upper)
-        release = held & (bound != forces)
+        release = active & (bound != forces)
         tiny = WRONG_SIDE * _sums(compliance, gap, forces)
         back = np.where(forces <= lower, remainder < -tiny, remainder > tiny)
-        catch = ~held & (lower < upper) & back
+        catch = ~active & (lower < upper) & back
         if not release.any() and not catch.any():
             return forces
         forces = np.where(release, bound, forces)
-        held = (held & ~release) | catch
+        active = (active & ~release) | catch
     return np.asarray(np.clip(forces, lower, upper))
 
 
@@ -107,37 +107,37 @@ def _faces(compliance: Array, gap: Array, lower: Array, upper: Array) -> Array:
     The force pushed off its bound most is freed next.
     """
     forces = np.clip(np.zeros(len(gap)), lower, upper)
-    held = (lower < forces) & (forces < upper)
+    active = (lower < forces) & (forces < upper)
     settled = lower >= upper
     freed = -1
     for _ in range(FACES_PER_FORCE * len(gap)):
-        if _to_minimum(compliance, gap, (lower, upper), forces, held):
+        if _to_minimum(compliance, gap, (lower, upper), forces, active):
             settled = lower >= upper
         elif freed >= 0:
             settled[freed] = True  # it does not move: the push was rounding
         remainder = gap + compliance @ forces
         push = np.where(forces <= lower, -remainder, remainder) / _sums(compliance, gap, forces)
-        push[held | settled] = 0.0
+        push[active | settled] = 0.0
         freed = int(np.argmax(push))
         if not push[freed] > WRONG_SIDE:  # also ends on NaN
             break
-        held[freed] = True
+        active[freed] = True
     return forces
 
 
 def _to_minimum(
-    compliance: Array, gap: Array, bounds: tuple[Array, Array], forces: Array, held: BoolArray
+    compliance: Array, gap: Array, bounds: tuple[Array, Array], forces: Array, active: BoolArray
 ) -> bool:
-    """Move `forces` (c,) to the minimum over the held ones, which leave `held` at a bound.
+    """Move `forces` (c,) to the minimum over the held ones, which leave `active` at a bound.
 
     Return whether any moved.
     """
     lower, upper = bounds
     moved = False
-    while held.any():
-        rest = gap[held] + compliance[np.ix_(held, ~held)] @ forces[~held]
+    while active.any():
+        rest = gap[active] + compliance[np.ix_(active, ~active)] @ forces[~active]
         goal = forces.copy()
-        goal[held] = -_solve_positive(compliance[np.ix_(held, held)], rest)
+        goal[active] = -_solve_positive(compliance[np.ix_(active, active)], rest)
         change, bound = goal - forces, np.clip(goal, lower, upper)
         beyond = np.flatnonzero(bound != goal)
         shares = (bound - forces)[beyond] / change[beyond]
@@ -147,9 +147,9 @@ def _to_minimum(
             forces[:] = goal
             break
         first = beyond[int(np.argmin(shares))]
-        forces[held] = np.clip(forces + part * change, lower, upper)[held]
+        forces[active] = np.clip(forces + part * change, lower, upper)[active]
         forces[first] = bound[first]
-        held[first] = False
+        active[first] = False
     return moved
 
 

@@ -70,15 +70,15 @@ class Sharing(NamedTuple):
     division: Division
     beyond: Array
     single_beyond: SingleArray
-    room: Array
+    work: Array
     scale: Array
 
 
 def sharing_of(division: Division, unknowns: int) -> Sharing:
     """Return the shared data for a divided tree with a number of unknowns."""
     shape = (len(division.first), unknowns if len(division.above) else 0)
-    beyond, room = np.zeros(shape), np.zeros((4, unknowns))
-    return Sharing(division, beyond, np.zeros(shape, np.float32), room, np.ones(1))
+    beyond, work = np.zeros(shape), np.zeros((4, unknowns))
+    return Sharing(division, beyond, np.zeros(shape, np.float32), work, np.ones(1))
 
 
 @kernel
@@ -97,7 +97,7 @@ def product_task(
     `line` is a buffer as that of Preconditioner.
     """
     tree, parts, above = by.tree, sharing.division, sharing.division.above
-    r, z, p, q = sharing.room[0], sharing.room[1], sharing.room[2], sharing.room[3]
+    r, z, p, q = sharing.work[0], sharing.work[1], sharing.work[2], sharing.work[3]
     scale = sharing.scale[0]
     if kind == COLUMNS:
         first = block_end(tree, s, low) + task * WIDE
@@ -240,7 +240,7 @@ def multiply(matrix: Matrix, by: Preconditioner, sharing: Sharing, agenda: Index
     """Write A p to q."""
     parts = sharing.division
     product_phase(matrix, by, sharing, agenda, MULTIPLY, ZERO, ZERO, len(parts.first) + 1)
-    q, beyond = sharing.room[3], sharing.beyond
+    q, beyond = sharing.work[3], sharing.beyond
     for t in range(len(parts.first)):
         for e in range(parts.first_row[t], parts.first_row[t + 1]):
             unknown = parts.row[e]
@@ -337,8 +337,8 @@ def conjugate_gradients(
     Returns:
         The number of iterations; -1: not converged in `most`; -2: A or its preconditioner is not positive.
     """
-    room = sharing.room
-    r, z, p, q = room[0], room[1], room[2], room[3]
+    work = sharing.work
+    r, z, p, q = work[0], work[1], work[2], work[3]
     size = len(b)
     x[:] = 0.0
     scale = largest(b)

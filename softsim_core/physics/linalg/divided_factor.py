@@ -137,7 +137,7 @@ def _rows(plan: Plan, first: int, end: int) -> IndexArray:
     return np.asarray(rows[(rows >= low) & (rows < 3 * len(plan.position))])
 
 
-def with_room_for(plan: Plan, division: Division, tile_rows: int) -> Plan:
+def with_space_for(plan: Plan, division: Division, tile_rows: int) -> Plan:
     """Return the plan with a stack in which the parts' updates do not overlap.
 
     Those above use the remaining space.
@@ -179,7 +179,7 @@ class PanelBuffers(NamedTuple):
     strips: Numbers
 
 
-def room_for(tree: Tree, division: Division, kind: type[np.floating[Any]]) -> PanelBuffers:
+def allocate_panels(tree: Tree, division: Division, kind: type[np.floating[Any]]) -> PanelBuffers:
     """Return buffers for the factor of a divided tree in numbers of one type."""
     widest = int(tree.width[division.above].max(initial=0))
     return PanelBuffers(np.zeros((BLOCK // ROWS, ROWS * ROWS), kind), np.zeros(strips_length(widest), kind))
@@ -220,11 +220,11 @@ def factor_columns(
     high: int,
     first: int,
     end: int,
-    room: PanelBuffers,
+    buffers: PanelBuffers,
     goal: int,
 ) -> None:
     """Factor columns first .. end of rows low .. high, and copy them as strips from `goal` on."""
-    row, strips, coefficients = begin + low * width, room.strips, room.coefficients
+    row, strips, coefficients = begin + low * width, buffers.strips, buffers.coefficients
     for i in range(low, high, ROWS):
         place = begin + i * width + first
         subtract_tiles(panels, place, width, panels, row + i, row + first, width, i - low, end - first)
@@ -257,7 +257,14 @@ def subtract_later(tree: Tree, store: Factor, s: int, low: int, high: int, row: 
 
 @kernel
 def factor_task(
-    tree: Tree, store: Factor, division: Division, room: PanelBuffers, kind: int, s: int, low: int, task: int
+    tree: Tree,
+    store: Factor,
+    division: Division,
+    buffers: PanelBuffers,
+    kind: int,
+    s: int,
+    low: int,
+    task: int,
 ) -> None:
     """Run one task of a phase for supernode `s` with the block that starts at row `low`."""
     if kind == PART:
@@ -278,9 +285,9 @@ def factor_task(
                 first = later + (task - tasks) * WIDE
                 end, goal = min(first + WIDE, width), (task - tasks) * WIDE * (high - low)
                 goal += (later - high + STRIP - 1) // STRIP * STRIP * (high - low)
-            factor_columns(store.panels, begin, width, low, high, first, end, room, goal)
+            factor_columns(store.panels, begin, width, low, high, first, end, buffers, goal)
         else:
-            subtract_later(tree, store, s, low, high, task * DEEP, room.strips)
+            subtract_later(tree, store, s, low, high, task * DEEP, buffers.strips)
 
 
 @kernel
@@ -288,7 +295,7 @@ def factor_phase(
     tree: Tree,
     store: Factor,
     division: Division,
-    room: PanelBuffers,
+    buffers: PanelBuffers,
     agenda: IndexArray,
     kind: int,
     s: int,
@@ -299,7 +306,7 @@ def factor_phase(
     publish(agenda, kind, s, low, count)
     task = claim(agenda)
     while task >= 0:
-        factor_task(tree, store, division, room, kind, s, low, task)
+        factor_task(tree, store, division, buffers, kind, s, low, task)
         report(agenda)
         task = claim(agenda)
     await_others(agenda)
@@ -307,10 +314,10 @@ def factor_phase(
 
 @kernel
 def lead_factor(
-    tree: Tree, store: Factor, division: Division, room: PanelBuffers, agenda: IndexArray
+    tree: Tree, store: Factor, division: Division, buffers: PanelBuffers, agenda: IndexArray
 ) -> None:
     """Factor the matrix in the panels as `cholesky.factor`, as the thread that writes the agenda."""
-    factor_phase(tree, store, division, room, agenda, PART, ZERO, ZERO, len(division.first))
+    factor_phase(tree, store, division, buffers, agenda, PART, ZERO, ZERO, len(division.first))
     panels = store.panels
     for a in range(len(division.above)):
         s = division.above[a]
@@ -319,28 +326,30 @@ def lead_factor(
         if rows * width <= FITS:
             factor_part(tree, store, s, s + 1)
             continue
-        factor_phase(tree, store, division, room, agenda, GATHER, s, ZERO, (later + side + ROWS) // LINES + 1)
+        factor_phase(
+            tree, store, division, buffers, agenda, GATHER, s, ZERO, (later + side + ROWS) // LINES + 1
+        )
         for i in range(own, rows):  # padding rows are rows of the identity
             panels[begin + i * width + i] = 1.0
         for low in range(0, rows, BLOCK):
             high = min(rows, low + BLOCK)
-            factor_triangle(panels, begin, width, low, high, room.coefficients)
+            factor_triangle(panels, begin, width, low, high, buffers.coefficients)
             beside = (later - high + WIDE - 1) // WIDE if high < rows else 0
             beside += (width - later + WIDE - 1) // WIDE
-            factor_phase(tree, store, division, room, agenda, COLUMNS, s, low, beside)
+            factor_phase(tree, store, division, buffers, agenda, COLUMNS, s, low, beside)
             below = (rows - high + DEEP - 1) // DEEP + (side - 1 + DEEP - 1) // DEEP
-            factor_phase(tree, store, division, room, agenda, LATER, s, low, below)
+            factor_phase(tree, store, division, buffers, agenda, LATER, s, low, below)
     gather_schur(tree, store)
 
 
 @kernel
 def support_factor(
-    tree: Tree, store: Factor, division: Division, room: PanelBuffers, agenda: IndexArray
+    tree: Tree, store: Factor, division: Division, buffers: PanelBuffers, agenda: IndexArray
 ) -> None:
     """Take tasks of a factorisation from the agenda until it closes, as a supporting thread."""
     task = claim_or_leave(agenda)
     while task != CLOSED:
         kind, s, low = order(agenda)
-        factor_task(tree, store, division, room, kind, s, low, task)
+        factor_task(tree, store, division, buffers, kind, s, low, task)
         report(agenda)
         task = claim_or_leave(agenda)

@@ -85,16 +85,16 @@ def column_counts(
 ) -> IndexArray:
     """Return the entries below the diagonal of each column of the factor, by position, shape (n,)."""
     count = len(order)
-    position, seen = np.empty(count, np.int64), np.full(count, -1, np.int64)
+    position, visited = np.empty(count, np.int64), np.full(count, -1, np.int64)
     for i in range(count):
         position[order[i]] = i
     counts = np.zeros(count, np.int64)
     for j in range(count):
-        seen[j] = j
+        visited[j] = j
         for e in range(starts[order[j]], starts[order[j] + 1]):
             i = position[neighbours[e]]
-            while i < j and seen[i] != j:
-                seen[i] = j
+            while i < j and visited[i] != j:
+                visited[i] = j
                 counts[i] += 1
                 i = parent[i]
     return counts
@@ -239,11 +239,11 @@ def best_move(
     """
     best, found, to = 1 << 40, -1, 0
     for goal in range(2):
-        room, uneven = sizes[goal] + 1 <= largest, 1 if sizes[goal] > sizes[1 - goal] else 0
+        fits, uneven = sizes[goal] + 1 <= largest, 1 if sizes[goal] > sizes[1 - goal] else 0
         for i in range(sizes[SEPARATOR]):
             coming = beside[separator[i], 1 - goal]
             cost = 2 * coming + uneven
-            if cost < best and not moved[separator[i]] and (room or sizes[goal] < sizes[1 - goal] - coming):
+            if cost < best and not moved[separator[i]] and (fits or sizes[goal] < sizes[1 - goal] - coming):
                 best, found, to = cost, i, goal
     return found, to
 
@@ -263,7 +263,14 @@ def improve(
     largest = UNBALANCED * len(nodes)
     log = np.empty((8 * len(nodes), 2), np.int64)
     for _ in range(PASSES):
-        smallest, even, kept, logged, since, height = sizes[SEPARATOR], max(sizes[0], sizes[1]), 0, 0, 0, 0
+        smallest, even, best_logged, logged, since, height = (
+            sizes[SEPARATOR],
+            max(sizes[0], sizes[1]),
+            0,
+            0,
+            0,
+            0,
+        )
         before = smallest
         for node in nodes:
             moved[node] = False
@@ -290,8 +297,8 @@ def improve(
             since += 1
             larger = max(sizes[0], sizes[1])
             if sizes[SEPARATOR] < smallest or (sizes[SEPARATOR] == smallest and larger < even):
-                smallest, kept, even, since = sizes[SEPARATOR], logged, larger, 0
-        for i in range(logged - 1, kept - 1, -1):
+                smallest, best_logged, even, since = sizes[SEPARATOR], logged, larger, 0
+        for i in range(logged - 1, best_logged - 1, -1):
             change_side(starts, neighbours, log[i, 0], log[i, 1], side, sizes, beside)
         if smallest == before:
             break
@@ -318,9 +325,9 @@ def part_in_two(
             size[k] = cut(starts, neighbours, orders[k], side)
             k += 1
     smallest, best = len(nodes) + 1, np.empty(len(nodes), np.int64)
-    tried = np.empty(pairs, np.int64)
-    sort_by(size, np.arange(pairs), tried)
-    for k in tried[:IMPROVED]:
+    candidates = np.empty(pairs, np.int64)
+    sort_by(size, np.arange(pairs), candidates)
+    for k in candidates[:IMPROVED]:
         cut(starts, neighbours, orders[k], side)
         found = improve(starts, neighbours, nodes, side, beside, moved)
         if found < smallest:

@@ -17,9 +17,9 @@ from softsim_core.physics.linalg.compile import intrinsic
 
 def _has_wide_vectors() -> bool:
     """Return whether kernels are compiled for AVX-512: on this processor, or as NUMBA_CPU_FEATURES says."""
-    wanted = getattr(config, "CPU_FEATURES", None)
-    if wanted is not None:
-        return "+avx512f" in wanted
+    features = getattr(config, "CPU_FEATURES", None)
+    if features is not None:
+        return "+avx512f" in features
     return bool(llvm.get_host_cpu_features().get("avx512f", False))
 
 

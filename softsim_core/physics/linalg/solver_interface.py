@@ -121,13 +121,13 @@ class Factoriser:
         columns.sum_duplicates()  # also sorts each column
         if not np.isfinite(columns.data).all():
             raise FactorisationError("the matrix holds a number that is not finite")
-        known = self._pattern
-        if known is None or not (
-            np.array_equal(known.starts, columns.indptr) and np.array_equal(known.rows, columns.indices)
+        pattern = self._pattern
+        if pattern is None or not (
+            np.array_equal(pattern.starts, columns.indptr) and np.array_equal(pattern.rows, columns.indices)
         ):
             starts, rows = columns.indptr.astype(np.int64), columns.indices.astype(np.int64)
-            known = self._pattern = Pattern(columns.shape[0], self._dense, starts, rows)
-            self._plan = self._solver.plan(known)
+            pattern = self._pattern = Pattern(columns.shape[0], self._dense, starts, rows)
+            self._plan = self._solver.plan(pattern)
         assert self._plan is not None
         return self._plan.factor(columns.data)
 

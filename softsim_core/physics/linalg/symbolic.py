@@ -293,18 +293,18 @@ def row_unknowns(
     are the border unknowns of each supernode.
     """
     count, size = len(nodes), len(columns)
-    result, seen = np.empty(first_row[-1], np.int64), np.full(count, -1, np.int64)
+    result, visited = np.empty(first_row[-1], np.int64), np.full(count, -1, np.int64)
     child, following = np.full(size, -1, np.int64), np.full(size, -1, np.int64)
     found, first = np.empty(count, np.int64), 0
     for s in range(size):
         height, end = 0, first + columns[s] // 3
         for k in range(first, end):
-            seen[k] = s
+            visited[k] = s
         for k in range(first, end):
             for e in range(starts[nodes[k]], starts[nodes[k] + 1]):
                 row = position[neighbours[e]]
-                if row >= end and seen[row] != s:
-                    seen[row], found[height] = s, row
+                if row >= end and visited[row] != s:
+                    visited[row], found[height] = s, row
                     height += 1
         c = child[s]
         while c >= 0:
@@ -312,8 +312,8 @@ def row_unknowns(
                 if result[i] >= 3 * count:
                     break
                 row = result[i] // 3
-                if row >= end and seen[row] != s:
-                    seen[row], found[height] = s, row
+                if row >= end and visited[row] != s:
+                    visited[row], found[height] = s, row
                     height += 1
             c = following[c]
         place = first_row[s]

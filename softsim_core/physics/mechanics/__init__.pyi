@@ -46,19 +46,19 @@ from .rows import (
 )
 from .state import (
     ACCELERATION as ACCELERATION,
+    ACTUATOR_STATE as ACTUATOR_STATE,
     COMMANDED as COMMANDED,
     EFFORT_CHANGE as EFFORT_CHANGE,
     HOLDING as HOLDING,
-    KEPT as KEPT,
     MAGIC as MAGIC,
     MOVED as MOVED,
     REDUCED_ACCELERATION as REDUCED_ACCELERATION,
     WARM_START_COLUMNS as WARM_START_COLUMNS,
     State as State,
-    held_name as held_name,
     memory_name as memory_name,
     need_rotations as need_rotations,
     no_warm_start as no_warm_start,
     pack as pack,
+    step_stress_name as step_stress_name,
     unpack as unpack,
 )

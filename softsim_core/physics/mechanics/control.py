@@ -54,15 +54,15 @@ class Control:
     transmissions: Transmissions | None = None
 
     def __post_init__(self) -> None:
-        keep = object.__setattr__
-        keep(self, "targets", float_array(self.targets, (-1,), "targets"))
-        keep(self, "forces", float_array(self.forces, (-1, 3), "forces"))
-        keep(self, "base_shift", float(self.base_shift))
+        store = object.__setattr__
+        store(self, "targets", float_array(self.targets, (-1,), "targets"))
+        store(self, "forces", float_array(self.forces, (-1, 3), "forces"))
+        store(self, "base_shift", float(self.base_shift))
         if self.rigid_forces is not None:
             loads = float_array(self.rigid_forces, (-1, 6), "rigid_forces")
-            keep(self, "rigid_forces", loads)
+            store(self, "rigid_forces", loads)
         if self.carried is not None:
-            keep(self, "carried", float_array(self.carried, (-1, 3), "carried"))
+            store(self, "carried", float_array(self.carried, (-1, 3), "carried"))
 
     def check(self, joints: int, nodes: int) -> None:
         """Refuse arrays that do not fit a model with these numbers of joints and nodes.

@@ -83,8 +83,8 @@ class JointLimits:
             and abs(straight - velocity) <= change
         ):
             return goal, straight
-        wanted = math.copysign(min(_stopping_speed(abs(way), self.acceleration, dt), self.speed), way)
-        return self._advance(current, min(max(wanted, velocity - change), velocity + change), dt)
+        desired = math.copysign(min(_stopping_speed(abs(way), self.acceleration, dt), self.speed), way)
+        return self._advance(current, min(max(desired, velocity - change), velocity + change), dt)
 
     def brake(self, current: float, velocity: float, dt: float) -> tuple[float, float]:
         """Brake for one step at the acceleration limit; arguments and result as in `step`."""
@@ -196,18 +196,18 @@ def says_something(values: Sequence[float]) -> bool:
     return any(abs(value) > NOTHING for value in values)
 
 
-def check_age(given_s: float, now_s: float) -> None:
+def check_age(stamp_s: float, now_s: float) -> None:
     """Refuse a command given too long ago, or in the future; time 0 is not checked.
 
     Args:
-        given_s: Its time stamp in [s].
+        stamp_s: Its time stamp in [s].
         now_s: Time of the receiver, on the clock of the stamps.
 
     Raises:
         CommandError: the times differ by more than MOST_LATE_S.
     """
-    late = now_s - given_s
-    if given_s != 0.0 and abs(late) > MOST_LATE_S:
+    late = now_s - stamp_s
+    if stamp_s != 0.0 and abs(late) > MOST_LATE_S:
         side = f"{late:.1f} s ago" if late > 0.0 else f"{-late:.1f} s ahead"
         raise _make_command_error(
             f"it is stamped {side}, allowed are {MOST_LATE_S:g} s; use one clock, or stamp it 0 for now"

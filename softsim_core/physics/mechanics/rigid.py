@@ -120,16 +120,16 @@ class RigidBodies:
     def _rotate_freely(self, r: int, rotation: Array, spin: Array, dt: float) -> Array:
         """Return the rotation (3, 3) after `dt` without a moment, from an initial spin (3,) in body axes."""
         inertia = self.inertia[r]
-        held = inertia @ spin
+        momentum = inertia @ spin
         smallest = 1.0 / np.linalg.norm(self.inverse_inertia[r], 2)
-        fastest = np.sqrt(max(spin @ held, 0.0) / smallest)  # that this energy allows
-        held = rotation @ held
+        fastest = np.sqrt(max(spin @ momentum, 0.0) / smallest)  # that this energy allows
+        momentum = rotation @ momentum
         parts = dt * fastest / MOST_TURN
         count = int(np.ceil(parts)) if 1.0 < parts <= MOST_PARTS else 1
         for _ in range(count):
             after = _spin_after(inertia, spin, dt / count)
             rotation = rotation @ rotation_exp(0.5 * dt / count * (spin + after))
-            rotation = _shortest(rotation @ (inertia @ after), held) @ rotation
+            rotation = _shortest(rotation @ (inertia @ after), momentum) @ rotation
             spin = after
         return _orthonormal(rotation)
 

@@ -58,17 +58,17 @@ def unpack(data: bytes, fingerprint: bytes, shapes: Mapping[str, tuple[int, ...]
     start = len(MAGIC) + _DIGEST + 8
     end = start + int.from_bytes(body[start - 8 : start], "little")
     try:
-        held = {str(name): tuple(map(int, shape)) for name, shape in json.loads(body[start:end])}
+        stored = {str(name): tuple(map(int, shape)) for name, shape in json.loads(body[start:end])}
         values = np.frombuffer(body, dtype="<f8", offset=end).astype(float)
     except (ValueError, TypeError, RecursionError) as error:
         raise SnapshotError("the snapshot's table of contents is damaged; save a new one") from error
-    _compare(held, shapes)
-    if len(values) != sum(math.prod(shape) for shape in held.values()):
+    _compare(stored, shapes)
+    if len(values) != sum(math.prod(shape) for shape in stored.values()):
         raise SnapshotError("the snapshot is shorter or longer than its table says; save a new one")
     if not np.isfinite(values).all():
         raise SnapshotError("the snapshot holds a value that is not finite; save a new one")
-    parts = np.split(values, np.cumsum([int(np.prod(shape)) for shape in held.values()])[:-1])
-    return {name: part.reshape(shape) for (name, shape), part in zip(held.items(), parts, strict=True)}
+    parts = np.split(values, np.cumsum([int(np.prod(shape)) for shape in stored.values()])[:-1])
+    return {name: part.reshape(shape) for (name, shape), part in zip(stored.items(), parts, strict=True)}
 
 
 def need_rotations(name: str, rotations: Array) -> None:
@@ -82,20 +82,22 @@ def need_rotations(name: str, rotations: Array) -> None:
         raise SnapshotError(f"the snapshot's {name} are no rotations; save a new one")
 
 
-def _compare(held: Mapping[str, tuple[int, ...]], shapes: Mapping[str, tuple[int, ...]]) -> None:
+def _compare(stored: Mapping[str, tuple[int, ...]], shapes: Mapping[str, tuple[int, ...]]) -> None:
     """Refuse names and shapes that differ from `shapes`."""
     for problem, names in (
-        ("lacks", [name for name in shapes if name not in held]),
-        ("holds unknown", [name for name in held if name not in shapes]),
+        ("lacks", [name for name in shapes if name not in stored]),
+        ("holds unknown", [name for name in stored if name not in shapes]),
     ):
         if names:
             raise SnapshotError(f"the snapshot {problem} {listing(names)}; save a new one")
     for name, shape in shapes.items():
-        fits = len(held[name]) == len(shape) and all(
-            want == has or (want == -1 and has >= 0) for want, has in zip(shape, held[name], strict=True)
+        fits = len(stored[name]) == len(shape) and all(
+            want == has or (want == -1 and has >= 0) for want, has in zip(shape, stored[name], strict=True)
         )
         if not fits:
-            raise SnapshotError(f"the snapshot's {name} has shape {held[name]}, not {shape}; save a new one")
+            raise SnapshotError(
+                f"the snapshot's {name} has shape {stored[name]}, not {shape}; save a new one"
+            )
 
 
 WARM_START_COLUMNS = 4
@@ -114,7 +116,7 @@ COMMANDED = "commanded"
 EFFORT_CHANGE = "effort_change"
 """Name in State.extra of the joint efforts in the last part of a cut step minus those of the step, (j,)."""
 
-KEPT = "actuators"
+ACTUATOR_STATE = "actuators"
 """Name in State.extra of the stored values of all actuators, joined, shape (k,)."""
 
 
@@ -123,7 +125,7 @@ def memory_name(group: int) -> str:
     return f"memory_{group}"
 
 
-def held_name(group: int) -> str:
+def step_stress_name(group: int) -> str:
     """Return the name in State.extra of these cells' stress that is fixed during a step, in [Pa]."""
     return f"held_{group}"
 

@@ -87,20 +87,20 @@ def check_tets(mesh: TetMesh) -> MeshReport:
     slivers = np.flatnonzero(angles.min(axis=1) < SLIVER_ANGLE_DEG)
     inverted = np.flatnonzero(volumes < 0.0)
     duplicates = n - len(np.unique(mesh.points, axis=0))
-    sentences = []
+    warnings = []
     if len(slivers):
-        sentences.append(
+        warnings.append(
             f"mesh {mesh.name}: {len(slivers)} of {m} elements are slivers (a dihedral angle below "
             f"{SLIVER_ANGLE_DEG:g} degrees, the smallest {angles.min():.2f}; first: element {slivers[0]}); "
             "accepted, but stresses there are unreliable"
         )
     if len(inverted):
-        sentences.append(
+        warnings.append(
             f"mesh {mesh.name}: {len(inverted)} of {m} elements have negative orientation "
             f"(first: element {inverted[0]}); accepted, their volume is taken absolute"
         )
     if duplicates:
-        sentences.append(
+        warnings.append(
             f"mesh {mesh.name}: {duplicates} of {n} nodes lie exactly on an earlier node; accepted, "
             "but parts that only touch there are not joined"
         )
@@ -118,7 +118,7 @@ def check_tets(mesh: TetMesh) -> MeshReport:
         min_edge=float(lengths.min()),
         mean_edge=float(lengths.mean()),
         max_edge=float(lengths.max()),
-        warnings=tuple(sentences),
+        warnings=tuple(warnings),
     )
 
 

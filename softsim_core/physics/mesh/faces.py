@@ -54,9 +54,9 @@ def triangles_of(mesh: TetMesh, triangles: IndexArray, corners: IndexArray) -> B
     ends = np.repeat(np.arange(len(mesh.points))[:, None], 2, axis=1)  # of the edge of a node
     if mesh.order == 2:
         ends[mesh.tets[:, 4:]] = mesh.tets[:, MIDDLES]
-    wanted = {frozenset(face) for face in corners.tolist()}
+    chosen = {frozenset(face) for face in corners.tolist()}
     own = ends[triangles].reshape(len(triangles), -1).tolist()
-    return np.array([frozenset(each) in wanted for each in own], dtype=bool)
+    return np.array([frozenset(each) in chosen for each in own], dtype=bool)
 
 
 def cavities(mesh: TetMesh) -> list[IndexArray]:

@@ -275,18 +275,18 @@ def _number(word: str, line: int, path: Path) -> float:
 
 
 def _renumber_nodes(ids: IndexArray, elements: list[list[int]], kind: str, path: Path) -> IndexArray:
-    wanted = np.array(elements, dtype=np.int64)
+    nodes = np.array(elements, dtype=np.int64)
     order = np.argsort(ids, kind="stable")
     if (np.diff(ids[order]) == 0).any():
         raise MeshError(path, f"node number {ids[order][:-1][np.diff(ids[order]) == 0][0]} occurs twice")
-    place = np.minimum(np.searchsorted(ids[order], wanted), len(ids) - 1)
-    missing = np.argwhere(ids[order][place] != wanted)
+    place = np.minimum(np.searchsorted(ids[order], nodes), len(ids) - 1)
+    missing = np.argwhere(ids[order][place] != nodes)
     if len(missing):
         element, corner = missing[0]
         raise MeshError(
             path,
-            f"{len(np.unique(missing[:, 0]))} of {len(wanted)} {kind} name a node that is not in the file, "
-            f"the first is element {element + 1} with node {wanted[element, corner]}",
+            f"{len(np.unique(missing[:, 0]))} of {len(nodes)} {kind} name a node that is not in the file, "
+            f"the first is element {element + 1} with node {nodes[element, corner]}",
         )
     return np.ascontiguousarray(order[place], dtype=np.int64)
 

@@ -136,15 +136,15 @@ def _tets(file: Path, placement: PlacementLike | None) -> TetMesh:
 
 def _tet_mesh(contents: _Contents, file: Path) -> TetMesh:
     points, cells, surfaces, groups, cell_groups = contents
-    known = ("tetra", "tetra10", *FACES)
-    unknown = [kind for kind in cells if kind not in known and not _NO_VOLUME.match(kind)]
+    supported = ("tetra", "tetra10", *FACES)
+    unknown = [kind for kind in cells if kind not in supported and not _NO_VOLUME.match(kind)]
     if unknown:
         raise MeshError(
             file,
             f"holds cells of kinds that are not read: {', '.join(unknown)} ({_describe_cells(cells)}); "
             "export linear cells or quadratic tetrahedra",
         )
-    blocks = {kind: np.concatenate(cells[kind]).astype(np.int64) for kind in known if kind in cells}
+    blocks = {kind: np.concatenate(cells[kind]).astype(np.int64) for kind in supported if kind in cells}
     if not blocks:
         raise MeshError(
             file, f"holds no tetrahedra ({_describe_cells(cells)}); export a tetrahedral volume mesh"
@@ -280,16 +280,16 @@ def _suffix_of_content(data: bytes, file: Path) -> str | None:
     if start.startswith(b"# vtk DataFile"):
         found = re.search(rb"^\s*DATASET\s+(\w+)", start, re.MULTILINE)
         kind = found[1].decode() if found else None
-        known: tuple[str, ...] = _VTK_KINDS
+        supported: tuple[str, ...] = _VTK_KINDS
         suffix = ".vtk"
     elif start.startswith(b"<") and (xml := re.search(rb"<VTKFile\b[^>]*?\btype\s*=\s*[\"'](\w+)", start)):
-        kind, known, suffix = xml[1].decode(), ("UnstructuredGrid",), ".vtu"
+        kind, supported, suffix = xml[1].decode(), ("UnstructuredGrid",), ".vtu"
     else:
         return next((suffix for magic, suffix in _MAGIC if start.startswith(magic)), None)
-    if kind is not None and kind not in known:
+    if kind is not None and kind not in supported:
         raise MeshError(
             file,
-            f"is a VTK file of kind {kind}, which is not read; allowed are {', '.join(known)}; save a "
+            f"is a VTK file of kind {kind}, which is not read; allowed are {', '.join(supported)}; save a "
             "surface as STL, OBJ or PLY",
         )
     return suffix

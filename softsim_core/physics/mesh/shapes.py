@@ -36,12 +36,12 @@ class Shape:
     mesh: MeshFile | None = field(default=None, metadata=LOCAL)
 
     def __post_init__(self) -> None:
-        given = [
+        defined = [
             each for each in (self.sphere, self.box, self.cylinder, self.plane, self.mesh) if each is not None
         ]
-        if len(given) != 1:
+        if len(defined) != 1:
             raise SceneError("shape: give exactly one of sphere, box, cylinder, plane and mesh")
-        sizes = given[0] if isinstance(given[0], tuple) else (given[0],)
+        sizes = defined[0] if isinstance(defined[0], tuple) else (defined[0],)
         for size in sizes:
             if isinstance(size, (int, float)) and not 0.0 < size < math.inf:
                 raise FieldError("shape", "size", size, "> 0 m")

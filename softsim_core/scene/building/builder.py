@@ -27,12 +27,12 @@ from softsim_core.physics.fem.materials import SECTION, Relaxing
 from softsim_core.physics.fem.rods import join_rods, rod_group
 from softsim_core.physics.mechanics import (
     ACCELERATION,
+    ACTUATOR_STATE,
     COMMANDED,
     EFFORT_CHANGE,
     FIXED,
     FREE,
     HOLDING,
-    KEPT,
     MOVED,
     REDUCED_ACCELERATION,
     Carrier,
@@ -40,9 +40,9 @@ from softsim_core.physics.mechanics import (
     Model,
     Parameters,
     RigidRegion,
-    held_name,
     memory_name,
     rotation_euler,
+    step_stress_name,
 )
 from softsim_core.physics.mesh import (
     RodMesh,
@@ -176,12 +176,12 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
         shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,), HOLDING: (1,)}
     if model.joints and scene.solver.substeps > 1 and torn_by_rough_steps(model.groups):
         shapes |= {COMMANDED: (len(model.joints),), EFFORT_CHANGE: (len(model.joints),)}
-    if acting.keeps:
-        shapes[KEPT] = (acting.keeps,)
+    if acting.internal_size:
+        shapes[ACTUATOR_STATE] = (acting.internal_size,)
     for k, group in enumerate(model.groups):
         if isinstance(group.material, Relaxing):
             shapes[memory_name(k)] = memory_shape(group)
-            shapes[held_name(k)] = (*group.weights.shape, 3, 3)
+            shapes[step_stress_name(k)] = (*group.weights.shape, 3, 3)
     return shapes
 
 

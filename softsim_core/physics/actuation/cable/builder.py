@@ -60,8 +60,8 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
         raise SceneError(
             f"cable {result.names[int(np.argmin(lengths))]}: all its points coincide; move them apart"
         )
-    given = ~np.isnan(result.rest_length)
-    result.rest_length[~given] = lengths[~given]
+    defined = ~np.isnan(result.rest_length)
+    result.rest_length[~defined] = lengths[~defined]
     return result
 
 

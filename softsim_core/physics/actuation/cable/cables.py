@@ -201,8 +201,8 @@ class Cables:
         """Return the bounds of the tensions in [N], shapes (c,), under the commands of the cables (c,)."""
         if not self.any_by_force:
             return self.lower, self.upper
-        wanted = np.clip(commands, self.lower, self.upper)
-        return np.where(self.by_force, wanted, self.lower), np.where(self.by_force, wanted, self.upper)
+        clamped = np.clip(commands, self.lower, self.upper)
+        return np.where(self.by_force, clamped, self.lower), np.where(self.by_force, clamped, self.upper)
 
     def transmissions(self, commands: Array, multipliers: Array) -> Transmissions:
         """Return the transmissions of all cables: no compliance, bounds from the commands, unit gain."""
@@ -387,8 +387,8 @@ class Cables:
 
 def _across(unit: Array) -> Array:
     """Return two unit vectors normal to each of the unit vectors (s, 3), shape (s, 2, 3)."""
-    aside = np.zeros_like(unit)
-    aside[np.arange(len(unit)), np.abs(unit).argmin(axis=1)] = 1.0
-    first = np.cross(unit, aside)
+    axis = np.zeros_like(unit)
+    axis[np.arange(len(unit)), np.abs(unit).argmin(axis=1)] = 1.0
+    first = np.cross(unit, axis)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([first, np.cross(unit, first)], axis=1)

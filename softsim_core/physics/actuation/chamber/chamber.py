@@ -116,20 +116,20 @@ def _choose_cavities(
 def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) -> Hollow:
     mesh = surroundings.meshes[body]
     if surface not in mesh.surfaces:
-        known = f"its surfaces are {listing(mesh.surfaces)}" if mesh.surfaces else "its mesh names none"
+        hint = f"its surfaces are {listing(mesh.surfaces)}" if mesh.surfaces else "its mesh names none"
         raise SceneError(
-            f"chamber {name}: body {body} has no surface {surface!r}: {known}; name a physical group of "
+            f"chamber {name}: body {body} has no surface {surface!r}: {hint}; name a physical group of "
             "faces in its Gmsh file"
         )
     faces = flip_faces(boundary_faces(mesh))
     rows = {tuple(sorted(corners)): k for k, corners in enumerate(faces[:, :3].tolist())}
-    wanted = [rows.get(tuple(sorted(corners)), -1) for corners in mesh.surfaces[surface].tolist()]
-    if -1 in wanted:
+    chosen = [rows.get(tuple(sorted(corners)), -1) for corners in mesh.surfaces[surface].tolist()]
+    if -1 in chosen:
         raise SceneError(
-            f"chamber {name}: {wanted.count(-1)} of the {len(wanted)} faces of surface {surface!r} are no "
+            f"chamber {name}: {chosen.count(-1)} of the {len(chosen)} faces of surface {surface!r} are no "
             f"boundary of body {body}; name faces that its cells leave free"
         )
-    faces = faces[np.unique(wanted)]
+    faces = faces[np.unique(chosen)]
     lids = _lids(name, surface, faces, mesh.points, _find_attached_nodes(surroundings, body))
     corners = np.concatenate([mesh.points[faces[:, :3]], lids[:, :3]])
     middle = corners.mean(axis=(0, 1))
@@ -148,7 +148,7 @@ def _find_attached_nodes(surroundings: Surroundings, body: str) -> IndexArray:
     return np.flatnonzero(surroundings.model.region_of_node[first : first + count] == FIXED)
 
 
-def _lids(name: str, surface: str, faces: IndexArray, points: Array, held: IndexArray) -> Array:
+def _lids(name: str, surface: str, faces: IndexArray, points: Array, fixed: IndexArray) -> Array:
     """Return faces of plates that close an open surface, a fan in each opening; see Hollow.lids."""
     sides = np.concatenate(
         [faces[:, [k, (k + 1) % 3, *([3 + k] if faces.shape[1] == 6 else [])]] for k in range(3)]
@@ -159,7 +159,7 @@ def _lids(name: str, surface: str, faces: IndexArray, points: Array, held: Index
         raise SceneError(
             f"chamber {name}: an edge of surface {surface!r} has more than two faces; mend its mesh"
         )
-    loose = ~np.isin(rim, held).all(axis=1)
+    loose = ~np.isin(rim, fixed).all(axis=1)
     if loose.any():
         place = points[rim[np.flatnonzero(loose)[0], :2]].mean(axis=0).round(6).tolist()
         raise SceneError(
@@ -303,7 +303,7 @@ class Chamber(Actuator):
         self._spread = sp.csr_matrix((np.ones(len(corner)), (self.faces.ravel(), corner)))
         rest = surroundings.model.rest[self.place]
         self.middle = rest.mean(axis=0)
-        self._known = _VolumeSlopes(np.full(rest.shape, np.nan), 0.0, rest)
+        self._last_volume = _VolumeSlopes(np.full(rest.shape, np.nan), 0.0, rest)
         self.at_rest = self._volume((rest - self.middle)[self.faces])
         self.rest_volume = self.at_rest + self._volume(lids - self.middle)
         self.line = _line(described, self.rest_volume)
@@ -340,7 +340,7 @@ class Chamber(Actuator):
         """Return the command at rest: the pressure in pressure control, else the amount of air."""
         return multiplier if self.by_multiplier else self.line.amount(value, multiplier)
 
-    def begin(self, state: State, kept: Array, command: float, span: float) -> Transmission:
+    def begin(self, state: State, internal: Array, command: float, span: float) -> Transmission:
         """Return the transmission of a step of `span` [s] that starts from a state and an amount of air.
 
         In pressure control, the regulator adds or releases air at its flow limit until the pressure is
@@ -348,25 +348,25 @@ class Chamber(Actuator):
         """
         line, (low, high) = self.line, self._limits
         pressure = float(state.joint_efforts[self.joint])
-        amount, pumped = kept.tolist()
+        amount, pumped = internal.tolist()
         most, lost = span * line.flow_limit, span * line.leak
         if not self.by_multiplier:
             return self._tangent(amount + _between(command - pumped, most), lost, pressure, (low, high))
-        wanted = self._clamp_pressure(command)
+        target = self._clamp_pressure(command)
         rates = state.reduced_velocities[len(state.reduced_velocities) - len(state.joint_positions) :]
         ahead = float(state.joint_positions[self.joint] + span * rates[self.joint])
-        if line.amount(ahead, wanted) + lost * wanted > amount:
-            return self._tangent(amount + most, lost, pressure, (low, wanted))
-        return self._tangent(amount - most, lost, pressure, (wanted, high))
+        if line.amount(ahead, target) + lost * target > amount:
+            return self._tangent(amount + most, lost, pressure, (low, target))
+        return self._tangent(amount - most, lost, pressure, (target, high))
 
-    def end(self, state: State, kept: Array, command: float, span: float) -> None:
+    def end(self, state: State, internal: Array, command: float, span: float) -> None:
         """Update the amount of air and the pumped volume after a step of `span` [s].
 
         Where the pressure is at a bound, the amount of air is the one that this pressure needs.
         """
         line, (low, high) = self.line, self._limits
         growth, pressure = (float(each[self.joint]) for each in (state.joint_positions, state.joint_efforts))
-        amount, pumped = kept.tolist()
+        amount, pumped = internal.tolist()
         flow, near = span * line.flow_limit, REACHED * line.atmosphere
         free = low + near < pressure < high - near
         if self.by_multiplier:
@@ -376,12 +376,12 @@ class Chamber(Actuator):
             flow = _between(command - pumped, flow)
             pumped += flow
         amount += flow - span * line.leak * pressure
-        kept[:] = amount if free else line.amount(growth, pressure), pumped
+        internal[:] = amount if free else line.amount(growth, pressure), pumped
 
-    def settle(self, state: State, kept: Array, command: float) -> None:
+    def settle(self, state: State, internal: Array, command: float) -> None:
         """Set the amount of air and the pumped volume to their values at rest."""
         growth, pressure = (float(each[self.joint]) for each in (state.joint_positions, state.joint_efforts))
-        kept[:] = self.line.amount(growth, pressure), 0.0 if self.by_multiplier else command
+        internal[:] = self.line.amount(growth, pressure), 0.0 if self.by_multiplier else command
 
     def _clamp_pressure(self, command: float) -> float:
         """Return the commanded pressure, within its limits."""
@@ -441,13 +441,13 @@ class Chamber(Actuator):
         Cached, because a step asks several times for the same state.
         """
         places = state.positions[self.place]
-        if not np.array_equal(places, self._known.places):
+        if not np.array_equal(places, self._last_volume.places):
             corners = (places - self.middle)[self.faces]
             slopes = self._slopes(corners)
             row = np.asarray(self._spread @ slopes.reshape(-1, 3))
             row.flags.writeable = False
-            self._known = _VolumeSlopes(places, float((corners * slopes).sum() / 3.0), row)
-        return self._known
+            self._last_volume = _VolumeSlopes(places, float((corners * slopes).sum() / 3.0), row)
+        return self._last_volume
 
     def _slopes(self, corners: Array) -> Array:
         """Return dV/dx of the nodes of each face, shape (m, a, 3)."""

@@ -87,11 +87,11 @@ def allocate_near(size: int) -> Near:
 
 
 @kernel
-def next_row(counter: IndexArray, room: Array) -> int:
+def next_row(counter: IndexArray, buffer: Array) -> int:
     """Return the row for one more contact, or -1 where the buffer is full; count it in either case."""
     at = counter[0]
     counter[0] += 1
-    return int(at) if at < room.shape[0] else -1
+    return int(at) if at < buffer.shape[0] else -1
 
 
 @kernel

@@ -108,7 +108,7 @@ def may_hold(
 
 
 @kernel
-def held_astray(
+def any_astray(
     a: IndexArray,
     a_weights: Array,
     b: IndexArray,
@@ -173,8 +173,8 @@ def _false_closing(
     return closing
 
 
-_ROOM = 1024  # initial number of feature pairs; the buffers grow when a scene needs more
-_MOST_ROOM = 1 << 20
+_INITIAL_PAIRS = 1024  # initial number of feature pairs; the buffers grow when a scene needs more
+_MOST_PAIRS = 1 << 20
 """Largest number of feature pairs in the buffers: about 300 MB."""
 _MOST_SURFACES = 1 << 20
 
@@ -253,10 +253,10 @@ class Detector:
         self._contact_distance = float(settings.contact_distance)
         self._topology = build_topology(surfaces, self._rest)
         self._boxes = allocate(self._topology)
-        self._near, self._found = allocate_near(_ROOM), allocate_found(_ROOM)
+        self._near, self._found = allocate_near(_INITIAL_PAIRS), allocate_found(_INITIAL_PAIRS)
         self._owner = np.array([each.owner for each in surfaces], dtype=np.int64)
         self._sweep, self._free_share = OneSignature(sweep), OneSignature(free_share)
-        self._may_hold, self._held_astray = OneSignature(may_hold), OneSignature(held_astray)
+        self._may_hold, self._any_astray = OneSignature(may_hold), OneSignature(any_astray)
         self._known_edges = OneSignature(meet_known_edges)
 
     def detect(self, points: Array, reach: float) -> Proximities:
@@ -347,21 +347,21 @@ class Detector:
             )
         )  # fmt: skip
 
-    def held_astray(
-        self, held: Proximities, forces: Array, points: Array, slides: Array, limit: float
+    def any_astray(
+        self, active: Proximities, forces: Array, points: Array, slides: Array, limit: float
     ) -> bool:
         """Return whether a contact with a force closed by more than `limit` [m] but the true gap did not.
 
         Args:
-            held: The contacts, k of them.
+            active: The contacts, k of them.
             forces: Along their normals and two tangents in [N], shape (3 k,).
             points: Vertex positions where they were found in [m], shape (v, 3).
             slides: How far vertices have slid from there in [m], shape (v, 3).
             limit: In [m].
         """
         return bool(
-            self._held_astray(
-                held.a, held.a_weights, held.b, held.b_weights, held.normal, forces, points, slides,
+            self._any_astray(
+                active.a, active.a_weights, active.b, active.b_weights, active.normal, forces, points, slides,
                 self._topology.ring_start, self._topology.ring, limit,
             )
         )  # fmt: skip
@@ -394,8 +394,8 @@ class Detector:
 
     def _widen(self, needed: int) -> None:
         """Replace the buffers by larger ones, for twice as many feature pairs as are needed now."""
-        if needed > _MOST_ROOM:
-            raise DetectionOverflowError(needed, _MOST_ROOM)
+        if needed > _MOST_PAIRS:
+            raise DetectionOverflowError(needed, _MOST_PAIRS)
         self._near, self._found = allocate_near(2 * needed), allocate_found(2 * needed)
 
 
@@ -433,18 +433,18 @@ def measured_gaps(
     """
     meeting, others = contacts.meeting, near.meeting
     order = np.lexsort((near.distance, others))
-    known = others[order]
+    sorted_others = others[order]
     gaps, found = np.empty(len(meeting)), np.zeros(len(meeting), dtype=np.bool_)
-    if len(known):
-        place = np.minimum(np.searchsorted(known, meeting), len(known) - 1)
-        found = known[place] == meeting
+    if len(sorted_others):
+        place = np.minimum(np.searchsorted(sorted_others, meeting), len(sorted_others) - 1)
+        found = sorted_others[place] == meeting
         gaps[found] = near.distance[order[place[found]]]
     if not found.all():
         lost = contacts.select(np.flatnonzero(~found))
         gaps[~found] = feature_gaps(lost, points, radius)
-    told = near.distance <= min(reach, near.distance[near.foremost].min(initial=inf))
-    told |= near.foremost & (near.distance <= reach)
-    return gaps, near.select(np.flatnonzero(told & ~np.isin(others, meeting)))
+    reported = near.distance <= min(reach, near.distance[near.foremost].min(initial=inf))
+    reported |= near.foremost & (near.distance <= reach)
+    return gaps, near.select(np.flatnonzero(reported & ~np.isin(others, meeting)))
 
 
 @kernel

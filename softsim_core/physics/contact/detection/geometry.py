@@ -257,8 +257,8 @@ def fall_away(
     fall = 0.0
     for side in range(2):
         off = minus(row(points, opposite[edge, side]), at)
-        aside = minus(off, scale(along, dot(off, along) / dot(along, along)))
-        rise = dot(off, direction) / length(aside)
+        across = minus(off, scale(along, dot(off, along) / dot(along, along)))
+        rise = dot(off, direction) / length(across)
         if rise > CONE:
             return -1.0
         fall -= rise

@@ -408,12 +408,12 @@ class KnownEdges(NamedTuple):
 
 @kernel
 def meet_known_edges(
-    known: KnownEdges, points: Array, rest: Array, topology: Topology, found: ContactBuffers
+    pairs: KnownEdges, points: Array, rest: Array, topology: Topology, found: ContactBuffers
 ) -> None:
     """Find the closest points of known edge pairs, end points included; pairs that have crossed are left out.
 
     Args:
-        known: The pairs.
+        pairs: The pairs.
         points: Vertex positions in [m], shape (V, 3).
         rest: Vertex positions at rest in [m], shape (V, 3).
         topology: The surfaces' topology.
@@ -421,8 +421,8 @@ def meet_known_edges(
     """
     edges, n = topology.edges, topology.radius.shape[0]
     found.counter[0] = 0
-    for k in range(known.edges.shape[0]):
-        e, f = known.edges[k, 0], known.edges[k, 1]
+    for k in range(pairs.edges.shape[0]):
+        e, f = pairs.edges[k, 0], pairs.edges[k, 1]
         e0, e1, f0, f1 = edges[e, 0], edges[e, 1], edges[f, 0], edges[f, 1]
         p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
         s, t = closest_on_segments(p0, p1, q0, q1)
@@ -435,14 +435,14 @@ def meet_known_edges(
         found.foremost[spot] = False
         write(found.a, found.a_weights, spot, (e0, e1, e1), (1.0 - s, s, 0.0))
         write(found.b, found.b_weights, spot, (f0, f1, f1), (1.0 - t, t, 0.0))
-        sa, sb = known.surfaces[k, 0], known.surfaces[k, 1]
+        sa, sb = pairs.surfaces[k, 0], pairs.surfaces[k, 1]
         write_pair(found.normal, found.pair, spot, scale(gap, 1.0 / distance), sa, sb)
         found.key[spot] = (n + e) * features(topology) + n + f
         apart = minus(
             interpolate_side(found.a, found.a_weights, spot, rest),
             interpolate_side(found.b, found.b_weights, spot, rest),
         )
-        if length(apart) <= known.together[k]:
+        if length(apart) <= pairs.together[k]:
             found.counter[0] = spot
 
 
@@ -545,7 +545,7 @@ def _sift(
     nearest; a second contact of a vertex at the same point (on an edge between coplanar triangles); points of
     one body that are close at rest.
     """
-    kept = begin
+    last = begin
     for k in range(begin, end):
         v = found.seeker[k]
         if found.depth[k] > 0.0:
@@ -560,11 +560,11 @@ def _sift(
         if other >= 0:
             found.foremost[other] |= found.foremost[k]
         else:
-            move(k, kept, found)
+            move(k, last, found)
             if v >= 0:
-                found.earlier[kept], boxes.latest[v] = boxes.latest[v], kept
-            kept += 1
-    return kept
+                found.earlier[last], boxes.latest[v] = boxes.latest[v], last
+            last += 1
+    return last
 
 
 @kernel

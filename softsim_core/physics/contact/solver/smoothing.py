@@ -201,7 +201,7 @@ def solve_by_sharpening(problem: ContactProblem, forces: Array, roundness: float
     rows = problem.gap.shape[0]
     steep = steepness(problem)
     smoothed = Smoothed(np.zeros(rows), np.zeros((rows, 3)))
-    tried = Smoothed(np.zeros(rows), np.zeros((rows, 3)))
+    trial_smoothed = Smoothed(np.zeros(rows), np.zeros((rows, 3)))
     state = gaps_under(problem, forces)
     residual, _ = violation(problem, state, forces)
     energy = roundness * residual**2 * rows / max(np.trace(problem.compliance), 1e-300)
@@ -215,7 +215,7 @@ def solve_by_sharpening(problem: ContactProblem, forces: Array, roundness: float
         while True:
             trial = path + share * (aim - path)
             trial_state = gaps_under(problem, trial)
-            trial_off = project(problem, steep, energy, trial, trial_state, tried)
+            trial_off = project(problem, steep, energy, trial, trial_state, trial_smoothed)
             if trial_off < off * (1.0 - 0.1 * share) or share < _SHORTEST:
                 break
             share *= 0.5

@@ -34,11 +34,11 @@ def bounded_forces(matrix: Array, gap: Array, lower: Array, upper: Array, forces
     NaN where there is no solution.
     """
     size = len(gap)
-    factor, sums, held = np.empty((size, size)), np.empty(size), np.empty(size, np.bool_)
-    active_sets(matrix, gap, lower, upper, forces, factor, sums, held)
+    factor, sums, active = np.empty((size, size)), np.empty(size), np.empty(size, np.bool_)
+    active_sets(matrix, gap, lower, upper, forces, factor, sums, active)
     if residual_of(matrix, gap, lower, upper, forces, sums) <= SOLVED:
         return
-    walk_faces(matrix, gap, lower, upper, forces, factor, sums, held)
+    walk_faces(matrix, gap, lower, upper, forces, factor, sums, active)
     if not residual_of(matrix, gap, lower, upper, forces, sums) <= SOLVED:
         for c in range(size):
             forces[c] = nan
@@ -83,19 +83,19 @@ def residual_of(matrix: Array, gap: Array, lower: Array, upper: Array, forces: A
 
 
 @kernel
-def solve_held(matrix: Array, gap: Array, held: BoolArray, forces: Array, factor: Array) -> None:
+def solve_active(matrix: Array, gap: Array, active: BoolArray, forces: Array, factor: Array) -> None:
     """Solve for the forces of the held rows so that gap + matrix . forces = 0 there; the others are given."""
     size = len(gap)
     for i in range(size):
-        if not held[i]:
+        if not active[i]:
             continue
         forces[i] = -gap[i]
         for j in range(size):
             factor[i, j] = matrix[i, j]
-            if not held[j]:
+            if not active[j]:
                 forces[i] -= matrix[i, j] * forces[j]
     for i in range(size):
-        if not held[i]:
+        if not active[i]:
             continue
         if factor[i, i] < SMALLEST_PIVOT * matrix[i, i]:
             factor[i, i] = SMALLEST_PIVOT * matrix[i, i]
@@ -104,14 +104,14 @@ def solve_held(matrix: Array, gap: Array, held: BoolArray, forces: Array, factor
         for j in range(i, size):
             factor[i, j] *= scale
         for k in range(i + 1, size):
-            if held[k]:
+            if active[k]:
                 forces[k] -= factor[i, k] * forces[i]
                 for j in range(k, size):
                     factor[k, j] -= factor[i, k] * factor[i, j]
     for i in range(size - 1, -1, -1):
-        if held[i]:
+        if active[i]:
             for j in range(i + 1, size):
-                if held[j]:
+                if active[j]:
                     forces[i] -= factor[i, j] * forces[j]
             forces[i] /= factor[i, i]
 
@@ -119,38 +119,38 @@ def solve_held(matrix: Array, gap: Array, held: BoolArray, forces: Array, factor
 @kernel
 def active_sets(
     matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, factor: Array, sums: Array,
-    held: BoolArray,
+    active: BoolArray,
 ) -> None:  # fmt: skip
     """Solve by active sets, releasing and holding rows all at once; may end without a solution."""
     size = len(gap)
     hold = np.empty(size, np.bool_)
     for c in range(size):
-        held[c] = lower[c] < upper[c]
-        forces[c] = 0.0 if held[c] else lower[c]
+        active[c] = lower[c] < upper[c]
+        forces[c] = 0.0 if active[c] else lower[c]
     for _ in range(2 * size + 1):
-        solve_held(matrix, gap, held, forces, factor)
+        solve_active(matrix, gap, active, forces, factor)
         sum_rows(matrix, gap, forces, sums)
         settled = True
         for c in range(size):
-            if held[c]:
+            if active[c]:
                 hold[c] = lower[c] <= forces[c] <= upper[c]
             else:
                 rest = remainder_of(matrix, gap, forces, c)
                 tiny = WRONG_SIDE * sums[c]
                 back = rest < -tiny if forces[c] <= lower[c] else rest > tiny
                 hold[c] = back and lower[c] < upper[c]
-            settled = settled and hold[c] == held[c]
+            settled = settled and hold[c] == active[c]
         if settled:
             return
         for c in range(size):
-            held[c] = hold[c]
+            active[c] = hold[c]
             forces[c] = min(max(forces[c], lower[c]), upper[c])
 
 
 @kernel
 def walk_faces(
     matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, factor: Array, sums: Array,
-    held: BoolArray,
+    active: BoolArray,
 ) -> None:  # fmt: skip
     """Minimise over one face of the bounds after another.
 
@@ -160,17 +160,17 @@ def walk_faces(
     settled, goal = np.empty(size, np.bool_), np.empty(size)
     for c in range(size):
         forces[c] = min(max(0.0, lower[c]), upper[c])
-        held[c] = lower[c] < forces[c] < upper[c]
+        active[c] = lower[c] < forces[c] < upper[c]
         settled[c] = False
     for _ in range(FACES_PER_FORCE * size):
-        if to_minimum(matrix, gap, lower, upper, forces, factor, goal, held):
+        if to_minimum(matrix, gap, lower, upper, forces, factor, goal, active):
             settled[:] = False
         elif freed >= 0:
             settled[freed] = True  # it does not move: the push was rounding
         sum_rows(matrix, gap, forces, sums)
         most, freed = WRONG_SIDE, -1
         for c in range(size):
-            if held[c] or settled[c] or not lower[c] < upper[c]:
+            if active[c] or settled[c] or not lower[c] < upper[c]:
                 continue
             push = remainder_of(matrix, gap, forces, c) / sums[c]
             if forces[c] <= lower[c]:
@@ -179,31 +179,31 @@ def walk_faces(
                 most, freed = push, c
         if freed < 0:
             return
-        held[freed] = True
+        active[freed] = True
 
 
 @kernel
 def to_minimum(
     matrix: Array, gap: Array, lower: Array, upper: Array, forces: Array, factor: Array, goal: Array,
-    held: BoolArray,
+    active: BoolArray,
 ) -> bool:  # fmt: skip
-    """Move `forces` to the minimum over the held ones, which leave `held` at a bound.
+    """Move `forces` to the minimum over the held ones, which leave `active` at a bound.
 
     Return whether any moved.
     """
     size, moved = len(gap), False
     for _ in range(size + 1):
         goal[:] = forces
-        solve_held(matrix, gap, held, goal, factor)
+        solve_active(matrix, gap, active, goal, factor)
         part, first = 1.0, -1
         for c in range(size):
-            if held[c] and not lower[c] <= goal[c] <= upper[c]:
+            if active[c] and not lower[c] <= goal[c] <= upper[c]:
                 bound = upper[c] if goal[c] > upper[c] else lower[c]
                 share = (bound - forces[c]) / (goal[c] - forces[c])
                 if first < 0 or share < part:
                     part, first = share, c
         for c in range(size):
-            if held[c]:
+            if active[c]:
                 moved = moved or (part > 0.0 and goal[c] != forces[c])
                 if first < 0:
                     forces[c] = goal[c]
@@ -213,7 +213,7 @@ def to_minimum(
         if first < 0:
             break
         forces[first] = upper[first] if goal[first] > upper[first] else lower[first]
-        held[first] = False
+        active[first] = False
     return moved
 
 

@@ -70,6 +70,7 @@ from softsim_core.physics.linalg import (
     Preconditioner,
     Teamwork,
     Tree,
+    allocate_panels,
     conjugate_gradients,
     copy_matrix,
     empty_factor,
@@ -79,7 +80,6 @@ from softsim_core.physics.linalg import (
     matrix_layout,
     matrix_of,
     reach,
-    room_for,
     sharing_of,
     solve_backward,
     steady_seconds,
@@ -122,7 +122,7 @@ def finish(
     joints, velocities = len(motion.joint_positions), motion.reduced_velocities
     size, right = len(velocities), len(work.factor.schur)
     first = size - joints
-    known = np.zeros(size, dtype=np.bool_)
+    prescribed = np.zeros(size, dtype=np.bool_)
     change = work.factor.solution[3 * len(nodes.free) :]
     for j in range(joints):
         b, stiffness = first + j, kinematics.stiffness[j]
@@ -130,15 +130,15 @@ def finish(
         work.factor.schur[b, b] += kinematics.inertia[j] + h * lag * stiffness
         work.factor.schur[b, right] += h * stiffness * (gap - lag * velocities[b])
         if stiffness == 0.0:
-            known[b] = True
+            prescribed[b] = True
             change[b] = gap / h - velocities[b]
     if acting is not None:
         for c in range(len(acting.rows.joint)):
             change[first + acting.rows.joint[c]] = 0.0  # an actuator's joint moves no frame
-    eliminate_reduced(work.factor.schur, known, change, work.scratch)
+    eliminate_reduced(work.factor.schur, prescribed, change, work.scratch)
     if acting is not None:
         hold_rows(h, targets, lower, upper, change, size, acting.rows, work.scratch)
-    solve_reduced(known, change, work.scratch)
+    solve_reduced(prescribed, change, work.scratch)
     solve_backward(tree, work.factor)
     speed, finite = 0.0, True
     for f in range(len(nodes.free)):
@@ -150,7 +150,7 @@ def finish(
             finite = finite and motion.velocities[node, i] == motion.velocities[node, i]
     for j in range(joints):
         b = first + j
-        if known[b]:
+        if prescribed[b]:
             impulse = -work.factor.schur[b, right]
             for a in range(right):
                 impulse += (work.factor.schur[a, b] if a < b else work.factor.schur[b, a]) * change[a]
@@ -163,7 +163,7 @@ def finish(
     advance_reduced(h, motion)
     motion.base_shift[0] = base_shift
     for j in range(joints):
-        if known[first + j]:
+        if prescribed[first + j]:
             motion.joint_positions[j] = targets[j]  # exactly, without rounding
         else:
             motion.joint_efforts[j] = kinematics.stiffness[j] * (targets[j] - motion.joint_positions[j])
@@ -300,13 +300,13 @@ class DividedElimination(DirectElimination):
     ) -> None:
         super().__init__(model, actuators, prepared)
         self._assemble, self._finish = OneSignature(assemble), OneSignature(finish)
-        self._division, self._room = division, room_for(prepared.tree, division, np.float64)
+        self._division, self._buffers = division, allocate_panels(prepared.tree, division, np.float64)
         self._factor_together = Teamwork(threads, lead_factor, support_factor)
 
     def factor(self) -> None:
         """Factor the matrix in the panels by several threads."""
         store = self.prepared.work.factor
-        self._factor_together(self.prepared.tree, store, self._division, self._room)
+        self._factor_together(self.prepared.tree, store, self._division, self._buffers)
 
     def advance(self, *arguments: Any) -> tuple[float, int, float, float, float]:
         """Advance one whole step: assemble, factor by several threads, solve."""
@@ -410,9 +410,9 @@ class IterativeElimination:
         for kind in (np.float32, np.float64):  # double precision if rounding made a pivot negative
             store = empty_factor(self.plan, 0, kind)
             copy_matrix(self.matrix, self.by.tree, self._supernode, store.panels)
-            room = room_for(self.by.tree, self._sharing.division, kind)
+            buffers = allocate_panels(self.by.tree, self._sharing.division, kind)
             factor = Teamwork(self._threads, lead_factor, support_factor)
-            factor(self.by.tree, store, self._sharing.division, room)
+            factor(self.by.tree, store, self._sharing.division, buffers)
             self.by = self.by._replace(panels=store.panels.astype(np.float32, copy=False))
             if np.isfinite(self.by.panels.sum(dtype=np.float64)):
                 return

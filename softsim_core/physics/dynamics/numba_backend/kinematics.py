@@ -263,48 +263,48 @@ def place_regions(motion: Motion, kinematics: Kinematics, nodes: Nodes, work: Wo
 
 
 @kernel
-def eliminate_reduced(schur: Array, known: BoolArray, change: Array, matrix: Array) -> None:
+def eliminate_reduced(schur: Array, prescribed: BoolArray, change: Array, matrix: Array) -> None:
     """Eliminate the solved frames and joints from the upper triangle of `schur` (last column: right side).
 
     Args:
         schur: Shape (b + c, b + c + 1), the actuators last.
-        known: Frames and joints with a given `change`, shape (b,).
+        prescribed: Frames and joints with a given `change`, shape (b,).
         change: Velocity changes, shape (b + c,).
         matrix: Filled: rows of the factor, and the remainder for the actuators, shape of `schur`.
     """
-    total, size = len(schur), len(known)
+    total, size = len(schur), len(prescribed)
     for i in range(total):
-        if i < size and known[i]:
+        if i < size and prescribed[i]:
             continue
         for j in range(i, total + 1):
             matrix[i, j] = schur[i, j]
         for j in range(size):
-            if known[j]:
+            if prescribed[j]:
                 matrix[i, total] -= (schur[i, j] if i < j else schur[j, i]) * change[j]
     for i in range(size):
-        if known[i]:
+        if prescribed[i]:
             continue
         scale = 1.0 / sqrt(matrix[i, i])
         for j in range(i, total + 1):
             matrix[i, j] *= scale
         for k in range(i + 1, total):
-            if k >= size or not known[k]:
+            if k >= size or not prescribed[k]:
                 for j in range(k, total + 1):
                     matrix[k, j] -= matrix[i, k] * matrix[i, j]
 
 
 @kernel
-def solve_reduced(known: BoolArray, change: Array, matrix: Array) -> None:
+def solve_reduced(prescribed: BoolArray, change: Array, matrix: Array) -> None:
     """Compute the unknown entries of `change`, after `eliminate_reduced`.
 
     Those of the actuators are given.
     """
-    total, size = len(change), len(known)
+    total, size = len(change), len(prescribed)
     for i in range(size - 1, -1, -1):
-        if known[i]:
+        if prescribed[i]:
             continue
         change[i] = matrix[i, total]
         for j in range(i + 1, total):
-            if j >= size or not known[j]:
+            if j >= size or not prescribed[j]:
                 change[i] -= matrix[i, j] * change[j]
         change[i] /= matrix[i, i]

@@ -170,7 +170,7 @@ class Responses:
         self._widest = int(prepared.tree.width.max(initial=0))
         self._lines = int(prepared.tree.columns.max(initial=0)) + 2 * ROWS
         self._spread = self._arriving = self._answer = self._schur = np.zeros((0, 0))
-        self._column, self._room = np.zeros(0, np.int64), np.zeros(0)
+        self._column, self._buffer = np.zeros(0, np.int64), np.zeros(0)
         self._respond_to, self._apply = OneSignature(respond), OneSignature(apply_impulses)
         self._body_of_node = np.zeros(len(model.rest) + 1, np.int64)  # frames and joints come last
         for group in model.groups:
@@ -216,10 +216,10 @@ class Responses:
             self._spans,
         )  # fmt: skip
         if len(free):
-            first, held = model.reduced_size - len(free), self._prescribed
+            first, prescribed = model.reduced_size - len(free), self._prescribed
             schur = self._schur[first : model.reduced_size, : model.reduced_size]
             reaction = (schur @ change - self._arriving[first:] @ impulses) / model.dt
-            state.joint_efforts[held] += reaction[held]
+            state.joint_efforts[prescribed] += reaction[prescribed]
             state.joint_efforts -= data.kinematics.stiffness * (state.joint_positions - free)
             state.joint_efforts[self.actuators.joint] = data.rows.multiplier + impulses[:acting] / model.dt
         if self._plain:
@@ -244,11 +244,11 @@ class Responses:
         data = self.prepared
         padded = rows.height + (-rows.height) % LANES
         unknowns, space = len(data.work.factor.solution), self._lines * (self._widest + padded)
-        self._spread, room, product = self._rooms((unknowns, padded), (space,), (padded, padded))
+        self._spread, buffer, product = self._take_buffers((unknowns, padded), (space,), (padded, padded))
         self._column, result = self._columns(rows), np.empty((rows.height, rows.height))
         self._respond_to(
             *rows, self._column, motion, data.kinematics, data.nodes, data.tree, data.work, self._spread,
-            self._spans, room, product, result,
+            self._spans, buffer, product, result,
         )  # fmt: skip
         return result
 
@@ -271,14 +271,14 @@ class Responses:
         column[np.argsort(body, kind="stable")] = np.arange(rows.height)
         return column
 
-    def _rooms(self, *shapes: tuple[int, ...]) -> list[Array]:
+    def _take_buffers(self, *shapes: tuple[int, ...]) -> list[Array]:
         """Return uninitialised buffers, which are reused by the next call and grow as needed."""
         sizes = [math.prod(shape) for shape in shapes]
-        if sum(sizes) > len(self._room):
-            self._room = np.empty(2 * sum(sizes))
+        if sum(sizes) > len(self._buffer):
+            self._buffer = np.empty(2 * sum(sizes))
         ends = accumulate(sizes)
         return [
-            self._room[end - size : end].reshape(shape)
+            self._buffer[end - size : end].reshape(shape)
             for end, size, shape in zip(ends, sizes, shapes, strict=True)
         ]
 

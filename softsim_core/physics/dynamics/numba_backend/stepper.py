@@ -44,7 +44,7 @@ from softsim_core.physics.linalg import (
     matrix_layout,
     plan,
     usable_threads,
-    with_room_for,
+    with_space_for,
 )
 from softsim_core.physics.mechanics import MOVED, Control, Model, Parameters, Rows, State, no_rows
 
@@ -74,7 +74,7 @@ def planned_elimination(
 
     def divide_layout(layout: Plan) -> Plan:
         divisions.append(divide_tree(layout))
-        return with_room_for(layout, divisions[0], ROWS) if len(divisions[0].above) else layout
+        return with_space_for(layout, divisions[0], ROWS) if len(divisions[0].above) else layout
 
     def lay_out(count: int, edges: IndexArray, beside: IndexArray, reduced_size: int) -> Plan:
         graph = graph_of(count, edges)
@@ -201,16 +201,20 @@ class NumbaStepper:
         if model.coupling is not None:
             external -= parameters.rayleigh_mass * (model.coupling.matrix @ state.velocities)
             data.cells.paired.couple(model.coupling.blocks, 1.0 + model.dt * parameters.rayleigh_mass)
-        targets, kept = control.targets, self.actuators.kept_in(state, control)
+        targets, transmissions = control.targets, self.actuators.transmissions_of_step(state, control)
         if len(self.actuators):
             targets = targets.copy()
-            targets[data.rows.joint], data.rows.compliance[:] = kept.command, kept.compliance
+            targets[data.rows.joint], data.rows.compliance[:] = (
+                transmissions.command,
+                transmissions.compliance,
+            )
         for group, own, entries in self._plain:
             data.rows.value[own] = group.values(model, state)
             data.rows.coefficient[entries] = group.coefficients(model, state)
         try:
             speed, inverted, *seconds = self._elimination.advance(
-                motion_of(state), straining, external, targets, control.base_shift, kept.lower, kept.upper,
+                motion_of(state), straining, external, targets, control.base_shift,
+                transmissions.lower, transmissions.upper,
                 model.dt, lag, parameters.rayleigh_mass, data.kinematics, data.cells.arrays, data.nodes,
                 data.acting(self._stiffness(state, model.dt * lag, moved)), data.tree, data.work,
                 self._corners,

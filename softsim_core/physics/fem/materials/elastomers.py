@@ -121,8 +121,8 @@ class Elastomer:
             SceneError: there is none; the message lists the fitted laws.
         """
         if law not in self.fits:
-            known = known_names(law, self.fits, "fitted:")
-            raise SceneError(f"{self.name}: no constants for the law {law!r}; {known}")
+            hint = known_names(law, self.fits, "fitted:")
+            raise SceneError(f"{self.name}: no constants for the law {law!r}; {hint}")
         return self.fits[law]
 
 

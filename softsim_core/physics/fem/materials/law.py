@@ -146,7 +146,7 @@ class Material(ABC):
         """Return why values, each of them in its interval, are inconsistent; None if they are consistent."""
         return None
 
-    def values(self, given: Mapping[str, float]) -> dict[str, float]:
+    def values(self, constants: Mapping[str, float]) -> dict[str, float]:
         """Return checked values of all parameters, in order.
 
         Parameters that are not given take their defaults.
@@ -155,13 +155,13 @@ class Material(ABC):
             MaterialError: a parameter is unknown, missing, outside its interval or inconsistent with the
                 others.
         """
-        for name in given:
+        for name in constants:
             if name not in self.names:
-                known = f"is unknown to the law {self.name}; {known_names(name, self.names)}"
-                raise MaterialError(name, given[name], known)
+                problem = f"is unknown to the law {self.name}; {known_names(name, self.names)}"
+                raise MaterialError(name, constants[name], problem)
         values = {}
         for parameter in self.parameters:
-            value = given.get(parameter.name, parameter.default)
+            value = constants.get(parameter.name, parameter.default)
             if value is None:
                 raise MaterialError(parameter.name, "nothing", f"is missing; it must be {parameter.allowed}")
             if not (parameter.lower < value < parameter.upper):  # also rejects NaN

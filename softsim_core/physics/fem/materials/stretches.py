@@ -82,11 +82,11 @@ class Powers(NamedTuple):
 def power_energy(matrices: Array, powers: Powers) -> Array:
     """Return V in [J/m^3] of matrices (..., 3, 3), zero for rotations, shape (...)."""
     x = _principal(matrices)[0]
-    kept, below = np.maximum(x, _LEAST)[..., None], np.minimum(x - _LEAST, 0.0)[..., None]
+    bounded, below = np.maximum(x, _LEAST)[..., None], np.minimum(x - _LEAST, 0.0)[..., None]
     m, n = (each[..., None, :] for each in powers)
-    log, half = np.log(kept), 0.5 * n
+    log, half = np.log(bounded), 0.5 * n
     value = m / n**2 * np.expm1(half * log)
-    slope, curvature = _slope(m, n, log), _slope(m, n, log) * (half - 1.0) / kept
+    slope, curvature = _slope(m, n, log), _slope(m, n, log) * (half - 1.0) / bounded
     return np.asarray((value + below * (slope + 0.5 * below * curvature)).sum(axis=(-2, -1)))
 
 
@@ -126,10 +126,10 @@ def _slope(m: Array, n: Array, log: Array) -> Array:
 
 def _first(x: Array, powers: Powers) -> Array:
     """Return phi'(x), shape of x, whose last axis is that of the stretches."""
-    kept, below = np.maximum(x, _LEAST)[..., None], np.minimum(x - _LEAST, 0.0)[..., None]
+    bounded, below = np.maximum(x, _LEAST)[..., None], np.minimum(x - _LEAST, 0.0)[..., None]
     m, n = (each[..., None, :] for each in powers)
-    slope = _slope(m, n, np.log(kept))
-    return np.asarray((slope * (1.0 + below * (0.5 * n - 1.0) / kept)).sum(axis=-1))
+    slope = _slope(m, n, np.log(bounded))
+    return np.asarray((slope * (1.0 + below * (0.5 * n - 1.0) / bounded)).sum(axis=-1))
 
 
 def _compute_divided_differences(x: Array, y: Array, powers: Powers) -> Array:
@@ -140,12 +140,12 @@ def _compute_divided_differences(x: Array, y: Array, powers: Powers) -> Array:
     x, y = np.broadcast_arrays(x, y)
     m, n = (each[..., None, None, :] for each in powers)
     b = 0.5 * n - 1.0
-    kept_x, kept_y = np.maximum(x, _LEAST), np.maximum(y, _LEAST)
-    u = np.log(kept_x / kept_y)
+    bounded_x, bounded_y = np.maximum(x, _LEAST), np.maximum(y, _LEAST)
+    u = np.log(bounded_x / bounded_y)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(u[..., None] == 0.0, b, np.expm1(b * u[..., None]) / np.expm1(u)[..., None])
-        share = np.where(x == y, x >= _LEAST, (kept_x - kept_y) / (x - y))
-    slope = _slope(m, n, np.log(kept_y)[..., None]) / kept_y[..., None]
+        share = np.where(x == y, x >= _LEAST, (bounded_x - bounded_y) / (x - y))
+    slope = _slope(m, n, np.log(bounded_y)[..., None]) / bounded_y[..., None]
     curvature = _slope(m, n, np.log(np.full_like(n, _LEAST))) * b / _LEAST
     inner = (slope * ratio).sum(axis=-1)
     return np.asarray(share * inner + (1.0 - share) * curvature.sum(axis=-1))

@@ -325,12 +325,12 @@ def _clamp_maps(of_sections: Array, gap: float, at_start: bool) -> Array:
     whole = np.zeros((SECTIONS, 3, 9))
     for s in range(SECTIONS):
         whole[s, :, 3 * s : 3 * s + 3] = of_sections[s]
-    outer, held, end = whole if at_start else whole[::-1]
+    outer, clamped, end = whole if at_start else whole[::-1]
     along = (1.0 if at_start else -1.0) / gap
     maps = np.zeros((2, 5, 9))
-    maps[0, R], maps[1, R] = along * (end[0] - held[0]), along * (held[0] - outer[0])
-    maps[:, [D1, D2]] = held[1:]
-    maps[0, [B1, B2]] = along * (held[1:] - outer[1:])
+    maps[0, R], maps[1, R] = along * (end[0] - clamped[0]), along * (clamped[0] - outer[0])
+    maps[:, [D1, D2]] = clamped[1:]
+    maps[0, [B1, B2]] = along * (clamped[1:] - outer[1:])
     maps[1, [B1, B2]] = along * end[1:]
     return maps
 

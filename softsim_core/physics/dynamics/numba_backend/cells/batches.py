@@ -201,19 +201,19 @@ class CellPlaces(NamedTuple):
         starts: Panel place of the block of each pair of nodes, 00, 01, ... 11, ...; -1 where one is not free,
             shape (m, a (a + 1) / 2).
         strides: Panel width at each node, 0 where it is not free, shape (m, a).
-        kept: Place in Pairs.blocks of each cell's first block, shape (m,); -1: no node is in a moving region.
+        pair_blocks: Place in Pairs.blocks of each cell's first block, shape (m,); -1: no node is moved.
     """
 
     starts: IndexArray
     strides: IndexArray
-    kept: IndexArray
+    pair_blocks: IndexArray
 
 
 @kernel
 def add_blocks(
-    blocks: Array, place: int, pitch: int, e: int, places: CellPlaces, panels: Array, kept: Array
+    blocks: Array, place: int, pitch: int, e: int, places: CellPlaces, panels: Array, pair_blocks: Array
 ) -> None:
-    """Add the blocks of cell e to the panels, and to `kept` if a node is in a moving region.
+    """Add the blocks of cell e to the panels, and to `pair_blocks` if a node is in a moving region.
 
     Rows of the blocks are four numbers, the fourth zero. The first row starts at number `place` of `blocks`,
     each further one `pitch` numbers later.
@@ -227,21 +227,21 @@ def add_blocks(
         for m in range(n + 1):  # column by column, so that no row is loaded right after it was stored
             add_block(panels, starts[e, pair], strides[e, m], blocks, place + 3 * pair * pitch, pitch)
             pair += a - m - 1
-    first = places.kept[e]
+    first = places.pair_blocks[e]
     if first >= 0:
         numbers = blocks.reshape(-1)
         for k in range(starts.shape[1]):
             for i in range(3):
                 row = place + (3 * k + i) * pitch
                 for j in range(3):
-                    kept[first + k, i, j] += numbers[row + j]
+                    pair_blocks[first + k, i, j] += numbers[row + j]
 
 
 @kernel
-def add_all_blocks(blocks: Array, places: CellPlaces, panels: Array, kept: Array) -> None:
+def add_all_blocks(blocks: Array, places: CellPlaces, panels: Array, pair_blocks: Array) -> None:
     """Add the blocks (m, a (a + 1) / 2, 3, 4) of all cells; the fourth number of a row is zero."""
     for e in range(len(blocks)):
-        add_blocks(blocks, e * blocks.shape[1] * 12, 4, e, places, panels, kept)
+        add_blocks(blocks, e * blocks.shape[1] * 12, 4, e, places, panels, pair_blocks)
 
 
 @kernel
@@ -318,11 +318,11 @@ def cell_places(
         starts = np.full((len(cells), len(first)), -1, np.int64)
         starts[both] = offset[one] + layout.panel_columns(supernode[one], 3 * layout.position[free[other]])
         touching = (region >= 0).any(axis=1)
-        kept = np.where(touching, height + len(first) * (np.cumsum(touching) - 1), -1)
+        pair_blocks = np.where(touching, height + len(first) * (np.cumsum(touching) - 1), -1)
         height += len(first) * int(touching.sum())
-        result.append(CellPlaces(starts, np.where(free >= 0, width, 0), kept))
+        result.append(CellPlaces(starts, np.where(free >= 0, width, 0), pair_blocks))
         cell, pair = np.nonzero(region[:, second] >= 0)
-        block, one, z = kept[cell] + pair, (cell, first[pair]), region[cell, second[pair]]
+        block, one, z = pair_blocks[cell] + pair, (cell, first[pair]), region[cell, second[pair]]
         mixed, inside = free[one] >= 0, region[one] >= 0
         rows = np.stack([block, offset[one], width[one], supernode[one], z], axis=1)
         beside.append(rows[mixed])

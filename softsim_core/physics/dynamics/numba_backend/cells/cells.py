@@ -63,14 +63,14 @@ from softsim_core.physics.fem import (
     cell_von_mises,
     empty_group,
     fading,
-    held_stiffness,
     mean_volume_law,
+    step_stress_stiffness,
 )
 from softsim_core.physics.fem.elements import element
 from softsim_core.physics.fem.materials import lame, material
 from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.linalg import LANES, Plan, inline
-from softsim_core.physics.mechanics import FREE, Model, State, held_name
+from softsim_core.physics.mechanics import FREE, Model, State, step_stress_name
 
 _NOTHING = np.zeros((0, 1, 3, 3))
 
@@ -113,7 +113,7 @@ class PairedCells:
         self._memories = []
         for group in self._groups:
             k = kinds.index((group.element.name, group.material.name))
-            self._memories.append((held_name(k), np.searchsorted(whole[k].numbers, group.numbers)))
+            self._memories.append((step_stress_name(k), np.searchsorted(whole[k].numbers, group.numbers)))
         self._points: list[PointCells | None] = []
         self._fill_points: list[OneSignature | None] = []
         for group, cells, (_, memory) in zip(self._groups, self._batches, self._memories, strict=True):
@@ -189,9 +189,9 @@ class PairedCells:
             moved: See fem.cells.cell_stiffness.
             mean_share: See fem.cells.cell_stiffness.
         """
-        x, kept = state.positions, self.pairs.blocks
+        x, pair_blocks = state.positions, self.pairs.blocks
         if self._filled[0]:
-            kept[:] = 0.0
+            pair_blocks[:] = 0.0
         self._filled[0] = bool(self._groups)
         if not self._groups:
             return self._no_forces
@@ -200,31 +200,31 @@ class PairedCells:
         for k, group in enumerate(self._groups):
             points, fill_points, strain = self._points[k], self._fill_points[k], self._strain[k]
             by = forces[:0] if moved is None else moved
-            held = None if straining is None else state.extra.get(self._memories[k][0])
+            stress = None if straining is None else state.extra.get(self._memories[k][0])
             if points is not None and fill_points is not None:
                 found = moved is not None and mean_volume_law(group) is not None
                 fill_points(
                     CellInputs(
-                        x, by if found else forces[:0], velocities, _NOTHING if held is None else held,
+                        x, by if found else forces[:0], velocities, _NOTHING if stress is None else stress,
                         positive and not found, lag, mean_share, scale,
                     ),
-                    points, CellOutputs(self._places[k], forces, self._panels, kept),
+                    points, CellOutputs(self._places[k], forces, self._panels, pair_blocks),
                 )  # fmt: skip
                 continue
             if strain is not None and positive:
                 self._fill_strain(x, by, velocities, lag, scale, strain, forces)
-                self._add_all_blocks(strain.blocks, self._places[k], self._panels, kept)
+                self._add_all_blocks(strain.blocks, self._places[k], self._panels, pair_blocks)
                 continue
             rods = self._rods[k]
             if rods is not None and positive:
                 self._fill_rods(x, by, velocities, lag, scale, rods, forces)
-                self._add_all_blocks(rods.blocks, self._places[k], self._panels, kept)
+                self._add_all_blocks(rods.blocks, self._places[k], self._panels, pair_blocks)
                 continue
             p = group.values(materials)
             stiffness = cell_stiffness(group, x, p, positive, moved=moved, mean_share=mean_share)
             on_nodes = cell_forces(group, x, p)
-            if held is not None:
-                chosen = held_stiffness(group, held[self._memories[k][1]])
+            if stress is not None:
+                chosen = step_stress_stiffness(group, stress[self._memories[k][1]])
                 stiffness += chosen[..., None, None] * np.eye(3)
                 on_nodes -= chosen @ x[group.cells]
             on_nodes -= lag * np.einsum("mabij,mbj->mai", stiffness, velocities[group.cells])
@@ -294,11 +294,11 @@ class _Further:
         first, second = np.triu_indices(faces.shape[1])
         self.cells = np.take_along_axis(faces[order], inside, axis=1)
         self.taken = order[:, None], inside[:, first], inside[:, second]
-        self._given = faces, order, inside
+        self._inputs = faces, order, inside
 
     def to_arrays(self) -> PressedFaces:
         """Return the arrays of pressed faces for the kernel."""
-        faces, order, inside = (np.ascontiguousarray(each, dtype=np.int64) for each in self._given)
+        faces, order, inside = (np.ascontiguousarray(each, dtype=np.int64) for each in self._inputs)
         return PressedFaces(faces, order, inside, np.zeros((len(faces), self.taken[1].shape[1], 3, 4)))
 
 
@@ -317,9 +317,9 @@ class RelaxingCells:
         self._hold, self._remember = OneSignature(hold), OneSignature(law.remember)
         self._tuned = np.zeros(0)
 
-    def hold(self, p: Array, memory: Array, held: Array, h: float) -> None:
-        """Write the stress H that is known in a step of h [s] into `held`; see fem.prony.held_stress."""
-        self._hold(self._memory(p, memory, h), held)
+    def hold(self, p: Array, memory: Array, stress: Array, h: float) -> None:
+        """Write the stress H that is known in a step of h [s] into `stress`; see fem.prony.step_stress."""
+        self._hold(self._memory(p, memory, h), stress)
 
     def remember(self, p: Array, memory: Array, positions: Array, h: float) -> None:
         """Advance the cells' memory in place after a step of h [s] to node positions (n, 3)."""
@@ -328,8 +328,8 @@ class RelaxingCells:
             self._tuned = p
         nothing = positions[:0]
         still = np.zeros_like(positions)
-        given = CellInputs(positions, nothing, still, np.zeros((0, 1, 3, 3)), False, 0.0, 1.0, 1.0)
-        self._remember(given, self._cells, self._memory(p, memory, h))
+        inputs = CellInputs(positions, nothing, still, np.zeros((0, 1, 3, 3)), False, 0.0, 1.0, 1.0)
+        self._remember(inputs, self._cells, self._memory(p, memory, h))
 
     def _memory(self, p: Array, memory: Array, h: float) -> Memory:
         shares, fades, halves = fading(self._group, p, h)

@@ -363,34 +363,34 @@ def _choose(b: Batch, which: Any, one: Lanes, other: Lanes) -> Lanes:
 
 
 @kernel
-def corotational_points(batch: int, given: CellInputs, cells: PointCells) -> None:
+def corotational_points(batch: int, inputs: CellInputs, cells: PointCells) -> None:
     """Compute stress and tangent at all points of a batch."""
-    points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
+    points, steps, weights, moduli = cells.buffers.points, cells.buffers.steps, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
     count, place = len(weights) // batches, batch * (len(moduli) // batches)
-    deform(batch, given, cells)
+    deform(batch, inputs, cells)
     for q in range(count):
         put_stretches(points, POINT_ROWS * q)
         put_rotation(points, POINT_ROWS * q)
-        if len(given.moved):
+        if len(inputs.moved):
             put_found(points, POINT_ROWS * q, steps, 9 * q)
     press(batch, cells)
     for q in range(count):
-        put_corotational(points, POINT_ROWS * q, moduli, place, given.positive)
+        put_corotational(points, POINT_ROWS * q, moduli, place, inputs.positive)
         put_modes(points, POINT_ROWS * q, weights, count * batch + q)
 
 
 @kernel
-def fill_corotational(given: CellInputs, cells: PointCells, into: CellOutputs) -> None:
+def fill_corotational(inputs: CellInputs, cells: PointCells, into: CellOutputs) -> None:
     """Add forces and stiffness of all cells."""
     for batch in range(len(cells.cells.nodes)):
-        corotational_points(batch, given, cells)
-        finish(batch, given, cells, into)
+        corotational_points(batch, inputs, cells)
+        finish(batch, inputs, cells, into)
 
 
 @kernel
-def remember_corotational(given: CellInputs, cells: PointCells, memory: Memory) -> None:
+def remember_corotational(inputs: CellInputs, cells: PointCells, memory: Memory) -> None:
     """Advance the memory of all cells after a step."""
     for batch in range(len(cells.cells.nodes)):
-        corotational_points(batch, given, cells)
+        corotational_points(batch, inputs, cells)
         remember(batch, cells, memory)

@@ -269,15 +269,23 @@ def put_cofactors(typing: Any, points: Any, row: Any, moved: Any, place: Any) ->
 
 @intrinsic
 def put_answer(
-    typing: Any, points: Any, row: Any, held: Any, place: Any, weights: Any, weight: Any, bulk: Any, lag: Any
+    typing: Any,
+    points: Any,
+    row: Any,
+    stress: Any,
+    place: Any,
+    weights: Any,
+    weight: Any,
+    bulk: Any,
+    lag: Any,
 ) -> Any:
     """Add the viscoelastic stress H to stress and tangent of a point, and the response to velocities.
 
-    `held` has six rows from `place` on, H of fem.prony as its upper triangle. Row `weight` of `weights` is
+    `stress` has six rows from `place` on, H of fem.prony as its upper triangle. Row `weight` of `weights` is
     that of the point. `bulk` is one row, the change of pressure by that of the mean volume. `lag` is in [s].
     """
     real, integer = types.float64, types.int64
-    signature = types.void(points, integer, held, integer, weights, integer, bulk, real)
+    signature = types.void(points, integer, stress, integer, weights, integer, bulk, real)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         b, kinds = Batch(context, builder), signature.args
@@ -589,11 +597,11 @@ def clamp_modes(typing: Any, points: Any, row: Any) -> Any:
                 for slot, each in zip(slots, values, strict=True):
                     builder.store(each.value, slot)
         v = [[Lanes(b.v, builder.load(slot)) for slot in slots] for slots in turns]
-        kept = [Lanes(b.v, builder.load(entries[HESSIAN[k][k]])).positive() for k in range(3)]
+        positive = [Lanes(b.v, builder.load(entries[HESSIAN[k][k]])).positive() for k in range(3)]
         for i in range(3):
             for j in range(i, 3):
-                total = kept[0] * v[0][i] * v[0][j] + kept[1] * v[1][i] * v[1][j]
-                b.put(point, 110 + HESSIAN[i][j], total + kept[2] * v[2][i] * v[2][j])
+                total = positive[0] * v[0][i] * v[0][j] + positive[1] * v[1][i] * v[1][j]
+                b.put(point, 110 + HESSIAN[i][j], total + positive[2] * v[2][i] * v[2][j])
         for k, each in enumerate(b.load(point, 6, 116)):
             b.put(point, 116 + k, each.positive())
         return context.get_dummy_value()

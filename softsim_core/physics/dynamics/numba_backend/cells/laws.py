@@ -14,7 +14,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.corotational import (
     fill_corotational,
     remember_corotational,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.points import PointCells, room_for
+from softsim_core.physics.dynamics.numba_backend.cells.points import PointCells, allocate_buffers
 from softsim_core.physics.dynamics.numba_backend.cells.rubber import (
     fill_powers,
     fill_rubber,
@@ -81,8 +81,8 @@ def point_cells(group: ElementGroup, cells: CellBatches, memory: IndexArray) -> 
     weights = in_lanes(group.weights)
     batches, count, _ = weights.shape
     moduli = allocate_aligned((batches * (2 + compiled.size), LANES))
-    room = room_for(group.cells.shape[1], count)
-    return PointCells(cells, weights.reshape(-1, LANES), moduli, memory, room)
+    buffers = allocate_buffers(group.cells.shape[1], count)
+    return PointCells(cells, weights.reshape(-1, LANES), moduli, memory, buffers)
 
 
 def own_values(cells: PointCells) -> PointCells:

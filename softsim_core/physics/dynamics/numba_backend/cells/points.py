@@ -38,13 +38,13 @@ from softsim_core.physics.linalg import LANES
 
 
 class BatchBuffers(NamedTuple):
-    """Buffers for one batch, each a multiple of LANES numbers; see `room_for`.
+    """Buffers for one batch, each a multiple of LANES numbers; see `allocate_buffers`.
 
     Attributes:
         values: Values of the nodes, rows 3 a + i.
         points: Rows of points, see lanes.
         steps: Gradient of the last solve's displacement at each point, rows 9 q + k.
-        held: H at each point, its upper triangle, rows 6 q + k.
+        step_stress: H at each point, its upper triangle, rows 6 q + k.
         means: Means over the cells of rows 27 to 30 of their points, and their volumes.
         bulk: One row, see put_answer and put_block.
         volumes, pulls: Sums of put_node, rows 3 a + i.
@@ -55,7 +55,7 @@ class BatchBuffers(NamedTuple):
     values: Array
     points: Array
     steps: Array
-    held: Array
+    step_stress: Array
     means: Array
     bulk: Array
     volumes: Array
@@ -64,14 +64,14 @@ class BatchBuffers(NamedTuple):
     blocks: Array
 
 
-def room_for(a: int, count: int) -> BatchBuffers:
+def allocate_buffers(a: int, count: int) -> BatchBuffers:
     """Return buffers for batches of cells with a nodes and `count` points."""
     rows = (3 * a, POINT_ROWS * count, 9 * count, 6 * count, 4, 1, 3 * a, 3 * a, LEFT_ROWS * count)
-    values, points, steps, held, means, bulk, volumes, pulls, left = (
+    values, points, steps, stress, means, bulk, volumes, pulls, left = (
         allocate_aligned((each, LANES)) for each in rows
     )
     blocks = allocate_aligned((3 * a * (a + 1) // 2, LANES, 4))
-    return BatchBuffers(values, points, steps, held, means, bulk, volumes, pulls, left, blocks)
+    return BatchBuffers(values, points, steps, stress, means, bulk, volumes, pulls, left, blocks)
 
 
 class PointCells(NamedTuple):
@@ -83,14 +83,14 @@ class PointCells(NamedTuple):
         moduli: For each batch, the bulk coefficients at the points and on the mean in [Pa], then the law's
             moduli, k numbers in all, shape (B k, LANES).
         memory: Place of each cell in its group's memory, shape (m,); see fem.prony.
-        room: Buffers.
+        buffers: Buffers.
     """
 
     cells: CellBatches
     weights: Array
     moduli: Array
     memory: IndexArray
-    room: BatchBuffers
+    buffers: BatchBuffers
 
 
 class CellInputs(NamedTuple):
@@ -100,7 +100,7 @@ class CellInputs(NamedTuple):
         x: Positions in [m], shape (n, 3).
         moved: See fem.cells.cell_stiffness, shape (n, 3); no rows: the pressure in K is that at x.
         velocities: Velocities in [m/s], shape (n, 3).
-        held: Viscoelastic stress H of the group in [Pa], shape (., q, 3, 3), see fem.prony; no rows: none.
+        step_stress: Viscoelastic stress H in [Pa], shape (., q, 3, 3), see fem.prony; no rows: none.
         positive: Whether K must have no negative eigenvalues; see fem.cells.cell_stiffness.
         lag: Time lag in [s].
         mean_share: See fem.cells.cell_stiffness.
@@ -110,7 +110,7 @@ class CellInputs(NamedTuple):
     x: Array
     moved: Array
     velocities: Array
-    held: Array
+    step_stress: Array
     positive: bool
     lag: float
     mean_share: float
@@ -124,32 +124,32 @@ class CellOutputs(NamedTuple):
         places: Places of the blocks.
         forces: f - lag K v is added, in [N], shape (n, 3).
         panels: Panels of the factor; the stiffness is added.
-        kept: See Pairs.blocks.
+        pair_blocks: See Pairs.blocks.
     """
 
     places: CellPlaces
     forces: Array
     panels: Array
-    kept: Array
+    pair_blocks: Array
 
 
 @kernel
-def deform(batch: int, given: CellInputs, cells: PointCells) -> None:
+def deform(batch: int, inputs: CellInputs, cells: PointCells) -> None:
     """Compute rows 0 to 18 of all points, and the gradients of `moved`, which are zero if it has no rows."""
     nodes, gradients = cells.cells.nodes, cells.cells.gradients
-    room = cells.room
-    values, points, steps = room.values, room.points, room.steps
+    buffers = cells.buffers
+    values, points, steps = buffers.values, buffers.points, buffers.steps
     batches, a, _ = nodes.shape
     count = len(cells.weights) // batches
     place, pitch = batch * a * 3 * count, 3 * count
-    gather(given.x, nodes, batch, values)
+    gather(inputs.x, nodes, batch, values)
     for q in range(count):
         put_gradient(values, gradients, place + 3 * q, pitch, a, points, POINT_ROWS * q)
-    gather(given.velocities, nodes, batch, values)
+    gather(inputs.velocities, nodes, batch, values)
     for q in range(count):
         put_gradient(values, gradients, place + 3 * q, pitch, a, points, POINT_ROWS * q + 9)
-    if len(given.moved):
-        gather(given.moved, nodes, batch, values)
+    if len(inputs.moved):
+        gather(inputs.moved, nodes, batch, values)
         for q in range(count):
             put_gradient(values, gradients, place + 3 * q, pitch, a, steps, 9 * q)
     else:
@@ -159,7 +159,7 @@ def deform(batch: int, given: CellInputs, cells: PointCells) -> None:
 @kernel
 def press(batch: int, cells: PointCells) -> None:
     """Compute means over the cells, and the pressures at their points, a_p theta + (a - a_p) mean(theta)."""
-    points, means, weights, moduli = cells.room.points, cells.room.means, cells.weights, cells.moduli
+    points, means, weights, moduli = cells.buffers.points, cells.buffers.means, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
     count, row = len(weights) // batches, batch * (len(moduli) // batches)
     means[:] = 0.0
@@ -181,42 +181,48 @@ def press(batch: int, cells: PointCells) -> None:
 
 
 @kernel
-def gather_held(batch: int, held: Array, cells: PointCells, out: Array) -> None:
+def gather_stress(batch: int, stress: Array, cells: PointCells, out: Array) -> None:
     """Write H at the points of a batch to rows 6 q + k of `out`."""
     size = cells.cells.size[0]
     for lane in range(LANES):
         e = cells.memory[min(batch * LANES + lane, size - 1)]
-        for q in range(held.shape[1]):
+        for q in range(stress.shape[1]):
             k = 6 * q
             for i in range(3):
                 for j in range(i, 3):
-                    out[k, lane] = held[e, q, i, j]
+                    out[k, lane] = stress[e, q, i, j]
                     k += 1
 
 
 @kernel
-def finish(batch: int, given: CellInputs, cells: PointCells, into: CellOutputs) -> None:
+def finish(batch: int, inputs: CellInputs, cells: PointCells, into: CellOutputs) -> None:
     """Compute forces and blocks of a batch from stress and tangent at its points."""
     nodes, gradients, weights, moduli = cells.cells.nodes, cells.cells.gradients, cells.weights, cells.moduli
-    room = cells.room
-    points, means, held, scale = room.points, room.means, room.held, given.scale
+    buffers = cells.buffers
+    points, means, stress, scale = buffers.points, buffers.means, buffers.step_stress, inputs.scale
     batches, a, _ = nodes.shape
     count, row = len(weights) // batches, batch * (len(moduli) // batches)
     place, pitch, weight = batch * a * 3 * count, 3 * count, batch * count
-    volumes, pulls, left, bulk, blocks = room.volumes, room.pulls, room.left, room.bulk, room.blocks
+    volumes, pulls, left, bulk, blocks = (
+        buffers.volumes,
+        buffers.pulls,
+        buffers.left,
+        buffers.bulk,
+        buffers.blocks,
+    )
     volumes[:] = 0.0
     pulls[:] = 0.0
-    if len(given.held):
-        gather_held(batch, given.held, cells, held)
+    if len(inputs.step_stress):
+        gather_stress(batch, inputs.step_stress, cells, stress)
     for lane in range(LANES):
-        bulk[0, lane] = given.mean_share * moduli[row + 1, lane] * means[2, lane]
+        bulk[0, lane] = inputs.mean_share * moduli[row + 1, lane] * means[2, lane]
     for q in range(count):
-        put_answer(points, POINT_ROWS * q, held, 6 * q, weights, weight + q, bulk, given.lag)
+        put_answer(points, POINT_ROWS * q, stress, 6 * q, weights, weight + q, bulk, inputs.lag)
         for n in range(a):
             slope = place + n * pitch + 3 * q
             put_node(points, POINT_ROWS * q, gradients, slope, weights, weight + q, n, volumes, pulls)
     for lane in range(LANES):
-        bulk[0, lane] = scale * given.mean_share * moduli[row + 1, lane] / means[3, lane]
+        bulk[0, lane] = scale * inputs.mean_share * moduli[row + 1, lane] / means[3, lane]
     pair = 0
     for m in range(a):
         for q in range(count):
@@ -225,13 +231,13 @@ def finish(batch: int, given: CellInputs, cells: PointCells, into: CellOutputs) 
         for n in range(m, a):
             put_block(left, gradients, place + n * pitch, count, volumes, m, n, bulk, blocks, pair)
             pair += 1
-    forces, places, panels, kept = into.forces, into.places, into.panels, into.kept
+    forces, places, panels, pair_blocks = into.forces, into.places, into.panels, into.pair_blocks
     first = batch * LANES
     for lane in range(min(LANES, cells.cells.size[0] - first)):
         for n in range(a):
             for i in range(3):
                 forces[nodes[batch, n, lane], i] += pulls[3 * n + i, lane]
-        add_blocks(blocks, 4 * lane, 4 * LANES, first + lane, places, panels, kept)
+        add_blocks(blocks, 4 * lane, 4 * LANES, first + lane, places, panels, pair_blocks)
 
 
 LEAST_VOLUME = FLATTEST
@@ -252,8 +258,8 @@ class Memory(NamedTuple):
 
 
 @kernel
-def hold(memory: Memory, held: Array) -> None:
-    """Write H of a step into `held` (m, q, 3, 3)."""
+def hold(memory: Memory, stress: Array) -> None:
+    """Write H of a step into `step_stress` (m, q, 3, 3)."""
     stresses, fades, gains = memory.stresses, memory.fades, memory.gains
     terms = fades.shape[1]
     for e in range(len(stresses)):
@@ -266,13 +272,13 @@ def hold(memory: Memory, held: Array) -> None:
                     total = -gain * stresses[e, q, terms, i, j]
                     for t in range(terms):
                         total += fades[e, t] * stresses[e, q, t, i, j]
-                    held[e, q, i, j] = total
+                    stress[e, q, i, j] = total
 
 
 @kernel
 def remember(batch: int, cells: PointCells, memory: Memory) -> None:
     """Advance the memory of a batch with S, from the stress at its points without pressure."""
-    points, weights, size = cells.room.points, cells.weights, cells.cells.size[0]
+    points, weights, size = cells.buffers.points, cells.weights, cells.cells.size[0]
     stresses, fades, gains = memory.stresses, memory.fades, memory.gains
     count, terms = len(weights) // len(cells.cells.nodes), fades.shape[1]
     f, p, inverse, s = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

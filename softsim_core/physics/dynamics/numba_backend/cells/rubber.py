@@ -119,18 +119,18 @@ def put_rubber_modes(typing: Any, points: Any, row: Any, moduli: Any, place: Any
 
 
 @kernel
-def rubber_points(batch: int, given: CellInputs, cells: PointCells) -> None:
+def rubber_points(batch: int, inputs: CellInputs, cells: PointCells) -> None:
     """Compute stress and tangent at all points of a batch."""
-    points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
+    points, steps, weights, moduli = cells.buffers.points, cells.buffers.steps, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
     count, place = len(weights) // batches, batch * (len(moduli) // batches)
-    deform(batch, given, cells)
+    deform(batch, inputs, cells)
     for q in range(count):
         put_cofactors(points, POINT_ROWS * q, steps, 9 * q)
     press(batch, cells)
     for q in range(count):
         row, weight = POINT_ROWS * q, count * batch + q
-        if given.positive:
+        if inputs.positive:
             put_stretches(points, row)
             put_rubber_modes(points, row, moduli, place)
             add_volume(points, row, moduli, place, place + 2)
@@ -141,18 +141,18 @@ def rubber_points(batch: int, given: CellInputs, cells: PointCells) -> None:
 
 
 @kernel
-def fill_rubber(given: CellInputs, cells: PointCells, into: CellOutputs) -> None:
+def fill_rubber(inputs: CellInputs, cells: PointCells, into: CellOutputs) -> None:
     """Add forces and stiffness of all cells."""
     for batch in range(len(cells.cells.nodes)):
-        rubber_points(batch, given, cells)
-        finish(batch, given, cells, into)
+        rubber_points(batch, inputs, cells)
+        finish(batch, inputs, cells, into)
 
 
 @kernel
-def remember_rubber(given: CellInputs, cells: PointCells, memory: Memory) -> None:
+def remember_rubber(inputs: CellInputs, cells: PointCells, memory: Memory) -> None:
     """Advance the memory of all cells after a step."""
     for batch in range(len(cells.cells.nodes)):
-        rubber_points(batch, given, cells)
+        rubber_points(batch, inputs, cells)
         remember(batch, cells, memory)
 
 
@@ -197,16 +197,16 @@ def raise_stretches(points: Array, row: int, moduli: Array, place: int) -> None:
 
 
 def _compute_divided_difference(
-    i: int, j: int, x: Triple, kept: Triple, power: Triple, bend: Triple, b: Lanes
+    i: int, j: int, x: Triple, bounded: Triple, power: Triple, bend: Triple, b: Lanes
 ) -> Lanes:
     """Return the divided difference of the powers' slope between squared stretches i and j."""
-    gap, apart = x[i] - x[j], kept[i] - kept[j]
-    d, one = apart / kept[j], b * 0.0 + 1.0
+    gap, apart = x[i] - x[j], bounded[i] - bounded[j]
+    d, one = apart / bounded[j], b * 0.0 + 1.0
     total = one
     for k in range(TERMS, 1, -1):
         total = (b + (1.0 - k)) * (1.0 / k) * d * total + 1.0
     near = d.size().below(NEAR)
-    inner = ((power[i] - power[j]) / apart).where(near, power[j] / kept[j] * b * total)
+    inner = ((power[i] - power[j]) / apart).where(near, power[j] / bounded[j] * b * total)
     same = gap.equals(0.0)
     low = x[i].below(LEAST)
     share = (apart / gap).where(same, one.where(low, 0.0))
@@ -231,9 +231,9 @@ def put_powers(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> A
             areas, power = alpha.below(0.0), b.load(point, 3, 122 + 3 * term)
             own = [x.where(areas, y) for x, y in zip(s, sides, strict=True)]
             x = [each * each for each in own]
-            kept, exponent = [each.at_least(LEAST) for each in x], alpha.size() * 0.5 - 1.0
-            bend = [each * exponent / k for each, k in zip(power, kept, strict=True)]
-            slope = [p + c * (each - k) for p, c, each, k in zip(power, bend, x, kept, strict=True)]
+            bounded, exponent = [each.at_least(LEAST) for each in x], alpha.size() * 0.5 - 1.0
+            bend = [each * exponent / k for each, k in zip(power, bounded, strict=True)]
+            slope = [p + c * (each - k) for p, c, each, k in zip(power, bend, x, bounded, strict=True)]
             pull = [each * y * 2.0 for each, y in zip(slope, own, strict=True)]
             along = [p * 2.0 + c * each * 4.0 for p, c, each in zip(slope, bend, x, strict=True)]
             # for areas, by the line stretches: dF_ij changes the cofactor ji by - s_l, and ii by s_l
@@ -241,7 +241,7 @@ def put_powers(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> A
             turn = [zero.where(areas, each) for each in pull]
             for k in range(3):
                 i, j = (k + 1) % 3, (k + 2) % 3
-                gamma = _compute_divided_difference(i, j, x, kept, power, bend, exponent)
+                gamma = _compute_divided_difference(i, j, x, bounded, power, bend, exponent)
                 both, sum_, gap = slope[i] + slope[j], own[i] + own[j], own[i] - own[j]
                 a[k] = a[k] + (both + sum_ * sum_ * gamma) * scale[k] - turn[k]
                 twist[k] = twist[k] + (both + gap * gap * gamma) * scale[k] + turn[k]
@@ -257,12 +257,12 @@ def put_powers(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> A
 
 
 @kernel
-def power_points(batch: int, given: CellInputs, cells: PointCells) -> None:
+def power_points(batch: int, inputs: CellInputs, cells: PointCells) -> None:
     """Compute stress and tangent at all points of a batch."""
-    points, steps, weights, moduli = cells.room.points, cells.room.steps, cells.weights, cells.moduli
+    points, steps, weights, moduli = cells.buffers.points, cells.buffers.steps, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
     count, place = len(weights) // batches, batch * (len(moduli) // batches)
-    deform(batch, given, cells)
+    deform(batch, inputs, cells)
     for q in range(count):
         put_cofactors(points, POINT_ROWS * q, steps, 9 * q)
     press(batch, cells)
@@ -272,22 +272,22 @@ def power_points(batch: int, given: CellInputs, cells: PointCells) -> None:
         raise_stretches(points, row, moduli, place)
         put_powers(points, row, moduli, place)
         add_volume(points, row, moduli, place, place + 2)
-        if given.positive:
+        if inputs.positive:
             clamp_modes(points, row)
         put_modes(points, row, weights, count * batch + q)
 
 
 @kernel
-def fill_powers(given: CellInputs, cells: PointCells, into: CellOutputs) -> None:
+def fill_powers(inputs: CellInputs, cells: PointCells, into: CellOutputs) -> None:
     """Add forces and stiffness of all cells."""
     for batch in range(len(cells.cells.nodes)):
-        power_points(batch, given, cells)
-        finish(batch, given, cells, into)
+        power_points(batch, inputs, cells)
+        finish(batch, inputs, cells, into)
 
 
 @kernel
-def remember_powers(given: CellInputs, cells: PointCells, memory: Memory) -> None:
+def remember_powers(inputs: CellInputs, cells: PointCells, memory: Memory) -> None:
     """Advance the memory of all cells after a step."""
     for batch in range(len(cells.cells.nodes)):
-        power_points(batch, given, cells)
+        power_points(batch, inputs, cells)
         remember(batch, cells, memory)
