@@ -26,7 +26,7 @@ def write_policy(file: Path, task: str, weight: float | None = None, **changes: 
 
     from softsim_core.lab.learning import TASKS, policy_metadata
 
-    width = changes.pop("inputs", sum(each.size for each in TASKS[task].sensed))
+    width = changes.pop("inputs", sum(each.size for each in TASKS[task].groups))
     height = changes.pop("outputs", len(TASKS[task].low))
     weights = np.random.default_rng(4).uniform(-0.5, 0.5, (width, height)).astype(np.float32)
     if weight is not None:
@@ -93,6 +93,6 @@ def write_endless_policy(file: Path, task: str) -> Path:
         helper.make_node("Loop", ["turns", "yes", "observation"], ["looped"], body=body),
         helper.make_node("MatMul", ["looped", "weights"], ["action"]),
     ]
-    weights = np.zeros((sum(each.size for each in TASKS[task].sensed), len(TASKS[task].low)), np.float32)
+    weights = np.zeros((sum(each.size for each in TASKS[task].groups), len(TASKS[task].low)), np.float32)
     constants = [constant("turns", 2**62), constant("yes", True), constant("weights", weights)]
     return write_graph(file, task, nodes, constants)

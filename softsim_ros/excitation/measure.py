@@ -25,8 +25,8 @@ from softsim_core.lab.identification import (
     grid,
     load_data_set,
     load_session,
+    motion_limits_of,
     motions,
-    room_of,
     way,
     write_calibration,
     write_description,
@@ -164,7 +164,7 @@ class Measurement:
     ) -> None:
         self._player, self._settings, self._looks = player, settings, looks
         self._sensors = sorted(sensors, key=lambda each: each.kind == IMU)
-        self._room = room_of(robot, settings.reach)
+        self._room = motion_limits_of(robot, settings.reach)
         units = {joint.units.command.si for joint in robot.joints}
         unit = robot.joints[0].units.command.si
         names = [f"{name}_{unit}" if len(units) == 1 else name for name in robot.joint_names]

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from softsim_core.base import Array, SoftSimError
-from softsim_core.lab.identification import ExcitationSettings, room_of, way
+from softsim_core.lab.identification import ExcitationSettings, motion_limits_of, way
 from softsim_node import LATCHED, ending
 from softsim_ros.client import RobotSession, commandable
 from softsim_ros.excitation.readings import Readings, silence_s
@@ -53,7 +53,7 @@ class Player:
 
     def __init__(self, session: RobotSession, real: bool, settings: ExcitationSettings) -> None:
         self._session, self.real, self._settings = session, real, settings
-        self._room = room_of(session.client.robot, settings.reach)
+        self._room = motion_limits_of(session.client.robot, settings.reach)
         self._period_s = settings.period_s
         self._at: Array | None = None
         self._leaving = self._foreign = False

@@ -26,10 +26,10 @@ from softsim_core.lab.identification import (
     load_calibration,
     load_data_set,
     load_session,
+    motion_limits_of,
     motions,
     replace_expressions,
     ring_down,
-    room_of,
     steps,
     way,
     write_calibration,
@@ -72,7 +72,7 @@ def test_a_way_is_as_quick_as_its_limits_allow(seed: int) -> None:
 
 
 def test_a_chirp_goes_through_its_frequencies_and_a_ring_down_ends_still() -> None:
-    room = room_of(load_scene("tripod"), 0.5)
+    room = motion_limits_of(load_scene("tripod"), 0.5)
     swings = chirp(room, ExcitationSettings(chirp_s=20.0, lowest_hz=0.5, highest_hz=4.0)).commands[:, 1]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(swings))))
     half_periods = 0.02 * np.diff(turns)
@@ -85,7 +85,7 @@ def test_a_chirp_goes_through_its_frequencies_and_a_ring_down_ends_still() -> No
 
 
 def test_the_grid_is_that_of_its_seed_and_stays_in_reach() -> None:
-    room = room_of(load_scene("emio"), 0.5)
+    room = motion_limits_of(load_scene("emio"), 0.5)
     settings = ExcitationSettings(poses=20, levels=4, seed=3)
     poses = grid(room, settings)
     assert len(np.unique(poses, axis=0)) == 20
@@ -104,7 +104,7 @@ def test_a_joint_without_a_range_is_refused(limits: JointLimits) -> None:
     with pytest.raises(
         SceneError, match=r"joint servo_0 of tripod has the limits .*; give it a finite range"
     ):
-        room_of(robot.with_scene(joints=joints), 0.5)
+        motion_limits_of(robot.with_scene(joints=joints), 0.5)
 
 
 @pytest.mark.parametrize(

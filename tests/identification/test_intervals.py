@@ -198,7 +198,7 @@ def test_a_prior_that_rows_contradict_is_left_out_and_reported() -> None:
     (conflict,) = result.conflicts
     assert (conflict.parameter, conflict.name) == (1, "sag")
     assert conflict.deviation == pytest.approx(0.003)
-    assert conflict.told == pytest.approx(truth[1], abs=4.0 * conflict.error)
+    assert conflict.from_rows == pytest.approx(truth[1], abs=4.0 * conflict.error)
     assert conflict.error == pytest.approx(result.errors[1], rel=0.2)
     assert conflict.chance < 1e-3
     assert any("PRIOR LEFT OUT: sag" in line for line in sentences(result))

@@ -205,7 +205,10 @@ def test_what_is_guessed_lies_where_it_should(
     assert (cable > mesh.points.min(axis=0)).all()
     assert (cable < mesh.points.max(axis=0)).all()
     assert guessed.pull_point[axis] < mesh.points[:, axis].min()
-    for end, place in ((guessed.held, mesh.points[:, axis].min()), (guessed.tip, mesh.points[:, axis].max())):
+    for end, place in (
+        (guessed.base_box, mesh.points[:, axis].min()),
+        (guessed.tip, mesh.points[:, axis].max()),
+    ):
         inside = (np.abs(mesh.points - end.center) <= 0.5 * np.array(end.size)).all(axis=1)
         assert np.array_equal(inside, np.abs(mesh.points[:, axis] - place) < 1e-9)
 
@@ -224,7 +227,7 @@ def test_a_part_that_lies_askew_is_guessed_along_its_own_axes(seed: int) -> None
     along = guessed.axes[:, guessed.axis]
     assert abs(along @ axes[:, 2]) == pytest.approx(1.0)
     depth = (points - points.mean(axis=0)) @ along
-    for end, at in ((guessed.held, depth.min()), (guessed.tip, depth.max())):
+    for end, at in ((guessed.base_box, depth.min()), (guessed.tip, depth.max())):
         assert nodes_in(end, points).tolist() == np.flatnonzero(np.abs(depth - at) < 1e-9).tolist()
     assert len(guessed.cable) == len(expected.cable)
     assert (np.diff(np.array(guessed.cable) @ along) > 0.0).all()
@@ -234,4 +237,6 @@ def test_a_part_that_lies_askew_is_guessed_along_its_own_axes(seed: int) -> None
     hung = yaml.safe_load(arm_text("bar", ARM, read_urdf(ARM), "tool", guessed))["arm"]["tools"][0]["pose"]
     turn = rotation_euler(np.radians(hung["rotation_deg"]))
     assert turn @ along == pytest.approx([0.0, 0.0, 1.0], abs=1e-6)
-    assert turn @ np.array(guessed.held.center) + hung["translation"] == pytest.approx(np.zeros(3), abs=1e-6)
+    assert turn @ np.array(guessed.base_box.center) + hung["translation"] == pytest.approx(
+        np.zeros(3), abs=1e-6
+    )

@@ -53,10 +53,10 @@ from .excitation import (
     NextPoses as NextPoses,
     chirp as chirp,
     grid as grid,
+    motion_limits_of as motion_limits_of,
     motions as motions,
     next_poses as next_poses,
     ring_down as ring_down,
-    room_of as room_of,
     steps as steps,
     way as way,
 )

@@ -78,18 +78,18 @@ class Places:
 def _place(simulation: Simulation, sensor: SensorDescription) -> str | _BodyPlace:
     if sensor.place is not None:
         return _on_body(simulation, sensor)
-    scene, known = simulation.scene, simulation.frames()
+    scene, frames = simulation.scene, simulation.frames()
     name = sensor.at
     if name == EFFECTOR:
         if scene.effector is None:
             raise SceneError(
                 f"sensor {sensor.name}: scene {scene.name} has no effector; say what it sits on: "
-                f"at (one of {listing(known)}), or place (a point of a body)"
+                f"at (one of {listing(frames)}), or place (a point of a body)"
             )
         name = scene.effector
-    if name not in known:
+    if name not in frames:
         raise SceneError(
-            f"sensor {sensor.name}: no frame {name!r} in {scene.name}; {known_names(name, known, 'it has')}"
+            f"sensor {sensor.name}: no frame {name!r} in {scene.name}; {known_names(name, frames, 'it has')}"
         )
     return name
 
@@ -229,8 +229,8 @@ def align(
     frame, point = fit
     start = build_nominal_alignment(points)
     if frame:
-        seen = locate_sensors(positions, rotations, points)
-        rotation, shift = rigid_frame(seen.reshape(-1, 3), measured.reshape(-1, 3), what)
+        located = locate_sensors(positions, rotations, points)
+        rotation, shift = rigid_frame(located.reshape(-1, 3), measured.reshape(-1, 3), what)
         start = Alignment(rotation, shift, points, np.zeros_like(points))
     return _refine_alignment(start, positions, rotations, measured, frame, what) if point else start
 
@@ -260,11 +260,11 @@ def _refine_alignment(
         matrix = slopes.reshape(-1, numbers)
         u, sizes, vt = np.linalg.svd(matrix, full_matrices=False)
         if sizes[-1] <= UNDETERMINED * sizes[0]:
-            told = "frame and sensor point" if frame else "the sensor point"
+            unclear = "frame and sensor point" if frame else "the sensor point"
             raise DataError(
                 what,
                 "",
-                f"the rows do not tell {told} apart: what the sensor sits on hardly tilts; measure "
+                f"the rows do not tell {unclear} apart: what the sensor sits on hardly tilts; measure "
                 "tilted poses, or fit the frame alone",
             )
         step = -vt.T @ ((u.T @ errors.ravel()) / sizes)

@@ -130,13 +130,13 @@ def calibration_sessions(description: CalibrationDescription, data: DataSet) -> 
         DataError: a session does not exist, or its rows cannot be used.
     """
     there = [each for each in data.description.sessions if each.replayed]
-    known = tuple(each.name for each in there)
+    names = tuple(each.name for each in there)
     for name in description.sessions:
-        if name not in known:
+        if name not in names:
             raise DataError(
                 f"calibration {description.name}",
                 "",
-                f"no session {name!r} to replay; {known_names(name, known, 'there are')}",
+                f"no session {name!r} to replay; {known_names(name, names, 'there are')}",
             )
     chosen = [each for each in there if not description.sessions or each.name in description.sessions]
     return [_training_rows(load_session(data, each)) for each in chosen]
@@ -172,12 +172,12 @@ def find_calibration(text: str) -> Path:
         return path.absolute()
     if (path / FILE).is_file():
         return (path / FILE).absolute()
-    known = known_calibrations()
-    if text not in known:
+    calibrations = known_calibrations()
+    if text not in calibrations:
         raise ConfigError(
-            text, "", f"no such file, and no calibration of that name; {known_names(text, known)}"
+            text, "", f"no such file, and no calibration of that name; {known_names(text, calibrations)}"
         )
-    return known[text]
+    return calibrations[text]
 
 
 def known_calibrations() -> dict[str, Path]:
@@ -241,12 +241,12 @@ def first_calibration(
     Returns:
         The calibration; None: this robot has no such parameters.
     """
-    wanted: list[ParameterDescription] = []
+    parameters: list[ParameterDescription] = []
     overlay: dict[str, Any] = {}
     for k, joint in enumerate(robot.joints):
         if joint.kind == "revolute" and joint.parent is None:
             zero = ParameterDescription(name=f"zero_{k}", start=0.0, lower=-ZERO, upper=ZERO, unit="rad")
-            wanted.append(zero)
+            parameters.append(zero)
             drawn_at = f"{joint.rest!r} " if joint.rest else ""
             rest = {"name": joint.name, "rest": f"= {drawn_at}- {zero.name}"}
             overlay.setdefault("joints", []).append(rest)
@@ -254,20 +254,20 @@ def first_calibration(
     values = alike[0].material.values if alike else {}
     stiffer = {}
     if "young_modulus" in values:
-        wanted.append(_describe_parameter("young", 1e-3 * values["young_modulus"], "kPa"))
+        parameters.append(_describe_parameter("young", 1e-3 * values["young_modulus"], "kPa"))
         stiffer = {"young_modulus": "= 1e3 * young"}
     elif "stiffness_factor" in values:
-        wanted.append(_describe_parameter("stiffness", values["stiffness_factor"], ""))
+        parameters.append(_describe_parameter("stiffness", values["stiffness_factor"], ""))
         stiffer = {"stiffness_factor": "= stiffness"}
     if stiffer:
         overlay["bodies"] = [{"name": each.name, "material": dict(stiffer)} for each in alike]
     if in_time and robot.scene.solver.rayleigh_stiffness > 0.0:
-        wanted.append(_describe_parameter("damping", 1e3 * robot.scene.solver.rayleigh_stiffness, "ms"))
+        parameters.append(_describe_parameter("damping", 1e3 * robot.scene.solver.rayleigh_stiffness, "ms"))
         overlay["solver"] = {"rayleigh_stiffness": "= 1e-3 * damping"}
-    if not wanted:
+    if not parameters:
         return None
     return CalibrationDescription(
-        name=name, data_set=".", parameters=tuple(wanted), overlay=overlay, sessions=tuple(sessions)
+        name=name, data_set=".", parameters=tuple(parameters), overlay=overlay, sessions=tuple(sessions)
     )
 
 
@@ -281,10 +281,10 @@ def plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         data = {}
         for each in fields(value):
-            held = getattr(value, each.name)
+            content = getattr(value, each.name)
             usual = each.default_factory() if each.default_factory is not MISSING else each.default
-            if usual is MISSING or held != usual:
-                data[each.name] = plain(held)
+            if usual is MISSING or content != usual:
+                data[each.name] = plain(content)
         return data
     if isinstance(value, Mapping):
         return {key: plain(each) for key, each in value.items()}

@@ -82,8 +82,8 @@ class DistributionDescription:
 
     def fill_overlay(self, values: Sequence[float]) -> dict[str, Any]:
         """Return the overlay of the robot for drawn values (p,)."""
-        given = dict(zip(self.names, (float(each) for each in values), strict=True))
-        overlay = replace_expressions(self.overlay, given)
+        by_name = dict(zip(self.names, (float(each) for each in values), strict=True))
+        overlay = replace_expressions(self.overlay, by_name)
         assert isinstance(overlay, dict)
         return overlay
 
@@ -106,13 +106,13 @@ def distribution_of(result: Calibration, robot: str) -> DistributionDescription:
         result: The calibration, not interrupted.
         robot: The robot that the overlay modifies.
     """
-    problem, wanted = result.problem, result.description.parameters
+    problem, parameters = result.problem, result.description.parameters
     errors = np.minimum(result.widening * result.errors, problem.span / np.sqrt(12.0))
     correlation = np.where(np.isfinite(result.correlation), result.correlation, 0.0)
     np.fill_diagonal(correlation, 1.0)
     covariance = correlation * np.multiply.outer(errors, errors)
     of = [name.partition(" ")[0] for name in result.names]
-    chosen = np.array([[name == each.name for name in of] for each in wanted], dtype=float)
+    chosen = np.array([[name == each.name for name in of] for each in parameters], dtype=float)
     counts = chosen.sum(axis=1)
     chosen /= counts[:, None]
     mean = chosen @ result.values
@@ -126,12 +126,12 @@ def distribution_of(result: Calibration, robot: str) -> DistributionDescription:
     return DistributionDescription(
         name=result.description.name,
         robot=robot,
-        names=tuple(each.name for each in wanted),
-        units=tuple(each.unit for each in wanted),
+        names=tuple(each.name for each in parameters),
+        units=tuple(each.unit for each in parameters),
         mean=tuple(mean.tolist()),
         covariance=tuple(tuple(row) for row in shared.tolist()),
-        lower=tuple(each.lower for each in wanted),
-        upper=tuple(each.upper for each in wanted),
+        lower=tuple(each.lower for each in parameters),
+        upper=tuple(each.upper for each in parameters),
         overlay=result.description.overlay,
     )
 
@@ -223,9 +223,9 @@ def cross_validated(result: Calibration, count: int = 5, seed: int = 0, done: Do
         predictions = problem.misfit.replay_sessions(problem.values(part))
         for session, whole, of, prediction in zip(training, sessions, fold_of, predictions, strict=True):
             compare = compare_session(session, prediction)
-            errors, known = compare.fitted_errors(), compare.known
-            fitted[session.name].append(mean_distance(errors[session.fitting & known]))
-            left_out[session.name].append(mean_distance(errors[whole.fitting & (of == fold) & known]))
+            errors, solved = compare.fitted_errors(), compare.known
+            fitted[session.name].append(mean_distance(errors[session.fitting & solved]))
+            left_out[session.name].append(mean_distance(errors[whole.fitting & (of == fold) & solved]))
         if done is not None:
             done(fold + 1, count)
     return Folds(count, _means(fitted), _means(left_out))
@@ -258,15 +258,15 @@ def profiled(result: Calibration, parameter: int, done: Done | None = None) -> t
     best = (result.values - problem.low) / problem.span
     slopes, left = problem.slopes(best), problem.residuals(best)
     least = float(left @ left)
-    wanted = float(result.quantiles[parameter] * result.widening[parameter]) ** 2
+    allowed = float(result.quantiles[parameter] * result.widening[parameter]) ** 2
     others = np.arange(len(best)) != parameter
     along = np.zeros_like(best)  # first-order change of the other parameters
     along[parameter] = 1.0
     inverse = np.linalg.pinv(slopes[:, others])
     along[others] = -inverse @ slopes[:, parameter]
-    first = float(np.sqrt(wanted)) / max(float(np.linalg.norm(slopes @ along)), 1e-12)
+    first = float(np.sqrt(allowed)) / max(float(np.linalg.norm(slopes @ along)), 1e-12)
     for number, sign in enumerate((-1.0, 1.0)):
-        ends.append(_end(problem, best, sign * along, inverse, others, (least, wanted, first)))
+        ends.append(_end(problem, best, sign * along, inverse, others, (least, allowed, first)))
         if done is not None:
             done(number + 1, 2)
     low, high = ends
@@ -296,18 +296,18 @@ def _end(
         others: Mask of the other parameters, shape (p,).
         sought: The least sum of squares, its required growth, and the first value to try.
     """
-    least, wanted, away = sought
-    held = int(np.flatnonzero(~others)[0])
-    room = (1.0 - best[held]) if along[held] > 0.0 else best[held]
+    least, target, away = sought
+    profiled_one = int(np.flatnonzero(~others)[0])
+    most = (1.0 - best[profiled_one]) if along[profiled_one] > 0.0 else best[profiled_one]
     for _ in range(ROUNDS):
-        if away >= room:
+        if away >= most:
             return np.inf
         part = np.clip(best + away * along, 0.0, 1.0)
         residuals = problem.residuals(part)
         part[others] = np.clip(part[others] - inverse @ residuals, 0.0, 1.0)
         better = problem.residuals(part)
-        growth = max(min(float(better @ better), float(residuals @ residuals)) - least, 1e-12 * wanted)
-        if abs(growth - wanted) < CLOSE * wanted:
+        growth = max(min(float(better @ better), float(residuals @ residuals)) - least, 1e-12 * target)
+        if abs(growth - target) < CLOSE * target:
             break
-        away *= float(np.clip(np.sqrt(wanted / growth), 0.3, 3.0))
+        away *= float(np.clip(np.sqrt(target / growth), 0.3, 3.0))
     return away

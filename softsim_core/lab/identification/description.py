@@ -28,9 +28,9 @@ EFFECTOR: Final = "effector"
 
 
 def _need_unit_of(owner: str, unit: str, quantities: tuple[Quantity, ...]) -> None:
-    known = [name for name, scale in SCALES.items() if scale.quantity in quantities]
-    if unit not in known:
-        raise FieldError(owner, "unit", repr(unit), f"one of {listing(known)}")
+    units = [name for name, scale in SCALES.items() if scale.quantity in quantities]
+    if unit not in units:
+        raise FieldError(owner, "unit", repr(unit), f"one of {listing(units)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -46,12 +46,12 @@ class Measures:
 
     def beyond(self, limits: ErrorLimits) -> list[str]:
         """Return a message for each limit that is exceeded."""
-        told = []
+        exceeded = []
         for name in ("mean", "rms", "p95", "max"):
             most, value = getattr(limits, f"{name}_mm"), 1e3 * getattr(self, name)
             if most is not None and not value <= most:  # NaN (no measurements) exceeds every limit
-                told.append(f"{name} {value:.3g} mm, allowed {most:g} mm")
-        return told
+                exceeded.append(f"{name} {value:.3g} mm, allowed {most:g} mm")
+        return exceeded
 
 
 def measures(errors: Array) -> Measures:
@@ -78,7 +78,7 @@ def by_region(errors: Array, positions: Array) -> dict[str, tuple[float, float, 
     Returns:
         By name: begin and end of the third in [m], and the statistics.
     """
-    told = {}
+    regions = {}
     for axis, name in enumerate("xyz"):
         along = positions[:, axis]
         if not len(along) or np.ptp(along) <= 0.0:
@@ -87,8 +87,8 @@ def by_region(errors: Array, positions: Array) -> dict[str, tuple[float, float, 
         part = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, len(PARTS) - 1)
         for k, words in enumerate(PARTS):
             found = measures(errors[part == k])
-            told[f"{name} {words}"] = (float(edges[k]), float(edges[k + 1]), found)
-    return told
+            regions[f"{name} {words}"] = (float(edges[k]), float(edges[k + 1]), found)
+    return regions
 
 
 @dataclass(frozen=True, slots=True)

@@ -149,7 +149,7 @@ class Motion:
         return len(self.commands) * self.period_s
 
 
-def room_of(robot: RobotDescription, reach: float) -> MotionLimits:
+def motion_limits_of(robot: RobotDescription, reach: float) -> MotionLimits:
     """Return the motion limits for the used part of a robot's joint ranges.
 
     Args:
@@ -176,22 +176,22 @@ def room_of(robot: RobotDescription, reach: float) -> MotionLimits:
     return MotionLimits(home, low, high, speed, acceleration)
 
 
-def way(start: Array, goal: Array, room: MotionLimits, share: float, period_s: float) -> Array:
+def way(start: Array, goal: Array, limits: MotionLimits, share: float, period_s: float) -> Array:
     """Return commands (k, j) from `start` to `goal` in the shortest time within a share of the limits.
 
     The start itself is not included.
     """
     far = np.abs(goal - start)
-    slow = TOP_SPEED * far / (share * room.speed)
-    heavy = np.sqrt(TOP_ACCELERATION * far / (share * room.acceleration))
+    slow = TOP_SPEED * far / (share * limits.speed)
+    heavy = np.sqrt(TOP_ACCELERATION * far / (share * limits.acceleration))
     count = max(1, int(np.ceil(max(slow.max(), heavy.max()) / period_s)))
     tau = np.arange(1, count + 1)[:, None] / count
     return np.asarray(start + (goal - start) * (10.0 * tau**3 - 15.0 * tau**4 + 6.0 * tau**5))
 
 
-def grid(room: MotionLimits, settings: ExcitationSettings) -> Array:
+def grid(limits: MotionLimits, settings: ExcitationSettings) -> Array:
     """Return grid poses (n, j) in an order of short moves; a large grid is sampled by the seed."""
-    joints, levels = len(room.home), settings.levels
+    joints, levels = len(limits.home), settings.levels
     random = np.random.default_rng(settings.seed)
     if levels**joints <= MOST_LISTED:
         places = np.stack(np.meshgrid(*[np.arange(levels)] * joints, indexing="ij"), axis=-1)
@@ -200,26 +200,26 @@ def grid(room: MotionLimits, settings: ExcitationSettings) -> Array:
     else:
         places = np.unique(random.integers(levels, size=(settings.poses, joints)), axis=0)
     parts = places / (levels - 1)
-    span = room.high - room.low
-    order = in_short_steps(parts, (room.home - room.low) / span)
-    return np.asarray(room.low + span * parts[order])
+    span = limits.high - limits.low
+    order = in_short_steps(parts, (limits.home - limits.low) / span)
+    return np.asarray(limits.low + span * parts[order])
 
 
-def steps(room: MotionLimits, settings: ExcitationSettings) -> Motion:
+def steps(limits: MotionLimits, settings: ExcitationSettings) -> Motion:
     """Move each joint in turn as fast as allowed: up, down and home, with a pause after each."""
-    parts = [_still(room.home, LEAD_S, settings)]
-    for joint in range(len(room.home)):
-        for target in (room.high[joint], room.low[joint], room.home[joint]):
-            goal = room.home.copy()
+    parts = [_still(limits.home, LEAD_S, settings)]
+    for joint in range(len(limits.home)):
+        for target in (limits.high[joint], limits.low[joint], limits.home[joint]):
+            goal = limits.home.copy()
             goal[joint] = target
             parts += [
-                way(parts[-1][-1], goal, room, CLOSE, settings.period_s),
+                way(parts[-1][-1], goal, limits, CLOSE, settings.period_s),
                 _still(goal, settings.hold_s, settings),
             ]
     return Motion("steps", np.concatenate(parts), settings.period_s)
 
 
-def chirp(room: MotionLimits, settings: ExcitationSettings) -> Motion:
+def chirp(limits: MotionLimits, settings: ExcitationSettings) -> Motion:
     """Return a chirp: all joints oscillate about the middle with rising frequency and evenly spaced phases.
 
     The amplitude at each frequency is the largest that reach, speed and acceleration allow.
@@ -229,40 +229,45 @@ def chirp(room: MotionLimits, settings: ExcitationSettings) -> Motion:
     rate = (settings.highest_hz - settings.lowest_hz) / settings.chirp_s
     turn = 2.0 * np.pi * (settings.lowest_hz + rate * t)[:, None]
     phase = 2.0 * np.pi * (settings.lowest_hz * t + 0.5 * rate * t**2)[:, None]
-    swing, middle = 0.5 * (room.high - room.low), 0.5 * (room.high + room.low)
-    joints = len(room.home)
+    swing, middle = 0.5 * (limits.high - limits.low), 0.5 * (limits.high + limits.low)
+    joints = len(limits.home)
     late = 2.0 * np.pi * np.arange(joints) / joints
-    width = np.minimum(np.minimum(swing, room.speed / turn), room.acceleration / turn**2)
+    width = np.minimum(np.minimum(swing, limits.speed / turn), limits.acceleration / turn**2)
     ends = np.minimum(1.0, np.minimum(t, t[-1] - t) / (0.1 * settings.chirp_s))[:, None]
     swings = width * np.sin(phase + late) * (3.0 * ends**2 - 2.0 * ends**3)
     speeds = np.diff(swings, axis=0, prepend=0.0 * swings[:1]) / period
     most = np.maximum(
-        np.abs(speeds).max(axis=0) / room.speed,
-        np.abs(np.diff(speeds, axis=0)).max(axis=0) / period / room.acceleration,
+        np.abs(speeds).max(axis=0) / limits.speed,
+        np.abs(np.diff(speeds, axis=0)).max(axis=0) / period / limits.acceleration,
     )
     swings *= np.minimum(1.0, CLOSE / np.maximum(most, 1e-12))
-    begin = way(room.home, middle, room, CLOSE, period)
-    parts = [_still(room.home, LEAD_S, settings), begin, middle + swings]
-    parts += [way(middle, room.home, room, CLOSE, period), _still(room.home, LEAD_S, settings)]
+    begin = way(limits.home, middle, limits, CLOSE, period)
+    parts = [_still(limits.home, LEAD_S, settings), begin, middle + swings]
+    parts += [way(middle, limits.home, limits, CLOSE, period), _still(limits.home, LEAD_S, settings)]
     return Motion("chirp", np.concatenate(parts), period)
 
 
-def ring_down(room: MotionLimits, settings: ExcitationSettings) -> Motion:
+def ring_down(limits: MotionLimits, settings: ExcitationSettings) -> Motion:
     """Move the first joint away and back as fast as allowed, then leave it in free motion."""
-    goal = room.home.copy()
-    farther = room.high[0] - room.home[0] >= room.home[0] - room.low[0]
-    goal[0] = room.high[0] if farther else room.low[0]
+    goal = limits.home.copy()
+    farther = limits.high[0] - limits.home[0] >= limits.home[0] - limits.low[0]
+    goal[0] = limits.high[0] if farther else limits.low[0]
     period = settings.period_s
-    away = way(room.home, goal, room, CLOSE, period)
-    back = way(goal, room.home, room, CLOSE, period)
-    parts = [_still(room.home, LEAD_S, settings), away, back, _still(room.home, settings.ringing_s, settings)]
+    away = way(limits.home, goal, limits, CLOSE, period)
+    back = way(goal, limits.home, limits, CLOSE, period)
+    parts = [
+        _still(limits.home, LEAD_S, settings),
+        away,
+        back,
+        _still(limits.home, settings.ringing_s, settings),
+    ]
     return Motion("ring_down", np.concatenate(parts), period, free=True)
 
 
-def motions(room: MotionLimits, settings: ExcitationSettings) -> list[Motion]:
+def motions(limits: MotionLimits, settings: ExcitationSettings) -> list[Motion]:
     """Return the requested motions in time."""
     made = {"steps": steps, "chirp": chirp, "ring_down": ring_down}
-    return [made[kind](room, settings) for kind in settings.kinds if kind in made]
+    return [made[kind](limits, settings) for kind in settings.kinds if kind in made]
 
 
 def _still(pose: Array, seconds: float, settings: ExcitationSettings) -> Array:
@@ -410,17 +415,17 @@ def _slopes(
     """
     here, *moved = replayed
     points, (count, sensors) = alignment.points, here.positions.shape[:2]
-    seen = locate_sensors(here.positions, here.rotations, points)
+    located = locate_sensors(here.positions, here.rotations, points)
     columns = [
-        (locate_sensors(each.positions, each.rotations, points) - seen) / step
+        (locate_sensors(each.positions, each.rotations, points) - located) / step
         for each, step in zip(moved, steps, strict=True)
     ]
     frame, point = fit
     if frame:
-        centre = np.nanmean(seen, axis=(0, 1))
-        turned = np.stack([np.stack([cross_matrix(each) for each in row]) for row in seen - centre])
+        centre = np.nanmean(located, axis=(0, 1))
+        turned = np.stack([np.stack([cross_matrix(each) for each in row]) for row in located - centre])
         columns += [*np.moveaxis(turned, -1, 0)]
-        columns += [np.broadcast_to(-axis, seen.shape) for axis in np.eye(3)]
+        columns += [np.broadcast_to(-axis, located.shape) for axis in np.eye(3)]
     if point:
         for s in range(sensors):
             of = np.zeros((count, sensors, 3, 3))

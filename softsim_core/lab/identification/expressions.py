@@ -90,8 +90,8 @@ def _value(node: ast.expr, values: Mapping[str, float], expression: str) -> floa
         return float(node.value)
     if isinstance(node, ast.Name):
         if node.id not in values:
-            known = known_names(node.id, values, "the parameters are")
-            raise SceneError(f"the expression {expression!r} names {node.id!r}; {known}")
+            hint = known_names(node.id, values, "the parameters are")
+            raise SceneError(f"the expression {expression!r} names {node.id!r}; {hint}")
         return values[node.id]
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         inner = _value(node.operand, values, expression)

@@ -39,11 +39,11 @@ class DataSet:
         file = self.folder / session.file
         if file.exists():
             return file
-        told, variable = self.description, self.description.data.variable
+        description, variable = self.description, self.description.data.variable
         how = f", or set {variable} to it" if variable else ""
         where = (
-            f". They come from: {told.source} (licence: {told.licence or 'not stated'})"
-            if told.source
+            f". They come from: {description.source} (licence: {description.licence or 'not stated'})"
+            if description.source
             else ""
         )
         raise DataError(
@@ -61,11 +61,11 @@ class DataSet:
 
 def known_data_sets() -> dict[str, Path]:
     """Return names and descriptions of the data sets below the config roots, sorted by name."""
-    known: dict[str, Path] = {}
+    data_sets: dict[str, Path] = {}
     for root in config_roots():
         for file in (root / FOLDER).glob(f"*/{DESCRIPTION}"):
-            known.setdefault(file.parent.name, file)
-    return dict(sorted(known.items()))
+            data_sets.setdefault(file.parent.name, file)
+    return dict(sorted(data_sets.items()))
 
 
 def load_data_set(name_or_path: str | os.PathLike[str], data: Path | None = None) -> DataSet:
@@ -89,12 +89,14 @@ def _find(text: str) -> Path:
         return path.absolute()
     if (path / DESCRIPTION).is_file():
         return (path / DESCRIPTION).absolute()
-    known = known_data_sets()
-    if text in known:
-        return known[text].absolute()
+    data_sets = known_data_sets()
+    if text in data_sets:
+        return data_sets[text].absolute()
     if path.is_dir():
         raise ConfigError(text, "", f"holds no {DESCRIPTION}, which says what its files are")
-    raise ConfigError(text, "", f"no such folder, and no data set of that name; {known_names(text, known)}")
+    raise ConfigError(
+        text, "", f"no such folder, and no data set of that name; {known_names(text, data_sets)}"
+    )
 
 
 def _folder(description: DataSetDescription, file: Path) -> Path:

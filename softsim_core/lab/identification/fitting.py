@@ -140,10 +140,10 @@ class Calibration:
 def overlay_of(description: CalibrationDescription, names: Sequence[str], values: Array) -> dict[str, Any]:
     """Return the overlay of the robot for values (p,); for parameters per session, the mean over sessions."""
     each = {
-        wanted.name: float(
-            np.mean([value for name, value in zip(names, values, strict=True) if _of(name) == wanted.name])
+        parameter.name: float(
+            np.mean([value for name, value in zip(names, values, strict=True) if _of(name) == parameter.name])
         )
-        for wanted in description.parameters
+        for parameter in description.parameters
     }
     overlay = replace_expressions(description.overlay, each)
     assert isinstance(overlay, dict)
@@ -263,7 +263,7 @@ def _refine_fit(problem: Problem, begin: Array) -> Array:
         before = problem.noise
         begin = _search_minimum(problem, begin)
         problem.estimate_noise(begin)
-        if not len(problem.known) or abs(problem.noise / before - 1.0) < CONSISTENT:
+        if not len(problem.with_prior) or abs(problem.noise / before - 1.0) < CONSISTENT:
             break
     return begin
 

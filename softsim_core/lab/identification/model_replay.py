@@ -350,7 +350,7 @@ def _in_time(
     last = session.times[session.used].max() + time.most_delay
     steps = max(1, int(np.ceil((last - begin) / simulation.dt)))
     times = np.asarray(begin + simulation.dt * np.arange(steps + 1), dtype=np.float64)
-    seen = [places.locate(simulation)]
+    located = [places.locate(simulation)]
     stopped = False
     try:
         for k in range(1, steps + 1):
@@ -358,13 +358,13 @@ def _in_time(
                 row = max(0, int(np.searchsorted(session.times, times[k - 1] + SAME, side="right")) - 1)
                 simulation.command(commands[row])
             simulation.step()
-            seen.append(places.locate(simulation))
+            located.append(places.locate(simulation))
             if progress is not None:
                 progress(k, steps)
     except KeyboardInterrupt:
         stopped = True
     except SolverDivergedError:
         pass  # later rows stay unreached
-    positions = np.array([each for each, _ in seen])
-    rotations = np.array([turn for _, turn in seen])
-    return Prediction(positions, rotations, np.ones(len(seen), bool), times[: len(seen)], stopped)
+    positions = np.array([each for each, _ in located])
+    rotations = np.array([turn for _, turn in located])
+    return Prediction(positions, rotations, np.ones(len(located), bool), times[: len(located)], stopped)

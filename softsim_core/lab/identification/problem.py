@@ -81,7 +81,7 @@ class Misfit:
         self._near: list[Near] = [{} for _ in sessions]
         self._last: tuple[Array, Array, dict[str, float]] | None = None
         self._largest: float | None = None
-        self._kept = np.zeros(0)
+        self._last_total = np.zeros(0)
 
     @property
     def rows(self) -> dict[str, int]:
@@ -101,7 +101,7 @@ class Misfit:
         mean = float(np.mean(list(self.means.values())))
         if mean < self.best:
             self.best, self.best_values, self.best_means = mean, values.copy(), dict(self.means)
-            self._near, self._kept = near, total
+            self._near, self._last_total = near, total
         if self._progress is not None:
             self._progress(self.count, mean, values)
         return total
@@ -120,8 +120,8 @@ class Misfit:
             KeyboardInterrupt: the replay was interrupted.
         """
         done = []
-        known = [dict(each) for each in self._near] if near is None else near
-        for k, (session, equilibria) in enumerate(zip(self.sessions, known, strict=True)):
+        predictions = [dict(each) for each in self._near] if near is None else near
+        for k, (session, equilibria) in enumerate(zip(self.sessions, predictions, strict=True)):
             done.append(replay(self.robot(k, values), session, near=equilibria))
             if done[-1].stopped:
                 raise KeyboardInterrupt
@@ -142,35 +142,37 @@ class Misfit:
         for session, prediction in zip(chosen, predictions, strict=True):
             result = compare_session(session, prediction)
             rows = session.fitting
-            known = rows & result.known
-            if known.sum() < (1.0 - LOST) * rows.sum():
-                return self._penalise_session(session, int(known.sum()), values, chosen)
+            solved = rows & result.known
+            if solved.sum() < (1.0 - LOST) * rows.sum():
+                return self._penalise_session(session, int(solved.sum()), values, chosen)
             fitted = result.fitted_errors()
-            means[session.name] = mean_distance(fitted[known])
-            errors.append(np.where(known[:, None, None], fitted, np.nan)[rows].ravel())
+            means[session.name] = mean_distance(fitted[solved])
+            errors.append(np.where(solved[:, None, None], fitted, np.nan)[rows].ravel())
         self.means, total = means, np.concatenate(errors)
         lost = np.isnan(total)
-        total[lost] = self._kept[lost] if len(self._kept) == len(total) else 0.0
+        total[lost] = self._last_total[lost] if len(self._last_total) == len(total) else 0.0
         self._largest = float(np.abs(total).max())
         return total
 
     def _penalise_session(
-        self, session: Session, known: int, values: Array, chosen: Sequence[Session]
+        self, session: Session, solved: int, values: Array, chosen: Sequence[Session]
     ) -> Array:
         """Return errors so large that the search turns back; at the first values, raise an error instead."""
         if self._largest is None:
-            told = ", ".join(f"{name} {value:.4g}" for name, value in zip(self.names, values, strict=True))
+            parameters = ", ".join(
+                f"{name} {value:.4g}" for name, value in zip(self.names, values, strict=True)
+            )
             raise DataError(
                 f"session {session.name}",
                 "",
-                f"only {known} of {session.fitting.sum()} rows have an equilibrium with {told}; "
+                f"only {solved} of {session.fitting.sum()} rows have an equilibrium with {parameters}; "
                 "narrow the bounds",
             )
         self.means = {each.name: np.inf for each in chosen}
         count = sum(3 * len(each.description.sensors) * int(each.fitting.sum()) for each in chosen)
         return np.full(count, FAR * self._largest)
 
-    def follow(self, values: Array, told: Callable[[int, int], None] | None) -> None:
+    def follow(self, values: Array, progress: Callable[[int, int], None] | None) -> None:
         """Find the equilibria of all rows once, from neighbour to neighbour.
 
         A bent robot may have several equilibria for one command. Distant start points can lead to equilibria
@@ -178,7 +180,7 @@ class Misfit:
         """
         for k, (session, near) in enumerate(zip(self._whole, self._near, strict=True)):
             if session.times is None:
-                replay(self.robot(k, values), session, progress=told, near=near)
+                replay(self.robot(k, values), session, progress=progress, near=near)
 
     def robot(self, session: int, values: Array) -> RobotDescription:
         """Return the model of a session by its index, with values (p,)."""
@@ -239,18 +241,20 @@ class Problem:
         span: Widths of the bounds, shape (p,).
         start: Start of the search in parts of the bounds, shape (p,).
         noise: Standard deviation in [m] of a least-squares error with the same information as one row.
-        known: Indices of the parameters with an active prior.
+        with_prior: Indices of the parameters with an active prior.
         around: Predictions at the last place with slopes.
     """
 
     def __init__(self, misfit: Misfit, loss: PointLoss) -> None:
-        wanted = misfit.parameters
+        parameters = misfit.parameters
         self.misfit, self.loss = misfit, loss
-        self.low = np.array([each.lower for each in wanted])
-        self.span = np.array([each.span for each in wanted])
-        self.start = (np.array([each.start for each in wanted]) - self.low) / self.span
-        self._priors = np.array([np.inf if each.prior is None else each.prior for each in wanted]) / self.span
-        self.known: IndexArray = np.flatnonzero(np.isfinite(self._priors))
+        self.low = np.array([each.lower for each in parameters])
+        self.span = np.array([each.span for each in parameters])
+        self.start = (np.array([each.start for each in parameters]) - self.low) / self.span
+        self._priors = (
+            np.array([np.inf if each.prior is None else each.prior for each in parameters]) / self.span
+        )
+        self.with_prior: IndexArray = np.flatnonzero(np.isfinite(self._priors))
         self.noise, self._root = loss.scale, 1.0 / loss.scale
         self.around: NearbyPredictions | None = None
 
@@ -260,16 +264,16 @@ class Problem:
 
     def prior_residuals(self, part: Array) -> Array:
         """Return the deviations from the priors' means over their standard deviations."""
-        return np.asarray(((part - self.start) / self._priors)[self.known])
+        return np.asarray(((part - self.start) / self._priors)[self.with_prior])
 
     @property
     def prior_slopes(self) -> Array:
         """Derivatives of `prior_residuals`, one row each."""
-        return np.asarray((np.eye(len(self.span)) / self._priors[:, None])[self.known])
+        return np.asarray((np.eye(len(self.span)) / self._priors[:, None])[self.with_prior])
 
     def leave_out_prior(self, parameter: int) -> None:
         """Deactivate the prior of a parameter by its index."""
-        self.known = self.known[self.known != parameter]
+        self.with_prior = self.with_prior[self.with_prior != parameter]
 
     def residuals(self, part: Array) -> Array:
         """Return the residuals of a replay, shape (n,); the sum of their squares is minimised."""

@@ -82,10 +82,10 @@ class Session:
         Raises:
             DataError: joints other than the robot's, another unit, or far beyond the limits.
         """
-        told = np.tile(np.array([joint.rest for joint in robot.joints]), (len(self.table), 1))
+        commands = np.tile(np.array([joint.rest for joint in robot.joints]), (len(self.table), 1))
         columns = self.description.commands
         if columns is None:
-            return told
+            return commands
         names = columns.joints or robot.joint_names
         if len(names) != len(columns.columns):
             raise DataError(
@@ -102,9 +102,9 @@ class Session:
                     f"{robot.name} has no joint {name!r}; {known_names(name, robot.joint_names, 'it has')}",
                 )
             index = robot.joint_names.index(name)
-            told[:, index] = self.table.numbers(column, columns.unit)
-            self._need_reachable(column, told[:, index], robot.joints[index])
-        return told
+            commands[:, index] = self.table.numbers(column, columns.unit)
+            self._need_reachable(column, commands[:, index], robot.joints[index])
+        return commands
 
     def _need_reachable(self, column: str, values: Array, joint: JointDescription) -> None:
         """Reject commands far beyond a joint's limits, because they are in another unit."""

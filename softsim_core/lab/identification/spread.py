@@ -53,9 +53,9 @@ def widening(
         sessions: For each session, the order of neighbouring rows (k,) and the number of residuals per row.
         priors: Slopes of independent residuals with unit variance, shape (m, p).
     """
-    known = np.zeros((slopes.shape[1],) * 2) if priors is None else priors.T @ priors
-    inverse = np.linalg.pinv(slopes.T @ slopes + known)
-    apart, together = known.copy(), known.copy()
+    prior_information = np.zeros((slopes.shape[1],) * 2) if priors is None else priors.T @ priors
+    inverse = np.linalg.pinv(slopes.T @ slopes + prior_information)
+    apart, together = prior_information.copy(), prior_information.copy()
     first = 0
     for order, size in sessions:
         own = slice(first, first + len(order) * size)
@@ -117,8 +117,8 @@ def spread_of(problem: Problem, part: Array) -> Spread:
         errors = np.sqrt((parts**2).sum(axis=1))
         covariance = parts @ parts.T
         correlation = covariance / np.multiply.outer(errors, errors)
-        known = np.nan_to_num(((covariance @ priors.T) ** 2).sum(axis=1) / errors**2)
-        freedom = problem.freedom(len(slopes)) / (1.0 - known) ** 2
+        from_prior = np.nan_to_num(((covariance @ priors.T) ** 2).sum(axis=1) / errors**2)
+        freedom = problem.freedom(len(slopes)) / (1.0 - from_prior) ** 2
     return Spread(errors, correlation, widening(slopes, scores, neighbours_of(problem), priors), freedom)
 
 
@@ -158,28 +158,28 @@ class PriorConflict:
     name: str
     mean: float
     deviation: float
-    told: float
+    from_rows: float
     error: float
     chance: float
 
 
 def conflicting_prior(problem: Problem, part: Array) -> PriorConflict | None:
     """Return the prior that the rows at a place contradict most; None: they contradict none."""
-    if not len(problem.known):
+    if not len(problem.with_prior):
         return None
     (slopes, scores), priors = problem.information(part), problem.prior_slopes
     left = np.diagonal(
         priors @ np.linalg.pinv(slopes.T @ slopes + priors.T @ priors, hermitian=True) @ priors.T
     )
-    told = np.maximum(1.0 - left, UNTOLD)
-    away = problem.prior_residuals(part) / told
-    wider = widening(slopes, scores, neighbours_of(problem))[problem.known]
-    errors = wider * np.sqrt(np.maximum(left, 0.0) / told)
+    row_share = np.maximum(1.0 - left, UNTOLD)
+    away = problem.prior_residuals(part) / row_share
+    wider = widening(slopes, scores, neighbours_of(problem))[problem.with_prior]
+    errors = wider * np.sqrt(np.maximum(left, 0.0) / row_share)
     chances = 2.0 * t.sf(np.abs(away) / np.sqrt(1.0 + errors**2), problem.freedom(len(slopes)))
     worst = int(np.argmin(chances))
     if chances[worst] > SURPRISE / len(chances):
         return None
-    parameter = int(problem.known[worst])
+    parameter = int(problem.with_prior[worst])
     mean = float(problem.values(problem.start)[parameter])
     deviation = float(problem.span[parameter] / np.abs(priors[worst]).max())
     return PriorConflict(

@@ -155,33 +155,33 @@ def read_c3d(file: Path, columns: Sequence[str]) -> Table:
         with file.open("rb") as stream:
             reader = c3d.Reader(stream)
             frames = [(points[:, :4], analog[:, :1]) for _, points, analog in reader.read_frames(copy=True)]
-            told = _columns(reader, frames)
+            columns_by_name = _columns(reader, frames)
             rate = float(reader.point_rate)
     except Exception as error:  # a damaged file can fail anywhere in the reader
         raise DataError(file, "", f"cannot be read as C3D ({error})") from error
     if not frames or not rate > 0.0:
         raise DataError(file, "", "holds no frames, or no rate of them")
-    told[TIME] = np.arange(len(frames)) / rate
-    asked = [told[name] for name in columns if name in told]
-    seen = np.all([np.isfinite(each) for each in asked], axis=0) if asked else np.ones(len(frames), bool)
-    if not seen.any():
+    columns_by_name[TIME] = np.arange(len(frames)) / rate
+    asked = [columns_by_name[name] for name in columns if name in columns_by_name]
+    measured = np.all([np.isfinite(each) for each in asked], axis=0) if asked else np.ones(len(frames), bool)
+    if not measured.any():
         raise DataError(file, "", f"no frame shows all of {', '.join(columns)}")
-    kept = {name: values[seen] for name, values in told.items()}
-    return Table(file, kept, (np.flatnonzero(seen) + 1).tolist())
+    columns_measured = {name: values[measured] for name, values in columns_by_name.items()}
+    return Table(file, columns_measured, (np.flatnonzero(measured) + 1).tolist())
 
 
 def _columns(reader: Any, frames: Sequence[tuple[Array, Array]]) -> dict[str, Array]:
     """Return all columns of the frames; NaN where a point was not visible."""
     unit = reader.get("POINT:UNITS")
     name = "mm" if unit is None else unit.string_value.strip() or "mm"
-    told: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
     for k, label in enumerate(map(str.strip, reader.point_labels)):
         points = np.array([frame[k] for frame, _ in frames], dtype=float).reshape(-1, 4)
         points[points[:, 3] < 0.0] = np.nan
-        told |= {f"{label}:{axis}_{name}": points[:, i] for i, axis in enumerate("xyz")}
+        columns |= {f"{label}:{axis}_{name}": points[:, i] for i, axis in enumerate("xyz")}
     for k, label in enumerate(map(str.strip, reader.analog_labels if reader.analog_used else ())):
-        told[label] = np.array([analog[k, 0] for _, analog in frames], dtype=float)
-    return told
+        columns[label] = np.array([analog[k, 0] for _, analog in frames], dtype=float)
+    return columns
 
 
 TableReader = Callable[[Path, Sequence[str]], Table]

@@ -140,7 +140,7 @@ class SessionResult:
         times = self.session.times
         if times is None or self.alignment is None:
             return {}
-        rows, told = self.judged, {}
+        rows, ringings = self.judged, {}
         for s, name in enumerate(self.session.description.sensor_names):
             model = self.positions[rows, s]
             measured, simulated = (
@@ -148,8 +148,8 @@ class SessionResult:
                 ringing(times[rows], model),
             )
             if measured is not None and simulated is not None:
-                told[name] = (measured, simulated)
-        return told
+                ringings[name] = (measured, simulated)
+        return ringings
 
 
 def session_robot(
@@ -184,15 +184,15 @@ def validate_session(
     """
     if robot is None or not session.description.replayed:
         nothing = np.full_like(session.measured, np.nan)
-        known = np.zeros(len(nothing), bool)
+        solved = np.zeros(len(nothing), bool)
         others = _others(session)
-        return SessionResult(session, known, None, nothing, nothing, nothing, others, (), False)
+        return SessionResult(session, solved, None, nothing, nothing, nothing, others, (), False)
     prediction = replay(robot, session, order, progress)
     result = compare_session(session, prediction, given)
-    return result if given is not None else _judged_by_others(result, prediction)
+    return result if given is not None else _by_other_rows(result, prediction)
 
 
-def _judged_by_others(result: SessionResult, prediction: Prediction) -> SessionResult:
+def _by_other_rows(result: SessionResult, prediction: Prediction) -> SessionResult:
     """Align each time span by the others, where a delay would otherwise be fitted to all rows.
 
     A delay compensates for many errors of a model. Where rows are held out, they do not influence the delay.
@@ -224,18 +224,18 @@ def compare_session(
         if prediction.stopped:  # too few rows are finished
             raise KeyboardInterrupt from error
         raise
-    positions, rotations, known = prediction.at(session, alignment.delay)
+    positions, rotations, solved = prediction.at(session, alignment.delay)
     raw_positions, raw_rotations, _ = prediction.at(session)
     raw = described.errors(raw_positions, raw_rotations, session.measured)
     return SessionResult(
         session,
-        known,
+        solved,
         alignment,
         raw,
         alignment.errors(positions, rotations, session.measured),
         locate_sensors(positions, rotations, alignment.points),
         _others(session),
-        tuple(_warnings(session, known, alignment, prediction.stopped)),
+        tuple(_warnings(session, solved, alignment, prediction.stopped)),
         prediction.stopped,
     )
 
@@ -259,8 +259,8 @@ def _fit_alignment(session: Session, prediction: Prediction, described: Alignmen
     _need_same_scale(session, prediction)
 
     def at(delay: float) -> Alignment:
-        positions, rotations, known = prediction.at(session, delay)
-        rows = session.fitting & known
+        positions, rotations, solved = prediction.at(session, delay)
+        rows = session.fitting & solved
         if not rows.any():
             raise DataError(what, "", "the model reaches no row for training")
         found = align(
@@ -274,17 +274,17 @@ def _fit_alignment(session: Session, prediction: Prediction, described: Alignmen
         return replace(found, delay=delay)
 
     def misfit(delay: float) -> float:
-        positions, rotations, known = prediction.at(session, delay)
-        rows = session.fitting & known
+        positions, rotations, solved = prediction.at(session, delay)
+        rows = session.fitting & solved
         return measures(at(delay).errors(positions, rotations, session.measured)[rows]).rms
 
     time = session.description.time
     if time is None or not time.most_delay:
         return at(0.0)
     most = time.most_delay
-    tried = np.linspace(-most, most, 41)
-    best = float(tried[int(np.argmin([misfit(float(delay)) for delay in tried]))])
-    near = (max(-most, best - tried[1] + tried[0]), min(most, best + tried[1] - tried[0]))
+    delays = np.linspace(-most, most, 41)
+    best = float(delays[int(np.argmin([misfit(float(delay)) for delay in delays]))])
+    near = (max(-most, best - delays[1] + delays[0]), min(most, best + delays[1] - delays[0]))
     found = float(minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-5}).x)
     if abs(found) > 0.99 * most:
         raise DataError(
@@ -298,8 +298,8 @@ def _fit_alignment(session: Session, prediction: Prediction, described: Alignmen
 
 def _need_same_scale(session: Session, prediction: Prediction) -> None:
     """Reject measurements whose motion between load cases differs greatly in size from the model's."""
-    positions, _, known = prediction.at(session)
-    rows = np.flatnonzero(session.fitting & known)
+    positions, _, solved = prediction.at(session)
+    rows = np.flatnonzero(session.fitting & solved)
     cases = session.load_cases[rows]
     if len(rows) < 3 or len(np.unique(cases)) < 2:
         return
@@ -319,36 +319,38 @@ def _need_same_scale(session: Session, prediction: Prediction) -> None:
             )
 
 
-def _warnings(session: Session, known: BoolArray, alignment: Alignment, stopped: bool) -> list[str]:
-    told = []
-    missing = int((session.used & ~known).sum())
+def _warnings(session: Session, solved: BoolArray, alignment: Alignment, stopped: bool) -> list[str]:
+    warnings = []
+    missing = int((session.used & ~solved).sum())
     if missing:
         why = "have no equilibrium of the model" if session.times is None else "come after it diverged"
         if stopped:
             why = "were not replayed"
-        told.append(f"{missing} of {int(session.used.sum())} rows {why}, and have no error")
+        warnings.append(f"{missing} of {int(session.used.sum())} rows {why}, and have no error")
     turn = float(np.arccos(np.clip((np.trace(alignment.rotation) - 1.0) / 2.0, -1.0, 1.0)))
     if turn > TURNED:
-        told.append(
+        warnings.append(
             f"the fitted frame is turned by {np.degrees(turn):.0f} deg; are the axes of the data right?"
         )
     unsure = float(alignment.point_errors.max(initial=0.0))
     if unsure > 0.005:
-        told.append(f"the sensor point is known to {1e3 * unsure:.1f} mm only; measure poses that tilt more")
-    return told
+        warnings.append(
+            f"the sensor point is known to {1e3 * unsure:.1f} mm only; measure poses that tilt more"
+        )
+    return warnings
 
 
 def _others(session: Session) -> dict[str, OtherErrors]:
     """Return the errors of other models: raw, and with a rigid frame fitted to the training rows."""
-    told = {}
+    others = {}
     for name, (sensor, positions) in session.others.items():
         measured = session.measured[:, sensor]
         rows = session.fitting
         rotation, shift = rigid_frame(
             positions[rows], measured[rows], f"session {session.name}, model {name}"
         )
-        told[name] = OtherErrors(positions - measured, positions - (measured @ rotation.T + shift))
-    return told
+        others[name] = OtherErrors(positions - measured, positions - (measured @ rotation.T + shift))
+    return others
 
 
 def summary(results: Sequence[SessionResult]) -> Measures:
@@ -376,10 +378,10 @@ def plain(name: str, model: str | None, results: Sequence[SessionResult]) -> dic
 
 
 def _session(result: SessionResult) -> dict[str, Any]:
-    session, told = result.session, {}
+    session, report = result.session, {}
     if result.alignment is not None:
         held_out = session.used & ~session.training
-        told = {
+        report = {
             "raw": result.of(result.judged, raw=True).plain(),
             "aligned": result.of(result.judged).plain(),
             "training": result.of(session.fitting).plain(),
@@ -410,7 +412,7 @@ def _session(result: SessionResult) -> dict[str, Any]:
         "rows": len(session.table),
         "used": int(session.used.sum()),
         "judged": "held out" if (session.used & ~session.training).any() else "training",
-        **told,
+        **report,
         "others": {
             other: {
                 "raw": measures(errors.raw[session.judged]).plain(),
@@ -428,16 +430,16 @@ def _each_row(result: SessionResult) -> list[dict[str, Any]]:
     commands = {name: session.table.numbers(name).tolist() for name in (columns.columns if columns else ())}
     rows = []
     for k, line in enumerate(session.table.lines):
-        known = bool(result.known[k])
+        solved = bool(result.known[k])
         rows.append(
             {
                 "line": int(line),
                 "time_s": None if session.times is None else float(session.times[k]),
                 "used_for": "training" if session.fitting[k] else "held out" if session.used[k] else None,
                 "commands": {name: values[k] for name, values in commands.items()},
-                "model_m": dict(zip(names, result.positions[k].tolist(), strict=True)) if known else None,
-                "error_m": dict(zip(names, result.aligned[k].tolist(), strict=True)) if known else None,
-                "raw_error_m": dict(zip(names, result.raw[k].tolist(), strict=True)) if known else None,
+                "model_m": dict(zip(names, result.positions[k].tolist(), strict=True)) if solved else None,
+                "error_m": dict(zip(names, result.aligned[k].tolist(), strict=True)) if solved else None,
+                "raw_error_m": dict(zip(names, result.raw[k].tolist(), strict=True)) if solved else None,
             }
         )
     return rows
@@ -461,8 +463,8 @@ def read_alignments(file: Path) -> dict[str, Alignment]:
     """
     try:
         sessions = json.loads(file.read_text(encoding="utf-8"))["sessions"]
-        told = {name: each["alignment"] for name, each in sessions.items() if "alignment" in each}
-        return {name: _read(each) for name, each in told.items()}
+        alignments = {name: each["alignment"] for name, each in sessions.items() if "alignment" in each}
+        return {name: _read(each) for name, each in alignments.items()}
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(file, "", f"cannot be read ({error})") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
@@ -470,9 +472,9 @@ def read_alignments(file: Path) -> dict[str, Alignment]:
         raise DataError(file, "", f"{problem} ({type(error).__name__})") from error
 
 
-def _read(told: dict[str, Any]) -> Alignment:
-    rotation, points = np.array(told["rotation"], float), np.array(told["points_m"], float)
-    shift, delay = np.array(told["shift_m"], float), float(told["delay_s"])
+def _read(data: dict[str, Any]) -> Alignment:
+    rotation, points = np.array(data["rotation"], float), np.array(data["points_m"], float)
+    shift, delay = np.array(data["shift_m"], float), float(data["delay_s"])
     if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
         raise ValueError("no rotation")
     if shift.shape != (3,) or points.ndim != 2 or points.shape[1] != 3:

@@ -174,8 +174,8 @@ class RobotEnv(gymnasium.Env[Any, Any]):
             self._painter.close()
         self.episodes.close()
 
-    def _info(self, told: Mapping[str, Numbers]) -> dict[str, Any]:
-        info = {name: row[0].item() if row.ndim == 1 else row[0].copy() for name, row in told.items()}
+    def _info(self, observations: Mapping[str, Numbers]) -> dict[str, Any]:
+        info = {name: row[0].item() if row.ndim == 1 else row[0].copy() for name, row in observations.items()}
         return {**info, **self.episodes.parameters(0)}
 
 
@@ -326,14 +326,14 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         return np.zeros(self.num_envs, dtype=np.bool_)
 
     def _info(
-        self, told: Mapping[str, Numbers], numbers: IndexArray, info: dict[str, Any] | None = None
+        self, observations: Mapping[str, Numbers], numbers: IndexArray, info: dict[str, Any] | None = None
     ) -> dict[str, Any]:
         """Return info in Gymnasium's form: an array over all robots by name, under `_name` its mask."""
         info = {} if info is None else info
         drawn = [self.episodes.parameters(number) for number in numbers.tolist()]
         for name in drawn[0] if drawn else ():
-            told = {**told, name: np.array([each[name] for each in drawn])}
-        for name, rows in told.items():
+            observations = {**observations, name: np.array([each[name] for each in drawn])}
+        for name, rows in observations.items():
             if name not in info:
                 info[name] = np.zeros((self.num_envs, *rows.shape[1:]), dtype=rows.dtype)
                 info[f"_{name}"] = self._none()

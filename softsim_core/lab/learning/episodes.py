@@ -24,7 +24,7 @@ class Outcome(NamedTuple):
     info: dict[str, Numbers]
 
 
-_KEPT = (
+_SAVED = (
     "generators", "_noise", "_steps", "_command_noise", "_command_step", "_commanding", "_sensing", "_goals",
     "_commands", "_wanted", "_earlier", "_gravity", "_actions", "_late", "_parameters", "_overlays",
 )  # fmt: skip
@@ -72,7 +72,7 @@ class Episodes:
         self._devices = devices or task.devices
         self.span = task.steps * self.batch.dt
         joints = len(task.low)
-        sizes = sum(each.size for each in task.sensed)
+        sizes = sum(each.size for each in task.groups)
         self._noise, self._steps = np.zeros((copies, sizes)), np.zeros((copies, sizes))
         self._command_noise, self._command_step = np.zeros((copies, 1)), np.zeros((copies, 1))
         self._commanding, self._sensing = Delay(copies, joints), Delay(copies, sizes)
@@ -117,8 +117,8 @@ class Episodes:
         self._actions[numbers] = 0
         self._wanted[numbers] = self._commands[numbers] = targets.reshape(len(numbers), -1)
         self._earlier[numbers] = self._velocities(numbers)
-        sensed = self.task.sense(self._moment(numbers))
-        for number, row in zip(numbers.tolist(), sensed, strict=True):
+        readings = self.task.sense(self._moment(numbers))
+        for number, row in zip(numbers.tolist(), readings, strict=True):
             self._commanding.begin(number, self._late[number][0], self._commands[number])
             self._sensing.begin(number, self._late[number][1], row)
         return self._observe_copies(numbers)
@@ -132,22 +132,22 @@ class Episodes:
         self.check_actions(numbers, actions)
         task, joints = self.task, len(self.task.low)
         self._wanted[numbers] = task.command(actions, self._command_step[numbers])
-        told = self._commanding.through(numbers, self._wanted[numbers])
+        commands = self._commanding.through(numbers, self._wanted[numbers])
         if self._command_noise[numbers].any():
-            told = told + self._command_noise[numbers] * self._draw_noise(numbers, joints)
-        self.batch.command(told, numbers)
+            commands = commands + self._command_noise[numbers] * self._draw_noise(numbers, joints)
+        self.batch.command(commands, numbers)
         last = int("effector_force" in task.asks)  # an accelerometer measures over the last step
         self.batch.step(task.steps - last, numbers)
         self._earlier[numbers] = self._velocities(numbers)
         self.batch.step(last, numbers)
         self._commands[numbers] = self._wanted[numbers]
         self._actions[numbers] += 1
-        judged = task.judge(self._moment(numbers))
+        rated = task.rate(self._moment(numbers))
         diverged = np.array([number in self.batch.failed for number in numbers.tolist()], dtype=np.bool_)
-        info = {**judged.info, "time_s": self.span * self._actions[numbers], "diverged": diverged}
-        ended = judged.failed | diverged
+        info = {**rated.info, "time_s": self.span * self._actions[numbers], "diverged": diverged}
+        ended = rated.failed | diverged
         truncated = (self._actions[numbers] >= self.horizon) & ~ended
-        return self._observe_copies(numbers), Outcome(judged.reward, ended, truncated, info)
+        return self._observe_copies(numbers), Outcome(rated.reward, ended, truncated, info)
 
     def check_actions(self, numbers: IndexArray, actions: Numbers) -> None:
         """Reject invalid actions of chosen copies at once, even if latency would delay them.
@@ -163,7 +163,7 @@ class Episodes:
 
     def describe_start(self, numbers: IndexArray) -> dict[str, Numbers]:
         """Return the entries of `info` at the start of an episode."""
-        return {**self.task.judge(self._moment(numbers)).info, "time_s": np.zeros(len(numbers))}
+        return {**self.task.rate(self._moment(numbers)).info, "time_s": np.zeros(len(numbers))}
 
     def parameters(self, number: int) -> Mapping[str, float]:
         """Return the parameters drawn for the episode of a copy, by name."""
@@ -173,11 +173,11 @@ class Episodes:
         """Return the state of all episodes, for `restore` of episodes with the same constructor arguments."""
         copies = range(len(self.generators))
         states = [self.batch.call(number, "snapshot") for number in copies]
-        return {"states": states, **{name: getattr(self, name) for name in _KEPT}}
+        return {"states": states, **{name: getattr(self, name) for name in _SAVED}}
 
     def restore(self, saved: Mapping[str, Any]) -> None:
         """Restore a result of `save_state`."""
-        for name in _KEPT:
+        for name in _SAVED:
             setattr(self, name, saved[name])
         for number, state in enumerate(saved["states"]):
             if self._overlays[number]:
@@ -240,11 +240,11 @@ class Episodes:
     def _observe_copies(self, numbers: IndexArray) -> Numbers:
         if self._full:
             return self.batch.states[numbers].astype(np.float32)
-        sensed, noise = self.task.sense(self._moment(numbers)), self._noise[numbers]
+        readings, noise = self.task.sense(self._moment(numbers)), self._noise[numbers]
         if noise.any():
-            sensed = sensed + noise * self._draw_noise(numbers, sensed.shape[1])
-        sensed = self._sensing.through(numbers, round_to_steps(sensed, self._steps[numbers]))
-        return self.task.observation(sensed)
+            readings = readings + noise * self._draw_noise(numbers, readings.shape[1])
+        readings = self._sensing.through(numbers, round_to_steps(readings, self._steps[numbers]))
+        return self.task.observation(readings)
 
 
 def _effector_frame(scene: SceneDescription, task: Task) -> int:
@@ -254,9 +254,9 @@ def _effector_frame(scene: SceneDescription, task: Task) -> int:
         SceneError: the task uses the effector, and the scene has none.
     """
     if scene.effector is None:
-        if wanted := [name for name in task.asks if name.startswith("effector")]:
+        if requested := [name for name in task.asks if name.startswith("effector")]:
             raise SceneError(
-                f"the task asks for {listing(wanted)}, and {scene.name} has no effector: "
+                f"the task asks for {listing(requested)}, and {scene.name} has no effector: "
                 "add `effector: NAME` of a free attachment to its file"
             )
         return -1

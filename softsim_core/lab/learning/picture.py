@@ -63,13 +63,13 @@ class Painter:
             parts.append((pose.position + shape @ rotation_of(pose.quaternion_xyzw).T, colour))
         corners = np.concatenate([each for each, _ in parts])
         colours = np.concatenate([np.tile(colour[:3], (len(each), 1)) for each, colour in parts])
-        seen = (corners - np.array(self._middle)) @ self._axes.T
-        order = np.argsort(seen[:, :, 2].mean(axis=1))
+        projected = (corners - np.array(self._middle)) @ self._axes.T
+        order = np.argsort(projected[:, :, 2].mean(axis=1))
         shaded = colours * _shades(corners)[:, None]
         self._plane.clear()
         self._plane.add_collection(
             PolyCollection(
-                seen[order, :, :2], facecolors=shaded[order], edgecolors="none", antialiaseds=False
+                projected[order, :, :2], facecolors=shaded[order], edgecolors="none", antialiaseds=False
             )
         )
         self._plane.set(xlim=(-self._width / 2, self._width / 2), ylim=(-self._width / 2, self._width / 2))

@@ -167,7 +167,7 @@ def policy_metadata(name: str) -> dict[str, str]:
         raise PolicyError(name, f"no such task; known: {listing(TASKS)}")
     task = TASKS[name]
     robot = task.description()
-    observation = [{"name": each.name, "unit": each.unit, "size": each.size} for each in task.sensed]
+    observation = [{"name": each.name, "unit": each.unit, "size": each.size} for each in task.groups]
     action = [
         {"joint": joint.name, "unit": joint.units.command.si, "low": low, "high": high}
         for joint, low, high in zip(robot.joints, task.low, task.high, strict=True)
@@ -203,9 +203,9 @@ class Policy:
                 shape.
         """
         found = np.asarray(self._run(observations))
-        wanted = (len(observations), len(self.task.low))
-        if found.shape != wanted:
-            raise PolicyError(self._file, f"it answered with the shape {found.shape}, not {wanted}")
+        expected = (len(observations), len(self.task.low))
+        if found.shape != expected:
+            raise PolicyError(self._file, f"it answered with the shape {found.shape}, not {expected}")
         if not np.isfinite(found).all():
             raise PolicyError(self._file, "it answered with a number that is not finite; nothing was moved")
         return found
@@ -259,11 +259,12 @@ class Policy:
             PolicyError: other joints, commands beyond their limits, no effector, or no such rigid body.
         """
         own = self.task.description()
-        wanted, told = _joints(own), _joints(robot)
-        if told != wanted:
+        own_joints, joints = _joints(own), _joints(robot)
+        if joints != own_joints:
             raise PolicyError(
                 self._file,
-                f"it drives {own.name} with the joints {listing(wanted)}; {robot.name} has {listing(told)}",
+                f"it drives {own.name} with the joints {listing(own_joints)}; "
+                f"{robot.name} has {listing(joints)}",
             )
         for joint, low, high in zip(robot.joints, self.task.low, self.task.high, strict=True):
             limits = joint.limits
@@ -294,21 +295,22 @@ def load_policy(file: str | PathLike[str]) -> Policy:
     """
     path = Path(file).expanduser()
     session = _session(path)
-    told: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
-    name = told.get(f"{_ABOUT}task", "")
+    metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
+    name = metadata.get(f"{_ABOUT}task", "")
     if name not in TASKS:
-        known = listing(TASKS)
+        tasks = listing(TASKS)
         what = f"its task is {name[:80]!r}" if name else f"it does not tell its task ({_ABOUT}task)"
-        raise PolicyError(path, f"{what}; known: {known}; see policy_metadata in docs/learning.md")
+        raise PolicyError(path, f"{what}; known: {tasks}; see policy_metadata in docs/learning.md")
     expected = policy_metadata(name)
     for key, value in expected.items():
-        if told.get(key) != value:
+        if metadata.get(key) != value:
             raise PolicyError(
-                path, f"{key} is {told.get(key, 'missing')[:200]}, and {name} of this version wants {value}"
+                path,
+                f"{key} is {metadata.get(key, 'missing')[:200]}, and {name} of this version wants {value}",
             )
     task = TASKS[name]
     for kind, found, size in (
-        ("input", session.get_inputs(), sum(each.size for each in task.sensed)),
+        ("input", session.get_inputs(), sum(each.size for each in task.groups)),
         ("output", session.get_outputs(), len(task.low)),
     ):
         shapes = [(each.type, each.shape) for each in found]

@@ -60,10 +60,10 @@ class Devices:
         Raises:
             FieldError: no such field, or a value that is not >= 0.
         """
-        known = [field.name for field in dataclasses.fields(self)]
+        names = [field.name for field in dataclasses.fields(self)]
         for name in values:
-            if name not in known:
-                raise FieldError("devices", name, "there", f"one of {listing(known)}")
+            if name not in names:
+                raise FieldError("devices", name, "there", f"one of {listing(names)}")
         return dataclasses.replace(self, **{name: float(value) for name, value in values.items()})
 
 
@@ -118,9 +118,9 @@ class SpreadDescription:
 
     def __post_init__(self) -> None:
         owner = "a parameter"
-        given = [each for each in (self.uniform, self.log_uniform, self.normal) if each is not None]
-        if len(given) != 1:
-            raise FieldError(owner, "uniform", f"{len(given)} given", "one of uniform, log_uniform, normal")
+        spreads = [each for each in (self.uniform, self.log_uniform, self.normal) if each is not None]
+        if len(spreads) != 1:
+            raise FieldError(owner, "uniform", f"{len(spreads)} given", "one of uniform, log_uniform, normal")
         for name, pair in (("uniform", self.uniform), ("log_uniform", self.log_uniform)):
             if pair is not None and not pair[0] <= pair[1]:
                 raise FieldError(owner, name, pair, "two values, the lower one first")

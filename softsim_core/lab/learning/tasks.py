@@ -44,7 +44,7 @@ class ObservationGroup(NamedTuple):
     step: str = ""
 
 
-class Judged(NamedTuple):
+class Rating(NamedTuple):
     """Rewards (k,), failure flags (k,) and entries of `info` (k, ...) by name, of k copies."""
 
     reward: Array
@@ -173,7 +173,7 @@ class Task:
         horizon: Largest number of actions per episode.
         low, high: Commands that actions -1 and 1 stand for, in [rad] or [m], in joint order.
         devices: Noise, resolution and latency of servos and sensors.
-        sensed: Parts of an observation, in order.
+        groups: Parts of an observation, in order.
         goal_size: Count of numbers in a goal.
         thing: Name of the rigid body of the task; empty: none.
         asks: Properties of Senses that its observations use, besides commands and goals.
@@ -187,7 +187,7 @@ class Task:
     low: tuple[float, ...]
     high: tuple[float, ...]
     devices: Devices
-    sensed: tuple[ObservationGroup, ...]
+    groups: tuple[ObservationGroup, ...]
     goal_size: int
     thing: str = ""
     asks: tuple[str, ...]
@@ -213,12 +213,12 @@ class Task:
         """Place the objects of an episode after the lead-in."""
 
     def sense(self, senses: Senses) -> Array:
-        """Return the noise-free readings in the order of `sensed`, shape (k, m)."""
+        """Return the noise-free readings in the order of `groups`, shape (k, m)."""
         raise NotImplementedError
 
-    def observation(self, sensed: Array) -> Numbers:
+    def observation(self, readings: Array) -> Numbers:
         """Clip readings (k, m) to the bounds and return them as float32: the policy's observation."""
-        return np.clip(sensed, *self.bounds()).astype(np.float32)
+        return np.clip(readings, *self.bounds()).astype(np.float32)
 
     def command(self, actions: Numbers, steps: Array | float) -> Array:
         """Return commands in [rad] or [m] for actions (k, j) in [-1, 1], rounded to `steps` if > 0."""
@@ -226,22 +226,22 @@ class Task:
         clipped = np.clip(np.asarray(actions, dtype=float), -1.0, 1.0)
         return round_to_steps(0.5 * (high + low) + 0.5 * (high - low) * clipped, np.asarray(steps))
 
-    def judge(self, moment: Moment) -> Judged:
+    def rate(self, moment: Moment) -> Rating:
         """Return rewards, failures and info of the copies in their present state."""
         raise NotImplementedError
 
     def bounds(self) -> tuple[Numbers, Numbers]:
         """Return lower and upper bounds of an observation's numbers, float32 arrays of shape (m,)."""
-        sizes = [each.size for each in self.sensed]
-        low = np.repeat([each.low for each in self.sensed], sizes)
-        return low.astype(np.float32), np.repeat([each.high for each in self.sensed], sizes).astype(
+        sizes = [each.size for each in self.groups]
+        low = np.repeat([each.low for each in self.groups], sizes)
+        return low.astype(np.float32), np.repeat([each.high for each in self.groups], sizes).astype(
             np.float32
         )
 
     def of_devices(self, devices: Devices, kind: str) -> Array:
         """Return noise or resolution (`kind`) of each number of an observation, shape (m,)."""
-        values = [getattr(devices, name) if (name := getattr(each, kind)) else 0.0 for each in self.sensed]
-        return np.repeat(np.array(values, dtype=float), [each.size for each in self.sensed])
+        values = [getattr(devices, name) if (name := getattr(each, kind)) else 0.0 for each in self.groups]
+        return np.repeat(np.array(values, dtype=float), [each.size for each in self.groups])
 
 
 def tilts(rotations: Array) -> Array:
@@ -289,7 +289,7 @@ class Reach(Task):
             axis=1,
         )
 
-    def judge(self, moment: Moment) -> Judged:
+    def rate(self, moment: Moment) -> Rating:
         """Reward minus the distance to the goal in [cm], plus 1 within REACHED_M; no copy fails."""
         position = moment.effector_position
         distance = np.linalg.norm(position - moment.goals, axis=1)
@@ -300,7 +300,7 @@ class Reach(Task):
             "distance_m": distance,
             "is_success": reached,
         }
-        return Judged(reached - 100.0 * distance, np.zeros(len(distance), dtype=np.bool_), info)
+        return Rating(reached - 100.0 * distance, np.zeros(len(distance), dtype=np.bool_), info)
 
 
 PLATE_M, BALL_M = 0.045, 0.008
@@ -352,13 +352,13 @@ class Balance(Task):
             axis=1,
         )
 
-    def judge(self, moment: Moment) -> Judged:
+    def rate(self, moment: Moment) -> Rating:
         """Reward 1 minus the ball's distance over half the plate's width; fail once it left the plate."""
         ball = self._ball(moment)
         off = np.linalg.norm(ball[:, :2], axis=1)
         lost = (np.abs(ball[:, :2]) > PLATE_M).any(axis=1) | (ball[:, 2] < 0.0)
         info = {"ball_position_m": ball, "ball_distance_m": off, "is_success": off < 0.005}
-        return Judged(np.where(lost, 0.0, 1.0 - off / PLATE_M), lost, info)
+        return Rating(np.where(lost, 0.0, 1.0 - off / PLATE_M), lost, info)
 
 
 LIFTED_M = 0.020
@@ -396,7 +396,7 @@ class Lift(Task):
             axis=1,
         )
 
-    def judge(self, moment: Moment) -> Judged:
+    def rate(self, moment: Moment) -> Rating:
         """Reward the cube's height over LIFTED_M, at most 1, plus 0.1 times the nearness of the fingers.
 
         A copy fails when the cube is more than 10 mm below the floor.
@@ -412,7 +412,7 @@ class Lift(Task):
         }
         near = np.where(height > 0.002, 1.0, lowered)
         lost = height < -0.010
-        return Judged(np.clip(height / LIFTED_M, 0.0, 1.0) + 0.1 * near, lost, info)
+        return Rating(np.clip(height / LIFTED_M, 0.0, 1.0) + 0.1 * near, lost, info)
 
 
 _SERVOS = Devices(
@@ -436,7 +436,7 @@ TASKS: Mapping[str, Task] = {
         low=(-1.6,) * 3,
         high=(-0.4,) * 3,
         devices=_SERVOS,
-        sensed=(
+        groups=(
             _JOINTS,
             _EFFECTOR,
             _TILTS,
@@ -474,7 +474,7 @@ TASKS: Mapping[str, Task] = {
         low=(-1.4,) * 3,
         high=(-0.7,) * 3,
         devices=_SERVOS,
-        sensed=(
+        groups=(
             _JOINTS,
             _TILTS,
             ObservationGroup("angular rate of the effector", "rad/s", -100.0, 100.0, 3, "rate_noise"),
@@ -508,7 +508,7 @@ TASKS: Mapping[str, Task] = {
             position_noise=0.0005,
             effort_noise=0.1,
         ),
-        sensed=(
+        groups=(
             ObservationGroup("joint positions", "m", -0.2, 0.2, 5, "joint_noise"),
             ObservationGroup("cable tensions", "N", -100.0, 100.0, 3, "effort_noise"),
             ObservationGroup("cube position", "m", -5.0, 5.0, 3, "position_noise"),

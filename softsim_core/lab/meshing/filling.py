@@ -46,8 +46,8 @@ def key_of(data: bytes, options: Mapping[str, object]) -> str:
         mesher = version(DISTRIBUTION)
     except PackageNotFoundError:
         mesher = ""
-    told = json.dumps({"format": _FORMAT, "mesher": mesher, **options}, sort_keys=True)
-    return hashlib.sha256(told.encode() + b"\0" + data).hexdigest()[:32]
+    settings = json.dumps({"format": _FORMAT, "mesher": mesher, **options}, sort_keys=True)
+    return hashlib.sha256(settings.encode() + b"\0" + data).hexdigest()[:32]
 
 
 def read_cached_mesh(key: str) -> tuple[TetMesh, float] | None:
@@ -58,7 +58,7 @@ def read_cached_mesh(key: str) -> tuple[TetMesh, float] | None:
     return None
 
 
-def keep(key: str, mesh: TetMesh, edge: float) -> bool:
+def store_mesh(key: str, mesh: TetMesh, edge: float) -> bool:
     """Store a mesh in the cache atomically; return whether it could be written."""
     folder = cache_folder()
     try:
@@ -127,11 +127,11 @@ def fill_surface(
     middle = surface.points.mean(axis=0)
     scale = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
     with tempfile.TemporaryDirectory(prefix="softsim-mesh-") as folder:
-        given, made = Path(folder, "surface.npz"), Path(folder, "tets.npz")
+        input_file, made = Path(folder, "surface.npz"), Path(folder, "tets.npz")
         started, allowed = monotonic(), 0.0
         for energy, share in ENERGIES.items():
             np.savez(
-                given,
+                input_file,
                 points=(surface.points - middle) / scale,
                 triangles=surface.triangles,
                 edge=edge / scale,
@@ -141,7 +141,7 @@ def fill_surface(
                 memory=how.memory,
             )
             allowed += share * how.time_limit
-            if _run((*command, str(given), str(made)), folder, (started, allowed), how.waited, name):
+            if _run((*command, str(input_file), str(made)), folder, (started, allowed), how.waited, name):
                 break
         else:
             raise MeshError(

@@ -26,7 +26,7 @@ class Guess(NamedTuple):
         axes: Its own axes as columns, shape (3, 3): those of the file, unless the part is rotated in it.
         axis: Index of its longest axis: 2 if it stands upright.
         length: Length along this axis in [m].
-        held: Region of the nodes at its low end.
+        base_box: Region of the nodes at its low end.
         tip: Region of the nodes at its high end.
         tip_place: Centre of that end in [m].
         cable: Points in [m] inside the part, from the low end to the high one, nearer to one side.
@@ -36,7 +36,7 @@ class Guess(NamedTuple):
     axes: Array
     axis: int
     length: float
-    held: Box
+    base_box: Box
     tip: Box
     tip_place: Vector
     cable: tuple[Vector, ...]
@@ -71,7 +71,7 @@ def _transform_guess(found: Guess, axes: Array) -> Guess:
 
     return found._replace(
         axes=axes,
-        held=box(found.held),
+        base_box=box(found.base_box),
         tip=box(found.tip),
         tip_place=place(found.tip_place),
         cable=tuple(place(each) for each in found.cable),
@@ -91,8 +91,8 @@ def _along_axes(mesh: TetMesh) -> Guess:
     top = mesh.points[mesh.points[:, axis] >= high[axis] - 0.5 * tip.size[axis]]
     middle = 0.5 * (top.min(axis=0) + top.max(axis=0))
     middle[axis] = high[axis]
-    held = end_face(mesh.points, axis)
-    return Guess(np.eye(3), axis, float(size[axis]), held, tip, _vector(middle), cable, _vector(pull))
+    base = end_face(mesh.points, axis)
+    return Guess(np.eye(3), axis, float(size[axis]), base, tip, _vector(middle), cable, _vector(pull))
 
 
 def end_face(points: Array, axis: int = 2, at_top: bool = False) -> Box:
@@ -130,10 +130,10 @@ def _cable(mesh: TetMesh, axis: int) -> tuple[Vector, ...]:
         near = middles[np.abs(middles[:, axis] - level) <= 0.5 * size[axis] / _LEVELS]
         if not len(near):
             continue
-        wanted = 0.5 * (near.min(axis=0) + near.max(axis=0))
-        wanted[axis] = level
-        wanted[side] = near[:, side].min() + _DEPTH * np.ptp(near[:, side])
-        found.append(_vector(near[np.linalg.norm(near - wanted, axis=1).argmin()]))
+        middle_point = 0.5 * (near.min(axis=0) + near.max(axis=0))
+        middle_point[axis] = level
+        middle_point[side] = near[:, side].min() + _DEPTH * np.ptp(near[:, side])
+        found.append(_vector(near[np.linalg.norm(near - middle_point, axis=1).argmin()]))
     return tuple(found)
 
 

@@ -10,7 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.base import MeshError
-from softsim_core.lab.meshing.filling import Filling, fill_surface, keep, key_of, pieces, read_cached_mesh
+from softsim_core.lab.meshing.filling import (
+    Filling,
+    fill_surface,
+    key_of,
+    pieces,
+    read_cached_mesh,
+    store_mesh,
+)
 from softsim_core.lab.meshing.openings import open_hollows, without_channel
 from softsim_core.lab.meshing.part import Part, read_part
 from softsim_core.lab.meshing.repair import RepairedSurface, repair_part
@@ -98,7 +105,7 @@ class MeshedPart:
 def mesh_part(
     path: str | PathLike[str],
     options: MeshingOptions,
-    progress: Callable[[str], None] = lambda sentence: None,
+    progress: Callable[[str], None] = lambda line: None,
     fill: Callable[[SurfaceMesh, float, Filling], TetMesh] = fill_surface,
 ) -> MeshedPart:
     """Mesh a part with tetrahedra.
@@ -122,20 +129,20 @@ def mesh_part(
     for doubt in part.told:
         progress(doubt)
     source = repair_part(part, options.hole, options.largest, simplify_surface)
-    wished = asdict(replace(options, time_limit=0.0))
+    settings = asdict(replace(options, time_limit=0.0))
     if options.plug:
         source = _plug_cavities(part, source, options)
     else:
-        del wished["plug"]  # preserves the keys of meshes from before plugs were supported
-    key = key_of(Path(path).read_bytes(), wished)
+        del settings["plug"]  # preserves the keys of meshes from before plugs were supported
+    key = key_of(Path(path).read_bytes(), settings)
     made = read_cached_mesh(key)
     if made is None:
         sized = _mesh_to_size(source, options, progress, fill)
         mesh, edge = sized.mesh, sized.edge
         result = _check_mesh(part, source, mesh, edge, options)
-        if not keep(key, mesh, edge):
-            told = "the cache cannot be written: the next run makes another mesh"
-            result = replace(result, told=(*result.told, told))
+        if not store_mesh(key, mesh, edge):
+            remark = "the cache cannot be written: the next run makes another mesh"
+            result = replace(result, told=(*result.told, remark))
         return result
     progress("taking the mesh that was made before of the same file and options")
     mesh, edge = made
@@ -144,7 +151,7 @@ def mesh_part(
 
 def _plug_cavities(part: Part, source: RepairedSurface, options: MeshingOptions) -> RepairedSurface:
     """Return a part with the openings of its cavities closed by plugs."""
-    unit, told = source.unit, list(source.told)
+    unit, remarks = source.unit, list(source.told)
     openings = open_hollows(source.surface)
     if not openings:
         raise MeshError(
@@ -153,9 +160,9 @@ def _plug_cavities(part: Part, source: RepairedSurface, options: MeshingOptions)
     for each in openings:
         cut = replace(part, surface=without_channel(source.surface, each), told=())
         source = repair_part(cut, float("inf"), options.largest)
-        told.append(f"plugged the opening of {unit.length(each.width)} at {unit.place(each.place)}")
-    told.append(f"{source.cavities} closed hollow{'s' * (source.cavities != 1)} now")
-    return replace(source, told=tuple(told))
+        remarks.append(f"plugged the opening of {unit.length(each.width)} at {unit.place(each.place)}")
+    remarks.append(f"{source.cavities} closed hollow{'s' * (source.cavities != 1)} now")
+    return replace(source, told=tuple(remarks))
 
 
 def _check(options: MeshingOptions) -> None:
@@ -184,17 +191,17 @@ def _mesh_to_size(
 
     if options.size is not None:
         return Sized(one(options.size), options.size, 1)
-    wished, longest = options.nodes or NODES, _LONGEST * _diagonal(source)
+    requested, longest = options.nodes or NODES, _LONGEST * _diagonal(source)
     tolerance = TOLERANCE if options.nodes else NEAR_ENOUGH
-    sized = with_nodes(one, source.volume, longest, wished, tolerance)
-    if len(sized.mesh.points) <= (1.0 + tolerance) * wished:
+    sized = with_nodes(one, source.volume, longest, requested, tolerance)
+    if len(sized.mesh.points) <= (1.0 + tolerance) * requested:
         return sized
     try:
-        fewer = with_nodes(lambda edge: one(edge, coarsen=True), source.volume, longest, wished, tolerance)
+        fewer = with_nodes(lambda edge: one(edge, coarsen=True), source.volume, longest, requested, tolerance)
     except MeshError as error:
         progress(f"that was in vain ({error}): taking the best so far")
         return sized
-    return min(sized, fewer, key=lambda each: abs(len(each.mesh.points) - wished))
+    return min(sized, fewer, key=lambda each: abs(len(each.mesh.points) - requested))
 
 
 def _check_mesh(
@@ -204,7 +211,7 @@ def _check_mesh(
 
     Straight edges cannot invert a quadratic cell with the corners of a valid linear one.
     """
-    name, unit, told = part.surface.name, source.unit, list(source.told)
+    name, unit, remarks = part.surface.name, source.unit, list(source.told)
     mesh = replace(mesh, name=name)
     report = check_tets(mesh)
     parts = pieces(mesh)
@@ -238,15 +245,15 @@ def _check_mesh(
             f"may deviate ({unit.length(allowed)}); allow less with --deviation",
         )
     if report.min_dihedral_deg < _POOR_DEG:
-        told.append(f"the worst element has an angle of {report.min_dihedral_deg:.1f} degrees only")
-    wished = options.nodes or NODES
-    if options.size is None and abs(report.nodes / wished - 1.0) > TOLERANCE:
-        more = report.nodes > wished
-        told.append(
-            f"{report.nodes} nodes are the nearest to {wished} that were found"
+        remarks.append(f"the worst element has an angle of {report.min_dihedral_deg:.1f} degrees only")
+    requested = options.nodes or NODES
+    if options.size is None and abs(report.nodes / requested - 1.0) > TOLERANCE:
+        more = report.nodes > requested
+        remarks.append(
+            f"{report.nodes} nodes are the nearest to {requested} that were found"
             + (f": more deviation from the surface than {unit.length(allowed)} allows fewer" if more else "")
         )
-    return replace(result, told=tuple(told))
+    return replace(result, told=tuple(remarks))
 
 
 def _deviation(source: RepairedSurface, options: MeshingOptions) -> float:

@@ -62,13 +62,13 @@ def open_hollows(surface: SurfaceMesh) -> tuple[OpenHollow, ...]:
     clearance = ndimage.distance_transform_edt(free)
     clearance[_border(free.shape)] = np.inf  # the outside is open all around
     found: list[OpenHollow] = []
-    known = np.zeros_like(free)
+    found_before = np.zeros_like(free)
     joined = free & (_parts_with_border(free))
     widest = float(clearance[np.isfinite(clearance)].max())
     for radius in np.arange(1.5, widest, 0.5).tolist():
         apart = clearance > radius
         outside = _parts_with_border(apart)
-        labels, count = ndimage.label(apart & ~outside & joined & ~known)
+        labels, count = ndimage.label(apart & ~outside & joined & ~found_before)
         for number in range(1, count + 1):
             core = labels == number
             wide = float(clearance[core].max())
@@ -76,7 +76,7 @@ def open_hollows(surface: SurfaceMesh) -> tuple[OpenHollow, ...]:
             if radius > _NARROW * wide or hollow.sum() < _LARGE * np.prod(size / cell):
                 continue
             neck = _neck(clearance, core, outside, radius)
-            known |= hollow
+            found_before |= hollow
             place = origin + cell * neck
             found.append(OpenHollow(place, 2.0 * cell * radius, float(hollow.sum()) * cell**3))
     return tuple(sorted(found, key=lambda each: -each.volume)) if len(found) <= _MOST else ()
@@ -143,7 +143,7 @@ def _neck(clearance: Array, core: BoolArray, outside: BoolArray, radius: float) 
 
 _DIRECTIONS: Final = 200
 """Number of directions of cuts across the channel, among which the shortest is used."""
-_TRIED: Final = (-0.2, -0.1, 0.0, 0.1, 0.2)
+_SHARES: Final = (-0.2, -0.1, 0.0, 0.1, 0.2)
 """Positions of the cuts, as multiples of the channel's width from its narrowest place."""
 _OFFSETS: Final = 81
 """Number of cuts along the channel, within two widths of its narrowest place."""
@@ -177,7 +177,7 @@ def without_channel(surface: SurfaceMesh, opening: OpenHollow) -> SurfaceMesh:
     """
     shortest, place, axis = np.inf, opening.place, np.zeros(3)
     for direction in _directions(_DIRECTIONS):
-        for share in _TRIED:  # the narrowest place is known only to a cell of the grid
+        for share in _SHARES:  # the narrowest place is known only to a cell of the grid
             base = opening.place + share * opening.width * direction
             cut = _cut(surface, base, direction)
             if cut is not None and cut.length < shortest:
@@ -299,7 +299,7 @@ def _pieces(triangles: IndexArray, line: IndexArray) -> IndexArray:
     """Return the piece of each triangle after cutting edges between points of lines, shape (k,)."""
     edges = edges_of(triangles)
     of = edges.of.reshape(-1)
-    kept = ~np.isin(edges.ends, line).all(axis=1)[of]
-    owner, size = np.repeat(np.arange(len(triangles)), 3)[kept], len(triangles) + len(edges.ends)
-    graph = coo_matrix((np.ones(len(owner)), (owner, len(triangles) + of[kept])), shape=(size, size))
+    remaining = ~np.isin(edges.ends, line).all(axis=1)[of]
+    owner, size = np.repeat(np.arange(len(triangles)), 3)[remaining], len(triangles) + len(edges.ends)
+    graph = coo_matrix((np.ones(len(owner)), (owner, len(triangles) + of[remaining])), shape=(size, size))
     return np.asarray(connected_components(graph, directed=False)[1][: len(triangles)])

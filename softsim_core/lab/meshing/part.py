@@ -75,8 +75,8 @@ def _turned_about(direction: Array, corners: Array) -> Array:
     first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
     first /= np.linalg.norm(first)
     second = np.cross(direction, first)
-    seen = corners @ np.stack([first, second], axis=1)
-    flat = seen[ConvexHull(seen).vertices]
+    projected = corners @ np.stack([first, second], axis=1)
+    flat = projected[ConvexHull(projected).vertices]
     sides = np.roll(flat, -1, axis=0) - flat
     angles = np.arctan2(sides[:, 1], sides[:, 0])
     along, across = (np.stack([np.cos(a), np.sin(a)]) for a in (angles, angles + 0.5 * np.pi))
@@ -259,7 +259,7 @@ def read_part(path: str | PathLike[str], unit_name: str = "mm") -> Part:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         surface = read_surface(file, Placement(scale=in_unit.metres))
-    told = [str(each.message).removeprefix(f"mesh {file}: ") for each in caught]
+    remarks = [str(each.message).removeprefix(f"mesh {file}: ") for each in caught]
     size = np.ptp(surface.points, axis=0)
     longest = float(size.max())
     if not _SMALLEST <= longest <= _LARGEST:
@@ -267,5 +267,5 @@ def read_part(path: str | PathLike[str], unit_name: str = "mm") -> Part:
             file, f"is {longest:.3g} m long, if its unit is {unit_name}; say the unit it is in with --unit"
         )
     if not _SMALL <= longest <= _LARGE:
-        told.append(f"it is {longest:.3g} m long, if its unit is {unit_name}: is that so? else say --unit")
-    return Part(surface, in_unit, tuple(told))
+        remarks.append(f"it is {longest:.3g} m long, if its unit is {unit_name}: is that so? else say --unit")
+    return Part(surface, in_unit, tuple(remarks))

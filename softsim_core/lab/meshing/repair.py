@@ -183,10 +183,10 @@ def repair_part(
             encloses nothing; says where, in the file's unit.
     """
     name, unit = part.surface.name, part.unit
-    points, told = part.surface.points, list(part.told)
+    points, remarks = part.surface.points, list(part.told)
     size = np.ptp(points, axis=0)
     points, triangles, words = _clean(points, part.surface.triangles, WELD * float(np.linalg.norm(size)))
-    told += words
+    remarks += words
     _refuse_walls(points, triangles, name, unit)
     triangles, turned, one_sided = turned_alike(triangles)
     if len(one_sided):
@@ -197,55 +197,55 @@ def repair_part(
             "turned alike; model a body with a thickness",
         )
     if turned:
-        told.append(f"turned {turned} of {len(triangles)} triangles, which looked the other way")
+        remarks.append(f"turned {turned} of {len(triangles)} triangles, which looked the other way")
     points, triangles, words = _close_holes(
         points, triangles, HOLE * float(size.max()) if hole is None else hole, name, unit
     )
-    told += words
+    remarks += words
     if simplify is not None:
         surface = SurfaceMesh(points, triangles, name)
         fewer = simplify(surface)
         if fewer is not surface:
-            told.append(f"took {len(fewer.triangles)} triangles for its {len(triangles)}")
+            remarks.append(f"took {len(fewer.triangles)} triangles for its {len(triangles)}")
             points, triangles, _ = _clean(fewer.points, fewer.triangles, 0.0)
             triangles, _, _ = turned_alike(triangles)
             points, triangles, _ = _close_holes(points, triangles, float("inf"), name, unit)
-    return _bodies(points, triangles, replace(part, told=tuple(told)), largest)
+    return _bodies(points, triangles, replace(part, told=tuple(remarks)), largest)
 
 
 def _bodies(points: Array, triangles: IndexArray, part: Part, largest: bool) -> RepairedSurface:
     """Select the shells to use and determine their nesting."""
-    name, unit, told = part.surface.name, part.unit, list(part.told)
+    name, unit, remarks = part.surface.name, part.unit, list(part.told)
     found = determine_nesting(points, triangles)
     boxes = _diagonals(points, found)
-    kept = boxes > SPECK * boxes.max()
-    kept &= found.volumes > _THIN * boxes**3
-    if not kept.any():
+    usable = boxes > SPECK * boxes.max()
+    usable &= found.volumes > _THIN * boxes**3
+    if not usable.any():
         raise MeshError(
             name,
             f"encloses no volume: its {len(triangles)} triangles, {unit.size(np.ptp(points, axis=0))}, are a "
             "sheet without thickness; model a body with a thickness",
         )
-    if not kept.all():
-        told.append(f"left out {_count(int((~kept).sum()), 'shell')} with next to nothing inside")
-    bodies = np.unique(found.body[kept & ~found.cavities])
+    if not usable.all():
+        remarks.append(f"left out {_count(int((~usable).sum()), 'shell')} with next to nothing inside")
+    bodies = np.unique(found.body[usable & ~found.cavities])
     if len(bodies) > 1:
-        sizes = np.array([found.volumes[kept & (found.body == each)].max() for each in bodies])
+        sizes = np.array([found.volumes[usable & (found.body == each)].max() for each in bodies])
         if not largest:
             raise MeshError(name, _several(points, found, bodies[np.argsort(-sizes)[:2]], len(bodies), unit))
-        told.append(f"kept the largest of {len(bodies)} bodies that no face joins")
+        remarks.append(f"kept the largest of {len(bodies)} bodies that no face joins")
         bodies = bodies[[int(sizes.argmax())]]
-    kept &= np.isin(found.body, bodies)
-    chosen = kept[found.label]
-    cavities = int((kept & found.cavities).sum())
+    usable &= np.isin(found.body, bodies)
+    chosen = usable[found.label]
+    cavities = int((usable & found.cavities).sum())
     if cavities:
-        told.append(f"{_count(cavities, 'hollow')} inside")
+        remarks.append(f"{_count(cavities, 'hollow')} inside")
     if found.turned:
-        told.append(f"turned {_count(found.turned, 'shell')} of {len(kept)} inside out")
+        remarks.append(f"turned {_count(found.turned, 'shell')} of {len(usable)} inside out")
     crossing = found.crossing[chosen[found.crossing].all(axis=1)]
     if len(crossing):
         where = unit.place(points[found.triangles[crossing[0][0]]].mean(axis=0))
-        told.append(
+        remarks.append(
             f"passes through itself at {_count(len(crossing), 'pair')} of triangles, the first at {where}"
         )
     used, numbers = np.unique(found.triangles[chosen], return_inverse=True)
@@ -253,10 +253,10 @@ def _bodies(points: Array, triangles: IndexArray, part: Part, largest: bool) -> 
     pinched = touching_points(faces)
     if len(pinched):
         where = unit.place(points[used][pinched[0]])
-        told.append(f"touches itself in {_count(len(pinched), 'point')}, the first at {where}")
-    volume = float(np.where(found.cavities, -found.volumes, found.volumes)[kept].sum())
+        remarks.append(f"touches itself in {_count(len(pinched), 'point')}, the first at {where}")
+    volume = float(np.where(found.cavities, -found.volumes, found.volumes)[usable].sum())
     surface = SurfaceMesh(np.ascontiguousarray(points[used]), faces, name)
-    return RepairedSurface(surface, unit, tuple(told), volume, len(crossing) > 0, cavities)
+    return RepairedSurface(surface, unit, tuple(remarks), volume, len(crossing) > 0, cavities)
 
 
 def _count(number: int, noun: str) -> str:
@@ -286,14 +286,14 @@ def _diagonals(points: Array, found: Nesting) -> Array:
 
 def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, IndexArray, list[str]]:
     """Merge points, and remove degenerate, duplicate and loose triangles."""
-    told: list[str] = []
+    remarks: list[str] = []
     points, numbers = _weld_points(points, weld)
     if len(numbers) > len(points):
-        told.append(f"welded {_count(len(numbers) - len(points), 'corner')} to others at the same place")
+        remarks.append(f"welded {_count(len(numbers) - len(points), 'corner')} to others at the same place")
     triangles = numbers[triangles]
     whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
     if not whole.all():
-        told.append(f"dropped {_count(int((~whole).sum()), 'triangle')} with two corners in one place")
+        remarks.append(f"dropped {_count(int((~whole).sum()), 'triangle')} with two corners in one place")
     triangles = triangles[whole]
     once = _first_of_each(np.sort(triangles, axis=1))
     repeated = len(triangles) - int(once.sum())
@@ -304,7 +304,7 @@ def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, In
         )
         alone = (count == 1)[group.reshape(-1)]
         triangles = _less_odd(triangles, [once, alone])
-        told.append(f"dropped {_count(repeated, 'triangle')} for repeating others")
+        remarks.append(f"dropped {_count(repeated, 'triangle')} for repeating others")
     corners = points[triangles]
     longest = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=2).max(axis=1, initial=0.0)
     flat = areas(points, triangles) <= _FLAT * longest
@@ -312,13 +312,13 @@ def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, In
         before = len(triangles)
         triangles = _less_odd(triangles, [np.ones(len(triangles), dtype=bool), ~flat])
         if len(triangles) < before:
-            told.append(f"dropped {_count(before - len(triangles), 'triangle')} without area")
+            remarks.append(f"dropped {_count(before - len(triangles), 'triangle')} without area")
         else:
-            told.append(f"kept {_count(int(flat.sum()), 'triangle')} without area, which close gaps")
+            remarks.append(f"kept {_count(int(flat.sum()), 'triangle')} without area, which close gaps")
     triangles, flaps = _without_flaps(triangles)
     if flaps:
-        told.append(f"dropped {_count(flaps, 'triangle')} hanging loose at an edge")
-    return points, triangles, told
+        remarks.append(f"dropped {_count(flaps, 'triangle')} hanging loose at an edge")
+    return points, triangles, remarks
 
 
 def _weld_points(points: Array, distance: float) -> tuple[Array, IndexArray]:

@@ -56,18 +56,18 @@ def _limit_memory(most: int) -> None:
 
 def main(words: list[str]) -> int:
     """Fill the surface of one file and write the tetrahedra into another."""
-    with np.load(words[0]) as given:
-        _limit_memory(int(given["memory"]))
+    with np.load(words[0]) as surface:
+        _limit_memory(int(surface["memory"]))
         points, tets = _load().tetrahedralize_mesh(
-            given["points"],
-            given["triangles"].astype(np.uint32),
+            surface["points"],
+            surface["triangles"].astype(np.uint32),
             True,  # optimise
             False,  # do not skip simplifying the surface within the envelope
             0.05,  # of the diagonal; ignored because of the absolute length below
-            float(given["edge"]),
-            float(given["envelope"]),
-            float(given["energy"]),
-            bool(given["coarsen"]),
+            float(surface["edge"]),
+            float(surface["envelope"]),
+            float(surface["energy"]),
+            bool(surface["coarsen"]),
             1,  # threads
             _ITERATIONS,
             _SILENT,

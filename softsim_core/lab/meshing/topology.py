@@ -114,9 +114,9 @@ def _signs_to_parents(
     keys, values = keys[order], values[order]
     asked = np.arange(k) * (k + 1) + parent
     place = np.minimum(np.searchsorted(keys, asked), max(len(keys) - 1, 0))
-    known = parent < k
+    with_parent = parent < k
     result = np.ones(k, dtype=np.int64)
-    result[known] = values[place[known]]
+    result[with_parent] = values[place[with_parent]]
     return result
 
 

@@ -70,24 +70,24 @@ Task: TypeAlias = tuple[int, tuple[float, ...]]
 
 
 def run_batch(
-    work: Work, known: Mapping[str, str], tasks: Sequence[Task], recorded: Mapping[int, Recorder]
+    work: Work, expected: Mapping[str, str], tasks: Sequence[Task], recorded: Mapping[int, Recorder]
 ) -> list[tuple[int, Outcome]]:
     """Execute some runs one after another, in a worker process.
 
     Args:
         work: Common data of the runs.
-        known: Versions of packages where the study was started; others could change bits of the results.
+        expected: Versions of packages where the study was started; others could change bits of the results.
         tasks: The runs.
         recorded: Recorders of some of them, by run number.
 
     Raises:
         StudyError: this process has other versions.
     """
-    differing = [name for name, version in versions().items() if known.get(name) != version]
+    differing = [name for name, version in versions().items() if expected.get(name) != version]
     if differing:
         name = differing[0]
         raise StudyError(
-            f"a worker has {name} {versions()[name]}, the client {known.get(name)}; install the same"
+            f"a worker has {name} {versions()[name]}, the client {expected.get(name)}; install the same"
         )
     _load_kernels(work.scene, work.programs)
     return [(number, _recorded_run(work, number, values, recorded.get(number))) for number, values in tasks]
@@ -136,13 +136,13 @@ class Engine:
         """
         suspects: list[Task] = []
         batches = _batches(tasks, self._where.batch)
-        yield from self._pass(work, batches, recorded, self._room, suspects)
+        yield from self._pass(work, batches, recorded, self._free_slots, suspects)
         alone, guilty = [[each] for each in suspects], list[Task]()
         yield from self._pass(work, iter(alone), recorded, lambda: 1, guilty)
         for number, values in guilty:
             yield number, values, Outcome(RAISED, KILLED, {})
 
-    def _room(self) -> int:
+    def _free_slots(self) -> int:
         """Return the number of tasks for the present workers, counted every LOOK_S as some may join."""
         if self._counted is None or monotonic() - self._counted >= LOOK_S:
             with contextlib.suppress(OSError, TimeoutError):  # `_next` detects a lost scheduler
@@ -165,12 +165,12 @@ class Engine:
         """
         ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         under_way: dict[Any, list[Task]] = {}
-        known = versions()
+        installed = versions()
 
         def fill() -> None:
             while len(under_way) < most() and (batch := next(waiting, None)) is not None:
                 chosen = {number: recorded[number] for number, _ in batch if number in recorded}
-                future = self._client.submit(run_batch, work, known, batch, chosen, pure=False)
+                future = self._client.submit(run_batch, work, installed, batch, chosen, pure=False)
                 under_way[future] = batch
                 future.add_done_callback(ended.put)
 
@@ -206,10 +206,10 @@ class Engine:
         """Return the results of a task; None: its workers were killed."""
         if future.status == "finished":
             try:
-                told: list[tuple[int, Outcome]] = future.result()
+                outcomes: list[tuple[int, Outcome]] = future.result()
             except Exception as error:
                 raise self._gone() from error
-            return told
+            return outcomes
         if future.status in ("cancelled", "lost"):
             raise self._gone()
         raised = future.exception()

@@ -300,16 +300,16 @@ class StudyDescription:
                     )
 
     def _need_names_used(self, owner: str) -> None:
-        known = [each.name for each in self.variables]
-        told = [[each.joints, each.base_shift] for each in self.command]
-        used = names_in([self.overlay, self.arguments, told])
-        for name in sorted(used - set(known)):
-            raise SceneError(f"{owner}: an expression names {name!r}; the variables are {listing(known)}")
-        for name in known:
+        variables = [each.name for each in self.variables]
+        commands = [[each.joints, each.base_shift] for each in self.command]
+        used = names_in([self.overlay, self.arguments, commands])
+        for name in sorted(used - set(variables)):
+            raise SceneError(f"{owner}: an expression names {name!r}; the variables are {listing(variables)}")
+        for name in variables:
             if name not in used:
                 raise SceneError(f"{owner}: variable {name} stands in no expression; use or remove it")
         if self.objective is not None:
-            everything = [*known, *(each.name for each in self.measure if each.at != "series")]
+            everything = [*variables, *(each.name for each in self.measure if each.at != "series")]
             for name in sorted(names_in(self.objective.expression) - set(everything)):
                 raise SceneError(f"{owner}: the objective names {name!r}; there are {listing(everything)}")
 
@@ -362,9 +362,9 @@ def find_study(file: str | Path) -> Path:
     Raises:
         ConfigError: neither exists.
     """
-    known = known_studies()
-    if str(file) in known:
-        return known[str(file)].absolute()
+    studies = known_studies()
+    if str(file) in studies:
+        return studies[str(file)].absolute()
     try:
         path = Path(file).expanduser().absolute()
         if path.is_file():
@@ -372,7 +372,7 @@ def find_study(file: str | Path) -> Path:
     except (OSError, RuntimeError, ValueError):
         pass
     raise ConfigError(
-        f"{file!s:.100}", "", f"no such file, and no study of that name; known: {listing(known)}"
+        f"{file!s:.100}", "", f"no such file, and no study of that name; known: {listing(studies)}"
     )
 
 
@@ -380,8 +380,8 @@ def known_studies() -> dict[str, Path]:
     """Return names and files of the studies below the config roots, sorted."""
     from softsim_core.scene.io import config_roots
 
-    known: dict[str, Path] = {}
+    studies: dict[str, Path] = {}
     for root in config_roots():
         for path in sorted((root / "studies").glob("*.yaml")):
-            known.setdefault(path.stem, path)
-    return dict(sorted(known.items()))
+            studies.setdefault(path.stem, path)
+    return dict(sorted(studies.items()))

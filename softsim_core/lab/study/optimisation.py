@@ -257,9 +257,9 @@ class _Search:
         """Return an outcome with its objective."""
         if outcome.status != DONE:
             return outcome
-        told = {name: float(each) for name, each in outcome.results.items() if each.shape == ()}
+        scalars = {name: float(each) for name, each in outcome.results.items() if each.shape == ()}
         try:
-            found = evaluate_expression(self.objective.expression, {**values, **told})
+            found = evaluate_expression(self.objective.expression, {**values, **scalars})
         except SceneError as error:
             return Outcome(RAISED, str(error), {})
         return replace(outcome, results={**outcome.results, OBJECTIVE: np.asarray(found)})
@@ -268,10 +268,10 @@ class _Search:
         """Pass the generation's results to the strategy; failed runs count as worse than the worst."""
         costs = self.objective.sign * objectives
         good = np.isfinite(costs)
-        known = costs[good]
+        finite = costs[good]
         self._points = np.vstack([self._points, np.asarray(self._drawn)[good]])
-        self._costs = np.append(self._costs, known)
-        worst = float(known.max() + (np.ptp(known) or abs(known.max()) or 1.0)) if len(known) else 1.0
+        self._costs = np.append(self._costs, finite)
+        worst = float(finite.max() + (np.ptp(finite) or abs(finite.max()) or 1.0)) if len(finite) else 1.0
         self._strategy.tell(self._drawn, np.where(np.isfinite(costs), costs, worst).tolist())
 
     def reason(self) -> str:

@@ -132,14 +132,14 @@ class PreparedStudy:
 
     def _attributes(self) -> dict[str, Any]:
         study, work = self.study, self.work
-        told = {
+        attributes = {
             "study": mark_source(study, None),
             "scene_sha256": scene_hash(work.load_unchanged(), tuple(dict.fromkeys(work.functions.values()))),
             "versions": versions(),
             "study_text": self.file.read_text(encoding="utf-8"),
             "title": study.about or study.name,
         }
-        return dict(json.loads(json.dumps(told)))
+        return dict(json.loads(json.dumps(attributes)))
 
 
 def prepare_study(file: str | Path, code_folders: Iterable[str | Path] = ()) -> PreparedStudy:

@@ -90,24 +90,24 @@ class Work:
         with limited_to(self.programs):
             return load_scene(self.scene)
 
-    def function(self, wanted: QuantityDescription) -> Read | None:
+    def function(self, description: QuantityDescription) -> Read | None:
         """Return the function that measures a quantity; None: it has none.
 
         Raises:
             SceneError: there is no such function.
             ConfigError: it may not run.
         """
-        if wanted.function is None:
+        if description.function is None:
             return None
-        path, name = self.functions[wanted.function], wanted.function.partition(".py:")[2]
+        path, name = self.functions[description.function], description.function.partition(".py:")[2]
         with limited_to(self.programs):
             program = allowed_program(path)
         try:
             found = getattr(_module(str(path), program.read_bytes()), name, None)
         except OSError as error:
-            raise SceneError(f"quantity {wanted.name}: {path}: {error.strerror}") from error
+            raise SceneError(f"quantity {description.name}: {path}: {error.strerror}") from error
         if not callable(found):
-            raise SceneError(f"quantity {wanted.name}: {path} has no function {name!r}")
+            raise SceneError(f"quantity {description.name}: {path} has no function {name!r}")
         return found  # type: ignore[no-any-return]
 
 
@@ -178,7 +178,7 @@ def _measure_run(work: Work, values: Sequence[float] | Array, watch: Watch | Non
     study = work.study
     simulation = Simulation(work.robot(values))
     acting = dict(zip(work.names, (float(each) for each in values), strict=True))
-    told = [
+    quantities = [
         (each, quantity(each, simulation, work.function(each))) for each in study.measure
     ]  # displacements are relative to the scene's start
     commands = _commands(study, simulation, acting)
@@ -187,14 +187,14 @@ def _measure_run(work: Work, values: Sequence[float] | Array, watch: Watch | Non
     if study.duration is None:
         if watch is not None:
             watch(simulation)
-        return {wanted.name: found.read(simulation) for wanted, found in told}
+        return {description.name: found.read(simulation) for description, found in quantities}
     steps = round(study.duration / simulation.dt)
-    kept = [_RunningValues(wanted, found, simulation.dt) for wanted, found in told]
+    running = [_RunningValues(description, found, simulation.dt) for description, found in quantities]
     due = {round(each.time / simulation.dt): (joints, shift) for each, joints, shift in commands}
     for step in range(steps + 1):
         if step:
             simulation.step()
-        for each in kept:
+        for each in running:
             each.look(simulation, step, step == steps)
         if watch is not None:
             watch(simulation)
@@ -203,7 +203,7 @@ def _measure_run(work: Work, values: Sequence[float] | Array, watch: Watch | Non
             if shift is not None:
                 simulation.base_shift = shift
             simulation.command(joints)
-    return {each.wanted.name: each.result() for each in kept}
+    return {each.description.name: each.result() for each in running}
 
 
 def _settle(simulation: Simulation, commands: list[tuple[CommandStep, Array, float | None]]) -> None:
@@ -211,8 +211,8 @@ def _settle(simulation: Simulation, commands: list[tuple[CommandStep, Array, flo
     robot = simulation.robot
     joints, shift = np.array(robot.start_joints), robot.start_shift
     if commands:
-        _, joints, given = commands[0]
-        shift = 0.0 if given is None else given
+        _, joints, base_shift = commands[0]
+        shift = 0.0 if base_shift is None else base_shift
     simulation.settle(joints, shift)
 
 
@@ -223,7 +223,7 @@ def _commands(
     robot, names = simulation.robot, simulation.joint_names
     joints = np.array([each.rest for each in robot.joints])
     shift: float | None = None
-    told = []
+    commands = []
     for each in study.command:
         if each.pose is not None:
             if each.pose not in robot.poses:
@@ -236,26 +236,26 @@ def _commands(
             joints[names.index(name)] = float(value)
         if each.base_shift is not None:
             shift = float(replace_expressions(each.base_shift, acting))
-        told.append((each, joints.copy(), shift))
-    return told
+        commands.append((each, joints.copy(), shift))
+    return commands
 
 
-def stride_of(wanted: QuantityDescription, dt: float) -> int:
+def stride_of(description: QuantityDescription, dt: float) -> int:
     """Return the number of steps of dt in [s] between the values of a series."""
-    return 1 if wanted.every is None else max(1, round(wanted.every / dt))
+    return 1 if description.every is None else max(1, round(description.every / dt))
 
 
 class _RunningValues:
     """Accumulated values of a quantity over the steps of a run."""
 
-    def __init__(self, wanted: QuantityDescription, found: Quantity, dt: float) -> None:
-        self.wanted, self._found = wanted, found
-        self._stride = stride_of(wanted, dt)
+    def __init__(self, description: QuantityDescription, found: Quantity, dt: float) -> None:
+        self.description, self._found = description, found
+        self._stride = stride_of(description, dt)
         self._values: list[Array] = []
         self._count = 0
 
     def look(self, simulation: Simulation, step: int, last: bool) -> None:
-        at: At = self.wanted.at
+        at: At = self.description.at
         if (at == "end" and not last) or (at == "series" and step % self._stride):
             return
         value = np.asarray(self._found.read(simulation), dtype=float)
@@ -271,9 +271,9 @@ class _RunningValues:
 
     def result(self) -> Array:
         """Return the quantity of the run."""
-        if self.wanted.at == "series":
+        if self.description.at == "series":
             return np.array(self._values)
-        return self._values[0] / self._count if self.wanted.at == "mean" else self._values[0]
+        return self._values[0] / self._count if self.description.at == "mean" else self._values[0]
 
 
 class _LateError(SystemExit):

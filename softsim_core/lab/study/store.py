@@ -51,13 +51,13 @@ PACKAGES = ("softsim", "numpy", "scipy", "numba", "llvmlite")
 @functools.cache
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that compute."""
-    told = {"python": platform.python_version()}
+    found = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
-            told[name] = metadata.version(name)
+            found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            told[name] = "none"
-    return told
+            found[name] = "none"
+    return found
 
 
 def scene_hash(robot: RobotDescription, code: tuple[Path, ...] = ()) -> str:
@@ -204,10 +204,10 @@ class Store:
 
     def errors(self) -> list[str]:
         """Return the error of each run, in order; empty where it is done."""
-        told = [str(each) for each in self._group["error"][:]]
+        errors = [str(each) for each in self._group["error"][:]]
         for number, row in self._rows.items():
-            told[number] = row["error"]
-        return told
+            errors[number] = row["error"]
+        return errors
 
     def add(self, number: int, values: Mapping[str, float], outcome: Outcome) -> None:
         """Store the outcome of a run, and write its block when that is complete.
@@ -359,11 +359,11 @@ class Store:
     def _need_same(self) -> None:
         """Reject a store of another study; the error names the differences."""
         try:
-            told = dict(json.loads((self.folder / "zarr.json").read_text(encoding="utf-8"))["attributes"])
+            stored = dict(json.loads((self.folder / "zarr.json").read_text(encoding="utf-8"))["attributes"])
         except (OSError, LookupError, TypeError, ValueError, RecursionError) as error:
             raise StudyError(f"{self.folder} is no store of a study; choose another with --out") from error
         for name, what in (("study", "the study"), ("scene_sha256", "its scene"), ("versions", "a version")):
-            if told.get(name) != self.plan.attributes[name]:
+            if stored.get(name) != self.plan.attributes[name]:
                 raise StudyError(
                     f"{self.folder} holds results from before {what} changed; choose another store with "
                     "--out, or remove it"
@@ -439,19 +439,19 @@ def lock_store(folder: Path) -> IO[str]:
     On systems without such locks, concurrent writers are not prevented.
     """
     try:
-        held = (folder / "zarr.json").open(encoding="utf-8")
+        lock = (folder / "zarr.json").open(encoding="utf-8")
     except OSError as error:
         raise StudyError(f"{folder} is no store of a study; choose another with --out") from error
     try:
         import fcntl
     except ImportError:  # no POSIX system
-        return held
+        return lock
     try:
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        held.close()
+        lock.close()
         raise StudyError(f"{folder} is being written by another process; wait for it") from None
-    return held
+    return lock
 
 
 def zarr_package() -> Any:
@@ -567,11 +567,11 @@ def write_parquet(results: StudyResults, file: Path) -> None:
         arrow.field(name, arrow.array(values).type, metadata={"units": results.units.get(name, "")})
         for name, values in columns.items()
     ]
-    told = {
+    texts = {
         "study": json.dumps(results.attributes["study"]),
         "versions": json.dumps(results.attributes["versions"]),
     }
-    table = arrow.table(list(map(arrow.array, columns.values())), schema=arrow.schema(fields, metadata=told))
+    table = arrow.table(list(map(arrow.array, columns.values())), schema=arrow.schema(fields, metadata=texts))
     try:
         data = arrow.BufferOutputStream()
         parquet.write_table(table, data)

@@ -70,9 +70,9 @@ def actuator_kind(name: str) -> ActuatorKind:
         SceneError: there is none.
     """
     if name not in _kinds:
-        known = known_names(name, _kinds, "known kinds:")
+        hint = known_names(name, _kinds, "known kinds:")
         raise SceneError(
-            f"unknown actuator kind {name!r}; {known}; register others with "
+            f"unknown actuator kind {name!r}; {hint}; register others with "
             "softsim_core.physics.actuation.register_actuator"
         )
     return _kinds[name]

@@ -164,8 +164,8 @@ class JointTrajectory:
         """
         unknown = [name for name in self.joints if name not in joint_names]
         if unknown:
-            known = known_names(unknown[0], joint_names, "known joints:")
-            raise _make_trajectory_error(f"unknown joint {listing(unknown)}; {known}")
+            hint = known_names(unknown[0], joint_names, "known joints:")
+            raise _make_trajectory_error(f"unknown joint {listing(unknown)}; {hint}")
 
     def sample(
         self, time: float, start_positions: ArrayLike, joint_names: Sequence[str] | None = None

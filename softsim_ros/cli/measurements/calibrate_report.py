@@ -122,7 +122,7 @@ def told_of_priors(result: Calibration) -> list[str]:
     """Return which priors the rows contradict; these were left out."""
     return [
         f"PRIOR LEFT OUT: {each.name} was given as {each.mean:.4g} +- {each.deviation:.3g}, and the rows "
-        f"tell {each.told:.4g} +- {each.error:.3g} (standard deviations), which chance makes in "
+        f"tell {each.from_rows:.4g} +- {each.error:.3g} (standard deviations), which chance makes in "
         f"{100.0 * each.chance:.2g} % of all calibrations; check the prior, the units and the model"
         for each in result.conflicts
     ]
@@ -185,7 +185,7 @@ def plain(result: Calibration) -> dict[str, Any]:
                 "name": each.name,
                 "mean": each.mean,
                 "standard_deviation": each.deviation,
-                "rows_tell": each.told,
+                "rows_tell": each.from_rows,
                 "rows_standard_error": number(each.error),
                 "chance": each.chance,
             }

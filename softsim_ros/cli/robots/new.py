@@ -78,7 +78,7 @@ joints:
 {joint}
 attachments:
   # GUESS: held at {at}: all nodes in this box
-  - {{name: base, body: part, to: world, box: {_box(guess.held)}}}
+  - {{name: base, body: part, to: world, box: {_box(guess.base_box)}}}
   # the tip, whose pose is told on a topic and moved by inverse control
   - name: tip
     body: part
@@ -222,7 +222,7 @@ def arm_text(name: str, urdf: Path, rigid: RigidRobot, link: str, guess: Guess) 
         upright = rotation_euler(np.radians(turned)) @ guess.axes.T
         x, y, z = np.degrees(euler_of(upright)).tolist()
         turned = (x, y, z)
-    held = rotation_euler(np.radians(turned)) @ np.array(guess.held.center)
+    held = rotation_euler(np.radians(turned)) @ np.array(guess.base_box.center)
     moving = [joint.name for joint in rigid.joints if joint.kind != "fixed"]
     file, listed = on_one_line(urdf.name), on_one_line(", ".join(moving))
     carrier = _carrier(rigid, link)
