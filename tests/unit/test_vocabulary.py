@@ -14,49 +14,12 @@ from source_trees import tree_of
 PACKAGES = ("softsim_core", "softsim_node")
 """Packages whose names are checked."""
 
-RETIRED = [
-    "told",
-    "tell",
-    "tells",
-    "telling",
-    "sentence",
-    "sentences",
-    "held",
-    "kept",
-    "wish",
-    "wishes",
-    "wished",
-    "obey",
-    "obeys",
-    "obeyed",
-    "deed",
-    "deeds",
-    "belief",
-    "beliefs",
-    "believe",
-    "believes",
-    "judge",
-    "judges",
-    "judged",
-    "room",
-    "rooms",
-    "aside",
-    "heard",
-    "hear",
-    "hears",
-    "seen",
-    "spoken",
-    "sensed",
-    "led",
-    "course",
-    "courses",
-    "door",
-    "doors",
-    "house",
-    "houses",
-    "wanted",
-    "tried",
-]
+RETIRED = (
+    "told", "tell", "tells", "telling", "sentence", "sentences", "held", "kept", "wish", "wishes",
+    "wished", "obey", "obeys", "obeyed", "deed", "deeds", "belief", "beliefs", "believe", "believes",
+    "judge", "judges", "judged", "room", "rooms", "aside", "heard", "hear", "hears", "seen", "spoken",
+    "sensed", "led", "course", "courses", "door", "doors", "house", "houses", "wanted", "tried",
+)  # fmt: skip
 """Words that no name contains."""
 
 RETIRED_NOUNS = ("known", "given", "keep", "keeps")
