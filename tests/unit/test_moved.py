@@ -141,7 +141,7 @@ def test_a_former_name_of_a_class_gives_the_class_and_warns() -> None:
     for package in (softsim_core, sensing):
         expected = f"{package.__name__}.Seen is now {package.__name__}.StepObservation; release 0.3.0"
         with pytest.warns(DeprecationWarning, match=re.escape(expected)) as caught:
-            assert package.Seen is package.StepObservation  # type: ignore[attr-defined]
+            assert package.Seen is package.StepObservation
         assert caught[0].filename == __file__
         assert "Seen" not in [*package.__all__, *dir(package)]
     with pytest.warns(DeprecationWarning, match="StepObservation"):
