@@ -42,7 +42,8 @@ def until(true: Callable[[], bool]) -> None:
 def kept(store: Path) -> int:
     """Runs that lie in a store, in its journals too."""
     lines = 0
-    written = {int(each.name) for each in store.glob("status/c/*")}
+    chunks = store.glob("status/c/*")
+    written = {int(each.name) for each in chunks if each.suffix != ".partial"}  # being written by Zarr
     for file in store.glob("journal/*"):
         if int(file.stem) in written:  # its journal is about to go
             continue
