@@ -7,6 +7,7 @@ from .environment import (
     BOOTSTRAP_MARK as BOOTSTRAP_MARK,
     check_ros_variables as check_ros_variables,
     has_ros_wheels as has_ros_wheels,
+    limit_blas_threads as limit_blas_threads,
     prepare_environment as prepare_environment,
     ros_problems as ros_problems,
     system_ros as system_ros,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 
 from softsim_core.base import SoftSimError, use_safe_path
-from softsim_node.environment import check_ros_variables, prepare_environment
+from softsim_node.environment import check_ros_variables, limit_blas_threads, prepare_environment
 from softsim_node.signals import ending
 
 
@@ -23,6 +24,7 @@ def run_module(module: str, args: Sequence[str] | None = None) -> int:
     """
     ending.watch()
     use_safe_path()
+    limit_blas_threads(os.environ)
     try:
         prepare_environment()
         check_ros_variables()

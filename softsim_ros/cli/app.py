@@ -10,7 +10,7 @@ from typing import Final
 
 from softsim_core import __version__
 from softsim_core.base import SoftSimError, install_command, known_names, nearest
-from softsim_node import check_ros_variables, ending, prepare_environment
+from softsim_node import check_ros_variables, ending, limit_blas_threads, prepare_environment
 from softsim_ros.cli.command import Colours, Command, Parser
 from softsim_ros.cli.completion import ASKED, complete
 
@@ -190,6 +190,7 @@ def _dispatch(words: Sequence[str]) -> int:
         print(f"softsim: unknown command '{name}'; {near}", file=sys.stderr)
         return EXIT_USAGE
     command = COMMANDS[name]
+    limit_blas_threads(os.environ)
     prepare_environment()
     if command.uses_ros:
         check_ros_variables()

@@ -222,3 +222,22 @@ def test_the_middleware_is_not_set_up_by_a_file_of_the_current_folder() -> None:
     variables["SKIP_DEFAULT_XML_FILE"] = "0"  # who wants it says so
     environment.set_range(variables)
     assert variables["SKIP_DEFAULT_XML_FILE"] == "0"
+
+
+@pytest.mark.parametrize(("chosen", "expected"), [(None, "1"), ("2", "2")])
+def test_openblas_has_one_thread_unless_the_user_chose_a_number(chosen: str | None, expected: str) -> None:
+    variables = {} if chosen is None else {"OPENBLAS_NUM_THREADS": chosen}
+    environment.limit_blas_threads(variables)
+    assert variables == {"OPENBLAS_NUM_THREADS": expected}
+
+
+def test_numpy_starts_no_threads_below_a_command() -> None:
+    count = (
+        "import os, softsim_ros.cli as cli; assert cli.run_command(['scenes']) == 0\n"
+        "import numpy; print(len(os.listdir('/proc/self/task')))"
+    )
+    variables = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    done = subprocess.run(
+        [sys.executable, "-c", count], env=variables, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split()[-1] == "1"
