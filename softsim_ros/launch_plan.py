@@ -78,28 +78,28 @@ class Plan:
     hint: str
 
 
-def plan(wishes: LaunchArguments, folder: Path) -> Plan:
+def plan(arguments: LaunchArguments, folder: Path) -> Plan:
     """Return the nodes to start.
 
     Args:
-        wishes: The arguments of the launch.
+        arguments: The arguments of the launch.
         folder: Folder for the files of RViz and of the controllers, if these are requested.
 
     Raises:
-        SoftSimError: the robot is not known, or the arguments are inconsistent.
+        SoftSimError: the robot is unknown, or the arguments are inconsistent.
     """
     for each in fields(LaunchArguments):
-        choices, word = each.metadata["choices"], getattr(wishes, each.name)
+        choices, word = each.metadata["choices"], getattr(arguments, each.name)
         if choices and word not in choices:
             raise ConfigError("launch", f"argument {each.name}", f"{word!r} is not {one_of(word, choices)}")
-    robot = load_scene(wishes.robot)
-    namespace = wishes.namespace.strip("/") or robot.namespace
-    shared: dict[str, str | float] = {"robot": wishes.robot}
+    robot = load_scene(arguments.robot)
+    namespace = arguments.namespace.strip("/") or robot.namespace
+    shared: dict[str, str | float] = {"robot": arguments.robot}
     nodes = [PlannedNode("softsim_ros", "simulator", shared, ends_all=True)]
-    nodes += _hardware(wishes, robot, namespace)
-    for name, wanted in (("inverse_controller", wishes.inverse), ("viewer", wishes.viewer)):
-        nodes += [PlannedNode("softsim_ros", name, shared)] if wanted == "true" else []
-    if wishes.control == "true":
+    nodes += _hardware(arguments, robot, namespace)
+    for name, is_requested in (("inverse_controller", arguments.inverse), ("viewer", arguments.viewer)):
+        nodes += [PlannedNode("softsim_ros", name, shared)] if is_requested == "true" else []
+    if arguments.control == "true":
         file = folder / "controllers.yaml"
         write_file(file, controllers(robot, namespace))
         spawned = (CONTROLLER, "--param-file", str(file))
@@ -107,12 +107,12 @@ def plan(wishes: LaunchArguments, folder: Path) -> Plan:
             PlannedNode("controller_manager", "ros2_control_node", parameter_file=file, ends_all=True),
             PlannedNode("controller_manager", "spawner", arguments=spawned),
         ]
-    if wishes.rviz == "true":
+    if arguments.rviz == "true":
         file = folder / "view.rviz"
         write_file(file, rviz_config(robot, prefix_of(namespace)))
         nodes.append(PlannedNode("rviz2", "rviz2", arguments=("-d", str(file))))
-    teleop = f"ros2 run softsim_ros teleop --ros-args -p robot:={wishes.robot} -r __ns:=/{namespace}"
-    if wishes.enclaves == "true":
+    teleop = f"ros2 run softsim_ros teleop --ros-args -p robot:={arguments.robot} -r __ns:=/{namespace}"
+    if arguments.enclaves == "true":
         teleop += f" --enclave /{namespace}/teleop"
         nodes = [replace(node, enclave=f"/{namespace}/{node.executable}") for node in nodes]
     return Plan(namespace, tuple(nodes), f"drive it from another terminal: {teleop}")
@@ -125,30 +125,35 @@ def board_link(namespace: str, environment: Mapping[str, str] = os.environ) -> P
     )
 
 
-def _hardware(wishes: LaunchArguments, robot: RobotDescription, namespace: str) -> list[PlannedNode]:
+def _hardware(arguments: LaunchArguments, robot: RobotDescription, namespace: str) -> list[PlannedNode]:
     """Return the bridge and its board; neither for a robot without servos."""
     servos = robot.board.servos if robot.board else ()
-    board = wishes.board
+    board = arguments.board
     if board == "auto":
-        board = "none" if not servos else "real" if wishes.port else "virtual"
+        board = "none" if not servos else "real" if arguments.port else "virtual"
     if board == "none":
         return []
     if not servos:
         raise ConfigError(
             "launch", "argument board", f"{robot.name} has no servo board; leave board out, or give none"
         )
-    if wishes.port and board != "real":
+    if arguments.port and board != "real":
         raise ConfigError("launch", "argument port", f"belongs to board:=real, not to {board}; leave one out")
-    link, port, quiet, nodes = str(board_link(namespace)), wishes.port, dict[str, str | float](), []
+    link, port, quiet, nodes = str(board_link(namespace)), arguments.port, dict[str, str | float](), []
     if board != "real":
         port = link
         values: dict[str, str | float] = {"link": link}
         if robot.board is not None and robot.board.bus_servos:
             board = "virtual"  # it emulates such servos; the emulated board is firmware for hobby servos
         if board == "virtual":
-            values |= {"robot": wishes.robot}
+            values |= {"robot": arguments.robot}
             quiet = {"open_wait_s": 0.0}  # a virtual board has no boot loader to wait for
         nodes.append(PlannedNode("servo_bridge", f"{board}_board", values, ends_all=True))
-    parameters = {"robot": wishes.robot, "port": port, "source": wishes.source, "autostart": wishes.autostart}
+    parameters = {
+        "robot": arguments.robot,
+        "port": port,
+        "source": arguments.source,
+        "autostart": arguments.autostart,
+    }
     bridge = PlannedNode("servo_bridge", "servo_bridge", {**parameters, **quiet}, ends_all=True)
     return [*nodes, bridge]

@@ -30,7 +30,7 @@ class StateListener:
     Attributes:
         value: The state: True or False, a text, or the message of topics of another type. None while no
             publisher is alive: none was found yet, it has ended, or its process has been dead for LEASE_S.
-        is_matched: Whether a publisher is known, alive or silent; False for one that has ended.
+        is_matched: Whether a publisher exists, also one without output; False for one that has ended.
     """
 
     def __init__(self, node: Node, topic: str, changed: Callable[[Any], None] = lambda value: None) -> None:
@@ -48,7 +48,7 @@ class StateListener:
         self._take(self._newest)
 
     def _on_liveliness(self, status: Any) -> None:
-        """Handle that a publisher began, ended, or was silent for LEASE_S.
+        """Handle that a publisher began, ended, or did not respond for LEASE_S.
 
         A publisher that is announced only at its end counts -1.
         """
@@ -109,10 +109,10 @@ class JointReader:
         order = self._order[1]
         if order is None or len(message.position) != len(names):
             return None
-        told = len(message.effort) == len(names)
+        has_efforts = len(message.effort) == len(names)
         return np.array(
             [
-                message.effort[index] if told and joint.by_effort else message.position[index]
+                message.effort[index] if has_efforts and joint.by_effort else message.position[index]
                 for index, joint in zip(order, self._joints, strict=True)
             ]
         )
@@ -139,12 +139,12 @@ class JointStates:
 
     Args:
         node: Owner of the subscriptions.
-        silent_after: Time in [s] without a measurement after which the bridge's positions are used.
+        stale_after_s: Time in [s] without a measurement after which the bridge's positions are used.
         take: Called in the node's executor with each message.
     """
 
-    def __init__(self, node: Node, silent_after: float, take: Callable[[JointState], None]) -> None:
-        self._silent_after, self._take = silent_after, take
+    def __init__(self, node: Node, stale_after_s: float, take: Callable[[JointState], None]) -> None:
+        self._stale_after_s, self._take = stale_after_s, take
         self._measured_at = -np.inf
         node.create_subscription(JointState, "joint_states", self._on_measured, MEASURED)
         node.create_subscription(JointState, "applied_joint_states", self._on_applied, MEASURED)
@@ -154,5 +154,5 @@ class JointStates:
         self._take(message)
 
     def _on_applied(self, message: JointState) -> None:
-        if time.monotonic() - self._measured_at > self._silent_after:  # no simulator
+        if time.monotonic() - self._measured_at > self._stale_after_s:  # no simulator
             self._take(message)

@@ -139,8 +139,8 @@ class RobotNode(ClosableNode):
     def _begin(self, robot: RobotDescription) -> None:
         """Declare parameters, create topics and services, start; an error here closes the node."""
 
-    def _publish_health(self, level: bytes, sentence: str, values: Mapping[str, object]) -> None:
+    def _publish_health(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
         """Publish the node's status on /diagnostics."""
         name = f"{self.get_namespace().strip('/')}/{self.get_name()}".lstrip("/")
         stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, sentence, values))
+        self._diagnostics.publish(diagnostic_array(stamp, name, self.robot, level, message, values))

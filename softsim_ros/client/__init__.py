@@ -7,4 +7,11 @@ script one that it can wait with. `state` is pure.
 
 from lazy_loader import attach_stub
 
-__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
+from softsim_core.base import find_former_names
+
+_find, __dir__, __all__ = attach_stub(__name__, __file__)
+__getattr__ = find_former_names(
+    __name__,
+    {"held_positions": "stationary_commands", "with_heard_command": "with_received_command"},
+    _find,
+)

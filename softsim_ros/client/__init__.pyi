@@ -47,10 +47,10 @@ from .state import (
     Tilt as Tilt,
     commandable as commandable,
     enforces_limits as enforces_limits,
-    held_positions as held_positions,
     known_effector as known_effector,
+    stationary_commands as stationary_commands,
     with_command as with_command,
-    with_heard_command as with_heard_command,
     with_inverse as with_inverse,
     with_measurement as with_measurement,
+    with_received_command as with_received_command,
 )

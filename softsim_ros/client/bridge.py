@@ -28,14 +28,14 @@ class Bridge:
 
     Args:
         node: The node whose executor delivers the responses.
-        known: Storage of its state.
+        snapshot: Storage of its state.
     """
 
-    def __init__(self, node: Node, known: RobotSnapshot) -> None:
-        self._known = known
+    def __init__(self, node: Node, snapshot: RobotSnapshot) -> None:
+        self._snapshot = snapshot
         self._change = AsyncService(node, ChangeState, "servo_bridge/change_state")
-        self._stop = Request(node, Trigger, "servo_bridge/e_stop", "servo bridge", known.say)
-        self._clear = Request(node, Trigger, "servo_bridge/clear_e_stop", "servo bridge", known.say)
+        self._stop = Request(node, Trigger, "servo_bridge/e_stop", "servo bridge", snapshot.say)
+        self._clear = Request(node, Trigger, "servo_bridge/clear_e_stop", "servo bridge", snapshot.say)
         StateListener(node, "servo_bridge/state", self._on_state)
         StateListener(node, "servo_bridge/e_stop_latched", self._on_e_stop)
         self._name = self._change.full_name.rsplit("/", 1)[0]
@@ -44,14 +44,14 @@ class Bridge:
 
     def toggle(self, done: Done = ignore_outcome) -> None:
         """Start sending (opening the port first if needed), or stop it."""
-        if self._known.state.bridge == "comm":
+        if self._snapshot.state.bridge == "comm":
             self.stop(done)
         else:
             self.start(done)
 
     def start(self, done: Done = ignore_outcome) -> None:
         """Start sending to the servo board, opening its port first if needed."""
-        state = self._known.state.bridge
+        state = self._snapshot.state.bridge
         if self._cannot_change(done):
             return
         if state == "comm":
@@ -65,7 +65,7 @@ class Bridge:
 
     def stop(self, done: Done = ignore_outcome) -> None:
         """Stop sending; the servos go to their rest pose first."""
-        state = self._known.state.bridge
+        state = self._snapshot.state.bridge
         if self._cannot_change(done):
             return
         if state == "comm":
@@ -89,16 +89,16 @@ class Bridge:
             service.expire(now)
 
     def _on_state(self, state: State | None) -> None:
-        self._known.change(bridge="not running" if state is None else STATES.get(state.id, "changing"))
+        self._snapshot.change(bridge="not running" if state is None else STATES.get(state.id, "changing"))
 
     def _on_e_stop(self, latched: bool | None) -> None:
-        self._known.change(e_stopped=bool(latched))
+        self._snapshot.change(e_stopped=bool(latched))
 
     def _cannot_change(self, done: Done) -> bool:
         """Return whether no transition can be requested now; report the reason."""
         if self._change.is_busy:
             self._end(False, "the servo bridge is still changing state", done)
-        elif self._known.state.bridge == "not running" or not self._change.is_there:
+        elif self._snapshot.state.bridge == "not running" or not self._change.is_there:
             hint = f"no servo bridge on {self._name}; start it with `softsim run servo_bridge`"
             self._end(False, hint, done)
         else:
@@ -106,11 +106,11 @@ class Bridge:
         return True
 
     def _end(self, success: bool, sentence: str, done: Done) -> None:
-        self._known.say(sentence)
+        self._snapshot.say(sentence)
         done(Outcome(success, sentence))
 
     def _request(self, transition: int, done: Done) -> None:
-        self._known.say(_ASKED[transition])
+        self._snapshot.say(_ASKED[transition])
         request = ChangeState.Request()
         request.transition.id = transition
         self._change.call(

@@ -28,7 +28,7 @@ from softsim_ros.messages import pose_stamped
 def moved_goal(state: RobotState, shift: Sequence[float], now: float) -> EffectorPose | None:
     """Return the goal set by this client, or else the effector's pose, moved by `shift` (3,) in [m].
 
-    Return None if neither is known.
+    Return None without either.
     """
     start = state.goal or known_effector(state, now)
     if start is None:
@@ -48,22 +48,22 @@ class ClosedLoop:
 
     Args:
         node: The node whose executor delivers the messages.
-        known: Storage of its reference.
+        snapshot: Storage of its reference.
     """
 
-    def __init__(self, node: Node, known: RobotSnapshot) -> None:
-        self._known, self._clock = known, node.get_clock()
+    def __init__(self, node: Node, snapshot: RobotSnapshot) -> None:
+        self._snapshot, self._clock = snapshot, node.get_clock()
         self._references = node.create_publisher(Vector3Stamped, "tilt_reference", NEWEST_ONLY)
         self._enabled = StateListener(node, "closed_loop/enabled", self._on_change)
         self._reference = StateListener(node, "closed_loop/reference", self._on_change)
 
     def refer(self, reference: Tilt, done: Done = ignore_outcome) -> None:
         """Send the loop a reference; refused while it is off."""
-        if self._known.state.tilt is None:
-            self._known.say("reference not given: the closed loop is off")
-            done(Outcome(False, "reference not given: the closed loop is off"))
+        if self._snapshot.state.tilt is None:
+            self._snapshot.say("reference not sent: the closed loop is off")
+            done(Outcome(False, "reference not sent: the closed loop is off"))
             return
-        self._known.change(tilt=reference)
+        self._snapshot.change(tilt=reference)
         message = Vector3Stamped()
         message.header.stamp, message.header.frame_id = self._clock.now().to_msg(), "world"
         message.vector.x, message.vector.y = reference
@@ -71,30 +71,30 @@ class ClosedLoop:
         done(Outcome(True, ""))
 
     def _on_change(self, _: object) -> None:
-        """Continue from the reference that the loop had when it went on."""
-        told = self._reference.value
-        is_on = bool(self._enabled.value) and told is not None
-        if is_on != (self._known.state.tilt is not None):
-            self._known.change(tilt=Tilt(told.x, told.y) if is_on else None)
+        """Take over the reference that the loop has when it is switched on."""
+        reference = self._reference.value
+        is_on = bool(self._enabled.value) and reference is not None
+        if is_on != (self._snapshot.state.tilt is not None):
+            self._snapshot.change(tilt=Tilt(reference.x, reference.y) if is_on else None)
 
 
 class Inverse:
     """Follows `inverse_controller` of the node's namespace and sends it goals.
 
-    The effector pose is the measured one, or that of the controller's model if nobody measures it. Published
-    topic: `effector_goal`. Subscribed topics: `effector_goal`, to see the goals of others; `effector_pose`;
+    The effector pose is the measured one, or that of the controller's model without a measurement. Published
+    topic: `effector_goal`. Subscribed topics: `effector_goal`, for goals of other programs; `effector_pose`;
     `inverse_controller/model_pose`.
 
     Args:
         node: The node whose executor delivers the messages.
-        known: Storage of effector pose, goal and switch.
+        snapshot: Storage of effector pose, goal and switch.
     """
 
-    def __init__(self, node: Node, known: RobotSnapshot) -> None:
-        self._known, self._clock = known, node.get_clock()
-        self._enable = Switch(node, "inverse_controller/enable", "inverse control", known.say)
+    def __init__(self, node: Node, snapshot: RobotSnapshot) -> None:
+        self._snapshot, self._clock = snapshot, node.get_clock()
+        self._enable = Switch(node, "inverse_controller/enable", "inverse control", snapshot.say)
         self._goals = node.create_publisher(PoseStamped, "effector_goal", NEWEST_ONLY)
-        self._measured_at, self._tells_why = -math.inf, False
+        self._measured_at, self._reports_switch = -math.inf, False
         StateListener(node, "inverse_controller/enabled", self._on_enabled)
         for topic, callback, quality in (
             ("effector_pose", self._on_measured, MEASURED),
@@ -109,21 +109,21 @@ class Inverse:
         """Switch inverse control on or off."""
 
         def record_switch() -> str:
-            self._known.put(with_inverse(self._known.state, enabled))
+            self._snapshot.put(with_inverse(self._snapshot.state, enabled))
             return f"inverse control is {'on' if enabled else 'off'}"
 
         self._enable.set(enabled, done, record_switch)
 
     def toggle(self, done: Done = ignore_outcome) -> None:
         """Switch inverse control on if it is off, and off if it is on."""
-        self.enable(self._enable.opposite(self._known.state.inverse), done)
+        self.enable(self._enable.opposite(self._snapshot.state.inverse), done)
 
     def give_goal(self, goal: EffectorPose, done: Done = ignore_outcome) -> None:
         """Send a goal; refused while inverse control is off."""
-        if not self._known.state.inverse:
-            self._end(Outcome(False, "goal not given: inverse control is off"), done)
+        if not self._snapshot.state.inverse:
+            self._end(Outcome(False, "goal not sent: inverse control is off"), done)
             return
-        self._known.change(goal=goal, heard_goal=goal)
+        self._snapshot.change(goal=goal, heard_goal=goal)
         stamp = self._clock.now().to_msg()
         self._goals.publish(pose_stamped(stamp, "world", goal.position, goal.quaternion_xyzw))
         self._end(Outcome(True, ""), done)
@@ -135,16 +135,16 @@ class Inverse:
             shift: Shift along world x, y, z in [m].
             done: Called with the outcome.
         """
-        goal = moved_goal(self._known.state, shift, time.monotonic())
+        goal = moved_goal(self._snapshot.state, shift, time.monotonic())
         if goal is None:
             self._end(Outcome(False, "goal not moved: no effector pose received yet"), done)
         else:
-            self._known.say(f"goal {format_point(goal)} mm")
+            self._snapshot.say(f"goal {format_point(goal)} mm")
             self.give_goal(goal, done)
 
     def _end(self, end: Outcome, done: Done) -> None:
         if end.sentence:
-            self._known.say(end.sentence)
+            self._snapshot.say(end.sentence)
         done(end)
 
     # --- its state ------------------------------------------------------------------------------------
@@ -153,34 +153,34 @@ class Inverse:
         """Give up calls that have waited too long; `now` is a steady clock in [s]."""
         self._enable.expire(now)
 
-    def take_sentence(self, sentence: str) -> None:
-        """Store the controller's report; report it to the user after a switch by somebody else."""
-        if self._tells_why and sentence:
-            self._tells_why = False
-            self._known.say(sentence)
-        self._known.change(inverse_note=sentence if self._known.state.inverse else "")
+    def take_report(self, report: str) -> None:
+        """Store the controller's report; show it to the user after a switch by another program."""
+        if self._reports_switch and report:
+            self._reports_switch = False
+            self._snapshot.say(report)
+        self._snapshot.change(inverse_note=report if self._snapshot.state.inverse else "")
 
     def _on_enabled(self, enabled: bool | None) -> None:
-        if bool(enabled) == self._known.state.inverse:
+        if bool(enabled) == self._snapshot.state.inverse:
             return
-        self._known.put(with_inverse(self._known.state, bool(enabled)))
+        self._snapshot.put(with_inverse(self._snapshot.state, bool(enabled)))
         if enabled is None:
-            self._known.say("inverse control has ended; the keys drive the joints again")
+            self._snapshot.say("inverse control has ended; the keys drive the joints again")
         else:
-            self._tells_why = not self._enable.is_busy
+            self._reports_switch = not self._enable.is_busy
 
     def _on_measured(self, message: PoseStamped) -> None:
         self._measured_at = time.monotonic()
-        self._known.change(effector=_pose(message), effector_at=self._measured_at)
+        self._snapshot.change(effector=_pose(message), effector_at=self._measured_at)
 
     def _on_model(self, message: PoseStamped) -> None:
         now = time.monotonic()
         if now - self._measured_at > STALE_AFTER_S:
-            self._known.change(effector=_pose(message), effector_at=now)
+            self._snapshot.change(effector=_pose(message), effector_at=now)
 
     def _on_goal(self, message: PoseStamped) -> None:
-        if self._known.state.inverse:
-            self._known.change(heard_goal=_pose(message))
+        if self._snapshot.state.inverse:
+            self._snapshot.change(heard_goal=_pose(message))
 
 
 def _pose(message: PoseStamped) -> EffectorPose:

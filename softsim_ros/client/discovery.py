@@ -82,15 +82,18 @@ def _await_namespaces(
     node: Node, executor: SingleThreadedExecutor, namespace: str | None, within_s: float
 ) -> list[str]:
     """Return the namespaces of robots once no more appear; for a named one, wait for it alone."""
-    wanted = None if namespace is None else f"/{namespace.strip('/')}"
+    requested_name = None if namespace is None else f"/{namespace.strip('/')}"
     found: list[str] = []
     began = changed = time.monotonic()
     while not ending.asked:
         executor.spin_once(timeout_sec=_TURN_S)
-        newer, now = [each for each in running_robots(node) if wanted in (None, each)], time.monotonic()
+        newer, now = (
+            [each for each in running_robots(node) if requested_name in (None, each)],
+            time.monotonic(),
+        )
         if newer != found:
             found, changed = newer, now
-        if (wanted is not None or now - changed > OTHERS_S) if found else now - began > within_s:
+        if (requested_name is not None or now - changed > OTHERS_S) if found else now - began > within_s:
             break
     return found
 

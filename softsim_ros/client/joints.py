@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,10 +28,10 @@ from softsim_ros.client.state import (
     RobotState,
     commandable,
     enforces_limits,
-    held_positions,
+    stationary_commands,
     with_command,
-    with_heard_command,
     with_measurement,
+    with_received_command,
 )
 from softsim_ros.messages import time_message
 
@@ -70,7 +71,7 @@ class MoveAll:
     positions: tuple[float, ...]
 
 
-Wish: TypeAlias = StepJoints | GoToPose | MoveJoint | MoveAll
+JointRequest: TypeAlias = StepJoints | GoToPose | MoveJoint | MoveAll
 
 
 class Decision(NamedTuple):
@@ -81,37 +82,39 @@ class Decision(NamedTuple):
     values: tuple[float, ...] | None
 
 
-def decide(state: RobotState, robot: RobotDescription, wish: Wish, now: float) -> Decision:
+def decide(state: RobotState, robot: RobotDescription, request: JointRequest, now: float) -> Decision:
     """Return what to command for a request; joints that it does not name stay.
 
     Args:
         state: State before the request.
         robot: Joints, limits, poses.
-        wish: Requested motion; positions beyond an enforced limit are clamped to it.
+        request: Requested motion; positions beyond an enforced limit are clamped to it.
         now: Steady clock in [s].
     """
-    refusal = unknown_name(robot, wish) or refusal_to_move(state, now)
+    refusal = unknown_name(robot, request) or refusal_to_move(state, now)
     if refusal:
         return Decision(state, refusal, None)
     assert state.measured is not None
-    if isinstance(wish, GoToPose):
-        return _command(state, robot, robot.poses[wish.pose], robot.joint_names, f"pose {wish.pose}", now)
-    if isinstance(wish, MoveAll):
-        return _command(state, robot, wish.positions, robot.joint_names, "all joints by command", now)
-    held = held_positions(commandable(state, robot), now)
-    if isinstance(wish, MoveJoint):
-        to = dict(zip(robot.joint_names, held, strict=True)) | {wish.joint: wish.position}
-        return _command(state, robot, tuple(to.values()), (wish.joint,), f"{wish.joint} by slider", now)
-    wanted = tuple(
-        hold + wish.by if joint.name in wish.joints else hold
-        for joint, hold in zip(robot.joints, held, strict=True)
+    if isinstance(request, GoToPose):
+        return _command(
+            state, robot, robot.poses[request.pose], robot.joint_names, f"pose {request.pose}", now
+        )
+    if isinstance(request, MoveAll):
+        return _command(state, robot, request.positions, robot.joint_names, "all joints by command", now)
+    stationary = stationary_commands(commandable(state, robot), now)
+    if isinstance(request, MoveJoint):
+        to = dict(zip(robot.joint_names, stationary, strict=True)) | {request.joint: request.position}
+        return _command(state, robot, tuple(to.values()), (request.joint,), f"{request.joint} by slider", now)
+    requested_positions = tuple(
+        hold + request.by if joint.name in request.joints else hold
+        for joint, hold in zip(robot.joints, stationary, strict=True)
     )
     title = ", ".join(
         f"{joint.name} to {format_command(joint, value)}"
-        for joint, value in zip(robot.joints, wanted, strict=True)
-        if joint.name in wish.joints
+        for joint, value in zip(robot.joints, requested_positions, strict=True)
+        if joint.name in request.joints
     )
-    return _command(state, robot, wanted, wish.joints, title, now)
+    return _command(state, robot, requested_positions, request.joints, title, now)
 
 
 def refusal_to_move(state: RobotState, now: float) -> str:
@@ -129,50 +132,50 @@ def refusal_to_move(state: RobotState, now: float) -> str:
     return ""
 
 
-def unknown_name(robot: RobotDescription, wish: Wish) -> str:
+def unknown_name(robot: RobotDescription, request: JointRequest) -> str:
     """Return a message about a joint or pose that the robot does not have; an empty string if it has all."""
-    if isinstance(wish, GoToPose):
-        what, unknown, known = "pose", {wish.pose} - robot.poses.keys(), tuple(robot.poses)
-    elif isinstance(wish, MoveAll):
+    if isinstance(request, GoToPose):
+        what, unknown, known_names = "pose", {request.pose} - robot.poses.keys(), tuple(robot.poses)
+    elif isinstance(request, MoveAll):
         return ""
     else:
-        joints = wish.joints if isinstance(wish, StepJoints) else (wish.joint,)
-        what, unknown, known = "joint", set(joints) - set(robot.joint_names), robot.joint_names
+        joints = request.joints if isinstance(request, StepJoints) else (request.joint,)
+        what, unknown, known_names = "joint", set(joints) - set(robot.joint_names), robot.joint_names
     if not unknown:
         return ""
-    return f"nothing moved: unknown {what} {listing(sorted(unknown))}; known: {listing(known)}"
+    return f"nothing moved: unknown {what} {listing(sorted(unknown))}; known: {listing(known_names)}"
 
 
 def _command(
     state: RobotState,
     robot: RobotDescription,
-    wanted: Sequence[float],
+    positions: Sequence[float],
     moved: Sequence[str],
     title: str,
     now: float,
 ) -> Decision:
     try:
-        check_command(wanted, robot.joint_names)
+        check_command(positions, robot.joint_names)
     except CommandError as error:
         return Decision(state, str(error), None)
-    values, stopped = _clamp_to_limits(state, robot, wanted, moved)
-    sentence = listing(stopped) if stopped else title
-    return Decision(with_command(state, robot, values, now, own=True), sentence, values)
+    values, stopped = _clamp_to_limits(state, robot, positions, moved)
+    message = listing(stopped) if stopped else title
+    return Decision(with_command(state, robot, values, now, own=True), message, values)
 
 
 def _clamp_to_limits(
-    state: RobotState, robot: RobotDescription, wanted: Sequence[float], moved: Sequence[str]
+    state: RobotState, robot: RobotDescription, positions: Sequence[float], moved: Sequence[str]
 ) -> tuple[tuple[float, ...], list[str]]:
     """Return the requested positions, clamped to enforced limits.
 
     Also return a note for each moved joint that stops at a limit.
     """
     if not enforces_limits(state, robot):
-        return tuple(wanted), []
-    values = tuple(joint.limits.clamp(value) for joint, value in zip(robot.joints, wanted, strict=True))
+        return tuple(positions), []
+    values = tuple(joint.limits.clamp(value) for joint, value in zip(robot.joints, positions, strict=True))
     notes = [
         f"{joint.name} stops at its {_limit_name(joint.limits, value)} limit {format_command(joint, value)}"
-        for joint, before, value in zip(robot.joints, wanted, values, strict=True)
+        for joint, before, value in zip(robot.joints, positions, values, strict=True)
         if joint.name in moved and value != before
     ]
     return values, notes
@@ -212,14 +215,14 @@ class Joints:
 
     Args:
         node: The node whose executor delivers the messages.
-        known: Storage of the positions.
+        snapshot: Storage of the positions.
         simulated: Returns whether a simulator has been found.
     """
 
-    def __init__(self, node: Node, known: RobotSnapshot, simulated: Callable[[], bool]) -> None:
-        self._known, self._simulated = known, simulated
+    def __init__(self, node: Node, snapshot: RobotSnapshot, simulated: Callable[[], bool]) -> None:
+        self._snapshot, self._simulated = snapshot, simulated
         self._order: tuple[tuple[str, ...], list[int] | None] = ((), None)
-        self._states_at = self._held_at = -math.inf
+        self._states_at = self._repeated_at = -math.inf
         commands = "position_controller/commands"
         self._commands = node.create_publisher(Float64MultiArray, commands, NEWEST_ONLY)
         self._trajectories = node.create_publisher(JointTrajectory, "joint_trajectory", NEWEST_ONLY)
@@ -234,29 +237,35 @@ class Joints:
 
     def step(self, joints: Sequence[str], by: float, done: Done = ignore_outcome) -> None:
         """Move joints `by` [rad] or [m] from where they are; the others stay."""
-        self.obey(StepJoints(tuple(joints), by), done)
+        self.apply_request(StepJoints(tuple(joints), by), done)
 
     def move(self, joint: str, position: float, done: Done = ignore_outcome) -> None:
         """Command a joint to a position in [rad] or [m]; the others stay."""
-        self.obey(MoveJoint(joint, position), done)
+        self.apply_request(MoveJoint(joint, position), done)
 
     def go_to(self, pose: str, done: Done = ignore_outcome) -> None:
         """Command all joints to a pose of the robot's file."""
-        self.obey(GoToPose(pose), done)
+        self.apply_request(GoToPose(pose), done)
 
     def command(self, positions: Sequence[float], done: Done = ignore_outcome) -> None:
         """Command all joints to positions in [rad] or [m], in joint order."""
-        self.obey(MoveAll(tuple(positions)), done)
+        self.apply_request(MoveAll(tuple(positions)), done)
 
-    def obey(self, wish: Wish, done: Done = ignore_outcome) -> None:
-        """Publish the command for a request, within the limits; report what was done or why nothing was."""
+    def apply_request(self, request: JointRequest, done: Done = ignore_outcome) -> None:
+        """Publish the command for a request, within the limits; report the motion or the refusal."""
         now = time.monotonic()
-        decision = decide(self._known.state, self._known.robot, wish, now)
-        self._known.put(decision.state)
-        self._known.say(decision.sentence)
+        decision = decide(self._snapshot.state, self._snapshot.robot, request, now)
+        self._snapshot.put(decision.state)
+        self._snapshot.say(decision.sentence)
         if decision.values is not None:
             self._publish(decision.values)
         done(Outcome(decision.values is not None, decision.sentence))
+
+    def obey(self, request: JointRequest, done: Done = ignore_outcome) -> None:
+        """Call `apply_request`; former name, until release 0.3.0."""
+        message = "Joints.obey is now Joints.apply_request; release 0.3.0 removes the former name"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        self.apply_request(request, done)
 
     def follow(
         self,
@@ -275,7 +284,7 @@ class Joints:
         """
         refusal = self._why_not_followed(way_points)
         if refusal:
-            self._known.say(refusal)
+            self._snapshot.say(refusal)
             done(Outcome(False, refusal))
             return
         names = list(way_points[0][1])
@@ -292,7 +301,7 @@ class Joints:
         done(Outcome(True, ""))
 
     def _why_not_followed(self, way_points: Sequence[tuple[float, Mapping[str, float]]]) -> str:
-        if self._known.state.inverse:
+        if self._snapshot.state.inverse:
             return INVERSE_OWNS
         if not self.are_followed:
             return "nothing moved: no simulator follows joint_trajectory here"
@@ -308,7 +317,7 @@ class Joints:
 
     def are_there(self) -> bool:
         """Return whether the joints have reached the newest command."""
-        state = commandable(self._known.state, self._known.robot)
+        state = commandable(self._snapshot.state, self._snapshot.robot)
         if state.commanded is None or state.measured is None:
             return False
         return all(abs(a - b) <= REACHED for a, b in zip(state.measured, state.commanded, strict=True))
@@ -318,33 +327,33 @@ class Joints:
     def forget(self) -> None:
         """Reset the state of the joints after another robot has been loaded."""
         self._order = ((), None)
-        self._known.change(measured=None, commanded=None, measured_at=-math.inf, efforts=())
+        self._snapshot.change(measured=None, commanded=None, measured_at=-math.inf, efforts=())
 
     def expect(self, pose: str) -> None:
         """Record that the simulator itself moves the joints to a pose."""
-        known = self._known
-        if known.state.measured is not None:
-            values = tuple(known.robot.poses[pose])
-            known.put(with_command(known.state, known.robot, values, time.monotonic()))
+        snapshot = self._snapshot
+        if snapshot.state.measured is not None:
+            values = tuple(snapshot.robot.poses[pose])
+            snapshot.put(with_command(snapshot.state, snapshot.robot, values, time.monotonic()))
 
     def poll(self, now: float) -> None:
         """On a robot without simulator, repeat our command while it is the newest.
 
-        The bridge takes silence as the end of control.
+        The bridge takes a pause without commands as the end of control.
         """
-        state = self._known.state
+        state = self._snapshot.state
         own = state.commanded if state.owns_command and not state.inverse else None
         if not self._is_bare(now):
             return
         if state.bridge != "comm":
             if state.commanded is not None:  # a later start begins from the servos' positions
-                self._known.change(commanded=None)
-        elif own is not None and now - self._held_at >= HOLD_INTERVAL_S:
-            self._held_at = now
+                self._snapshot.change(commanded=None)
+        elif own is not None and now - self._repeated_at >= HOLD_INTERVAL_S:
+            self._repeated_at = now
             self._publish(own)
 
     def _is_bare(self, now: float) -> bool:
-        """Return whether only the bridge's applied positions are known: no simulator, no measured joints."""
+        """Return whether only the bridge's applied positions arrive: no simulator, no measured joints."""
         return now - self._states_at > STALE_AFTER_S and not self._simulated()
 
     def _publish(self, values: Sequence[float]) -> None:
@@ -367,23 +376,23 @@ class Joints:
             return
         positions = [message.position[index] for index in order]
         efforts = [message.effort[index] for index in order] if len(message.effort) == len(names) else ()
-        before = self._known.state
+        before = self._snapshot.state
         state = with_measurement(before, positions, time.monotonic(), efforts)
         if state is before:
-            self._known.say("a joint position that is not a finite number arrived and was ignored")
-        self._known.put(state)
+            self._snapshot.say("a joint position that is not a finite number arrived and was ignored")
+        self._snapshot.put(state)
 
     def _order_of(self, names: Sequence[str]) -> list[int] | None:
-        missing = [joint for joint in self._known.robot.joint_names if joint not in names]
+        missing = [joint for joint in self._snapshot.robot.joint_names if joint not in names]
         if missing:
             found = ", ".join(names) or "it"
-            self._known.say(f"joint_states of another robot: {', '.join(missing)} not in {found}")
+            self._snapshot.say(f"joint_states of another robot: {', '.join(missing)} not in {found}")
             return None
-        return [names.index(joint) for joint in self._known.robot.joint_names]
+        return [names.index(joint) for joint in self._snapshot.robot.joint_names]
 
     def _on_command(self, message: Float64MultiArray) -> None:
-        known = self._known
-        known.put(with_heard_command(known.state, known.robot, message.data, time.monotonic()))
+        snapshot = self._snapshot
+        snapshot.put(with_received_command(snapshot.state, snapshot.robot, message.data, time.monotonic()))
 
     def _on_pulses(self, message: Float64MultiArray) -> None:
-        self._known.change(pulses_us=tuple(message.data), pulses_at=time.monotonic())
+        self._snapshot.change(pulses_us=tuple(message.data), pulses_at=time.monotonic())

@@ -54,37 +54,37 @@ class RobotClient:
         self, node: Node, robot: RobotDescription, say: Callable[[str], None] = lambda _: None
     ) -> None:
         self.node = node
-        self._known = known = RobotSnapshot(robot, say)
-        self.inverse = Inverse(node, known)
-        self.closed_loop = ClosedLoop(node, known)
-        self.joints = Joints(node, known, lambda: self.simulator.is_there)
-        self.simulator = Simulator(node, known, self.joints, self.inverse)
-        self.bridge = Bridge(node, known)
-        self._reports = Reports(node, known, self.inverse.take_sentence)
+        self._snapshot = snapshot = RobotSnapshot(robot, say)
+        self.inverse = Inverse(node, snapshot)
+        self.closed_loop = ClosedLoop(node, snapshot)
+        self.joints = Joints(node, snapshot, lambda: self.simulator.is_there)
+        self.simulator = Simulator(node, snapshot, self.joints, self.inverse)
+        self.bridge = Bridge(node, snapshot)
+        self._reports = Reports(node, snapshot, self.inverse.take_report)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(POLL_PERIOD_S, self._poll, clock=steady)
 
     @property
     def state(self) -> RobotState:
         """Present state of the robot; immutable, replaced at every change."""
-        return self._known.state
+        return self._snapshot.state
 
     @property
     def robot(self) -> RobotDescription:
         """Joints, limits and poses."""
-        return self._known.robot
+        return self._snapshot.robot
 
     def watch(self, watcher: Watcher) -> None:
         """Call `watcher` with the state after every change, from the thread that spins the node."""
-        self._known.watchers.append(watcher)
+        self._snapshot.watchers.append(watcher)
 
     def begin(self, robot: RobotDescription) -> None:
         """Follow another robot or scene in the same namespace."""
-        self._known.robot = robot
+        self._snapshot.robot = robot
         self.joints.forget()
 
     def _poll(self) -> None:
-        """Expire unanswered calls, check for silent nodes, repeat the command where needed."""
+        """Expire unanswered calls, check for nodes without output, repeat the command where needed."""
         now = time.monotonic()
         for part in (self.joints, self.simulator, self.bridge, self.inverse):
             part.poll(now)
@@ -146,16 +146,16 @@ class RobotSession:
         """
         ends: list[Outcome] = []
 
-        def keep(end: Outcome) -> None:
+        def store_outcome(end: Outcome) -> None:
             with self._changed:
                 ends.append(end)
                 self._changed.notify_all()
 
         def act() -> None:
             try:
-                action(*arguments, keep)
+                action(*arguments, store_outcome)
             except Exception as error:  # invalid arguments, such as a text for a position
-                keep(Outcome(False, f"{action.__qualname__} {error_message(error)}"))
+                store_outcome(Outcome(False, f"{action.__qualname__} {error_message(error)}"))
 
         self._spinner.executor.create_task(act)
         with self._changed:
@@ -188,7 +188,7 @@ class RobotSession:
                 self._changed.wait(min(left, LOOK_PERIOD_S))
             else:
                 return self.state
-        raise ClientError(f"{what} did not hold within {within_s:g} s; {_words(self.state)}")
+        raise ClientError(f"{what} did not hold within {within_s:g} s; {_state_text(self.state)}")
 
     def wait_until_there(self, within_s: float = 10.0) -> RobotState:
         """Wait until the joints have reached the newest command.
@@ -203,9 +203,11 @@ class RobotSession:
             self._changed.notify_all()
 
 
-def _words(state: RobotState) -> str:
-    joints = "none heard" if state.measured is None else ", ".join(f"{each:.4f}" for each in state.measured)
-    return f"simulator {state.simulator or 'not heard'}, bridge {state.bridge}, joints {joints}"
+def _state_text(state: RobotState) -> str:
+    joints = (
+        "none received" if state.measured is None else ", ".join(f"{each:.4f}" for each in state.measured)
+    )
+    return f"simulator {state.simulator or 'not received'}, bridge {state.bridge}, joints {joints}"
 
 
 @contextmanager
@@ -261,8 +263,8 @@ def _wait_for_robot(session: RobotSession, node: ClosableNode, within_s: float) 
     """Wait for joint states and, if there is a simulator, for its state, services and limits."""
 
     def is_whole(state: RobotState) -> bool:
-        known = state.measured is not None and bool(state.simulator) and state.enforce_limits is not None
-        return known and session.client.simulator.is_whole
+        has_states = state.measured is not None and bool(state.simulator) and state.enforce_limits is not None
+        return has_states and session.client.simulator.is_whole
 
     first = min(within_s, SIMULATOR_WITHIN_S)
     with suppress(ClientError):

@@ -95,10 +95,10 @@ def source_within(namespace: str, logger: str) -> str:
 
 
 ANSWER_WITHIN_S: Final = 8.0
-"""Default time in [s] after which a call is given up; opening a port may take a few seconds."""
+"""Default time in [s] after which a call is aborted; opening a port may take a few seconds."""
 
 Answered = Callable[[Any], None]
-"""Called with the response, or with None if the call failed or was given up."""
+"""Called with the response, or with None if the call failed or was aborted."""
 
 
 class Outcome(NamedTuple):
@@ -123,7 +123,7 @@ class AsyncService:
         node: The node whose executor delivers the responses.
         kind: Service type.
         name: Service name, relative to the node's namespace.
-        answer_within_s: Time in [s] after which a call without a response is given up.
+        answer_within_s: Time in [s] after which a call without a response is aborted.
     """
 
     def __init__(self, node: Node, kind: Any, name: str, answer_within_s: float = ANSWER_WITHIN_S) -> None:
@@ -151,14 +151,14 @@ class AsyncService:
         self._future.add_done_callback(self._on_done)
 
     def expire(self, now: float) -> None:
-        """Give up a call that has waited too long; `now` is a steady clock in [s]."""
+        """Abort a call that has waited too long; `now` is a steady clock in [s]."""
         if self._future is not None and now - self._called_at > self._answer_within_s:
             self._client.remove_pending_request(self._future)
             self._future.cancel()
             self._finish(None)
 
     def _on_done(self, future: Future) -> None:
-        if future is self._future:  # otherwise a response to a call given up before
+        if future is self._future:  # otherwise a response to a call aborted before
             self._finish(None if future.exception() is not None else future.result())
 
     def _finish(self, response: Any) -> None:
@@ -176,7 +176,7 @@ class Request:
         name: Service name, relative to the node's namespace.
         who: Name of the other node in messages, such as "simulator".
         say: Called with messages for the user.
-        answer_within_s: Time in [s] after which a call without a response is given up.
+        answer_within_s: Time in [s] after which a call without a response is aborted.
     """
 
     def __init__(
@@ -201,7 +201,7 @@ class Request:
         return self._service.is_busy
 
     def expire(self, now: float) -> None:
-        """Give up a call that has waited too long; `now` is a steady clock in [s]."""
+        """Abort a call that has waited too long; `now` is a steady clock in [s]."""
         self._service.expire(now)
 
     def ask(
@@ -268,7 +268,7 @@ class Switch:
         return self._request.is_busy
 
     def expire(self, now: float) -> None:
-        """Give up a call that has waited too long; `now` is a steady clock in [s]."""
+        """Abort a call that has waited too long; `now` is a steady clock in [s]."""
         self._request.expire(now)
 
     def opposite(self, present: bool) -> bool:

@@ -40,18 +40,18 @@ class Parameters:
 
     Args:
         node: The node whose executor delivers the responses.
-        known: Storage of the switch of the limits.
+        snapshot: Storage of the switch of the limits.
     """
 
-    def __init__(self, node: Node, known: RobotSnapshot) -> None:
-        self._known = known
+    def __init__(self, node: Node, snapshot: RobotSnapshot) -> None:
+        self._snapshot = snapshot
         self._get = AsyncService(node, GetParameters, "simulator/get_parameters", 2.0)
         self._set = AsyncService(
             node, SetParametersAtomically, "simulator/set_parameters_atomically", ANSWER_WITHIN_S
         )
         self._owner = node.resolve_service_name("simulator")
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, EVERY_ONE)
-        self._wanted: dict[str, Any] = {}
+        self._pending_values: dict[str, Any] = {}
         self._waiting: list[Done] = []
         self._next_poll = 0.0
         self._names: Sequence[str] = ()
@@ -63,16 +63,16 @@ class Parameters:
 
     def set(self, name: str, value: Any, done: Done = ignore_outcome) -> None:
         """Set a parameter; if requests follow quickly, only the newest value is sent."""
-        self._wanted[name] = value
+        self._pending_values[name] = value
         self._waiting.append(done)
 
     def poll(self, now: float) -> None:
         """Send pending values and request present ones periodically; `now` is a steady clock in [s]."""
         self._get.expire(now)
         self._set.expire(now)
-        if self._wanted and not self._set.is_busy:
+        if self._pending_values and not self._set.is_busy:
             self._send(now)
-        idle = not (self._set.is_busy or self._get.is_busy or self._wanted)
+        idle = not (self._set.is_busy or self._get.is_busy or self._pending_values)
         if idle and now >= self._next_poll and self._get.is_there:
             self._next_poll = now + POLL_PERIOD_S
             names = self._list_followed_names()
@@ -83,12 +83,12 @@ class Parameters:
         return list(dict.fromkeys((LIMITS, *self._names)))
 
     def _send(self, now: float) -> None:
-        wanted, self._wanted = self._wanted, {}
+        values, self._pending_values = self._pending_values, {}
         waiting, self._waiting = self._waiting, []
         if not self._set.is_there:
             self._end(Outcome(False, "the simulator is not running; nothing was set"), waiting)
             return
-        parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in wanted.items()]
+        parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
         request = SetParametersAtomically.Request(parameters=parameters)
         self._set.call(request, now, lambda answer: self._on_set(answer, waiting))
 
@@ -103,34 +103,34 @@ class Parameters:
 
     def _end(self, end: Outcome, waiting: Sequence[Done]) -> None:
         if end.sentence:
-            self._known.say(end.sentence)
+            self._snapshot.say(end.sentence)
         for done in waiting:
             done(end)
 
     def _on_event(self, event: ParameterEvent) -> None:
-        if event.node == self._owner and not (self._set.is_busy or self._wanted):
+        if event.node == self._owner and not (self._set.is_busy or self._pending_values):
             followed = self._list_followed_names()
             changed = {parameter.name: parameter.value for parameter in event.changed_parameters}
-            self._tell({name: value for name, value in changed.items() if name in followed})
+            self._report_values({name: value for name, value in changed.items() if name in followed})
 
     def _on_answer(self, names: Sequence[str], answer: Any) -> None:
-        if answer is not None and not self._set.is_busy and not self._wanted:
-            self._tell(dict(zip(names, answer.values, strict=False)))
+        if answer is not None and not self._set.is_busy and not self._pending_values:
+            self._report_values(dict(zip(names, answer.values, strict=False)))
 
-    def _tell(self, values: Mapping[str, ParameterValue]) -> None:
+    def _report_values(self, values: Mapping[str, ParameterValue]) -> None:
         plain = {name: parameter_value_to_python(value) for name, value in values.items()}
-        known = {name: value for name, value in plain.items() if value is not None}
-        enforced = known.get(LIMITS)
-        if enforced is not None and enforced != self._known.state.enforce_limits:
-            self._known.change(enforce_limits=bool(enforced))
-        self._on_values({name: value for name, value in known.items() if name in self._names})
+        snapshot = {name: value for name, value in plain.items() if value is not None}
+        enforced = snapshot.get(LIMITS)
+        if enforced is not None and enforced != self._snapshot.state.enforce_limits:
+            self._snapshot.change(enforce_limits=bool(enforced))
+        self._on_values({name: value for name, value in snapshot.items() if name in self._names})
 
 
 EXPIRE_PERIOD_S: Final = 1.0
 APPLIED_WITHIN_S: Final = 60.0
 """Time limit in [s] for building a proposal, since its kernels may have to be compiled."""
 
-TOLD_WITHIN_S: Final = 8.0
+PROPOSAL_WITHIN_S: Final = 8.0
 """Time in [s] within which the proposal after an edit must arrive; after it the edit counts as lost."""
 
 ACTIONS: Final = ("begin", "undo", "redo", "discard", "apply", "save", "copy")
@@ -157,42 +157,42 @@ class Editing:
             for name in ACTIONS
         }
         self.proposal: Proposal | None = None
-        self._untold_since: float | None = None
+        self._awaiting_since: float | None = None
         node.create_timer(EXPIRE_PERIOD_S, self._expire, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
     def is_behind(self) -> bool:
         """Whether the outcome of a request is unknown yet; an edit made now would refer to an old scene."""
-        return self._untold_since is not None or any(each.is_busy for each in self._requests.values())
+        return self._awaiting_since is not None or any(each.is_busy for each in self._requests.values())
 
     def change(self, edits: Sequence[Edit], stroke: str = "") -> None:
         """Propose edits, which are undone together, as are consecutive edits with the same stroke."""
         self._edits.publish(String(data=write_edits(edits, stroke)))
-        self._untold_since = time.monotonic()
+        self._awaiting_since = time.monotonic()
 
     def ask(self, name: str, done: Done = ignore_outcome) -> None:
         """Send one of the requests in ACTIONS."""
         self._requests[name].ask(Trigger.Request(), done)
 
     def _expire(self) -> None:
-        """Give up requests that have waited too long."""
+        """Abort requests that have waited too long."""
         now = time.monotonic()
         for request in self._requests.values():
             request.expire(now)
-        if self._untold_since is not None and now - self._untold_since > TOLD_WITHIN_S:
-            self._untold_since = None
+        if self._awaiting_since is not None and now - self._awaiting_since > PROPOSAL_WITHIN_S:
+            self._awaiting_since = None
 
     def _on_proposal(self, message: String) -> None:
-        self._untold_since = None
+        self._awaiting_since = None
         try:
-            told = read_proposal(message.data)
+            proposal = read_proposal(message.data)
         except SoftSimError as error:
             self._say(str(error))
             return
-        if self.proposal is None or told.revision > self.proposal.revision:
-            self.proposal = told
-            if told.sentence:
-                self._say(told.sentence)
+        if self.proposal is None or proposal.revision > self.proposal.revision:
+            self.proposal = proposal
+            if proposal.sentence:
+                self._say(proposal.sentence)
 
 
 RELOAD_WITHIN_S: Final = 60.0
@@ -204,7 +204,7 @@ class Simulator:
 
     Args:
         node: The node whose executor delivers the responses.
-        known: Storage of its state.
+        snapshot: Storage of its state.
         joints: They are expected at the start pose after the start animation.
         inverse: Switched off before a reset; otherwise it would drive the joints back.
 
@@ -212,15 +212,15 @@ class Simulator:
         parameters: Its parameters.
     """
 
-    def __init__(self, node: Node, known: RobotSnapshot, joints: Joints, inverse: Inverse) -> None:
-        self._known, self._joints, self._inverse, self._clock = known, joints, inverse, node.get_clock()
-        self.parameters = Parameters(node, known)
+    def __init__(self, node: Node, snapshot: RobotSnapshot, joints: Joints, inverse: Inverse) -> None:
+        self._snapshot, self._joints, self._inverse, self._clock = snapshot, joints, inverse, node.get_clock()
+        self.parameters = Parameters(node, snapshot)
 
         def request(name: str, within_s: float = 8.0) -> Request:
-            return Request(node, Trigger, f"simulator/{name}", "simulator", known.say, within_s)
+            return Request(node, Trigger, f"simulator/{name}", "simulator", snapshot.say, within_s)
 
         self._start, self._reset, self._step = request("start"), request("reset"), request("step")
-        self._pause = Switch(node, "simulator/pause", "simulator", known.say)
+        self._pause = Switch(node, "simulator/pause", "simulator", snapshot.say)
         self._reload = request("reload", RELOAD_WITHIN_S)
         self._services = (self._start, self._reset, self._pause, self._step, self._reload)
         self._bases = node.create_publisher(MultiDOFJointState, "base_target", NEWEST_ONLY)
@@ -245,14 +245,14 @@ class Simulator:
 
     def start(self, done: Done = ignore_outcome) -> None:
         """Play the robot's start animation; refused while inverse control is on."""
-        if self._known.state.inverse:
-            self._known.say(INVERSE_OWNS)
+        if self._snapshot.state.inverse:
+            self._snapshot.say(INVERSE_OWNS)
             done(Outcome(False, INVERSE_OWNS))
             return
 
         def record_start() -> str:
-            if self._known.robot.start is not None:
-                self._joints.expect(self._known.robot.start.pose)
+            if self._snapshot.robot.start is not None:
+                self._joints.expect(self._snapshot.robot.start.pose)
             return "start pose"
 
         self._start.ask(Trigger.Request(), done, record_start)
@@ -260,47 +260,47 @@ class Simulator:
     def reset(self, done: Done = ignore_outcome) -> None:
         """Reset the simulation to the start of the scene."""
 
-        def was_reset() -> str:
-            self._known.change(commanded=None)
+        def record_reset() -> str:
+            self._snapshot.change(commanded=None)
             return "simulation reset"
 
-        def go_on(end: Outcome) -> None:
+        def continue_after(end: Outcome) -> None:
             if end.success:
-                self._reset.ask(Trigger.Request(), done, was_reset)
+                self._reset.ask(Trigger.Request(), done, record_reset)
             else:
                 done(end)
 
-        if self._known.state.inverse:
-            self._inverse.enable(False, go_on)
+        if self._snapshot.state.inverse:
+            self._inverse.enable(False, continue_after)
         else:
-            go_on(Outcome(True, ""))
+            continue_after(Outcome(True, ""))
 
     def pause(self, paused: bool, done: Done = ignore_outcome) -> None:
         """Pause the simulation, or continue it."""
 
         def record_pause() -> str:
-            self._known.change(simulator="paused" if paused else "running")
-            return "simulation paused" if paused else "simulation goes on"
+            self._snapshot.change(simulator="paused" if paused else "running")
+            return "simulation paused" if paused else "simulation continues"
 
         self._pause.set(paused, done, record_pause)
 
     def toggle_pause(self, done: Done = ignore_outcome) -> None:
         """Pause a running simulation, continue a paused one."""
-        self.pause(self._pause.opposite(self._known.state.stands), done)
+        self.pause(self._pause.opposite(self._snapshot.state.stands), done)
 
     def step(self, done: Done = ignore_outcome) -> None:
         """Advance by one step; a running simulation is paused first."""
 
-        def go_on(end: Outcome) -> None:
+        def continue_after(end: Outcome) -> None:
             if end.success:
                 self._step.ask(Trigger.Request(), done)
             else:
                 done(end)
 
-        if self._known.state.stands:
-            go_on(Outcome(True, ""))
+        if self._snapshot.state.stands:
+            continue_after(Outcome(True, ""))
         else:
-            self.pause(True, go_on)
+            self.pause(True, continue_after)
 
     # --- scene ----------------------------------------------------------------------------------------
 
@@ -309,8 +309,8 @@ class Simulator:
         self._reload.ask(Trigger.Request(), done)
 
     def choose_scene(self, name: str, done: Done = ignore_outcome) -> None:
-        """Run another robot or scene in place of this one."""
-        self._known.say(f"loading {name} ...")
+        """Run another robot or scene instead of this one."""
+        self._snapshot.say(f"loading {name} ...")
         self.parameters.set("robot", name, done)
 
     # --- pulls and bases ------------------------------------------------------------------------------
@@ -337,10 +337,10 @@ class Simulator:
             service.expire(now)
 
     def _on_change(self, _: object) -> None:
-        """Update the simulator's state; a replay takes the place of a simulator that does not run."""
+        """Update the simulator's state; without a simulator, it is that of a replay."""
         faulted, paused, replay = (fact.value for fact in self._facts)
         if paused is None:
-            self._known.change(real_time_factor=None, enforce_limits=None, fault="", scene_error="")
+            self._snapshot.change(real_time_factor=None, enforce_limits=None, fault="", scene_error="")
         stands = replay if paused is None else paused
         word = "" if stands is None else "paused" if stands else "running"
-        self._known.change(simulator="stopped" if faulted else word)
+        self._snapshot.change(simulator="stopped" if faulted else word)

@@ -53,7 +53,7 @@ class RobotState:
         measured: Measured joint positions in [rad] or [m], joint order; None before the first message.
         measured_at: Time of the newest measurement, steady clock, in [s].
         efforts: Torque in [N m] or force in [N] of each joint, joint order; empty: not reported.
-        commanded: Newest command on the topic, whoever sent it, same shape and unit; None: unknown.
+        commanded: Newest command on the topic, of any sender, same shape and unit; None: unknown.
         trusted_until: Time in [s] until which the joints may still be on their way to `commanded`.
         owns_command: Whether this client sent `commanded` and therefore has to repeat it where needed.
         echoes: Own commands that have not returned on the topic yet, oldest first.
@@ -68,7 +68,7 @@ class RobotState:
         inverse: Whether inverse control is on, in which case only it may publish commands.
         inverse_note: Newest report of the inverse controller, such as "unreachable, 3.2 mm away".
         goal: Goal set by this client; None before the first.
-        heard_goal: The newest goal on the topic while inverse control is on, whoever sent it.
+        heard_goal: The newest goal on the topic while inverse control is on, of any sender.
         effector: Pose of the effector; None before the first message.
         effector_at: Time of that message, steady clock, in [s].
         tilt: The closed loop's reference while the loop is on; None if it is off.
@@ -112,7 +112,7 @@ class RobotState:
 
     @property
     def paused(self) -> bool:
-        """Whether the simulation stands still because somebody paused it."""
+        """Whether the simulation is paused by a request."""
         return self.simulator == "paused"
 
     def is_fresh(self, now: float) -> bool:
@@ -129,18 +129,18 @@ def with_measurement(
     return replace(state, measured=tuple(positions), measured_at=now, efforts=tuple(efforts))
 
 
-def with_heard_command(
+def with_received_command(
     state: RobotState, robot: RobotDescription, values: Sequence[float], now: float
 ) -> RobotState:
     """Return the state after a command on the topic: our own changes nothing, another becomes the newest."""
-    heard = tuple(values)
-    if heard in state.echoes:
-        return replace(state, echoes=state.echoes[state.echoes.index(heard) + 1 :])
-    if state.owns_command and heard == state.commanded:
+    command = tuple(values)
+    if command in state.echoes:
+        return replace(state, echoes=state.echoes[state.echoes.index(command) + 1 :])
+    if state.owns_command and command == state.commanded:
         return state  # our own command, repeated
-    if len(heard) != len(robot.joints) or not all(map(math.isfinite, heard)):
+    if len(command) != len(robot.joints) or not all(map(math.isfinite, command)):
         return state  # the simulator refuses it and reports that
-    return with_command(state, robot, heard, now)
+    return with_command(state, robot, command, now)
 
 
 def with_command(
@@ -172,7 +172,7 @@ def commandable(state: RobotState, robot: RobotDescription) -> RobotState:
     return replace(state, measured=values)
 
 
-def held_positions(state: RobotState, now: float) -> tuple[float, ...]:
+def stationary_commands(state: RobotState, now: float) -> tuple[float, ...]:
     """Return commands for joints that are not to move.
 
     A joint keeps its command while it may still be moving there, or has arrived. Otherwise something else (a
@@ -247,8 +247,8 @@ class Reports:
         on_inverse: Called with the report of inverse control.
     """
 
-    def __init__(self, node: Node, known: RobotSnapshot, on_inverse: Callable[[str], None]) -> None:
-        self._known, self._on_inverse = known, on_inverse
+    def __init__(self, node: Node, snapshot: RobotSnapshot, on_inverse: Callable[[str], None]) -> None:
+        self._snapshot, self._on_inverse = snapshot, on_inverse
         space = node.get_namespace().strip("/")
         self._simulator, self._inverse = (
             f"{space}/{name}".lstrip("/") for name in ("simulator", "inverse_controller")
@@ -265,7 +265,7 @@ class Reports:
     def _on_simulator(self, status: DiagnosticStatus) -> None:
         values = {pair.key: pair.value for pair in status.values}
         fault = status.message if status.level == DiagnosticStatus.ERROR else ""
-        self._known.change(
+        self._snapshot.change(
             real_time_factor=_number(values, "real_time_factor"),
             time_s=_number(values, "time_s"),
             time_at=time.monotonic(),

@@ -106,7 +106,7 @@ def _base(joint: JointDescription) -> str:
 def _frame_links(joint: JointDescription, scene: SceneDescription, moved: dict[str, str]) -> list[Link]:
     """Return a joint's base link and the link that it moves."""
     parent = BASE_LINK if joint.parent is None else moved[joint.parent]
-    position, rotation = _seen_from(_carrier_at_rest(joint.parent, scene), _pose_of(joint.base))
+    position, rotation = _relative_pose(_carrier_at_rest(joint.parent, scene), _pose_of(joint.base))
     bounded = math.isfinite(joint.limits.lower) or math.isfinite(joint.limits.upper)
     kind: Kind = ("revolute" if bounded else "continuous") if _turns(joint) else "prismatic"
     part = f"joints/{joint.name}"
@@ -125,7 +125,7 @@ def _end_link(joint: JointDescription, moved: dict[str, str], scene: SceneDescri
     place: Vector = getattr(actuator, "pull_point", None) or (0.0, 0.0, 0.0)
     carrier = next((name for name in actuator.carriers().values() if name is not None), None)
     parent = BASE_LINK if carrier is None else moved[carrier]
-    position, rotation = _seen_from(_carrier_at_rest(carrier, scene), (np.array(place, float), np.eye(3)))
+    position, rotation = _relative_pose(_carrier_at_rest(carrier, scene), (np.array(place, float), np.eye(3)))
     name, part = moved[joint.name], f"joints/{joint.name}"
     return Link(name, parent, joint.name, "prismatic", position, rotation, _Z, part)
 
@@ -153,7 +153,7 @@ def _carrier_at_rest(joint: str | None, scene: SceneDescription) -> tuple[Array,
     return position + rotation @ (described.rest * axis), rotation
 
 
-def _seen_from(frame: tuple[Array, Array], place: tuple[Array, Array]) -> tuple[Array, Array]:
+def _relative_pose(frame: tuple[Array, Array], place: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return a pose in the axes of a frame; both are given in the world."""
     (origin, turn), (position, rotation) = frame, place
     return turn.T @ (position - origin), turn.T @ rotation

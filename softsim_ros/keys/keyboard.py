@@ -17,7 +17,7 @@ from softsim_ros.keys.press import (
     GOAL_STEP_M,
     REPEAT_INTERVAL_S,
     CallAction,
-    Deed,
+    KeyAction,
     KeyPress,
     KeyState,
     MoveGoal,
@@ -87,32 +87,32 @@ class Keyboard:
         """Run the action of a key without blocking; `now` is a steady clock in [s]."""
         self._keys.publish(String(data=key.name))
         client, settings = self._client, self._settings.values
-        self.state, deed, sentence = press(
+        self.state, action, message = press(
             self.state, client.robot, client.state, key, now, settings.repeat_interval, settings.goal_step
         )
-        if sentence:
-            self._say(sentence)
-        if deed is not None:
-            self._carry_out(deed)
+        if message:
+            self._say(message)
+        if action is not None:
+            self._carry_out(action)
 
     def click(self, name: str) -> None:
         """Run the action of a clicked button; it acts at each click, since no key is held down."""
-        seen = {key: at for key, at in self.state.seen_at.items() if key != name}
-        self.state = replace(self.state, seen_at=seen)
+        pressed_at = {key: at for key, at in self.state.pressed_at.items() if key != name}
+        self.state = replace(self.state, pressed_at=pressed_at)
         self.press(KeyPress(name), time.monotonic())
 
     def press_with_ctrl(self, name: str) -> None:
         """Press a key with Ctrl; a key that is held down repeats at a limited rate."""
         self.press(KeyPress(name, ctrl=True), time.monotonic())
 
-    def _carry_out(self, deed: Deed) -> None:
-        if isinstance(deed, Quit):
+    def _carry_out(self, action: KeyAction) -> None:
+        if isinstance(action, Quit):
             self.quit_requested = True
-        elif isinstance(deed, CallAction):
-            self._actions[deed.action]()
-        elif isinstance(deed, MoveGoal):
-            self._client.inverse.move_goal(deed.shift)
-        elif isinstance(deed, SetReference):
-            self._client.closed_loop.refer(deed.reference)
+        elif isinstance(action, CallAction):
+            self._actions[action.action]()
+        elif isinstance(action, MoveGoal):
+            self._client.inverse.move_goal(action.shift)
+        elif isinstance(action, SetReference):
+            self._client.closed_loop.refer(action.reference)
         else:
-            self._client.joints.obey(deed)
+            self._client.joints.apply_request(action)

@@ -120,7 +120,7 @@ class Quit:
     """Action that ends the program."""
 
 
-Deed: TypeAlias = StepJoints | GoToPose | MoveGoal | SetReference | CallAction | Quit
+KeyAction: TypeAlias = StepJoints | GoToPose | MoveGoal | SetReference | CallAction | Quit
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,14 +128,14 @@ class KeyState:
     """State of the keys.
 
     Attributes:
-        seen_at: When each key was last seen, including repeats, in [s].
+        pressed_at: When each key was last pressed, including repeats, in [s].
         acted_at: When each key last had an effect, in [s].
         last_key: Label of the newest key.
         show_help: Whether the key table is shown.
         axis: The axis about which keys turn the closed loop's reference.
     """
 
-    seen_at: Mapping[str, float] = field(default_factory=dict)
+    pressed_at: Mapping[str, float] = field(default_factory=dict)
     acted_at: Mapping[str, float] = field(default_factory=dict)
     last_key: str = ""
     show_help: bool = True
@@ -146,8 +146,8 @@ class Pressed(NamedTuple):
     """Result of a press: the keys' new state, the action to run, and a message (empty: none)."""
 
     keys: KeyState
-    deed: Deed | None = None
-    sentence: str = ""
+    action: KeyAction | None = None
+    message: str = ""
 
 
 def press(
@@ -175,9 +175,9 @@ def press(
     """
     if key == KeyPress("c", ctrl=True):
         return Pressed(replace(keys, last_key=str(key)), Quit())
-    held = now - keys.seen_at.get(key.name, -math.inf) < HOLD_GAP_S
+    is_repeated = now - keys.pressed_at.get(key.name, -math.inf) < HOLD_GAP_S
     since = now - keys.acted_at.get(key.name, -math.inf)
-    keys = replace(keys, last_key=str(key), seen_at={**keys.seen_at, key.name: now})
+    keys = replace(keys, last_key=str(key), pressed_at={**keys.pressed_at, key.name: now})
     acted = replace(keys, acted_at={**keys.acted_at, key.name: now})
     if state.inverse and key.name in GOAL_KEYS:
         if since < repeat_interval_s:
@@ -187,9 +187,9 @@ def press(
         return Pressed(acted, _goal_shift(key.name, goal_step_m))
     binding = key_table(robot).get(key.name)
     if binding is None:
-        return _handle_unbound_key(keys, robot, key, held)
+        return _handle_unbound_key(keys, robot, key, is_repeated)
     if binding.action is not None:
-        return _action(keys, key, binding.action, held)
+        return _action(keys, key, binding.action, is_repeated)
     if since < _shortest_interval(robot, binding, repeat_interval_s):
         return Pressed(keys)
     if binding.pose is not None:
@@ -197,18 +197,18 @@ def press(
     return Pressed(acted, StepJoints(binding.joints, binding.by))
 
 
-def _handle_unbound_key(keys: KeyState, robot: RobotDescription, key: KeyPress, held: bool) -> Pressed:
+def _handle_unbound_key(keys: KeyState, robot: RobotDescription, key: KeyPress, is_repeated: bool) -> Pressed:
     if key.name == HELP_KEY:
-        return Pressed(replace(keys, show_help=keys.show_help if held else not keys.show_help))
+        return Pressed(replace(keys, show_help=keys.show_help if is_repeated else not keys.show_help))
     if any(controller.on_key for controller in robot.controllers):
         return Pressed(keys, None, f"{key} goes to the scene's own code")
     return Pressed(keys, None, f"{key} is not bound; {HELP_KEY} shows the keys")
 
 
-def _action(keys: KeyState, key: KeyPress, action: Action, held: bool) -> Pressed:
+def _action(keys: KeyState, key: KeyPress, action: Action, is_repeated: bool) -> Pressed:
     if action == "quit":
         return Pressed(keys, Quit())
-    if held and action != "e_stop":  # a held key must not switch something on and off
+    if is_repeated and action != "e_stop":  # a held key must not switch something on and off
         return Pressed(keys)
     return Pressed(keys, CallAction(action), f"{key}: {action} ...")
 

@@ -25,11 +25,11 @@ from .scene import (
 from .sensors import (
     SensorMessage as SensorMessage,
     contact_cloud as contact_cloud,
+    messages_of as messages_of,
     read_contact_cloud as read_contact_cloud,
     read_step_profile as read_step_profile,
     read_tactile_image as read_tactile_image,
     step_profile as step_profile,
-    told_of as told_of,
 )
 from .states import (
     base_target as base_target,

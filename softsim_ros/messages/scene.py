@@ -175,7 +175,7 @@ class Proposal:
 
     Attributes:
         revision: A number that grows with every message.
-        robot: The scene as it is proposed; None: it cannot be edited, and `sentence` says why.
+        robot: The scene as it is proposed; None: it cannot be edited; `sentence` has the reason.
         file: The file to which it would be saved.
         unsaved: Why it cannot be saved there; "": it can.
         undoable, redoable: How many changes can be undone and redone.
@@ -228,7 +228,7 @@ def read_edits(text: str) -> tuple[tuple[Edit, ...], str]:
         return tuple(map(_edit, edits)), text_of(stroke)
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
         raise CommandError(
-            f"edit refused: not of the form that docs/edit.md tells ({type(error).__name__}: {error!s:.80})"
+            f"edit refused: not of the form in docs/edit.md ({type(error).__name__}: {error!s:.80})"
         ) from error
 
 
@@ -255,19 +255,19 @@ def _step(data: Any) -> str | Item:
 # --- the proposal ----------------------------------------------------------------------------------------
 
 
-def write_proposal(told: Proposal, description: str) -> str:
+def write_proposal(proposal: Proposal, description: str) -> str:
     """Return a proposal as text for its topic; `description` is its scene as YAML text, "" without one."""
     return json.dumps(
         {
-            "revision": told.revision,
+            "revision": proposal.revision,
             "description": description,
-            "file": told.file,
-            "unsaved": told.unsaved,
-            "undoable": told.undoable,
-            "redoable": told.redoable,
-            "changed": told.is_changed,
-            "applied": told.is_applied,
-            "sentence": told.sentence,
+            "file": proposal.file,
+            "unsaved": proposal.unsaved,
+            "undoable": proposal.undoable,
+            "redoable": proposal.redoable,
+            "changed": proposal.is_changed,
+            "applied": proposal.is_applied,
+            "sentence": proposal.sentence,
             "chosen": [
                 {
                     "part": each.part,
@@ -275,9 +275,9 @@ def write_proposal(told: Proposal, description: str) -> str:
                     "points": _rows(each.points),
                     "problem": each.problem,
                 }
-                for each in told.chosen
+                for each in proposal.chosen
             ],
-            "routes": {name: _rows(points) for name, points in told.routes.items()},
+            "routes": {name: _rows(points) for name, points in proposal.routes.items()},
         }
     )
 

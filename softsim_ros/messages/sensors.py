@@ -203,10 +203,10 @@ KINDS: Final[dict[type[SimulatedSensorDescription], tuple[SensorMessage, ...]]] 
     MarkersDescription: (SensorMessage("", PoseArray, marker_poses),),
     CableSensorDescription: (SensorMessage("", JointState, cable_state),),
 }
-"""Messages of the sensor kinds of this package; for chambers see `told_of`, for others `numbers`."""
+"""Messages of the sensor kinds of this package; for chambers see `messages_of`, for others `numbers`."""
 
 
-def told_of(described: SimulatedSensorDescription, atmosphere: float) -> tuple[SensorMessage, ...]:
+def messages_of(described: SimulatedSensorDescription, atmosphere: float) -> tuple[SensorMessage, ...]:
     """Return the messages of a sensor; `atmosphere` is the absolute pressure of the air in [Pa]."""
     if isinstance(described, ChamberSensorDescription):
 

@@ -47,7 +47,7 @@ def html_replay(bag: Bag, *, stress: bool = True) -> str:
         layers = _layers(bag, scene)
         surface = SurfaceView(scene, lambda mesh: None)
         top = max(float(frame.von_mises.max(initial=0.0)) for frame in frames)
-        surface.obey(ViewSettings(stress=stress, stress_top=top or None))
+        surface.apply_view(ViewSettings(stress=stress, stress_top=top or None))
         recording = server.get_scene_serializer()
         shown: MeshFrame | None = None
         for frame in frames:

@@ -36,7 +36,7 @@ class Bench:
             )
         self.editing._edits = SimpleNamespace(publish=lambda message: self.asked.append("edit"))
         server: Any = SimpleNamespace(atomic=nullcontext)
-        picture: Any = SimpleNamespace(rest=((), None), put_aside=lambda aside: None)
+        picture: Any = SimpleNamespace(rest=((), None), hide_scene=lambda hidden: None)
         self.mode = EditMode(server, SimpleNamespace(), picture, self.editing, self.said.append)  # type: ignore[arg-type]
         self.mode._stage = SimpleNamespace(show=lambda: None, show_bodies=lambda *_: None)  # type: ignore[assignment]
 
@@ -86,7 +86,7 @@ def test_an_edit_is_made_of_what_is_proposed_and_not_of_an_older_scene(bench: Be
     seen: list[int] = []
 
     def edit() -> None:
-        told = bench.mode.session.told
+        told = bench.mode.session.proposal
         seen.append(told.revision if told else 0)
         bench.editing.change([Put(("effector",), "tip")])
 
@@ -108,7 +108,7 @@ def test_a_simulator_that_is_lost_holds_nothing_up_for_ever(
     bench.mode.attempt(lambda: bench.editing.change([]))
     bench.mode.attempt(lambda: "done")
     assert bench.mode.is_behind
-    monkeypatch.setattr("softsim_ros.client.simulator.TOLD_WITHIN_S", 0.0)
+    monkeypatch.setattr("softsim_ros.client.simulator.PROPOSAL_WITHIN_S", 0.0)
     assert spin_until(lambda: bench.editing._expire() or not bench.mode.is_behind)
     bench.mode.refresh()
     assert bench.said == ["done"]
@@ -119,4 +119,4 @@ def test_more_than_a_person_does_is_refused_in_words(bench: Bench) -> None:
     for _ in range(MOST_WAITING + 1):
         bench.mode.attempt(lambda: None)
     (sentence,) = bench.said
-    assert "wait for the simulator's answer" in sentence
+    assert "wait for the simulator's response" in sentence

@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 from std_msgs.msg import Header
 
 from softsim_ros import topic_words
-from softsim_ros.messages import told_of
+from softsim_ros.messages import messages_of
 from softsim_ros.nodes.inverse import imu_tilts
 
 
@@ -34,11 +34,11 @@ def test_the_orientation_of_an_imu_is_what_the_closed_loop_takes() -> None:
         told = rotation_of(simulation.sensors["noisy"].value[6:])
         turns.append(rotation_log(wanted.T @ told))
     assert np.std(turns) == pytest.approx(noise, rel=0.2)
-    ((_, _, write),) = told_of(units[0], 0.0)
+    ((_, _, write),) = messages_of(units[0], 0.0)
     message = write(Header(), simulation.sensors["exact"])
     assert (message.orientation_covariance == 0.0).all()
     np.testing.assert_allclose(imu_tilts(message), tilts_of(wanted)[:2], atol=1e-9)
-    ((_, _, write),) = told_of(units[1], 0.0)
+    ((_, _, write),) = messages_of(units[1], 0.0)
     assert write(Header(), simulation.sensors["noisy"]).orientation_covariance[8] == noise**2
 
 

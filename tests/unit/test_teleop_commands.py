@@ -33,10 +33,10 @@ from softsim_ros.client import (
     decide,
     format_command,
     format_position,
-    held_positions,
+    stationary_commands,
     with_command,
-    with_heard_command,
     with_measurement,
+    with_received_command,
 )
 from softsim_ros.keys import CallAction, KeyPress, Quit, key_table
 
@@ -129,10 +129,10 @@ def test_eight_quick_presses_are_eight_steps_of_each_finger_however_far_they_hav
 
 def test_other_joints_keep_a_command_unless_something_else_moved_them() -> None:
     state = with_command(HERE, TRIPOD, (-1.0, -0.5, -1.205), now=0.0)
-    assert held_positions(state, 0.1) == (-1.0, -0.5, -1.205)  # still on the way
+    assert stationary_commands(state, 0.1) == (-1.0, -0.5, -1.205)  # still on the way
     later = with_measurement(state, AT, 9.0)
-    assert held_positions(later, 9.0) == (-1.0, -1.1, -1.205)  # joint 1 was moved; joint 2 only sags
-    assert held_positions(HERE, 0.0) == AT
+    assert stationary_commands(later, 9.0) == (-1.0, -1.1, -1.205)  # joint 1 was moved; joint 2 only sags
+    assert stationary_commands(HERE, 0.0) == AT
 
 
 def test_commands_of_others_are_adopted_and_own_echoes_are_not() -> None:
@@ -141,16 +141,16 @@ def test_commands_of_others_are_adopted_and_own_echoes_are_not() -> None:
     assert first is not None
     typed, _ = press(typed, TRIPOD, KeyPress("left"), 0.0)
     state, second = typed.state, typed.state.commanded
-    state = with_heard_command(state, TRIPOD, first, 0.01)  # late echo of the first
+    state = with_received_command(state, TRIPOD, first, 0.01)  # late echo of the first
     assert state.commanded == second
-    state = with_heard_command(state, TRIPOD, second or (), 0.02)
+    state = with_received_command(state, TRIPOD, second or (), 0.02)
     assert (state.commanded, state.echoes) == (second, ())
-    assert with_heard_command(state, TRIPOD, second or (), 0.03) == state  # repeated
-    others = with_heard_command(state, TRIPOD, (-0.5, -0.5, -0.5), 0.03)
+    assert with_received_command(state, TRIPOD, second or (), 0.03) == state  # repeated
+    others = with_received_command(state, TRIPOD, (-0.5, -0.5, -0.5), 0.03)
     assert (state.owns_command, others.owns_command) == (True, False)
     assert others.commanded == (-0.5, -0.5, -0.5)
     for nonsense in ((1.0,), (math.nan, 0.0, 0.0)):
-        assert with_heard_command(state, TRIPOD, nonsense, 0.04) == state
+        assert with_received_command(state, TRIPOD, nonsense, 0.04) == state
 
 
 def test_limits_stop_a_step_and_say_so() -> None:

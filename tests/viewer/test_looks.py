@@ -59,7 +59,7 @@ def test_a_surface_shows_its_ghost_and_is_cut_open() -> None:
     part = Part("block", (0, 4), np.array([[0, 1, 2], [1, 3, 2]]), (0.9, 0.8, 0.7, 1.0))
     surface.show([part], points)
     assert "/ghost/block" not in canvas.drawn
-    surface.obey(ViewSettings(ghost=True, section=Section(axis="x", at=0.008)))
+    surface.apply_view(ViewSettings(ghost=True, section=Section(axis="x", at=0.008)))
     assert canvas.drawn["/bodies/block"].faces.tolist() == [[0, 1, 2]]
     moved = points + np.float32(5.0)
     surface.update(moved, np.zeros(4, np.float32), now=1.0)

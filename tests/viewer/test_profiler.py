@@ -24,12 +24,12 @@ def test_the_profile_follows_until_a_step_is_looked_at() -> None:
     profile = Profile()
     assert profile.table() == ""
     profile.look_at_slowest()  # of no steps: nothing to hold yet
-    assert not profile.held
+    assert not profile.is_frozen
     profile.take(STAGES, steps(1, 0.3, 0.9, 0.4))
     assert profile.at == 2
     np.testing.assert_allclose(profile.durations, [0.4, 1.0, 0.5])
     profile.look_at_slowest()
-    assert (profile.at, profile.held) == (1, True)
+    assert (profile.at, profile.is_frozen) == (1, True)
     profile.take(STAGES, steps(4, 5.0))
     assert len(profile.rows) == 3
     assert "<b>step 2</b>, t = 0.020 s: 1.000 ms" in profile.table()
@@ -62,4 +62,4 @@ def test_the_statistics_have_a_row_a_stage() -> None:
 def test_the_line_of_state_tells_time_and_step() -> None:
     assert progress("running", 0.987, 12.3, 0.01) == "running, 0.99 × real time, t = 12.30 s, dt = 10 ms"
     assert progress("paused", None, None, None) == "paused"
-    assert progress("", 1.0, 1.0, 0.01) == "no simulator heard"
+    assert progress("", 1.0, 1.0, 0.01) == "no simulator found"

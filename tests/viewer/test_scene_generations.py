@@ -102,7 +102,7 @@ class Page:
     def _on_scene(self, robot: Any) -> None:
         self.picture.build(robot)
         self.picture.change(nodes=True, elements=True, regions=True)
-        self.picture.show_known()
+        self.picture.show_arrived_meshes()
 
     def hear(self, topic: str, message: Any) -> None:
         self._callbacks[topic](message)

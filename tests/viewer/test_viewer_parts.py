@@ -150,7 +150,7 @@ def test_a_pull_is_a_spring_with_a_limit() -> None:
 
 
 def test_readings_escape_what_they_show() -> None:
-    assert "<script>" not in readings.sentence("<script>alert(1)</script>")
+    assert "<script>" not in readings.message_box("<script>alert(1)</script>")
     bars = readings.joint_bars(TRIPOD.joints, (-1.0, -1.0, 0.0), (-1.2, -1.0, 0.0), (0.1, 0.2, 0.3))
     assert bars.count(readings.AMBER) == 1  # one outside its limits
     assert "-1.0000 rad (-57.3 deg)" in bars
@@ -269,15 +269,15 @@ def test_collision_boxes_lie_around_what_is_not_hidden() -> None:
     message = MarkerArray(markers=[wall, ball])
     view.update(message)
     assert canvas.drawn == {}
-    view.obey(ViewSettings(search_boxes=True))
+    view.apply_view(ViewSettings(search_boxes=True))
     view.update(message)
     boxes = canvas.drawn["/search_boxes"].points.reshape(2, 24, 3)
     assert boxes.min(axis=1).tolist() == [[0.0, 0.0, 0.0], [-2.0, -2.0, -2.0]]
     assert boxes[0].max(axis=0) == pytest.approx([10.0, 20.0, 30.0])
-    view.obey(ViewSettings(search_boxes=True, hidden=("collisions/wall",)))
+    view.apply_view(ViewSettings(search_boxes=True, hidden=("collisions/wall",)))
     view.update(message)
     assert len(canvas.drawn["/search_boxes"].points) == 12
-    view.obey(ViewSettings())
+    view.apply_view(ViewSettings())
     assert canvas.drawn["/search_boxes"].removed
 
 
@@ -304,7 +304,7 @@ def test_what_lies_inside_obeys_the_view() -> None:
     inside = InnerView(canvas, TRIPOD, ["servo_0", "servo_0_horn", "centre"])
     arm, label = canvas.drawn["/frames/servo_0_horn/arm"], canvas.drawn["/frames/servo_1/label"]
     assert (arm.visible, label.visible, inside.needs_nodes) == (True, True, False)
-    inside.obey(
+    inside.apply_view(
         ViewSettings(labels=False, frames=True, nodes=True, node_size=0.002, hidden=("joints/servo_0",))
     )
     assert (arm.visible, label.visible, inside.needs_nodes) == (False, False, True)
@@ -315,7 +315,7 @@ def test_what_lies_inside_obeys_the_view() -> None:
     inside.move_nodes(np.zeros((4, 3)))
     assert len(canvas.drawn["/nodes"].points) == 4
     assert canvas.drawn["/nodes"].point_size == pytest.approx(2.0)
-    inside.obey(ViewSettings(nodes=True, hidden=("bodies/silicone",)))
+    inside.apply_view(ViewSettings(nodes=True, hidden=("bodies/silicone",)))
     assert len(canvas.drawn["/nodes"].points) == 1
 
 

@@ -54,7 +54,7 @@ from softsim_core.simulation import Simulation
 from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY, WORLD, RobotFrames
 from softsim_ros import chambers_of, messages, optional_type, topic_words
 from softsim_ros.description import control_topics, urdf
-from softsim_ros.messages import SensorMessage, contact_cloud, format_value, header, told_of
+from softsim_ros.messages import SensorMessage, contact_cloud, format_value, header, messages_of
 from softsim_ros.nodes.simulator.monitor import RateGate, StageTime
 from softsim_ros.nodes.simulator.scene_topics import FrameTree, StructurePublications
 
@@ -382,7 +382,7 @@ class SensorPublications:
                 sensor,
                 [
                     (f"sensors/{word}{told.below}", told)
-                    for told in told_of(sensor, _around(sensor, simulation.robot))
+                    for told in messages_of(sensor, _around(sensor, simulation.robot))
                 ],
             )
             for sensor, word in zip(described, words, strict=True)

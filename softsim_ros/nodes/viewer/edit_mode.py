@@ -63,7 +63,7 @@ class EditStage:
         self._bodies: list[Any] = []
         self._drawn: list[Any] = []
         self._handles: dict[str, Any] = {}
-        self._held = ""
+        self._dragged = ""
         self._strokes = 0
         self._sent_at = -np.inf
         self._lines: Any = None
@@ -109,11 +109,11 @@ class EditStage:
             handle.remove()
         self._drawn, self._lines = [], None
         session = self._session
-        told = session.told
-        if not session.is_on or told is None or told.robot is None:
+        proposal = session.proposal
+        if not session.is_on or proposal is None or proposal.robot is None:
             self._show_handles({})
             return
-        targets = {f"attachments/{each.name}": each.to for each in told.robot.scene.attachments}
+        targets = {f"attachments/{each.name}": each.to for each in proposal.robot.scene.attachments}
         for number, region in enumerate(session.regions.values()):
             chosen = region.part == session.part
             lines = self._scene.add_line_segments(
@@ -124,7 +124,7 @@ class EditStage:
             )
             self._lines = lines if chosen else self._lines
             self._drawn.append(lines)
-        for number, each in enumerate(told.chosen):
+        for number, each in enumerate(proposal.chosen):
             if len(each.points):
                 self._drawn.append(
                     self._scene.add_point_cloud(
@@ -140,11 +140,11 @@ class EditStage:
         self._show_handles(session.handles())
 
     def _show_cables(self) -> None:
-        robot, told = self._session.robot, self._session.told
+        robot, proposal = self._session.robot, self._session.proposal
         assert robot is not None
-        assert told is not None
+        assert proposal is not None
         for number, joint in enumerate(robot.joints):
-            points = told.routes.get(joint.name)
+            points = proposal.routes.get(joint.name)
             if points is None or not len(points):
                 continue
             pull = getattr(joint.actuator, "pull_point", None)
@@ -172,11 +172,11 @@ class EditStage:
         """Move the handles to their places, except one that is being dragged."""
         for name in [name for name in self._handles if name not in places]:
             self._handles.pop(name).remove()
-            self._held = "" if self._held == name else self._held
+            self._dragged = "" if self._dragged == name else self._dragged
         for name, place in places.items():
             if name not in self._handles:
                 self._handles[name] = self._make(name, place * MM)
-            if name != self._held:
+            if name != self._dragged:
                 self._handles[name].position = place * MM
 
     def _make(self, name: str, position: Array) -> Any:
@@ -199,8 +199,8 @@ class EditStage:
     def _drag(self, name: str, place: Array, phase: str) -> None:
         if name not in self._handles:
             return
-        if self._held != name:
-            self._held, self._strokes = name, self._strokes + 1
+        if self._dragged != name:
+            self._dragged, self._strokes = name, self._strokes + 1
         region = self._session.regions.get(self._session.part)
         if region is not None and self._lines is not None:
             self._lines.points = lines_of(region, drag_handle(region, name, place / MM))
@@ -210,7 +210,7 @@ class EditStage:
             stroke = f"drag {self._strokes} of {id(self)}"
             self._attempt(lambda: self._session.drag(name, place / MM, stroke))
         if ends:
-            self._held = ""
+            self._dragged = ""
 
 
 def first_hit(origin: Array, direction: Array, points: Array, triangles: IndexArray) -> Array | None:
@@ -263,12 +263,12 @@ class EditMode:
     """Session and stage of the edit mode.
 
     A user may act faster than the simulator answers. Each action therefore waits until the result of the
-    previous one is known, so that all actions apply, in order, to the scene that the user meant.
+    previous one has arrived, so that all actions apply, in order, to the scene that the user meant.
 
     Args:
         server: viser's server.
         inbox: Queue for events of browsers.
-        picture: Shows the running scene; hidden while somebody edits.
+        picture: Shows the running scene; hidden in the edit mode.
         editing: Client of the simulator's edit services.
         say: Called with messages for the user.
 
@@ -313,12 +313,12 @@ class EditMode:
     @property
     def is_behind(self) -> bool:
         """Whether the session's proposal is older than the last request."""
-        return self._editing.is_behind or self._editing.proposal is not self.session.told
+        return self._editing.is_behind or self._editing.proposal is not self.session.proposal
 
     def attempt(self, action: Action) -> None:
-        """Run a user's action in its turn, and show the message that it returns or why it is refused."""
+        """Queue a user's action; show the message that it returns or the reason of a refusal."""
         if len(self._waiting) >= MOST_WAITING:
-            self._say(f"{MOST_WAITING} actions wait for the simulator's answer; wait until it tells")
+            self._say(f"{MOST_WAITING} actions wait for the simulator's response; wait until it arrives")
         else:
             self._waiting.append(action)
             self._go_on()
@@ -330,17 +330,17 @@ class EditMode:
 
     def _carry_out(self, action: Action) -> None:
         try:
-            sentence = action()
+            message = action()
         except SoftSimError as error:
-            sentence = str(error)
-        if sentence:
-            self._say(sentence)
+            message = str(error)
+        if message:
+            self._say(message)
 
     def refresh(self) -> None:
         """Draw a proposal that has arrived since the last call."""
-        told = self._editing.proposal
-        if told is not None and told is not self.session.told:
-            self.session.take(told)
+        proposal = self._editing.proposal
+        if proposal is not None and proposal is not self.session.proposal:
+            self.session.take(proposal)
             self.show()
         elif self._bodies is not self._drawn:
             self.show()
@@ -352,10 +352,10 @@ class EditMode:
         return self._picture.rest if self.session.is_on and self.session.robot is not None else None
 
     def show(self) -> None:
-        """Draw the proposal in place of the running scene, or the running scene again."""
+        """Draw the proposal instead of the running scene, or the running scene again."""
         assert self._stage is not None  # set by `build`
         bodies, (parts, points) = self._bodies, self._picture.rest
-        self._picture.put_aside(bodies is not None)
+        self._picture.hide_scene(bodies is not None)
         with self._server.atomic():
             if bodies is not self._drawn:
                 self._stage.show_bodies(() if bodies is None else parts, points)
@@ -395,10 +395,10 @@ class EditTab:
 
     def refresh(self) -> None:
         """Show the newest proposal."""
-        session, told = self._session, self._session.told
+        session, proposal = self._session, self._session.proposal
         self._switch.show(session.is_on)
         self._clicks.show(session.click)
-        self._status.show(status(told) if session.is_on else "")
+        self._status.show(status(proposal) if session.is_on else "")
         fields = session.fields() if session.is_on else []
         labels = [field.label for field in fields]
         shown = (session.is_on, session.parts, session.part, session.point, session.point_names, labels)
@@ -484,22 +484,23 @@ def _follow(before: Field, field: Field, box: Any) -> Any:
     return box
 
 
-def status(told: Proposal | None) -> str:
+def status(proposal: Proposal | None) -> str:
     """Return the state of a proposal as HTML."""
-    if told is None:
+    if proposal is None:
         return "waiting for the simulator ..."
-    if told.robot is None:
-        return html.escape(told.sentence)
-    saved = "not saved" if told.is_changed else "saved"
-    applied = "runs" if told.is_applied else "not applied"
-    file, name = html.escape(told.file), html.escape(PurePath(told.file).name)
+    if proposal.robot is None:
+        return html.escape(proposal.sentence)
+    saved = "not saved" if proposal.is_changed else "saved"
+    applied = "runs" if proposal.is_applied else "not applied"
+    file, name = html.escape(proposal.file), html.escape(PurePath(proposal.file).name)
     lines = [
         f"<b title='{file}'>{name}</b>: {saved}, {applied}",
-        f"{told.undoable} to undo, {told.redoable} to redo",
+        f"{proposal.undoable} to undo, {proposal.redoable} to redo",
     ]
-    if told.unsaved:
-        lines.append(html.escape(told.unsaved))
+    if proposal.unsaved:
+        lines.append(html.escape(proposal.unsaved))
     lines += [
-        f"<span style='color:#c92a2a'>{html.escape(each)}</span>" for each in told.problems[:MOST_PROBLEMS]
+        f"<span style='color:#c92a2a'>{html.escape(each)}</span>"
+        for each in proposal.problems[:MOST_PROBLEMS]
     ]
     return '<div style="font-size:0.85em;padding:0 0.7em">' + "<br>".join(lines) + "</div>"

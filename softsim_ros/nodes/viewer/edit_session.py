@@ -239,7 +239,7 @@ class EditSession:
         click: Action of a click on a body, one of CLICKS.
         part: The chosen part, "" for none.
         point: Number of the chosen point of a cable, -1 its pull point.
-        told: The newest proposal; None if none was received.
+        proposal: The newest proposal; None if none was received.
     """
 
     def __init__(self, send: Callable[[Sequence[Edit], str], None]) -> None:
@@ -247,15 +247,15 @@ class EditSession:
         self.is_on = False
         self.click = CHOOSE
         self.part, self.point = "", 0
-        self.told: Proposal | None = None
+        self.proposal: Proposal | None = None
         self._leaves: tuple[str, Array] | None = None
         self._awaited = ""
 
     # --- the proposal ---------------------------------------------------------------------------------
 
-    def take(self, told: Proposal) -> None:
+    def take(self, proposal: Proposal) -> None:
         """Take a newer proposal; choose a part that was just added, deselect one that was removed."""
-        self.told = told
+        self.proposal = proposal
         parts = self.parts
         if self._awaited in parts:
             self.part, self._awaited = self._awaited, ""
@@ -266,7 +266,7 @@ class EditSession:
     @property
     def robot(self) -> RobotDescription | None:
         """The proposed scene."""
-        return None if self.told is None else self.told.robot
+        return None if self.proposal is None else self.proposal.robot
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -288,9 +288,9 @@ class EditSession:
     @property
     def route(self) -> Array:
         """Points of the chosen cable in the world in [m], shape (k, 3); empty if no cable is chosen."""
-        if self.told is None or self._joint is None:
+        if self.proposal is None or self._joint is None:
             return np.zeros((0, 3))
-        return self.told.routes.get(self._joint.name, np.zeros((0, 3)))
+        return self.proposal.routes.get(self._joint.name, np.zeros((0, 3)))
 
     @property
     def _joint(self) -> JointDescription | None:
@@ -381,8 +381,8 @@ class EditSession:
 
     def _pick(self, body: str, place: Array, diagonal: float) -> None:
         """Choose a cable's point near a place (3,) in [m], the smallest region around it, or the body."""
-        assert self.told is not None  # set if there is a robot
-        for name, points in self.told.routes.items():
+        assert self.proposal is not None  # set if there is a robot
+        for name, points in self.proposal.routes.items():
             apart = np.linalg.norm(points - place, axis=1)
             if len(apart) and apart.min() < 0.03 * diagonal:
                 self.part, self.point = f"joints/{name}", int(apart.argmin())

@@ -147,14 +147,14 @@ class PageFilter:
         rule = RULES.get(message["type"]) if isinstance(message.get("type"), str) else None
         if rule is None:
             return False
-        given = {key: value for key, value in message.items() if key != "type"}
-        if not set(rule) - _MAY_LACK <= set(given) <= set(rule):
+        fields = {key: value for key, value in message.items() if key != "type"}
+        if not set(rule) - _MAY_LACK <= set(fields) <= set(rule):
             return False
-        if not all(rule[key](value) for key, value in given.items()):
+        if not all(rule[key](value) for key, value in fields.items()):
             return False
         if message["type"] == "GuiUpdateMessage":
-            handle = self._controls().get(given["uuid"])
-            return handle is not None and may_have(handle, given["updates"]["value"])
+            handle = self._controls().get(fields["uuid"])
+            return handle is not None and may_have(handle, fields["updates"]["value"])
         return True
 
 
@@ -294,8 +294,8 @@ class AccessRule:
 
     def has_token(self, request: Request) -> bool:
         """Return whether the address of the request contains the token."""
-        given = parse_qs(urlsplit(request.path).query).get("token", [])
-        return self.token is not None and any(_equal(value, self.token) for value in given)
+        tokens = parse_qs(urlsplit(request.path).query).get("token", [])
+        return self.token is not None and any(_equal(value, self.token) for value in tokens)
 
     def _has_cookie(self, request: Request) -> bool:
         assert self.token is not None
@@ -313,8 +313,8 @@ class AccessRule:
         return host.lower() in {f"{name}:{self.port}" for name in names}
 
 
-def _equal(given: str, wanted: str) -> bool:
-    return hmac.compare_digest(given.encode(errors="replace"), wanted.encode())
+def _equal(text: str, secret: str) -> bool:
+    return hmac.compare_digest(text.encode(errors="replace"), secret.encode())
 
 
 def is_loopback(host: str) -> bool:
@@ -366,7 +366,7 @@ class GuardedServer(viser.ViserServer):
         return {} if gui is None else gui._gui_input_handle_from_uuid
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Return None: no public tunnel is opened, whoever asks for it."""
+        """Return None: a request opens no public tunnel."""
         return None
 
     def stop(self) -> None:
@@ -406,7 +406,7 @@ def _guarding(rule: AccessRule, page_filter: PageFilter, guarded: list[bool]) ->
         options["process_request"] = _guard(rule, page, options.get("process_request"))
         options["create_connection"] = _counted_connections()
         options["open_timeout"], options["max_size"] = HANDSHAKE_WITHIN_S, MOST_BYTES
-        options["logger"] = _silent_logger()
+        options["logger"] = _disabled_logger()
 
         async def handle_filtered(connection: Any) -> None:
             await handler(FilteredConnection(connection, page_filter))
@@ -421,7 +421,7 @@ def _guarding(rule: AccessRule, page_filter: PageFilter, guarded: list[bool]) ->
         module.serve = serve
 
 
-def _silent_logger() -> logging.Logger:
+def _disabled_logger() -> logging.Logger:
     """Return a disabled logger, so that requests of strangers cannot fill the terminal."""
     logger = logging.getLogger("softsim_ros.nodes.viewer.websockets")
     logger.disabled = True
@@ -455,8 +455,8 @@ def _guard(rule: AccessRule, page: bytes, inner: Any) -> Callable[[Any, Request]
     def process(connection: Any, request: Request) -> Response | None:
         refusal = rule.refusal(request)
         if refusal is not None:
-            status, sentence = refusal
-            return _response(status, f"{sentence}\n".encode(), "text/plain; charset=utf-8")
+            status, message = refusal
+            return _response(status, f"{message}\n".encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":
             return None
         if rule.has_token(request):

@@ -33,7 +33,7 @@ class CollisionView:
         self._boxes: Any = None
         self._view = ViewSettings()
 
-    def obey(self, view: ViewSettings) -> None:
+    def apply_view(self, view: ViewSettings) -> None:
         """Apply view settings."""
         self._view = view
         self._surfaces.switch(view.collisions, view.hidden)
@@ -158,7 +158,7 @@ class InnerView:
             handle.axes_length, handle.axes_radius, handle.origin_radius = 12.0, 0.5, 1.0
         self._poses: Array = np.full((len(self._frames), 7), np.inf)
         self._still: tuple[Still, ...] = (*self._arms(), *self._labels(), *self._boxes())
-        self.obey(self._view)
+        self.apply_view(self._view)
 
     @property
     def needs_nodes(self) -> bool:
@@ -186,7 +186,7 @@ class InnerView:
         ]
         self._forget()
 
-    def obey(self, view: ViewSettings) -> None:
+    def apply_view(self, view: ViewSettings) -> None:
         """Apply view settings."""
         self._view = view
         for name, handle in self._frames:
@@ -213,14 +213,14 @@ class InnerView:
         self._positions = positions
         if int(self._tetrahedra.max(initial=-1)) >= len(positions):
             return  # nodes of another scene
-        view, seen = self._view, self._mask_visible(len(positions))
-        tetrahedra = self._tetrahedra[seen[self._tetrahedra[:, 0]]]
+        view, visible = self._view, self._mask_visible(len(positions))
+        tetrahedra = self._tetrahedra[visible[self._tetrahedra[:, 0]]]
         if view.elements and len(tetrahedra):
             vertices, faces = shrunk_faces(positions, tetrahedra, ELEMENT_SHARE)
             self._draw("elements", "mesh", vertices.astype(np.float32), faces)
         size = MM * view.node_size
-        if view.nodes and seen.any():
-            self._draw("nodes", "points", positions[seen].astype(np.float32), (33, 37, 41), size=size)
+        if view.nodes and visible.any():
+            self._draw("nodes", "points", positions[visible].astype(np.float32), (33, 37, 41), size=size)
         for number, (name, nodes) in enumerate(self._regions if view.regions else ()):
             if f"attachments/{name}" in view.hidden or int(nodes.max(initial=-1)) >= len(positions):
                 continue
@@ -229,11 +229,11 @@ class InnerView:
 
     def _mask_visible(self, count: int) -> BoolArray:
         """Return a mask of the `count` nodes: True for nodes of bodies that are not hidden."""
-        seen = np.ones(count, dtype=bool)
+        visible = np.ones(count, dtype=bool)
         for name, nodes in self._bodies.items():
             if f"bodies/{name}" in self._view.hidden:
-                seen[nodes] = False
-        return seen
+                visible[nodes] = False
+        return visible
 
     def _draw(
         self, name: str, kind: str, points: NDArray[np.float32], extra: Any, *, size: float = 1.0

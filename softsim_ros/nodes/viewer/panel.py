@@ -12,15 +12,15 @@ class LastMessage:
     """The newest message for the user.
 
     Attributes:
-        sentence: The message; empty if there is none.
+        message: The message; empty if there is none.
     """
 
     def __init__(self) -> None:
-        self.sentence = ""
+        self.message = ""
 
-    def say(self, sentence: str) -> None:
+    def say(self, message: str) -> None:
         """Set the message."""
-        self.sentence = sentence
+        self.message = message
 
 
 HOLD_S: Final = 1.0

@@ -189,14 +189,14 @@ class TokenSetting:
 
 
 def requested_settings() -> tuple[str, ViewerSettings, str]:
-    """Return the robot, the settings and the token given to this process.
+    """Return the robot, the settings and the token of this process.
 
     Raises:
         ViewerError: the file of the token cannot be read, or contains none.
     """
     with parameter_probe("viewer", namespace=DEFAULT_ROBOT) as probe:
-        given = declare(probe, TokenSetting()).token
-        if given:
+        token = declare(probe, TokenSetting()).token
+        if token:
             probe.get_logger().warning(
                 f"parameter token: every account reads it in the list of processes; give it in {TOKEN} or "
                 f"in the file that {TOKEN_FILE} names"
@@ -204,7 +204,7 @@ def requested_settings() -> tuple[str, ViewerSettings, str]:
         return (
             declare(probe, KeySettings()).robot,
             declare(probe, ViewerSettings()),
-            given or requested_token(os.environ),
+            token or requested_token(os.environ),
         )
 
 

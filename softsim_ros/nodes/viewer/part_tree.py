@@ -29,7 +29,7 @@ class Part:
 
     Attributes:
         path: Path in the tree, such as "bodies/silicone".
-        help: Description in one or two sentences.
+        help: Description of one or two lines.
         properties: Name, value as text, and help of each property.
         steps: Position in the scene's file; None for an item of a list without names.
         editable: Values by name of the properties that the user may change: plain ones.
@@ -171,7 +171,7 @@ class PartPanel:
                 self._fields[name] = (text, handle)
                 self._content.append(handle)
             if self._fields:
-                button = gui.add_button("Apply changes", hint="the scene begins anew with them")
+                button = gui.add_button("Apply changes", hint="the scene restarts with them")
                 self._inbox.on_click(button, lambda: self._apply(part))
                 self._content.append(button)
 

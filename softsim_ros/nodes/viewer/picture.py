@@ -78,12 +78,12 @@ class Picture:
         self._node, self._server, self._inbox = node, server, inbox
         self._on_scene, self._on_goal, self._on_base, self._lite = on_scene, on_goal, on_base, lite
         self._error = ""
-        self._is_aside = False
+        self._is_hidden = False
         self.is_dark = False
         self.rest: tuple[list[Part], NDArray[np.float32]] = ([], np.zeros((0, 3), np.float32))
         self._error_label: Any = None
         self._scene: SceneMessage | None = None
-        self._seen = ""
+        self._viewed_robot = ""
         self._begun: tuple[str, ViewSettings] | None = None
         self._left: dict[bool, tuple[tuple[float, ...], tuple[float, ...]]] = {}
         self._rigid: MarkerArray | None = None
@@ -115,7 +115,7 @@ class Picture:
         """Build the stage of a scene on the server's empty 3-D scene; a reloaded scene keeps its view."""
         if self._begun != (robot.name, robot.view):
             self._begun, self.view = (robot.name, robot.view), robot.view
-            self._seen = ""
+            self._viewed_robot = ""
             self._left.clear()
         self.robot = robot
         frames = [] if self._scene is None else list(self._scene.frames)
@@ -141,17 +141,17 @@ class Picture:
         """Return file and line of a part of the scene; None until the simulator has published them."""
         return None if self._scene is None else place_of(self._scene.places, steps)
 
-    def show_known(self) -> None:
+    def show_arrived_meshes(self) -> None:
         """Draw surface and rigid bodies that arrived before the structure."""
         self._show_surface()
         self._show_rigid()
 
     def _on_structure(self, message: String) -> None:
-        told = read_scene_message(message.data)
-        if self._scene is None or told.generation != self._scene.generation:
-            self._scene = told
+        scene = read_scene_message(message.data)
+        if self._scene is None or scene.generation != self._scene.generation:
+            self._scene = scene
             self._points = self._nodes = self._frames = None  # positions of the previous scene
-            self._on_scene(told.robot)
+            self._on_scene(scene.robot)
 
     def _on_topology(self, message: Mesh) -> None:
         points = np.array([(p.x, p.y, p.z) for p in message.vertices]).reshape(-1, 3)
@@ -177,10 +177,10 @@ class Picture:
 
     def _show_surface(self) -> None:
         """Draw the bodies once surface, elements and structure belong to one scene."""
-        told = self._scene
-        if told is None or self._surface is None or not self._are_of(told, *self._surface):
+        scene = self._scene
+        if scene is None or self._surface is None or not self._are_of(scene, *self._surface):
             return  # other messages of the new scene are missing
-        (points, triangles), bodies = self._surface, told.bodies
+        (points, triangles), bodies = self._surface, scene.bodies
         parts = [
             Part(
                 body["name"],
@@ -193,17 +193,17 @@ class Picture:
         self.rest = parts, (points * MM).astype(np.float32)
         with self._server.atomic():
             self.stage.show_surface(*self.rest)
-            self.stage.inner.set_structure(self._tetrahedra, told.bodies, told.regions)
-        if self._seen != told.robot.name:  # a reloaded scene keeps the view
-            self._seen = told.robot.name
+            self.stage.inner.set_structure(self._tetrahedra, scene.bodies, scene.regions)
+        if self._viewed_robot != scene.robot.name:  # a reloaded scene keeps the view
+            self._viewed_robot = scene.robot.name
             self.reset_view()
 
-    def _are_of(self, told: SceneMessage, points: Array, triangles: IndexArray) -> bool:
+    def _are_of(self, scene: SceneMessage, points: Array, triangles: IndexArray) -> bool:
         """Return whether the newest surface and elements belong to a scene, by their sizes and checksums."""
-        count = sum(body["points"][1] - body["points"][0] for body in told.bodies)
+        count = sum(body["points"][1] - body["points"][0] for body in scene.bodies)
         fits = count == len(points) and int(triangles.max(initial=-1)) < count
         surface, elements = mesh_checksum(triangles, points), mesh_checksum(self._tetrahedra)
-        return fits and told.owns("mesh/topology", surface) and told.owns("mesh/tetrahedra", elements)
+        return fits and scene.owns("mesh/topology", surface) and scene.owns("mesh/tetrahedra", elements)
 
     # --- motion ---------------------------------------------------------------------------------------
 
@@ -246,33 +246,33 @@ class Picture:
     def show(self, view: ViewSettings) -> None:
         """Apply view settings, and subscribe to large messages only while needed. Cameras do not move."""
         self.view = view
-        self.stage.obey(NOTHING if self._error or self._is_aside else view)
+        self.stage.apply_view(NOTHING if self._error or self._is_hidden else view)
         self._want(PointCloud2, "mesh/nodes", self._on_nodes, self.stage.inner.needs_nodes)
         collisions = view.collisions or view.search_boxes
         self._want(
             MarkerArray, "collisions", lambda message: self.stage.collisions.update(message), collisions
         )
 
-    def put_aside(self, aside: bool) -> None:
-        """Hide the running scene (`aside` True), for example behind a proposal, or show it again."""
-        if aside != self._is_aside:
-            self._is_aside = aside
+    def hide_scene(self, hidden: bool) -> None:
+        """Hide the running scene (`hidden` True), for example while a proposal is shown, or show it again."""
+        if hidden != self._is_hidden:
+            self._is_hidden = hidden
             self.show(self.view)
 
-    def show_error(self, sentence: str) -> None:
-        """Show a message in place of the scene; an empty one shows the scene again."""
-        if sentence == self._error:
+    def show_error(self, message: str) -> None:
+        """Show a message instead of the scene; an empty one shows the scene again."""
+        if message == self._error:
             return
-        self._error = sentence
+        self._error = message
         if self._error_label is not None:
             self._error_label.remove()
             self._error_label = None
         self.show(self.view)
-        if sentence:
+        if message:
             points = self.stage.surface.points
             self._error_label = self._server.scene.add_label(
                 "/error",
-                "\n".join(textwrap.wrap(sentence, ERROR_WIDTH)),
+                "\n".join(textwrap.wrap(message, ERROR_WIDTH)),
                 position=points.mean(axis=0) if len(points) else (0.0, 0.0, 0.0),
                 font_screen_scale=1.3,
                 anchor="center-center",
@@ -338,11 +338,11 @@ class Picture:
         position, target = client.camera.position.tolist(), client.camera.look_at.tolist()
         self._left[client.camera.aspect < 1.0] = tuple(position), tuple(target)
 
-    def _want(self, kind: Any, topic: str, callback: Callable[[Any], None], wanted: bool) -> None:
-        """Subscribe to a topic if it is wanted, else unsubscribe."""
-        if wanted and topic not in self._on_demand:
+    def _want(self, kind: Any, topic: str, callback: Callable[[Any], None], is_needed: bool) -> None:
+        """Subscribe to a topic if its messages are needed, else unsubscribe."""
+        if is_needed and topic not in self._on_demand:
             self._on_demand[topic] = self._node.create_subscription(kind, topic, callback, NEWEST_ONLY)
-        elif not wanted and topic in self._on_demand:
+        elif not is_needed and topic in self._on_demand:
             self._node.destroy_subscription(self._on_demand.pop(topic))
 
 

@@ -79,7 +79,7 @@ def stage_table(stages: Mapping[str, Stage]) -> str:
 def step_table(step: int, time_s: float, times_ms: Mapping[str, float]) -> str:
     """Return the tree of one step: time of each stage and its own time without its parts.
 
-    Both are also given in percent.
+    Both are also shown in percent.
     """
     tree = stage_tree(times_ms)
     whole = sum(share.total for share in tree if share.level == 0)
@@ -154,9 +154,9 @@ class TimeAxis:
         self._reports.append((state.time_at, state.time_s))
         return is_new
 
-    def times(self, seen: Sequence[float]) -> Array:
+    def times(self, clock_times_s: Sequence[float]) -> Array:
         """Return simulated times in [s] for times of the steady clock in [s]."""
-        steady = np.asarray(seen, dtype=float)
+        steady = np.asarray(clock_times_s, dtype=float)
         if not self._reports:
             return steady - self._start
         reported_at, reported = np.array(self._reports).T
@@ -196,8 +196,8 @@ class Curves:
     def add(self, now: float, values: Sequence[float]) -> None:
         """Add a row sampled at `now`, steady clock, in [s]."""
         self._rows.append((now, *(float(value) for value in values)))
-        seen, *columns = zip(*self._rows, strict=True)
-        self._chart.data = self._axis.times(seen), *(np.array(column) for column in columns)
+        clock_times_s, *columns = zip(*self._rows, strict=True)
+        self._chart.data = self._axis.times(clock_times_s), *(np.array(column) for column in columns)
 
     def _nothing(self, times: Array) -> tuple[Array, ...]:
         """Return values that are not drawn; uPlot would draw no later values if there were none at first."""
@@ -211,22 +211,22 @@ class Profile:
         stages: Names of the stages, length s.
         rows: Number, simulated time in [s] and the time of each stage in [ms], shape (k, 2 + s).
         at: Index of the selected row.
-        held: Whether the steps are frozen.
+        is_frozen: Whether the steps are frozen.
     """
 
     def __init__(self) -> None:
         self.stages: tuple[str, ...] = ()
         self.rows: Array = np.zeros((0, 2))
-        self.at, self.held = 0, False
+        self.at, self.is_frozen = 0, False
 
     def take(self, stages: tuple[str, ...], rows: Array) -> None:
         """Take newer steps and select the last one, unless the steps are frozen."""
-        if not self.held:
+        if not self.is_frozen:
             self.stages, self.rows, self.at = stages, rows, max(0, len(rows) - 1)
 
     def look_at(self, row: int) -> None:
-        """Freeze the steps, if there are any, and select the given or the nearest row."""
-        self.held = len(self.rows) > 0
+        """Freeze the steps, if there are any, and select a row, or the nearest one."""
+        self.is_frozen = len(self.rows) > 0
         self.at = max(0, min(row, len(self.rows) - 1))
 
     def look_at_slowest(self) -> None:
@@ -235,7 +235,7 @@ class Profile:
 
     def follow(self) -> None:
         """Unfreeze, so that newer steps are shown again."""
-        self.held = False
+        self.is_frozen = False
 
     @property
     def durations(self) -> Array:
@@ -285,12 +285,12 @@ class ProfilerView:
 
     def refresh(self, newest: tuple[tuple[str, ...], Array] | None) -> None:
         """Show newer steps: names of their stages, and rows as in `Profile`."""
-        if newest is not None and newest is not self._newest and not self._profile.held:
+        if newest is not None and newest is not self._newest and not self._profile.is_frozen:
             self._newest = newest
             self._profile.take(*newest)
             self._draw()
         self._row.show(self._profile.at)
-        self._following.show(not self._profile.held)
+        self._following.show(not self._profile.is_frozen)
 
     def _switch(self, follow: bool) -> None:
         self._change(self._profile.follow if follow else lambda: self._profile.look_at(self._profile.at))

@@ -191,7 +191,7 @@ def goal_error_mm(state: RobotState) -> float | None:
 
 def progress(word: str, factor: float | None, time_s: float | None, dt: float | None) -> str:
     """Return state of the simulation, real-time factor in [-], simulated time and step in [s] as text."""
-    parts = [word or "no simulator heard"]
+    parts = [word or "no simulator found"]
     if word and factor is not None:
         parts.append(f"{factor:.2f} × real time")
     if word and time_s is not None and dt is not None:
@@ -199,7 +199,7 @@ def progress(word: str, factor: float | None, time_s: float | None, dt: float | 
     return ", ".join(parts)
 
 
-def sentence(text: str, *, bad: bool = False) -> str:
-    """Return a message as HTML, in red if it is bad news."""
+def message_box(text: str, *, bad: bool = False) -> str:
+    """Return a message as HTML, in red for a problem."""
     colour = f"color:{RED};font-weight:bold" if bad else ""
     return box(f'<span style="{colour}">{html.escape(text)}</span>')

@@ -96,7 +96,7 @@ def find_covered_pixels(points: NDArray[np.float32], middle: NDArray[np.float64]
 
 
 def shade(pixels: BoolArray) -> NDArray[np.float64]:
-    """Return how dark each pixel is in 0..1, given which are covered; both of shape (CELLS, CELLS)."""
+    """Return how dark each pixel is in 0..1 from a mask of the covered ones; both of shape (CELLS, CELLS)."""
     return np.asarray(np.clip(1.6 * gaussian_filter(pixels.astype(float), BLUR), 0.0, 1.0))
 
 
@@ -140,7 +140,7 @@ class GroundShadow:
         self._visible = True
 
     def begin(self, points: NDArray[np.float32], height: float) -> None:
-        """Start anew with other bodies, by their points at rest (p, 3) in [mm].
+        """Restart with other bodies, by their points at rest (p, 3) in [mm].
 
         The floor is at `height` in [mm].
         """
@@ -442,15 +442,15 @@ class Stage:
         self._floor.visible = not message.markers
         self.shadow.switch(self._floor.visible)
 
-    def obey(self, view: ViewSettings) -> None:
+    def apply_view(self, view: ViewSettings) -> None:
         """Apply view settings; the camera does not move."""
-        self.surface.obey(view)
+        self.surface.apply_view(view)
         self.normals.switch(view.normals and view.bodies)
-        self.inner.obey(view)
+        self.inner.apply_view(view)
         self.cables.switch(view.cables, view.hidden)
         self.chambers.switch(view.chambers, view.hidden)
         self.contacts.switch(view.contacts)
-        self.collisions.obey(view)
+        self.collisions.apply_view(view)
         self.trail.switch(view.trail)
         self.rigid.switch(view.rigid, axes=view.frames, hidden=view.hidden)
 

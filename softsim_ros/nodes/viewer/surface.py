@@ -61,14 +61,14 @@ def shrunk_faces(points: Array, tetrahedra: IndexArray, share: float) -> tuple[A
 def normal_lines(points: NDArray[np.float32], triangles: IndexArray, length: float) -> NDArray[np.float32]:
     """Return lines from the centre of each triangle (k, 3) along its normal, shape (k, 2, 3).
 
-    Degenerate triangles are left out.
+    Degenerate triangles are skipped.
     """
     corners = points[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normals, axis=1)
-    keep = size > 0.0
-    start = corners[keep].mean(axis=1)
-    end = start + length * normals[keep] / size[keep, None]
+    is_proper = size > 0.0
+    start = corners[is_proper].mean(axis=1)
+    end = start + length * normals[is_proper] / size[is_proper, None]
     return np.stack([start, end], axis=1).astype(np.float32)
 
 
@@ -197,7 +197,7 @@ class SurfaceView:
         self.stress = np.zeros(len(points), np.float32)
         self.rebuild()
 
-    def obey(self, view: ViewSettings) -> None:
+    def apply_view(self, view: ViewSettings) -> None:
         """Apply view settings; meshes are rebuilt only if they depend on a change."""
         before, self._view = self._view, view
         if _looks(before) != _looks(view):

@@ -131,7 +131,7 @@ HINT: Final = (
 
 
 class Hint:
-    """Instructions for new users, shown until somebody closes them."""
+    """Instructions for new users, shown until they are closed."""
 
     shown = True
 
@@ -214,21 +214,21 @@ class LogTab:
     Args:
         gui: viser's controls, inside the tab.
         log: Messages of the robot's nodes.
-        spoken: Messages of the page itself.
+        page_message: Messages of the page itself.
     """
 
-    def __init__(self, gui: Any, log: RobotLog, spoken: LastMessage) -> None:
-        self._log, self._spoken = log, spoken
+    def __init__(self, gui: Any, log: RobotLog, page_message: LastMessage) -> None:
+        self._log, self._page_message = log, page_message
         self._lines = HtmlElement(gui.add_html(""))
         self._said = ""
         self._shown, self._due = -1, 0.0
 
     def refresh(self) -> None:
         """Show the newest lines, including the page's own messages."""
-        log, sentence = self._log, self._spoken.sentence
-        if sentence and sentence != self._said:
-            log.add(LogLine(time.time(), INFO, "page", sentence))
-        self._said = sentence
+        log, message = self._log, self._page_message.message
+        if message and message != self._said:
+            log.add(LogLine(time.time(), INFO, "page", message))
+        self._said = message
         now = time.monotonic()
         if log.count != self._shown and now >= self._due:
             self._shown, self._due = log.count, now + REFRESH_S
@@ -476,14 +476,14 @@ class SceneTab:
 
     def _chooser(self) -> list[Any]:
         """Add a list of all robots and scenes."""
-        known, name = self._picture.scenes, self._picture.robot.name
-        if not known:
+        names, current = self._picture.scenes, self._picture.robot.name
+        if not names:
             return []
         chooser = self._gui.add_dropdown(
             "Robot or scene",
-            known,
-            initial_value=name if name in known else known[0],
-            hint="runs in place of this one",
+            names,
+            initial_value=current if current in names else names[0],
+            hint="runs instead of this one",
         )
         self._inbox.on_change(chooser, self._simulator.choose_scene)
         return [chooser]
@@ -494,15 +494,17 @@ class SceneTab:
             return []
         gui, folder = self._gui, self._gui.add_folder("Changes")
         with folder:
-            words = f"Laid over it; to keep it, write it into the file:<pre>{html.escape(changes)}</pre>"
+            words = (
+                f"Override of the file; to store it, write it into the file:<pre>{html.escape(changes)}</pre>"
+            )
             gui.add_html(f'<div style="font-size:0.85em;padding:0 0.7em">{words}</div>')
             self._inbox.on_click(gui.add_button("Forget changes"), self._forget_changes)
         return [folder]
 
     def _apply_changes(self, changes: Mapping[str, Any]) -> None:
         """Restart the scene with additional overrides."""
-        wanted = laid_over(read_overrides(self._picture.overrides), changes)
-        self._simulator.parameters.set("overrides", write_overrides(wanted))
+        overrides = laid_over(read_overrides(self._picture.overrides), changes)
+        self._simulator.parameters.set("overrides", write_overrides(overrides))
 
     def _forget_changes(self) -> None:
         """Restart the scene without overrides."""
@@ -560,20 +562,20 @@ class PlotsTab:
             for name, (title, series) in charts.items()
             if series  # a scene may have no joints
         }
-        self._seen_at: float | None = None
+        self._added_at: float | None = None
 
     def add(self, now: float) -> None:
-        """Add a point to each curve at `now`, steady clock, in [s]; none while simulated time stands."""
+        """Add a point to each curve at `now`, steady clock, in [s]; none while simulated time is paused."""
         state, stages = self._state(), self._statistics.stages
         if self._axis.follow(state):
-            self._seen_at = None
+            self._added_at = None
             for curves in self._plots.values():
                 curves.blank(now)
-        if self._seen_at is not None:
-            before, time_s = self._axis.times([self._seen_at, now])
+        if self._added_at is not None:
+            before, time_s = self._axis.times([self._added_at, now])
             if time_s <= before:
                 return
-        self._seen_at = now
+        self._added_at = now
         if "positions" in self._plots and state.measured is not None:
             shown = [at * factor for at, (factor, _) in zip(state.measured, self._units, strict=False)]
             self._plots["positions"].add(now, shown)
@@ -623,7 +625,7 @@ class PageParts:
     Attributes:
         client: Client of the robot.
         keyboard: Actions of its keys.
-        spoken: Newest message for the user.
+        page_message: Newest message for the user.
         picture: The 3-D picture.
         mouse: Pull of the mouse, with its spring.
         statistics: Step statistics of the simulator.
@@ -635,7 +637,7 @@ class PageParts:
 
     client: RobotClient
     keyboard: Keyboard
-    spoken: LastMessage
+    page_message: LastMessage
     picture: Picture
     mouse: MousePull
     statistics: StepStatistics
@@ -693,10 +695,10 @@ class Controls:
         with tabs.add_tab("Timing"):
             self._timing = TimingTab(gui, inbox, parts.statistics)
         with tabs.add_tab("Log"):
-            self._log = LogTab(gui, parts.log, parts.spoken)
+            self._log = LogTab(gui, parts.log, parts.page_message)
         with tabs.add_tab("Scene"):
             self.scene = SceneTab(
-                gui, inbox, picture, client.simulator, parts.spoken.say, is_local=parts.is_local
+                gui, inbox, picture, client.simulator, parts.page_message.say, is_local=parts.is_local
             )
 
     def refresh(self) -> None:
@@ -704,8 +706,8 @@ class Controls:
         state = self._parts.client.state
         bad = state.simulator not in ("running", "paused")
         words = readings.progress(state.simulator, state.real_time_factor, state.time_s, state.dt)
-        self._status.show(readings.sentence(f"{self._namespace}: {state.fault or words}", bad=bad))
-        self._message.show(readings.sentence(self._parts.spoken.sentence or "ready"))
+        self._status.show(readings.message_box(f"{self._namespace}: {state.fault or words}", bad=bad))
+        self._message.show(readings.message_box(self._parts.page_message.message or "ready"))
         self._lamps.show(readings.lamps(_lamp_states(state)))
         if self._release.visible != state.e_stopped:
             self._release.visible = state.e_stopped

@@ -33,7 +33,7 @@ REFRESH_PERIOD_S: Final = 0.1
 PLOT_PERIOD_S: Final = 0.2
 PANEL_WIDTH: Final = 440
 """Width of the panel in pixels; all tabs fit into one row."""
-SEEN_MM: Final = (1.0, 100_000.0)
+VIEW_DEPTH_MM: Final = (1.0, 100_000.0)
 """Near and far plane of cameras in [mm]; viser's default far plane would be at 1 m."""
 
 
@@ -63,11 +63,11 @@ class Viewer(ClosableNode):
         secret = None if settings.no_token else token or secrets.token_urlsafe(18)
         self._server = GuardedServer(AccessRule(settings.host, settings.port, secret), robot.name)
         self._server.scene.set_up_direction("+z")  # called once, since it resets the cameras
-        self._server.initial_camera.near, self._server.initial_camera.far = SEEN_MM
+        self._server.initial_camera.near, self._server.initial_camera.far = VIEW_DEPTH_MM
         self._server.initial_camera.fov = CAMERA_FOV
         self._inbox = Inbox()
         self.parts = self._make_parts(robot, settings)
-        self._warnings = Warnings(self, self.parts.spoken.say)
+        self._warnings = Warnings(self, self.parts.page_message.say)
         self._next_refresh = self._next_plot = 0.0
         self._controlled: RobotDescription | None = None
         self._build_page()
@@ -81,8 +81,8 @@ class Viewer(ClosableNode):
         self._inbox.put(lambda: self.parts.picture.leave(client))
 
     def _make_parts(self, robot: RobotDescription, settings: ViewerSettings) -> PageParts:
-        spoken = LastMessage()
-        client = RobotClient(self, robot, spoken.say)
+        page_message = LastMessage()
+        client = RobotClient(self, robot, page_message.say)
         simulator = client.simulator
 
         def move_base(joint: str, position_mm: Array) -> None:
@@ -99,13 +99,15 @@ class Viewer(ClosableNode):
         )
         return PageParts(
             client=client,
-            keyboard=Keyboard(self, client, spoken.say),
-            spoken=spoken,
+            keyboard=Keyboard(self, client, page_message.say),
+            page_message=page_message,
             picture=picture,
             mouse=MousePull(simulator),
             statistics=StepStatistics(self),
             log=RobotLog(self),
-            edit=EditMode(self._server, self._inbox, picture, Editing(self, spoken.say), spoken.say),
+            edit=EditMode(
+                self._server, self._inbox, picture, Editing(self, page_message.say), page_message.say
+            ),
             hint=Hint(),
             is_local=is_loopback(settings.host),
         )
@@ -139,7 +141,7 @@ class Viewer(ClosableNode):
                 self._server.gui.main_panel.set_width(PANEL_WIDTH)
                 self.controls = Controls(self._server.gui, self._inbox, self.parts, self.get_namespace())
             self._controlled = robot
-        picture.show_known()
+        picture.show_arrived_meshes()
 
     def _on_scene(self, robot: RobotDescription) -> None:
         """Rebuild the page for another scene that the simulator has published."""
