@@ -41,7 +41,7 @@ def step(elapsed: float, error: float = 0.0, velocity_error: float = 0.0) -> Pro
 
 
 def end_of(goal: FollowedGoal, progress: Progress) -> End | None:
-    outcome = goal.judge(progress)
+    outcome = goal.outcome_of(progress)
     return None if outcome is None else outcome.end
 
 
@@ -65,12 +65,12 @@ def test_on_the_way_positions_and_velocities_are_kept() -> None:
     path = [tolerance("servo_0", position=0.1, velocity=0.2)]
     goal = followed_goal(message(path_tolerance=path), WAY, JOINTS)
     assert end_of(goal, step(0.5, error=0.09, velocity_error=-0.19)) is None
-    assert goal.judge(step(0.5, error=-0.11)) == (
+    assert goal.outcome_of(step(0.5, error=-0.11)) == (
         End.LEFT_PATH,
         "path tolerance violated: joint servo_0 is 0.11 rad from its trajectory after 0.50 s, "
         "allowed are 0.1 rad",
     )
-    told = goal.judge(step(0.5, velocity_error=0.21))
+    told = goal.outcome_of(step(0.5, velocity_error=0.21))
     assert told is not None
     assert "joint servo_0 is 0.21 rad/s from" in told.sentence
     assert end_of(goal, step(1.0, velocity_error=9.0)) is End.REACHED  # at the end the path's do not hold

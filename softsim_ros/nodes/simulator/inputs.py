@@ -74,7 +74,7 @@ class Pulls:
     ) -> None:
         self._physics, self._frames, self._warn = physics, frames, warn
         self._live = LiveParameters(node, PullSettings())
-        self._heard_at: float | None = None
+        self._received_at: float | None = None
         node.create_subscription(WrenchStamped, "external_wrench", self._on_wrench, 1)
         node.create_timer(LOOK_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -85,10 +85,10 @@ class Pulls:
         def pull(simulation: Simulation) -> None:
             if is_turned(message.wrench):
                 raise CommandError("pull refused: only forces pull; leave the torque 0; nothing is pulled")
-            wanted = limited_force((force.x, force.y, force.z), limit)
+            pulling_force = limited_force((force.x, force.y, force.z), limit)
             frame = message.header.frame_id
             place = simulation.scene.effector or frame if frame == self._frames.effector else frame
-            simulation.forces[:] = pulled_nodes(simulation, place, wanted)
+            simulation.forces[:] = pulled_nodes(simulation, place, pulling_force)
 
         try:
             self._physics.call(pull, shows=False)
@@ -97,12 +97,12 @@ class Pulls:
         except SoftSimError:  # the physics has ended
             return
         else:
-            self._heard_at = time.monotonic()
+            self._received_at = time.monotonic()
 
     def _look(self) -> None:
         timeout = self._live.values.pull_timeout
-        if self._heard_at is not None and time.monotonic() - self._heard_at > timeout:
-            self._heard_at = None
+        if self._received_at is not None and time.monotonic() - self._received_at > timeout:
+            self._received_at = None
             with suppress(SoftSimError):
                 self._physics.call(let_go, shows=False)
 
@@ -230,15 +230,15 @@ class CommandInputs:
         self._node.create_subscription(JointState, topic, self._on_followed, qos_profile_sensor_data)
 
     def _on_followed(self, message: JointState) -> None:
-        """Pass on positions of known joints; ignore unknown names and values that are not finite."""
-        known = self._joint_names()
+        """Pass on positions of the scene's joints; ignore unknown names and values that are not finite."""
+        joint_names = self._joint_names()
         positions = {
             name: float(position)
             for name, position in zip(message.name, message.position, strict=False)
-            if name in known and math.isfinite(position)
+            if name in joint_names and math.isfinite(position)
         }
         if positions:
-            self._physics.led.hear(positions, seconds(message.header.stamp))
+            self._physics.driven.receive(positions, seconds(message.header.stamp))
 
     def _on_positions(self, message: Float64MultiArray) -> None:
         try:

@@ -25,7 +25,7 @@ class Pacer:
         tolerance_s: How far steps may fall behind and still catch up, in [s].
 
     Attributes:
-        late_s: Total time given up by restarting the schedule, in [s].
+        late_s: Total time skipped by restarting the schedule, in [s].
         restarts: Number of restarts.
     """
 
@@ -149,9 +149,9 @@ class SpeedMeter:
         self._steps += 1
         self._cpu_s += cpu_s
         for stage, time_ms in stages_ms.items():
-            known = self._stages.get(stage)
+            previous = self._stages.get(stage)
             self._stages[stage] = (
-                StageTime(1, time_ms, time_ms, time_ms) if known is None else known.with_call(time_ms)
+                StageTime(1, time_ms, time_ms, time_ms) if previous is None else previous.with_call(time_ms)
             )
 
     def take(self, now: float) -> Speed:
@@ -288,6 +288,6 @@ class StepHistory:
         A row contains the step number, the time in [s] and the stage times in [ms].
         """
         with self._lock:
-            kept = min(self._count, self._length)
-            order = np.arange(self._count - kept, self._count) % self._length
+            stored_count = min(self._count, self._length)
+            order = np.arange(self._count - stored_count, self._count) % self._length
             return self._stages, self._rows[order]

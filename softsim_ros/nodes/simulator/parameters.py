@@ -186,9 +186,9 @@ def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDe
     """
     scene, bodies = robot.scene, []
 
-    def select_values(owner: str, known: Mapping[str, float]) -> dict[str, float]:
+    def select_values(owner: str, names: Mapping[str, float]) -> dict[str, float]:
         prefix = scene.parameter_prefix(owner)
-        return {name: values[f"{prefix}{name}"] for name in known if f"{prefix}{name}" in values}
+        return {name: values[f"{prefix}{name}"] for name in names if f"{prefix}{name}" in values}
 
     for body in scene.bodies:
         of_parts = {each.name: select_values(f"{body.name}.{each.name}", each.values) for each in body.parts}
@@ -224,12 +224,12 @@ class TuningParameters:
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
 
-    def declare(self, robot: RobotDescription, *, given: bool = True) -> RobotDescription:
-        """Declare the parameters of a robot in place of those of the previous one.
+    def declare(self, robot: RobotDescription, *, uses_overrides: bool = True) -> RobotDescription:
+        """Declare the parameters of a robot instead of those of the previous one.
 
         Args:
             robot: The robot.
-            given: Whether values given at the start of the node override those of the file.
+            uses_overrides: Whether values from the start of the node override those of the file.
 
         Returns:
             The robot with the values that the parameters have now.
@@ -243,7 +243,7 @@ class TuningParameters:
             self._tunables, values = {}, {}
             for name, tunable in tunables(robot).items():
                 values[name] = declare_value(
-                    self._node, name, tunable.value, tunable.about, overridable=given
+                    self._node, name, tunable.value, tunable.about, overridable=uses_overrides
                 )
                 self._tunables[name] = tunable
         self._robot = with_values(robot, values)
@@ -297,11 +297,11 @@ class TuningParameters:
         if not values or self._robot is None:
             return
         self._robot = with_values(self._robot, values)
-        told = {name: self._tunables[name].write for name in values}
+        writers = {name: self._tunables[name].write for name in values}
 
         def write(simulation: Simulation) -> None:
             for name, value in values.items():
-                told[name](simulation, value)
+                writers[name](simulation, value)
 
         self._write(write)
 

@@ -206,9 +206,9 @@ class PhysicsThread:
         self._commanded.command(target, delay_s, follower)
 
     @property
-    def led(self) -> DrivenJoints:
+    def driven(self) -> DrivenJoints:
         """Externally driven joints."""
-        return self._commanded.led
+        return self._commanded.driven
 
     def command_named(self, positions: Mapping[str, float]) -> None:
         """Command positions of some joints by name from the next step on; other commands stay."""
@@ -333,9 +333,9 @@ class PhysicsThread:
 
         self.call(swap)
 
-    def stop(self, sentence: str) -> None:
+    def stop(self, message: str) -> None:
         """Pause with a fault, for example because a scene file cannot be used."""
-        self.call(lambda _: self._stop_on_fault(sentence), shows=False)
+        self.call(lambda _: self._stop_on_fault(message), shows=False)
 
     def play_start(self) -> None:
         """Start the start animation; a running trajectory ends.
@@ -399,13 +399,13 @@ class PhysicsThread:
         """Return a context that captures printed lines if the scene has code of its own."""
         return printed_lines(self._on_print) if self._simulation.robot.controllers else nullcontext()
 
-    def _stop_on_fault(self, sentence: str) -> None:
-        self._commanded.forget(sentence)
+    def _stop_on_fault(self, message: str) -> None:
+        self._commanded.forget(message)
         if not self._fault:
             self._paused_before_fault = self._paused
-        self._paused, self._fault = True, sentence
+        self._paused, self._fault = True, message
         self._show(whole=True)
-        self._on_fault(sentence)
+        self._on_fault(message)
 
     def _show(self, *, whole: bool) -> float:
         if self._left_behind:  # the node that publishes it is gone

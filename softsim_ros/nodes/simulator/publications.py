@@ -377,27 +377,31 @@ class SensorPublications:
         described = simulation.scene.sensors
         words = topic_words([each.name for each in described], "sensor")
         before, self._publishers, self._sent = self._publishers, {}, {}
-        wanted = [
+        sensor_topics = [
             (
                 sensor,
                 [
-                    (f"sensors/{word}{told.below}", told)
-                    for told in messages_of(sensor, _around(sensor, simulation.robot))
+                    (f"sensors/{word}{sensor_message.below}", sensor_message)
+                    for sensor_message in messages_of(sensor, _around(sensor, simulation.robot))
                 ],
             )
             for sensor, word in zip(described, words, strict=True)
         ]
-        kept = {(topic, told.message) for _, topics in wanted for topic, told in topics}
-        for key in before.keys() - kept:
+        used_keys = {
+            (topic, sensor_message.message) for _, topics in sensor_topics for topic, sensor_message in topics
+        }
+        for key in before.keys() - used_keys:
             self._node.destroy_publisher(before.pop(key))
         self._sensors = []
-        for sensor, topics in wanted:
+        for sensor, topics in sensor_topics:
             sends = []
-            for topic, told in topics:
-                key = (topic, told.message)
-                publisher = before.get(key) or self._node.create_publisher(told.message, topic, EVERY_ONE)
+            for topic, sensor_message in topics:
+                key = (topic, sensor_message.message)
+                publisher = before.get(key) or self._node.create_publisher(
+                    sensor_message.message, topic, EVERY_ONE
+                )
                 self._publishers[key] = publisher
-                sends.append((publisher, told))
+                sends.append((publisher, sensor_message))
             self._sensors.append((sensor.name, self._frame(sensor, tree), sends))
 
     def publish(self, simulation: Simulation, stamp: Time, whole: bool) -> None:
@@ -408,10 +412,10 @@ class SensorPublications:
                 continue
             self._sent[name] = reading
             header: Any = None
-            for publisher, told in sends:
+            for publisher, sensor_message in sends:
                 if publisher.get_subscription_count():
                     header = header or messages.header(stamp, frame)
-                    publisher.publish(told.write(header, reading))
+                    publisher.publish(sensor_message.write(header, reading))
         if self._contacts.get_subscription_count():
             self._contacts.publish(contact_cloud(stamp, WORLD, simulation.contacts))
 

@@ -91,8 +91,8 @@ class SceneWriter:
         Raises:
             ConfigError: it must not be written, cannot be written, or has changed.
         """
-        if sentence := self.refusal(file):
-            raise ConfigError(file, "", f"not saved: {sentence}")
+        if refusal := self.refusal(file):
+            raise ConfigError(file, "", f"not saved: {refusal}")
         if self.read(file) != before:
             raise ConfigError(
                 file,
@@ -133,13 +133,13 @@ class Running(NamedTuple):
     Attributes:
         files: Returns the files of the running scene.
         bodies: Returns its bodies, each as description and as built.
-        aside: Runs a long task in the background while the simulation continues.
+        run_in_background: Runs a long task in the background while the simulation continues.
         go_on_with: Replaces the running scene.
     """
 
     files: Callable[[], SceneFiles]
     bodies: Callable[[], list[tuple[BodyDescription, Body]]]
-    aside: Callable[[Callable[[], NextScene]], Awaitable[NextScene]]
+    run_in_background: Callable[[Callable[[], NextScene]], Awaitable[NextScene]]
     go_on_with: Callable[[NextScene], None]
 
 
@@ -224,8 +224,8 @@ class SceneEditing:
             ConfigError: it cannot be written.
         """
         document = self._open_document()
-        known = {*files_of(document.robot), *named_files(document.robot)} - {document.file}
-        text = rebase_paths(document.text, document.file, known)
+        paths = {*files_of(document.robot), *named_files(document.robot)} - {document.file}
+        text = rebase_paths(document.text, document.file, paths)
         file = self._writer.copy(document.robot.name, text)
         applied = self._is_applied(document)
         self._document = self._make_document(file, text)
@@ -241,7 +241,7 @@ class SceneEditing:
         document, files = self._open_document(), self._running.files()
         text = document.text
         try:
-            built = await self._running.aside(lambda: self._builder.build_proposed(files, text))
+            built = await self._running.run_in_background(lambda: self._builder.build_proposed(files, text))
         except Exception as error:
             raise SceneError(f"not applied: {reason(error)}") from error
         self._running.go_on_with(built)
@@ -255,21 +255,21 @@ class SceneEditing:
             return
         if files.scene.source is None or files.scene.source != self._source:
             self._document = None
-            self._tell("another scene runs; begin anew to edit it")
+            self._publish_proposal("another scene runs; begin anew to edit it")
         elif files.text is None:
-            self._tell(self._done(self._follow))
+            self._publish_proposal(self._done(self._follow))
 
     # --- proposals -------------------------------------------------------------------------------------
 
-    def _tell(self, sentence: str) -> None:
+    def _publish_proposal(self, message: str) -> None:
         self._revision += 1
-        sentence = one_line(sentence)
+        message = one_line(message)
         document = self._document
-        told = Proposal(self._revision, sentence=sentence)
+        proposal = Proposal(self._revision, sentence=message)
         description = ""
         if document is not None:
             description = write_description(document.robot)
-            told = Proposal(
+            proposal = Proposal(
                 self._revision,
                 robot=document.robot,
                 file=str(document.file),
@@ -278,11 +278,11 @@ class SceneEditing:
                 redoable=document.redoable,
                 is_changed=document.is_changed,
                 is_applied=self._is_applied(document),
-                sentence=sentence,
+                sentence=message,
                 chosen=self._find_chosen(document.robot),
                 routes=_routes(document.robot),
             )
-        self._proposal.publish(String(data=write_proposal(told, description)))
+        self._proposal.publish(String(data=write_proposal(proposal, description)))
 
     def _find_chosen(self, robot: RobotDescription) -> tuple[ChosenPoints, ...]:
         found = []
@@ -339,16 +339,16 @@ class SceneEditing:
             document.take(files.propose(document, edits), stroke)
             return ""
 
-        self._tell(self._done(change))
+        self._publish_proposal(self._done(change))
 
     def _done(self, action: Callable[[], str]) -> str:
         """Run an action and return its message; if it fails, log and return why."""
         try:
             return action()
         except Exception as error:  # a remote request may fail anywhere
-            sentence = error_message(error)
-            self._node.refuse(sentence)
-            return sentence
+            message = error_message(error)
+            self._node.refuse(message)
+            return message
 
     def _answering(
         self, action: Callable[[], str]
@@ -358,7 +358,7 @@ class SceneEditing:
                 response.success, response.message = True, action()
             except SoftSimError as error:
                 response.success, response.message = False, str(error)
-            self._tell(response.message)
+            self._publish_proposal(response.message)
             return response
 
         return answer
@@ -368,7 +368,7 @@ class SceneEditing:
             response.success, response.message = True, await self.apply()
         except SoftSimError as error:
             response.success, response.message = False, str(error)
-        self._tell(response.message)
+        self._publish_proposal(response.message)
         return response
 
 

@@ -93,15 +93,15 @@ class CompiledLater:
 
     def _run(self) -> None:
         for words in self._stages:
-            if not self._compile(words):
+            if not self._compile_kernels(words):
                 continue  # the scene's file may be gone; the later stages include its kernels
             try:
                 self._go_over()
             except SoftSimError as error:
                 if not self._ended.is_set():
-                    self._logger.warning(f"the SciPy path goes on: {error}")
+                    self._logger.warning(f"the SciPy path continues: {error}")
 
-    def _compile(self, words: list[str]) -> bool:
+    def _compile_kernels(self, words: list[str]) -> bool:
         """Compile in a child process and wait for it.
 
         Return False if it failed, which is logged, or if `close` ended it.
@@ -119,7 +119,7 @@ class CompiledLater:
         _, errors = self._child.communicate()
         if self._child.returncode and not self._ended.is_set():
             last = (errors.decode(errors="replace").strip().splitlines() or ["no reason was given"])[-1]
-            self._logger.warning(f"kernels were not compiled ({last:.200}); the SciPy path goes on")
+            self._logger.warning(f"kernels were not compiled ({last:.200}); the SciPy path continues")
         return self._child.returncode == 0
 
     def _go_over(self) -> None:
@@ -189,7 +189,7 @@ class SceneFiles:
         self.text: str | None = None
         self._name, self._source = robot.name, robot.source
         self._files = files_of(robot)
-        self._loaded = self._seen = stamps(self._files)
+        self._loaded = self._last_stamps = stamps(self._files)
         self._named_files = named_files(robot)
 
     def load(self) -> RobotDescription:
@@ -201,14 +201,14 @@ class SceneFiles:
         """
         if self._source is None:
             raise SceneError(f"{self._name} came from no file and cannot be loaded anew; restart its program")
-        self._loaded = self._seen = stamps(self._files)
+        self._loaded = self._last_stamps = stamps(self._files)
         for module in _modules_beside(self._source):
             sys.modules.pop(module, None)
         importlib.invalidate_caches()
         with limited_to(self.programs):
             scene = load_scene(self._source, read_overrides(self.overrides))
         self._files = files_of(scene)
-        self._loaded = self._seen = {**stamps(self._files), **self._loaded}
+        self._loaded = self._last_stamps = {**stamps(self._files), **self._loaded}
         self._named_files |= named_files(scene)
         return replace_spawned(scene, (), self.spawned)
 
@@ -236,7 +236,7 @@ class SceneFiles:
         return replace_spawned(scene, (), self.spawned)
 
     def try_text(self, text: str) -> RobotDescription:
-        """Return the scene with another text in place of its file's.
+        """Return the scene with another text instead of its file's.
 
         Nothing else changes; `take_over` makes it the running scene.
 
@@ -294,18 +294,18 @@ class SceneFiles:
         """Record the scene that runs now, with its overrides, its spawned bodies and its text."""
         self.scene, self.overrides, self.spawned, self.text = scene, overrides, spawned, text
         self._files = files_of(scene)
-        self._loaded = self._seen = {**stamps(self._files), **self._loaded}
+        self._loaded = self._last_stamps = {**stamps(self._files), **self._loaded}
 
     def note_saved(self) -> None:
         """Record that the running text was written into the file, so nothing has to be reloaded."""
         self.text = None
-        self._loaded = self._seen = stamps(self._files)
+        self._loaded = self._last_stamps = stamps(self._files)
 
     def has_changed_on_disk(self) -> bool:
         """Return whether a file has changed since it was loaded and has not changed since the last call."""
-        before, self._seen = self._seen, stamps(self._files)
-        at_rest = self._seen == before and None not in self._seen.values()
-        return at_rest and any(self._loaded.get(file) != stamp for file, stamp in self._seen.items())
+        before, self._last_stamps = self._last_stamps, stamps(self._files)
+        at_rest = self._last_stamps == before and None not in self._last_stamps.values()
+        return at_rest and any(self._loaded.get(file) != stamp for file, stamp in self._last_stamps.items())
 
 
 def _refuse_others(whose: str, names: Iterable[str]) -> None:
@@ -361,7 +361,7 @@ def _stamp(file: Path) -> tuple[int, int] | None:
 
 def _find_extended(file: Path) -> Iterator[Path]:
     """Yield the files that a YAML file extends, in order; stop at one that cannot be read."""
-    seen = {file}
+    visited = {file}
     while True:
         try:
             target = read_yaml(file).get("extends")
@@ -370,9 +370,9 @@ def _find_extended(file: Path) -> Iterator[Path]:
         if not isinstance(target, str):
             return
         file = relative_to_file(target, file)
-        if file in seen:
+        if file in visited:
             return
-        seen.add(file)
+        visited.add(file)
         yield file
 
 
@@ -401,7 +401,7 @@ class NextScene(NamedTuple):
 class Attempt(NamedTuple):
     """Result of building the scene that a parameter change (name and value) asks for, or the error."""
 
-    wish: tuple[str, str]
+    request: tuple[str, str]
     built: NextScene | None
     error: Exception | None
 
@@ -444,8 +444,8 @@ class SceneBuilder:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             simulation = ending.abandonable(make)
-        for sentence in dict.fromkeys(str(warning.message) for warning in caught):
-            self._logger.warning(sentence)
+        for message in dict.fromkeys(str(warning.message) for warning in caught):
+            self._logger.warning(message)
         return simulation
 
     def waits(self, robot: RobotDescription) -> bool:
@@ -466,7 +466,7 @@ class SceneBuilder:
         """Load and build a known scene by its name.
 
         Raises:
-            SoftSimError: it is not known, or cannot be loaded or built.
+            SoftSimError: it is unknown, or cannot be loaded or built.
         """
         robot = scenes.load(name)
         return self.build_again(SceneFiles(robot, scenes.rule_of(scenes.find(name))))
@@ -500,7 +500,7 @@ class SceneBuilder:
         return NextScene(files, scene, self.build(scene), files.overrides, spawned, files.text)
 
     def build_proposed(self, files: SceneFiles, text: str) -> NextScene:
-        """Build the scene with a proposed text in place of its file's.
+        """Build the scene with a proposed text instead of its file's.
 
         Raises:
             SoftSimError: it cannot be built.

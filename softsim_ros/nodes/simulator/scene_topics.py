@@ -159,9 +159,9 @@ class StructurePublications:
             scenes: Names of the scenes that can be loaded in its place.
         """
         self._generation = max(self._generation + 1, time.time_ns())
-        told = structure(simulation, overrides, scenes, self._generation)
+        description = structure(simulation, overrides, scenes, self._generation)
         self._tetrahedra.publish(index_array(simulation.tets))
-        self._structure.publish(String(data=json.dumps(told)))
+        self._structure.publish(String(data=json.dumps(description)))
 
     def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
         """Publish what is due; `now` is a steady clock in [s], `whole` publishes everything at once."""
@@ -208,9 +208,9 @@ def structure(
         {"name": region.name, "to": targets.get(region.name, "free"), "nodes": region.nodes.tolist()}
         for region in model.regions
     ]
-    held = np.flatnonzero((model.region_of_node == FIXED) | (model.spring > 0.0))
-    if len(held):
-        regions.append({"name": "fixings", "to": "world", "nodes": held.tolist()})
+    fixed_nodes = np.flatnonzero((model.region_of_node == FIXED) | (model.spring > 0.0))
+    if len(fixed_nodes):
+        regions.append({"name": "fixings", "to": "world", "nodes": fixed_nodes.tolist()})
     return {
         "generation": generation,
         "name": scene.name,

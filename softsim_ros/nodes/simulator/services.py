@@ -38,11 +38,13 @@ class RunServices:
     Args:
         node: The simulator's node.
         physics: Thread that the services act on.
-        tell: Called once a pause has begun or ended, before the response is sent.
+        on_pause_change: Called once a pause has begun or ended, before the response is sent.
     """
 
-    def __init__(self, node: GuardedNode, physics: PhysicsThread, tell: Callable[[], None]) -> None:
-        self._physics, self._tell = physics, tell
+    def __init__(
+        self, node: GuardedNode, physics: PhysicsThread, on_pause_change: Callable[[], None]
+    ) -> None:
+        self._physics, self._on_pause_change = physics, on_pause_change
         for name, action in (("reset", self._reset), ("step", self._step), ("start", self._start)):
             node.create_service(Trigger, f"~/{name}", answering(action))
         node.create_service(SetBool, "~/pause", self._on_pause)
@@ -66,7 +68,7 @@ class RunServices:
             return "paused" if request.data else "running"
 
         response.success, response.message = attempt(pause)
-        self._tell()
+        self._on_pause_change()
         return response
 
 

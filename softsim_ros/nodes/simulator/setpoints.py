@@ -166,7 +166,7 @@ class DrivenJoints:
         self._from: dict[str, float] = {}
         self._to: dict[str, float] = {}
 
-    def hear(self, positions: Mapping[str, float], stamp: float) -> None:
+    def receive(self, positions: Mapping[str, float], stamp: float) -> None:
         """Store a message with its time stamp in [s]; may be called from any thread."""
         with self._lock:
             self._newest = stamp, dict(positions)
@@ -185,8 +185,8 @@ class DrivenJoints:
             self._span = min(max(stamp - self._stamp, simulation.dt), LONGEST_S)
             self._stamp, self._spent = stamp, 0.0
         self._spent += simulation.dt
-        known = simulation.joint_names
-        return {name: self._now(name, there) for name, there in self._to.items() if name in known}
+        names = simulation.joint_names
+        return {name: self._now(name, there) for name, there in self._to.items() if name in names}
 
     def _now(self, name: str, there: float) -> float:
         if name not in self._to or name not in self._from:
@@ -235,7 +235,7 @@ class Follower(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class _Course:
+class _RunningTrajectory:
     """A trajectory with its follower.
 
     Once it runs, also its start time in [s] and the command, shape (j,), at that time.
@@ -254,7 +254,7 @@ class Commanded:
         on_refusal: Called in that thread with the message of a refused command.
 
     Attributes:
-        led: Externally driven joints; they follow their driver whatever is commanded.
+        driven: Externally driven joints; they follow their driver, not the commands.
         clamped: Total number of commands that were clamped to the limits.
         refused: Total number of commands that the simulation refused.
     """
@@ -262,12 +262,12 @@ class Commanded:
     def __init__(self, on_refusal: Callable[[str], None]) -> None:
         self._on_refusal = on_refusal
         self._lock = threading.Lock()
-        self._newest: Array | _Course | None = None
+        self._newest: Array | _RunningTrajectory | None = None
         self._named: dict[str, float] = {}  # positions of some joints, which override the newest command
         self._delay = 0.0
-        self._course: _Course | None = None
+        self._trajectory: _RunningTrajectory | None = None
         self._leaving: list[tuple[Follower, str]] = []
-        self.led = DrivenJoints()
+        self.driven = DrivenJoints()
         self.clamped = self.refused = 0
 
     # --- from any thread ------------------------------------------------------------------------------
@@ -284,7 +284,7 @@ class Commanded:
             delay_s: In how many simulated seconds a trajectory begins; < 0: it has begun already.
             follower: Observer of the trajectory.
         """
-        newest = _Course(target, follower) if isinstance(target, JointTrajectory) else target
+        newest = _RunningTrajectory(target, follower) if isinstance(target, JointTrajectory) else target
         with self._lock:
             before, self._newest, self._delay = self._newest, newest, delay_s
             self._named.clear()
@@ -305,7 +305,7 @@ class Commanded:
     @property
     def runs_trajectory(self) -> bool:
         """Whether a trajectory is running."""
-        return self._course is not None
+        return self._trajectory is not None
 
     def apply(self, simulation: Simulation) -> None:
         """Send the simulation the commands that are due in the next step."""
@@ -318,18 +318,18 @@ class Commanded:
                 self._take_over(None)
                 _give_up(newest, TAKEN_OVER)
                 self._command(simulation, _laid_over(simulation, newest, named))
-            elif isinstance(newest, _Course):
+            elif isinstance(newest, _RunningTrajectory):
                 begin = simulation.time + delay
                 self._take_over(replace(newest, begin=begin, start=simulation.joint_targets))
             elif newest is not None:
                 self._take_over(None)
                 self._command(simulation, newest)
             for follower, reason in leaving:
-                if self._course is not None and self._course.follower is follower:
+                if self._trajectory is not None and self._trajectory.follower is follower:
                     self._end(reason)
             self._go_on(simulation)
-            if led := self.led.advance(simulation):
-                simulation.command(_laid_over(simulation, None, _within(simulation, led)))
+            if driven := self.driven.advance(simulation):
+                simulation.command(_laid_over(simulation, None, _within(simulation, driven)))
         except CommandError as error:
             self._end(str(error))
             self.refused += 1
@@ -337,19 +337,19 @@ class Commanded:
 
     def follow(self, simulation: Simulation) -> None:
         """Pass the completed step to the follower of the trajectory, if any."""
-        course = self._course
-        if course is None or course.follower is None or simulation.time < course.begin:
+        running = self._trajectory
+        if running is None or running.follower is None or simulation.time < running.begin:
             return
-        assert course.start is not None
-        elapsed = simulation.time - course.begin
-        joints = [simulation.joint_names.index(name) for name in course.trajectory.joints]
-        desired, desired_velocities = course.trajectory.between(elapsed, course.start[joints])
-        told_efforts = np.array([joint.by_effort for joint in simulation.robot.joints])
-        actual = np.where(told_efforts, simulation.joint_efforts, simulation.joint_positions)
-        velocities = np.where(told_efforts, np.nan, simulation.joint_velocities)
+        assert running.start is not None
+        elapsed = simulation.time - running.begin
+        joints = [simulation.joint_names.index(name) for name in running.trajectory.joints]
+        desired, desired_velocities = running.trajectory.between(elapsed, running.start[joints])
+        by_effort = np.array([joint.by_effort for joint in simulation.robot.joints])
+        actual = np.where(by_effort, simulation.joint_efforts, simulation.joint_positions)
+        velocities = np.where(by_effort, np.nan, simulation.joint_velocities)
         progress = Progress(elapsed, desired, desired_velocities, actual[joints], velocities[joints])
-        if course.follower.follow(progress):
-            self._course = None
+        if running.follower.follow(progress):
+            self._trajectory = None
 
     def forget(self, reason: str, whose: Callable[[Follower | None], bool] = lambda follower: True) -> None:
         """Drop earlier commands and trajectories; their followers receive the reason.
@@ -361,41 +361,45 @@ class Commanded:
         """
         with self._lock:
             newest = self._newest
-            dropped = newest if whose(newest.follower if isinstance(newest, _Course) else None) else None
+            dropped = (
+                newest if whose(newest.follower if isinstance(newest, _RunningTrajectory) else None) else None
+            )
             if dropped is not None:
                 self._newest = None
             if whose(None):
                 self._named.clear()
         _give_up(dropped, reason)
-        if self._course is not None and whose(self._course.follower):
+        if self._trajectory is not None and whose(self._trajectory.follower):
             self._end(reason)
 
     def _go_on(self, simulation: Simulation) -> None:
-        if self._course is None:
+        if self._trajectory is None:
             return
-        course = self._course
-        assert course.start is not None
-        elapsed = simulation.time + simulation.dt - course.begin  # targets apply at the end of the step
-        if course.follower is None and course.trajectory.is_over(elapsed):
-            self._course = None
+        running = self._trajectory
+        assert running.start is not None
+        elapsed = simulation.time + simulation.dt - running.begin  # targets apply at the end of the step
+        if running.follower is None and running.trajectory.is_over(elapsed):
+            self._trajectory = None
         if elapsed >= 0.0:
-            self._command(simulation, course.trajectory.sample(elapsed, course.start, simulation.joint_names))
+            self._command(
+                simulation, running.trajectory.sample(elapsed, running.start, simulation.joint_names)
+            )
 
     def _command(self, simulation: Simulation, values: Array) -> None:
         accepted = simulation.command(values)
         self.clamped += not np.array_equal(accepted, values)
 
-    def _take_over(self, course: _Course | None) -> None:
+    def _take_over(self, running: _RunningTrajectory | None) -> None:
         self._end(TAKEN_OVER)
-        self._course = course
+        self._trajectory = running
 
     def _end(self, reason: str) -> None:
-        course, self._course = self._course, None
-        _give_up(course, reason)
+        running, self._trajectory = self._trajectory, None
+        _give_up(running, reason)
 
 
-def _give_up(dropped: Array | _Course | None, reason: str) -> None:
-    if isinstance(dropped, _Course) and dropped.follower is not None:
+def _give_up(dropped: Array | _RunningTrajectory | None, reason: str) -> None:
+    if isinstance(dropped, _RunningTrajectory) and dropped.follower is not None:
         dropped.follower.give_up(reason)
 
 
@@ -407,7 +411,9 @@ def _within(simulation: Simulation, positions: Mapping[str, float]) -> dict[str,
     return {name: limits[name].clamp(position) for name, position in positions.items()}
 
 
-def _laid_over(simulation: Simulation, newest: Array | _Course | None, named: Mapping[str, float]) -> Array:
+def _laid_over(
+    simulation: Simulation, newest: Array | _RunningTrajectory | None, named: Mapping[str, float]
+) -> Array:
     """Return the targets of all joints, of which `named` override the newest command.
 
     Where that is no array of positions, they override the present targets.

@@ -86,21 +86,21 @@ def health(status: PhysicsStatus, alive: bool, speed: float) -> tuple[bytes, str
     """
     factor = status.speed.real_time_factor
     state = "paused" if status.paused else "running"
-    level, sentence = OK, state
+    level, message = OK, state
     if not alive:
-        level, sentence, state = ERROR, "the physics thread has ended; restart the simulator", "ended"
+        level, message, state = ERROR, "the physics thread has ended; restart the simulator", "ended"
     elif status.fault:
-        level, sentence, state = ERROR, status.fault, "stopped"
+        level, message, state = ERROR, status.fault, "stopped"
     elif status.contacts is not None and status.contacts.unsolved:
-        level, sentence = WARN, status.contacts.complaint
+        level, message = WARN, status.contacts.complaint
     elif status.inverted_elements:
         count = status.inverted_elements
-        told = "element is" if count == 1 else "elements are"
-        level, sentence = WARN, f"{count} {told} inside out; reduce dt, the load, or the pull on them"
+        subject = "element is" if count == 1 else "elements are"
+        level, message = WARN, f"{count} {subject} inside out; reduce dt, the load, or the pull on them"
     elif status.fallbacks:
-        level, sentence = WARN, status.fallbacks.complaint
+        level, message = WARN, status.fallbacks.complaint
     elif not status.paused and 0.0 < factor < SLOW * speed:
-        level, sentence = WARN, f"slower than asked: {factor:.2f} of {speed:g} times real time"
+        level, message = WARN, f"slower than asked: {factor:.2f} of {speed:g} times real time"
     values: dict[str, object] = {
         "state": state,
         "real_time_factor": factor,
@@ -123,7 +123,7 @@ def health(status: PhysicsStatus, alive: bool, speed: float) -> tuple[bytes, str
         values.update(status.contacts.as_values())
     for stage, time_ms in status.speed.stages_ms.items():
         values[f"{stage}_ms"] = time_ms
-    return level, sentence, values
+    return level, message, values
 
 
 NODE_NAME = "simulator"
@@ -135,7 +135,7 @@ class Simulator(RobotNode):
     """Simulates one robot or scene in real time; created as RobotNode describes.
 
     Raises:
-        SoftSimError: the robot is not known, or a parameter is not allowed.
+        SoftSimError: the robot is unknown, or a parameter is not allowed.
     """
 
     node_name = NODE_NAME
@@ -148,8 +148,8 @@ class Simulator(RobotNode):
 
     def _begin(self, robot: RobotDescription) -> None:
         reuse_freed_memory()
-        self._aside = BackgroundWorker("another scene is being loaded")
-        self._tried: Attempt | None = None
+        self._background = BackgroundWorker("another scene is being loaded")
+        self._attempt: Attempt | None = None
         first = declare(self, SceneSettings(robot=self.robot_parameter))
         self._files = SceneFiles(robot)
         self._files.overrides = first.overrides
@@ -202,7 +202,7 @@ class Simulator(RobotNode):
             self, self._physics, self._snapshots, lambda: self._live.values.snapshot, self._take_over_tuning
         )
         self.create_service(Trigger, "~/reload", self._on_reload, callback_group=self._waiting)
-        spawner = Spawner(self._scenes, self._exchange, self._aside.run, lambda: self._files.spawned)
+        spawner = Spawner(self._scenes, self._exchange, self._background.run, lambda: self._files.spawned)
         if start.editing:
             self._editing = SceneEditing(self, self._running(), self._builder, self._writer())
         self._standard = StandardServices(self, self._physics, self._publications.stamp, spawner)
@@ -235,7 +235,7 @@ class Simulator(RobotNode):
         self._closed = True
         if self._later is not None:
             self._later.close()
-        self._aside.close()
+        self._background.close()
         if self._physics is not None:
             self._physics.close()
         if self._inputs is not None:
@@ -292,24 +292,24 @@ class Simulator(RobotNode):
 
     def _built_first(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
         async def answer(request: Any, response: Any) -> Any:
-            wishes = [
+            requests = [
                 (each.name, each.value.string_value) for each in request.parameters if each.name in SCENE
             ]
-            if len(wishes) == 1:
+            if len(requests) == 1:
                 try:
-                    built = await self._aside.run(partial(self._prepare, *wishes[0]))
-                    self._tried = Attempt(wishes[0], built, None)
+                    built = await self._background.run(partial(self._prepare, *requests[0]))
+                    self._attempt = Attempt(requests[0], built, None)
                 except Exception as error:
-                    self._tried = Attempt(wishes[0], None, error)
+                    self._attempt = Attempt(requests[0], None, error)
             try:
                 return callback(request, response)
             finally:
-                self._tried = None
+                self._attempt = None
 
         return answer
 
     async def _look_at_files(self) -> None:
-        if not self._aside.is_busy and self._files.has_changed_on_disk():
+        if not self._background.is_busy and self._files.has_changed_on_disk():
             with suppress(SoftSimError):  # logged by the physics
                 self.get_logger().info(await self._reload())
 
@@ -324,11 +324,11 @@ class Simulator(RobotNode):
             SoftSimError: the files are wrong; the previous scene stays, paused.
         """
         try:
-            following = await self._aside.run(partial(self._builder.build_again, self._files))
+            following = await self._background.run(partial(self._builder.build_again, self._files))
         except Exception as error:
-            sentence = f"{NOT_LOADED}{reason(error)}"
-            self.physics.stop(sentence)
-            raise SoftSimError(sentence) from error
+            message = f"{NOT_LOADED}{reason(error)}"
+            self.physics.stop(message)
+            raise SoftSimError(message) from error
         self._go_on_with(following)
         return f"loaded {following.scene.source}"
 
@@ -345,19 +345,19 @@ class Simulator(RobotNode):
         try:
             self._tuning.declare(following.scene)
         except ParameterError:  # values given at the start fit another material
-            self._tuning.declare(following.scene, given=False)
+            self._tuning.declare(following.scene, uses_overrides=False)
         self._tuning.tune(following.simulation)
         self._replace(following)
         self.joint_names = following.simulation.joint_names
 
     async def _exchange(self, change: Callable[[RobotDescription, Spawnings], Spawnings]) -> None:
         """Continue the same scene with other spawned bodies, from its state at that time."""
-        following = await self._aside.run(lambda: self._builder.with_spawned(self._files, change))
+        following = await self._background.run(lambda: self._builder.with_spawned(self._files, change))
         self._replace(following, goes_on=True)
 
     def _replace(self, following: NextScene, *, goes_on: bool = False) -> None:
-        laid, known = following.overrides, self._scenes.names()
-        show = partial(self._publications.show_scene, overrides=laid, scenes=known)
+        laid, scene_names = following.overrides, self._scenes.names()
+        show = partial(self._publications.show_scene, overrides=laid, scenes=scene_names)
         self.physics.replace(following.simulation, show, goes_on=goes_on)
         self._files = following.files
         self._files.take_over(following.scene, laid, following.spawned, following.text)
@@ -374,7 +374,7 @@ class Simulator(RobotNode):
                 lambda run: list(zip(run.scene.bodies, run.bodies, strict=True)), shows=False
             )
 
-        return Running(lambda: self._files, bodies, self._aside.run, self._go_on_with)
+        return Running(lambda: self._files, bodies, self._background.run, self._go_on_with)
 
     def _writer(self) -> SceneWriter:
         """Return the writer of the scene file, restricted to the files that the start command named."""
@@ -389,17 +389,17 @@ class Simulator(RobotNode):
         if names >= SCENE:
             raise ParameterError("robot and overrides are set one after the other")
         for name in names & SCENE:
-            wish = (name, settings.robot if name == "robot" else settings.overrides)
-            if self._tried is None or self._tried.wish != wish:
-                self._tried = Attempt(wish, self._prepare(*wish), None)
-            if self._tried.error is not None:
-                error, self._tried = self._tried.error, None
+            requested = (name, settings.robot if name == "robot" else settings.overrides)
+            if self._attempt is None or self._attempt.request != requested:
+                self._attempt = Attempt(requested, self._prepare(*requested), None)
+            if self._attempt.error is not None:
+                error, self._attempt = self._attempt.error, None
                 raise error
 
     def _apply_parameters(self, names: frozenset[str], settings: SimulatorSettings) -> None:
-        tried, self._tried = self._tried, None
-        if names & SCENE and tried is not None and tried.built is not None:
-            self._go_on_with(tried.built)
+        attempt, self._attempt = self._attempt, None
+        if names & SCENE and attempt is not None and attempt.built is not None:
+            self._go_on_with(attempt.built)
             if "robot" in names:
                 self._live.store(overrides="")
         if "enforce_limits" in names:
@@ -423,8 +423,8 @@ class Simulator(RobotNode):
     def _publish_diagnostics(self) -> None:
         if self._inputs is not None:
             self._inputs.action.look()
-        level, sentence, values = health(self.physics.status, self.physics.is_alive, self._live.values.speed)
-        self._publish_health(level, sentence, values)
+        level, message, values = health(self.physics.status, self.physics.is_alive, self._live.values.speed)
+        self._publish_health(level, message, values)
         if self._stage_statistics.get_subscription_count():
             stamp, stages = self.get_clock().now().to_msg(), self.physics.status.speed.stages
             self._stage_statistics.publish(stage_statistics(stamp, self.robot, stages))

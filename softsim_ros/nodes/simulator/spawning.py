@@ -24,12 +24,12 @@ class RequestError(SoftSimError):
 
     Args:
         kind: Name of the result, such as "NOT_FOUND", or of one that only this service has.
-        sentence: Why.
+        message: Reason of the refusal.
     """
 
-    def __init__(self, kind: str, sentence: str) -> None:
+    def __init__(self, kind: str, message: str) -> None:
         self.kind = kind
-        super().__init__(sentence)
+        super().__init__(message)
 
 
 MOST_SPAWNED: Final = 32
@@ -78,7 +78,7 @@ class Spawner:
     Args:
         scenes: The known scenes.
         exchange: Continues the simulation with other spawned bodies.
-        aside: Runs long work in the background while the executor serves other callbacks.
+        run_in_background: Runs long work in the background while the executor serves other callbacks.
         present: Returns the present spawned bodies.
     """
 
@@ -86,14 +86,19 @@ class Spawner:
         self,
         scenes: SceneCatalog,
         exchange: Exchange,
-        aside: Callable[[Callable[[], Any]], Awaitable[Any]],
+        run_in_background: Callable[[Callable[[], Any]], Awaitable[Any]],
         present: Callable[[], Spawnings],
     ) -> None:
-        self._scenes, self._exchange, self._aside, self._present = scenes, exchange, aside, present
+        self._scenes, self._exchange, self._run_in_background, self._present = (
+            scenes,
+            exchange,
+            run_in_background,
+            present,
+        )
 
     async def list_known(self) -> dict[str, RigidBodyDescription]:
         """Return the bodies that can be spawned, by URI; files that cannot be read are left out."""
-        return dict(await self._aside(self._find_all))
+        return dict(await self._run_in_background(self._find_all))
 
     async def spawn(self, uri: str, name: str, renames: bool, position: Array, rotation: Array) -> str:
         """Spawn a body at rest.
@@ -152,8 +157,8 @@ class Spawner:
                     "OPERATION_FAILED",
                     f"{name} belongs to the scene {robot.name}; only spawned ones go",
                 )
-            known = names_up_to(MOST_NAMES, own) or "none"
-            raise RequestError("NOT_FOUND", f"no entity {names_up_to(1, [name])}; spawned are: {known}")
+            names = names_up_to(MOST_NAMES, own) or "none"
+            raise RequestError("NOT_FOUND", f"no entity {names_up_to(1, [name])}; spawned are: {names}")
 
         await self._exchange(remove)
 

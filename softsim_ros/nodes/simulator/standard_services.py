@@ -65,7 +65,7 @@ class StandardServices:
         spawner: Spawner,
     ) -> None:
         self._node, self._physics, self._stamp, self._spawner = node, physics, stamp, spawner
-        self._aside = BackgroundWorker("steps are being done")
+        self._background = BackgroundWorker("steps are being done")
         self._stopped = False
         self._messages = optional_module("simulation_interfaces.msg")
         self._offered: list[str] = []
@@ -80,7 +80,7 @@ class StandardServices:
 
     def close(self) -> None:
         """Wait for steps in progress."""
-        self._aside.close()
+        self._background.close()
 
     def _answering(self, kind: Any, handler: Handler) -> Callable[[Any, Any], Awaitable[Any]]:
         """Return a callback that runs a handler on request and response and sets the result."""
@@ -88,28 +88,28 @@ class StandardServices:
         results = self._messages.Result
 
         async def answer(request: Any, response: Any) -> Any:
-            code, sentence = results.RESULT_OK, ""
+            code, message = results.RESULT_OK, ""
             try:
                 await handler(request, response)
             except RequestError as refusal:
                 own = getattr(kind.Response, refusal.kind, None)
                 code = getattr(results, f"RESULT_{refusal.kind}") if own is None else own
-                sentence = str(refusal)
+                message = str(refusal)
             except Exception as error:
-                code, sentence = results.RESULT_OPERATION_FAILED, error_message(error)
-            if sentence:
-                self._node.refuse(sentence)
+                code, message = results.RESULT_OPERATION_FAILED, error_message(error)
+            if message:
+                self._node.refuse(message)
             if hasattr(response, "result"):
                 response.result.result = code
-                response.result.error_message = one_line(sentence or response.result.error_message)
+                response.result.error_message = one_line(message or response.result.error_message)
             return response
 
         return answer
 
     async def _get_simulator_features(self, _: Any, response: Any) -> None:
-        known = type(response.features)
+        codes = type(response.features)
         names = [name for offered in self._offered for name in FEATURES[offered]]
-        response.features.features = [getattr(known, name) for name in names if hasattr(known, name)]
+        response.features.features = [getattr(codes, name) for name in names if hasattr(codes, name)]
         response.features.custom_info = "scenes are loaded by their names with the parameter robot"
 
     # --- time -----------------------------------------------------------------------------------------
@@ -140,7 +140,7 @@ class StandardServices:
                 done += 1
 
         try:
-            await self._aside.run(step)
+            await self._background.run(step)
         except SoftSimError as error:
             raise RequestError(
                 "OPERATION_FAILED", f"{done} of {request.steps} steps done: {error}"
@@ -151,16 +151,16 @@ class StandardServices:
 
     async def _set_simulation_state(self, request: Any, _: Any) -> None:
         assert self._messages is not None
-        states, wish = self._messages.SimulationState, request.state.state
-        if wish not in (states.STATE_STOPPED, states.STATE_PLAYING, states.STATE_PAUSED):
+        states, requested_state = self._messages.SimulationState, request.state.state
+        if requested_state not in (states.STATE_STOPPED, states.STATE_PLAYING, states.STATE_PAUSED):
             allowed = "STATE_STOPPED, STATE_PLAYING, STATE_PAUSED"
             raise RequestError(
-                "FEATURE_UNSUPPORTED", f"state {wish} cannot be asked for; allowed are {allowed}"
+                "FEATURE_UNSUPPORTED", f"state {requested_state} cannot be asked for; allowed are {allowed}"
             )
-        if wish == self._state():
+        if requested_state == self._state():
             raise RequestError("ALREADY_IN_TARGET_STATE", "the simulation is in this state")
-        self._physics.pause(wish != states.STATE_PLAYING)
-        self._stopped = wish == states.STATE_STOPPED
+        self._physics.pause(requested_state != states.STATE_PLAYING)
+        self._stopped = requested_state == states.STATE_STOPPED
         if self._stopped:
             self._physics.reset()
 
@@ -273,8 +273,8 @@ def _resource(message: Any) -> Any:
 def _number(simulation: Simulation, name: str) -> int:
     """Return the number of an entity among the rigid bodies."""
     if name not in simulation.rigid_names:
-        known = names_up_to(MOST_NAMES, simulation.rigid_names)
-        raise RequestError("NOT_FOUND", f"no entity {names_up_to(1, [name])}; there are: {known}")
+        entities = names_up_to(MOST_NAMES, simulation.rigid_names)
+        raise RequestError("NOT_FOUND", f"no entity {names_up_to(1, [name])}; there are: {entities}")
     return simulation.rigid_names.index(name)
 
 

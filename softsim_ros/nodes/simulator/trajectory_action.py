@@ -87,7 +87,7 @@ class FollowedGoal:
     def follow(self, progress: Progress) -> bool:
         """Compare a step with the tolerances; return True if the goal has ended."""
         self.on_progress(progress)
-        outcome = self.judge(progress)
+        outcome = self.outcome_of(progress)
         if outcome is not None:
             self.on_end(outcome)
         return outcome is not None
@@ -96,7 +96,7 @@ class FollowedGoal:
         """Report that the trajectory ended early."""
         self.on_end(Outcome(End.GIVEN_UP, f"goal given up: {reason}; the joints stay where they were told"))
 
-    def judge(self, progress: Progress) -> Outcome | None:
+    def outcome_of(self, progress: Progress) -> Outcome | None:
         """Return how the goal ends with this step; None if it continues."""
         trajectory, elapsed = self.trajectory, progress.elapsed
         if not trajectory.is_over(elapsed):
@@ -191,17 +191,19 @@ def _band(what: str, tolerances: Sequence[Any], joints: Sequence[JointDescriptio
         raise _refusal_of(f"{what} has {len(tolerances)} entries for {len(joints)} joints")
     for each in tolerances:
         if each.name not in names:
-            known = names_up_to(MOST_NAMES, names)
-            raise _refusal_of(f"{what} names {names_up_to(1, [each.name])}, the trajectory moves {known}")
+            moved_names = names_up_to(MOST_NAMES, names)
+            raise _refusal_of(
+                f"{what} names {names_up_to(1, [each.name])}, the trajectory moves {moved_names}"
+            )
         if not np.isfinite([each.position, each.velocity, each.acceleration]).all():
             raise _refusal_of(f"{what} of {each.name} is not finite; 0 stands for the default, -1 for none")
         joint = names.index(each.name)
         if each.acceleration > 0.0 or (each.velocity > 0.0 and joints[joint].by_effort):
             unknown = "accelerations" if each.acceleration > 0.0 else "velocities"
             raise _refusal_of(f"{what} of {each.name}: its {unknown} are not measured; leave them 0")
-        for values, wish in ((position, each.position), (velocity, each.velocity)):
-            if wish:
-                values[joint] = wish if wish > 0.0 else ANY
+        for values, tolerance in ((position, each.position), (velocity, each.velocity)):
+            if tolerance:
+                values[joint] = tolerance if tolerance > 0.0 else ANY
     return Band(position, velocity)
 
 
@@ -213,7 +215,7 @@ ACTION: Final = f"{CONTROLLER}/follow_joint_trajectory"
 FEEDBACK_PERIOD_S: Final = 0.05
 """Shortest period of feedback in [s]: the 20 Hz of ros2_control's controller."""
 
-RESULT_KEPT_S: Final = 60
+RESULT_STORED_S: Final = 60
 """How long a result is available to a client that asks late, in [s]."""
 
 
@@ -301,7 +303,7 @@ class TrajectoryAction:
         (checked, delay), self._checked = self._checked, None
         gate, server = RateGate(FEEDBACK_PERIOD_S), self._server
 
-        def tell(progress: Progress) -> None:
+        def send_feedback(progress: Progress) -> None:
             if gate.passes(time.monotonic()):
                 self._send(handle, progress, checked.trajectory.joints)
 
@@ -310,7 +312,7 @@ class TrajectoryAction:
                 self._current = None
 
         goal = replace(
-            checked, on_progress=tell, on_end=lambda outcome: server.finish(handle, outcome, forget)
+            checked, on_progress=send_feedback, on_end=lambda outcome: server.finish(handle, outcome, forget)
         )
         self._current = (handle, goal)
         handle.execute()
@@ -382,7 +384,7 @@ class _Server(ActionServer):
             goal_callback=decide,
             handle_accepted_callback=begin,
             cancel_callback=cancel,
-            result_timeout=RESULT_KEPT_S,
+            result_timeout=RESULT_STORED_S,
         )
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
