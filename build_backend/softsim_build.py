@@ -1,4 +1,4 @@
-"""The build backend: setuptools', whose archives hold the same bytes whoever builds them, and when.
+"""Build backend: setuptools with reproducible archives, which have the same bytes after every build.
 
 Times are those of the environment variable SOURCE_DATE_EPOCH, else of 1980, where ZIP begins.
 """
@@ -20,20 +20,20 @@ EPOCH = os.environ.setdefault("SOURCE_DATE_EPOCH", "315532800")
 
 
 def build_sdist(sdist_directory: str, config_settings: Mapping[str, Any] | None = None) -> str:
-    """Write the source archive; returns its name."""
+    """Write the source archive and return its name."""
     name = str(build_meta.build_sdist(sdist_directory, config_settings))
     normalise(Path(sdist_directory) / name, int(EPOCH))
     return name
 
 
 def normalise(archive: Path, time_s: int) -> None:
-    """Rewrite a .tar.gz: members in order, of one time in [s] since 1970, of nobody, with plain modes."""
+    """Rewrite a .tar.gz: sort its members, and set one time in [s] since 1970, plain modes and no owner."""
     packed = io.BytesIO()
-    with tarfile.open(archive) as given, tarfile.open(fileobj=packed, mode="w") as told:
-        for member in sorted(given.getmembers(), key=lambda each: each.name):
+    with tarfile.open(archive) as source, tarfile.open(fileobj=packed, mode="w") as target:
+        for member in sorted(source.getmembers(), key=lambda each: each.name):
             member.mtime, member.uid, member.gid, member.uname, member.gname = time_s, 0, 0, "", ""
             member.mode = 0o755 if member.isdir() or member.mode & 0o100 else 0o644
             member.pax_headers = {}
-            told.addfile(member, given.extractfile(member) if member.isfile() else None)
+            target.addfile(member, source.extractfile(member) if member.isfile() else None)
     with archive.open("wb") as file, gzip.GzipFile("", "wb", fileobj=file, mtime=time_s) as zipped:
         zipped.write(packed.getvalue())

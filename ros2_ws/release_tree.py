@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""The packages as ordinary folders, without links to the rest of the checkout: what bloom releases.
+"""Write the packages as ordinary folders without links to the rest of the checkout, as bloom releases them.
 
     python3 ros2_ws/release_tree.py FOLDER
 
 A checkout has each package's code at its top, and links to it here. Bloom takes a package's folder alone, so
-it is given the repository that FOLDER becomes: `git init`, commit, tag, and `bloom-release`.
+it receives the repository that FOLDER becomes: `git init`, commit, tag, and `bloom-release`.
 """
 
 import shutil
@@ -16,7 +16,7 @@ LEFT_OUT = shutil.ignore_patterns("__pycache__", "*.pyc", "*.egg-info")
 
 
 def write(folder: Path) -> list[Path]:
-    """Copy every package, its links followed; returns their folders.
+    """Copy every package with its links followed, and return the folders.
 
     Raises:
         FileExistsError: a package is there already.
@@ -31,7 +31,7 @@ def write(folder: Path) -> list[Path]:
 
 
 def main() -> int:
-    """Write the tree that the command line names; returns the exit code."""
+    """Write the tree that the command line names, and return the exit code."""
     if len(sys.argv) != 2:
         sys.stderr.write("usage: release_tree.py FOLDER\n")
         return 2

@@ -12,9 +12,9 @@ class PacketError(SoftSimError, ValueError):
 class PortError(SoftSimError, OSError):
     """A serial port cannot be found, opened or used; carries the port's name (empty if none was found)."""
 
-    def __init__(self, port: str, sentence: str) -> None:
+    def __init__(self, port: str, message: str) -> None:
         self.port = port
-        super().__init__(sentence)
+        super().__init__(message)
 
 
 class ProtocolError(SoftSimError, ValueError):

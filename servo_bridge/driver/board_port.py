@@ -80,7 +80,7 @@ class BoardPort:
     @property
     def telemetry_age(self) -> float | None:
         """Time in [s] since the newest message that identifies the protocol; None before the first."""
-        return None if self.link is None else self.link.heard_age(self._clock())
+        return None if self.link is None else self.link.telemetry_age(self._clock())
 
     @property
     def tilt_age(self) -> float | None:
@@ -112,7 +112,7 @@ class BoardPort:
         self.link = BoardLink(transport.port, boards, quiet_s, self._clock(), before, silent_allowed)
         self._reader = Reader(transport, self.link, self._clock, self.on_tilt)
 
-    def _take_out(self, words: Sequence[PoselessPacket] = ()) -> Callable[[], None]:
+    def _take_out(self, packets: Sequence[PoselessPacket] = ()) -> Callable[[], None]:
         """Detach the port and return a function that sends the last packets and closes it.
 
         The returned function may block for as long as the port or the protocol does.
@@ -125,8 +125,8 @@ class BoardPort:
         def close() -> None:
             if transport is not None and link is not None:
                 with contextlib.suppress(PortError):
-                    for word in words:
-                        _say(transport, link, word)
+                    for packet_kind in packets:
+                        _say(transport, link, packet_kind)
             if reader is not None:
                 reader.stop()
             if transport is not None:
@@ -148,20 +148,20 @@ class BoardPort:
         if question:
             transport.write(question)
 
-    def _say(self, word: PoselessPacket) -> bool:
+    def _say(self, packet_kind: PoselessPacket) -> bool:
         """Send a packet without a pose; return False, with nothing sent, if the board lacks the ability.
 
         Raises:
             PortError: the port failed.
         """
         transport, link = self._transport, self.link
-        return transport is not None and link is not None and _say(transport, link, word)
+        return transport is not None and link is not None and _say(transport, link, packet_kind)
 
 
-def _say(transport: Transport, link: BoardLink, word: PoselessPacket) -> bool:
+def _say(transport: Transport, link: BoardLink, packet_kind: PoselessPacket) -> bool:
     with link.speaking() as board:
-        if word not in board.abilities:
+        if packet_kind not in board.abilities:
             return False
-        packet = board.hold() if word is Ability.HOLD else board.relax()
+        packet = board.hold() if packet_kind is Ability.HOLD else board.relax()
     transport.write(packet)
     return True

@@ -38,19 +38,19 @@ class Recovery:
 
     def __init__(self, jitter: float = 0.0, random: Random | None = None) -> None:
         self._jitter, self._random = jitter, random or Random()
-        self.wish: RequestedState = "none"
+        self.requested_state: RequestedState = "none"
         self.tries = 0
         self._next_try = 0.0
         self._reached: float | None = None
 
-    def want(self, wish: RequestedState, now: float, *, wait: bool) -> None:
+    def request(self, state: RequestedState, now: float, *, wait: bool) -> None:
         """Request a state; the first attempt is due at once, or after a delay.
 
         The delay is the first of DELAYS_S. If the state reached before was lost within PROVEN_S, the back-off
         continues instead.
         """
         flapping = self._reached is not None and now - self._reached < PROVEN_S
-        self.wish, self._reached = wish, None
+        self.requested_state, self._reached = state, None
         if not (wait and flapping):
             self.tries = 0
         self._next_try = now
@@ -59,15 +59,15 @@ class Recovery:
 
     def record_success(self, now: float) -> None:
         """Record that the requested state was reached at `now`."""
-        self.wish, self._reached = "none", now
+        self.requested_state, self._reached = "none", now
 
-    def give_up(self) -> None:
+    def cancel(self) -> None:
         """Withdraw the request."""
-        self.wish = "none"
+        self.requested_state = "none"
 
     def due(self, now: float) -> bool:
         """Return whether an attempt is due."""
-        return self.wish != "none" and now >= self._next_try
+        return self.requested_state != "none" and now >= self._next_try
 
     def record_failure(self, now: float) -> None:
         """Record a failed attempt and lengthen the delay before the next one."""
@@ -125,15 +125,15 @@ class BoardSession:
         if self._watch is not None and self._watch.look():
             return WriterError(
                 f"the thread that sends packets hangs ({self.port} blocks, or the board's protocol does); the"
-                " port was given up, and the servos hold or rest as their board does in silence; plug it in"
-                " anew, cleanup and configure"
+                " port was abandoned, and the servos hold or rest as their board does in silence; plug it in"
+                " again, cleanup and configure"
             )
         failure = None if self._writer is None else self._writer.failure
         if failure is None or isinstance(failure, PortError):
             return failure
         return WriterError(
             f"the thread that sends packets has ended ({type(failure).__name__}: {error_text(failure)});"
-            " the servos hold; activate the bridge anew"
+            " the servos hold; activate the bridge again"
         )
 
     def open(self, driver: ServoDriver, port: str, open_wait_s: float) -> None:
@@ -168,17 +168,17 @@ class BoardSession:
         if driver is None:
             return
         met = driver.met
-        known_port = bool(self._usb or self._stable_port)
-        says_what_it_is = (driver.may_speak and not driver.moved) if met is None else bool(met.identity)
-        if not (known_port or says_what_it_is):
+        has_port_identity = bool(self._usb or self._stable_port)
+        has_identity = (driver.may_speak and not driver.moved) if met is None else bool(met.identity)
+        if not (has_port_identity or has_identity):
             raise PortError(
                 port,
-                f"whether the board on {port} is still the one that was configured cannot be told (it has"
-                " said no number, and its port has no USB identity), and it is told nothing; look, then"
-                " cleanup and configure",
+                f"whether the board on {port} is still the one that was configured is unknown (it has"
+                " reported no number, and its port has no USB identity), so it is not commanded; check it,"
+                " then cleanup and configure",
             )
         name = find_same_device(port, self._stable_port, self._usb)
-        driver.connect(name, open_wait_s, again=True, silent_allowed=known_port)
+        driver.connect(name, open_wait_s, again=True, silent_allowed=has_port_identity)
         if usb_identity(name) != self._usb:
             driver.disconnect()
             raise PortError(name, f"another device is on {name}; plug in the one that was configured")

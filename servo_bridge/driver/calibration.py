@@ -4,7 +4,7 @@
     servos:
       - {joint: servo_0, zero_byte: 179, sign: 1, trim_deg: 2.0, byte_min: 62, byte_max: 178, rest_byte: 150}
 
-The keys are the same as in the robot's file. Any key but `joint` may be left out, and so may a whole servo;
+The keys are the same as in the robot's file. Any key but `joint` may be missing, and so may a whole servo;
 the values of the robot's file apply then.
 
 The servos move only through the driver, so limits of position, speed and acceleration always apply, and the
@@ -66,7 +66,7 @@ def load_calibration(file: Path, robot: str, servos: Sequence[AnyServo]) -> tupl
     if not isinstance(entries, list):
         raise ConfigError(file, "servos", "must be a list of servos, each with joint and what differs")
     found = {servo.joint: servo for servo in servos}
-    seen: set[str] = set()
+    joints: set[str] = set()
     for index, entry in enumerate(entries):
         where = f"servos[{index}]"
         joint = entry.get("joint") if isinstance(entry, dict) else None
@@ -74,9 +74,9 @@ def load_calibration(file: Path, robot: str, servos: Sequence[AnyServo]) -> tupl
             raise ConfigError(
                 file, f"{where}.joint", f"{joint!r} drives no servo; {known_names(joint, found)}"
             )
-        if joint in seen:
-            raise ConfigError(file, f"{where}.joint", f"{joint} is given twice")
-        seen.add(joint)
+        if joint in joints:
+            raise ConfigError(file, f"{where}.joint", f"{joint} occurs twice")
+        joints.add(joint)
         found[joint] = _apply_entry(found[joint], entry, file, where)
     return tuple(found[servo.joint] for servo in servos)
 
@@ -118,17 +118,17 @@ def save_calibration(file: Path, robot: str, servos: Sequence[Servo]) -> None:
 
 
 def _apply_entry(servo: AnyServo, entry: dict[str, Any], file: Path, where: str) -> AnyServo:
-    known = asdict(servo)
+    fields = asdict(servo)
     for key, value in entry.items():
-        if key not in known:
-            raise ConfigError(file, f"{where}.{key}", f"is no key of a servo; {known_names(key, known)}")
+        if key not in fields:
+            raise ConfigError(file, f"{where}.{key}", f"is no key of a servo; {known_names(key, fields)}")
         if key == "joint":
             continue
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        any_number = isinstance(known[key], float)
+        any_number = isinstance(fields[key], float)
         if not number or not (any_number or isinstance(value, int)):
-            wanted = "a number" if any_number else "a whole number"
-            raise ConfigError(file, f"{where}.{key}", f"must be {wanted}, not {value!r}")
+            kind = "a number" if any_number else "a whole number"
+            raise ConfigError(file, f"{where}.{key}", f"must be {kind}, not {value!r}")
         if key == "sign" and value not in (1, -1):
             raise ConfigError(file, f"{where}.sign", f"must be 1 or -1, not {value}")
         if key == "trim_deg" and not -180.0 <= value <= 180.0:
@@ -175,7 +175,7 @@ class ServoObservation:
     byte_max: int | None = None
 
 
-def apply_observation(servo: ServoCalibration, seen: ServoObservation) -> ServoCalibration:
+def apply_observation(servo: ServoCalibration, observation: ServoObservation) -> ServoCalibration:
     """Return the calibration of a servo after an observation.
 
     At the reference angle the servo is sent the byte at which the user saw the joint in place. A mirrored
@@ -185,14 +185,14 @@ def apply_observation(servo: ServoCalibration, seen: ServoObservation) -> ServoC
     Raises:
         SceneError: the range is empty.
     """
-    degrees = seen.reference_rad * 180.0 / math.pi
-    right = servo.sign * degrees + servo.trim_deg + servo.zero_byte + seen.offset_deg
+    degrees = observation.reference_rad * 180.0 / math.pi
+    right = servo.sign * degrees + servo.trim_deg + servo.zero_byte + observation.offset_deg
     rest = byte_to_angle(servo.rest_byte, servo)
     sign, zero = servo.sign, servo.zero_byte
-    if seen.mirrored:
+    if observation.mirrored:
         sign, zero = (-1 if sign == 1 else 1), servo.byte_min + servo.byte_max - zero
-    low = servo.byte_min if seen.byte_min is None else seen.byte_min
-    high = servo.byte_max if seen.byte_max is None else seen.byte_max
+    low = servo.byte_min if observation.byte_min is None else observation.byte_min
+    high = servo.byte_max if observation.byte_max is None else observation.byte_max
     fresh = replace(
         servo,
         sign=sign,
@@ -307,7 +307,7 @@ def _observe(
     mirrored = _turns_the_other_way(servo, rest, mover, ask)
     reference = _reference(robot, servo.joint, rest)
     reached = mover.move(servo.joint, reference)
-    say(f"It should stand at {math.degrees(reached):.1f} deg of joint angle now (pose of the robot's file).")
+    say(f"It should be at {math.degrees(reached):.1f} deg of joint angle now (pose of the robot's file).")
     say(f"Correct it until it does: {ALLOWED_NUDGES}.")
     offset = _nudge(servo, reached, mover, ask, say, "Correction")
     limits = next(joint.limits for joint in robot.joints if joint.name == servo.joint)
@@ -350,8 +350,8 @@ def _nudge(servo: ServoCalibration, start: float, mover: ServoMover, ask: Ask, s
             say(f"{answer!r} moves nothing; type {ALLOWED_NUDGES}, or Enter when it is right.")
             continue
         reached = mover.move(servo.joint, start + servo.sign * math.radians(offset + step))
-        wanted, offset = offset + step, round(servo.sign * math.degrees(reached - start), 6)
-        if abs(offset - wanted) > 1e-3:
+        requested_deg, offset = offset + step, round(servo.sign * math.degrees(reached - start), 6)
+        if abs(offset - requested_deg) > 1e-3:
             say("The joint's limits or the servo's range end here.")
 
 

@@ -215,12 +215,14 @@ class ServoDriver(BoardPort):
         self.period = _period(robot.name, rate or robot.board.rate)
         board = _board(robot, robot.board, 1.0 / self.period, baud_rate or robot.board.baud_rate)
         try:
-            spoken = candidates(protocol, board)
+            protocols = candidates(protocol, board)
         except ProtocolError as error:
             raise SceneError(f"robot {robot.name}: {error}") from error
-        super().__init__(board, spoken, baud_rate or spoken[-1].baud_rate or board.baud_rate, on_tilt, clock)
-        self.protocol = spoken[0].name if len(spoken) == 1 else AUTO
-        self.may_speak = any(Ability.DETECT in each.abilities for each in spoken)
+        super().__init__(
+            board, protocols, baud_rate or protocols[-1].baud_rate or board.baud_rate, on_tilt, clock
+        )
+        self.protocol = protocols[0].name if len(protocols) == 1 else AUTO
+        self.may_speak = any(Ability.DETECT in each.abilities for each in protocols)
         self.servo_joints = tuple(servo.joint for servo in self.servos)
         self._commands = ServoCommands(robot.joint_names, self.servo_joints)
         limits = {joint.name: joint.limits for joint in robot.joints}
@@ -234,9 +236,9 @@ class ServoDriver(BoardPort):
         self.set_timing(settings or MotionSettings())
         self.avoid_byte_100 = avoid_byte_100
         self.counts = DriverCounts()
-        self._course = DriverMode()
+        self._mode = DriverMode()
         self._pose = BoardPose(self.motion, self._lock)
-        self._told = False  # the last tick sent a pose, or the command to hold
+        self._has_sent = False  # the last tick sent a pose, or the command to hold
         self.sent_bytes: tuple[int, ...] | None = None
         self._wait, self._open_port = wait, open_port
         self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
@@ -249,7 +251,7 @@ class ServoDriver(BoardPort):
     @property
     def sending(self) -> bool:
         """Whether the last tick sent the board a pose, or the command to hold."""
-        return self._told and self.connected
+        return self._has_sent and self.connected
 
     @property
     def takeover(self) -> Takeover:
@@ -264,7 +266,7 @@ class ServoDriver(BoardPort):
     @property
     def settled(self) -> threading.Event:
         """Set while the servos are not settling."""
-        return self._course.settled
+        return self._mode.settled
 
     def set_timing(self, settings: MotionSettings) -> None:
         """Apply new hold and rest times at once; the longest step stays two periods."""
@@ -292,7 +294,7 @@ class ServoDriver(BoardPort):
         transport = self._open_port(port, self.baud_rate)
         with self._lock:
             self._open(transport, quiet_s, self.met if again else None, silent_allowed)
-            self._course.follow()
+            self._mode.follow()
             self._pose.record_opening()
 
     def disconnect(self, *, relax: bool = False) -> None:
@@ -302,13 +304,13 @@ class ServoDriver(BoardPort):
             relax: Switch the pulses off first, if the board can and its servos are at rest.
         """
         with self._lock:
-            words: Sequence[PoselessPacket] = ()
+            packets: Sequence[PoselessPacket] = ()
             if self.motion.e_stop.latched:
-                words = self._holds()
+                packets = self._holds()
             elif relax and self._pose.moved and self.motion.at_rest and not self.waiting:
-                words = (Ability.RELAX,)
-            close = self._take_out(words)
-            self._end_course()
+                packets = (Ability.RELAX,)
+            close = self._take_out(packets)
+            self._stop_sending()
         run_with_timeout(close)
 
     def start(self) -> None:
@@ -319,12 +321,12 @@ class ServoDriver(BoardPort):
         with self._lock:
             self.motion.start(self._clock())
             self._pose.begin()
-            self._course.follow()
+            self._mode.follow()
 
     def stand_by(self) -> None:
         """Only listen from now on; while the e-stop is latched, ticks still send hold to a board that can."""
         with self._lock:
-            self._end_course()
+            self._stop_sending()
 
     def command(self, values: Sequence[float]) -> None:
         """Accept one position in [rad] per joint of the robot, in the robot's order.
@@ -363,8 +365,8 @@ class ServoDriver(BoardPort):
                 return
             with self._lock:
                 now = self._clock()
-                told = {**dict(zip(self.servo_joints, self.motion.goal(now), strict=True)), **command}
-                self.motion.command([told[name] for name in self.servo_joints], now)
+                angles = {**dict(zip(self.servo_joints, self.motion.goal(now), strict=True)), **command}
+                self.motion.command([angles[name] for name in self.servo_joints], now)
 
     def refuse(self, error: CommandError) -> None:
         """Count a refused command and store its message."""
@@ -392,14 +394,14 @@ class ServoDriver(BoardPort):
         latched = self.motion.e_stop.latched
         try:
             sent = self._tick(self._clock())
-            self._told = sent is not None
+            self._has_sent = sent is not None
             return sent
         except PortError:
-            self._end_course()
+            self._stop_sending()
             raise
         finally:
             if latched:  # also after an error: then there is nothing left to send
-                self.motion.e_stop.heed()
+                self.motion.e_stop.acknowledge()
 
     def begin_settling(self, timeout_s: float) -> bool:
         """Move to the rest pose at the limits' speed from the next tick on, then only listen.
@@ -412,9 +414,9 @@ class ServoDriver(BoardPort):
         """
         with self._lock:
             if self._transport is None or self.motion.e_stop.latched or not self._pose.moved:
-                self._end_course()
+                self._stop_sending()
                 return False
-            self._course.settle(self._clock() + timeout_s)
+            self._mode.settle(self._clock() + timeout_s)
             return True
 
     def settle(self, timeout_s: float = 1.5, sent: Callable[[], None] = lambda: None) -> bool:
@@ -439,12 +441,12 @@ class ServoDriver(BoardPort):
     @property
     def arrived(self) -> bool:
         """Whether the newest settling ended at the rest pose."""
-        return self._course.arrived
+        return self._mode.arrived
 
     def hold_board(self) -> None:
         """Command the board to hold, if it can; for a caller that finds the ticks ended."""
-        words = self._holds()
-        run_with_timeout(lambda: [self._say(each) for each in words])
+        packets = self._holds()
+        run_with_timeout(lambda: [self._say(each) for each in packets])
 
     def _tick(self, now: float) -> tuple[int, ...] | None:
         transport, link = self._transport, self.link
@@ -458,13 +460,13 @@ class ServoDriver(BoardPort):
             self._ask()
             return None
         if self.motion.e_stop.latched:
-            if self._course.settles:
-                self._end_course()
+            if self._mode.settles:
+                self._stop_sending()
             if self._say(Ability.HOLD):
                 self._pose.record_hold()
                 self.counts.packets += 1
                 return self.sent_bytes
-        restarted, listens = link.take_restart(), self._course.listens
+        restarted, listens = link.take_restart(), self._mode.listens
         self.counts.restarts += restarted
         self._pose.look(link, now, stalled_s, restarted=restarted, listens=listens)
         if listens:
@@ -479,7 +481,7 @@ class ServoDriver(BoardPort):
         """Write the next pose of the present mode."""
         with self._lock:
             before = self.motion.positions
-            positions = self._course.step(self.motion, now)
+            positions = self._mode.step(self.motion, now)
         try:
             with link.speaking() as board:
                 board.avoid_byte_100 = self.avoid_byte_100
@@ -496,17 +498,17 @@ class ServoDriver(BoardPort):
         self.sent_bytes = packet.servo_bytes
         self._applied = packet.angles_rad if measured is None else tuple(measured)
         with self._lock:
-            if self._course.record_sent(self.motion, now):
-                self._end_course()
+            if self._mode.record_sent(self.motion, now):
+                self._stop_sending()
         return packet.servo_bytes
 
     def _holds(self) -> Sequence[PoselessPacket]:
         hold: PoselessPacket = Ability.HOLD
         return () if self.waiting else (hold,) * REST_REPEATS
 
-    def _end_course(self) -> None:
-        self._course.end()
-        self._told = False
+    def _stop_sending(self) -> None:
+        self._mode.end()
+        self._has_sent = False
 
     def applied_angles(self) -> tuple[float, ...]:
         """Return joint angles in [rad], in servo order: as measured if the servos measure, else as sent.

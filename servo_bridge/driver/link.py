@@ -86,9 +86,9 @@ class BoardLink:
         self._recognised: BoardProtocol | None = None
         self._lock = threading.RLock()
         self._quiet_s, self._quiet_until = quiet_s, now + quiet_s
-        self._heard: float | None = None  # newest message that identifies the protocol
+        self._telemetry_time: float | None = None  # newest message that identifies the protocol
         self._looked = now  # newest check of the port, with or without data
-        self._unheard_s = 0.0  # time in [s] that the port was checked since then
+        self._silence_s = 0.0  # time in [s] that the port was checked since then
         self._tilt_time: float | None = None
         self._restarted = False
         self._fault: PortError | None = None
@@ -110,16 +110,16 @@ class BoardLink:
             PortError: the protocol failed.
         """
         with self.speaking():
-            self._unheard_s += min(now - self._looked, LONGEST_LOOK_S)
+            self._silence_s += min(now - self._looked, LONGEST_LOOK_S)
             self._looked = now
             tilts: tuple[TiltReading, ...] = ()
             for board in self._boards if self._recognised is None else (self._recognised,):
                 decoded = board.decode(data)
                 if decoded.recognised and Ability.DETECT in board.abilities:
-                    if self._heard is None:
+                    if self._telemetry_time is None:
                         self.met = self._before  # silence may have selected another protocol
-                    self._restarted |= decoded.restarted or self._heard is None
-                    self._recognised, self._heard, self._unheard_s = board, now, 0.0
+                    self._restarted |= decoded.restarted or self._telemetry_time is None
+                    self._recognised, self._telemetry_time, self._silence_s = board, now, 0.0
                 if board is self.board:
                     tilts = decoded.tilts
                     break
@@ -164,7 +164,7 @@ class BoardLink:
         """Return the name of the protocol to write in, or WAITING while it is too early to write."""
         try:
             with self.speaking() as board:
-                if self._heard is None:
+                if self._telemetry_time is None:
                     ready = now >= self._quiet_until and not self._must_speak
                 else:
                     ready = board.ready
@@ -203,20 +203,20 @@ class BoardLink:
                 raise PortError(self.port, str(self._fault))
             if problem := board.fault():
                 raise PortError(self.port, f"the board on {self.port} {problem}")
-            if self._heard is not None and self.met is not None and self._is_stranger(board):
+            if self._telemetry_time is not None and self.met is not None and self._is_stranger(board):
                 raise PortError(
                     self.port,
                     f"another board is on {self.port}"
                     f" ({_describe_board(board.name, board.identity() or '')},"
-                    f" not {_describe_board(self.met.protocol, self.met.identity)}), and is told nothing;"
+                    f" not {_describe_board(self.met.protocol, self.met.identity)}), and is not commanded;"
                     " plug in the one that was configured, or for this one cleanup and configure",
                 )
-            if self._heard is None:
+            if self._telemetry_time is None:
                 if self._must_speak and now > self._quiet_until + BANNER_GRACE_S:
                     advice = board.advice
                     if self._refuses_silence:
                         advice = (
-                            "whether it is the one that was configured is unknown; look, then cleanup and"
+                            "whether it is the one that was configured is unknown; check it, then cleanup and"
                             " configure"
                         )
                     raise PortError(
@@ -224,7 +224,7 @@ class BoardLink:
                         f"no board of the {board.name} protocol answered on {self.port} within"
                         f" {self._quiet_s + BANNER_GRACE_S:g} s; {advice}",
                     )
-            elif Ability.TELEMETRY in board.abilities and self._unheard_s > TELEMETRY_TIMEOUT_S:
+            elif Ability.TELEMETRY in board.abilities and self._silence_s > TELEMETRY_TIMEOUT_S:
                 raise PortError(
                     self.port,
                     f"no telemetry from the board on {self.port} for {TELEMETRY_TIMEOUT_S} s (it hangs, lost"
@@ -250,10 +250,10 @@ class BoardLink:
             restarted, self._restarted = self._restarted, False
             return restarted
 
-    def heard_age(self, now: float) -> float | None:
+    def telemetry_age(self, now: float) -> float | None:
         """Return the age in [s] of the newest message that identifies the protocol; None before one."""
-        heard = self._heard
-        return None if heard is None else max(now - heard, 0.0)
+        telemetry_time = self._telemetry_time
+        return None if telemetry_time is None else max(now - telemetry_time, 0.0)
 
     def tilt_age(self, now: float) -> float | None:
         """Return the time in [s] since the newest reading of an IMU; None before the first."""

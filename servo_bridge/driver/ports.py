@@ -150,8 +150,8 @@ class SerialTransport:
         self.close()
 
     def _describe_loss(self) -> str:
-        sentence = f"port {self.port} vanished (board unplugged, or its USB supply failed); plug it in again"
-        return f"{sentence}; {BRLTTY}" if _is_usb_adapter(self.port) else sentence
+        message = f"port {self.port} vanished (board unplugged, or its USB supply failed); plug it in again"
+        return f"{message}; {BRLTTY}" if _is_usb_adapter(self.port) else message
 
 
 def opening_error_message(port: str, error: BaseException) -> str:
@@ -246,10 +246,10 @@ def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id:
     """
     if port:
         return port
-    seen: list[PortInfo] = sorted(
+    found_ports: list[PortInfo] = sorted(
         list_ports.comports() if ports is None else ports, key=lambda info: info.device
     )
-    boards = {Path(info.device).resolve(): info.device for info in seen if _is_board(info)}
+    boards = {Path(info.device).resolve(): info.device for info in found_ports if _is_board(info)}
     links = sorted(by_id.iterdir()) if by_id.is_dir() else []
     for link in links:
         if "arduino" in link.name.lower() or link.resolve() in boards:
@@ -258,15 +258,17 @@ def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id:
         return next(iter(boards.values()))
     if boards:
         raise PortError("", f"several boards found ({', '.join(sorted(boards.values()))}); {NAME_PORT_HINT}")
-    clones = [f"{info.device} ({info.description})" for info in seen if (info.vid, info.pid) in CLONE_USB_IDS]
+    clones = [
+        f"{info.device} ({info.description})" for info in found_ports if (info.vid, info.pid) in CLONE_USB_IDS
+    ]
     if clones:
         raise PortError(
             "",
             f"no certain board found; {', '.join(clones)} may be one or any other gadget: {NAME_PORT_HINT}",
         )
-    others = ", ".join(info.device for info in seen) or "none"
+    others = ", ".join(info.device for info in found_ports) or "none"
     raise PortError(
-        "", f"no board found (serial ports seen: {others}); plug the board in, or {NAME_PORT_HINT}"
+        "", f"no board found (serial ports found: {others}); plug the board in, or {NAME_PORT_HINT}"
     )
 
 
@@ -289,8 +291,8 @@ def usb_identity(port: str, ports: Iterable[PortInfo] | None = None) -> str:
         chips. Empty without a USB chip, as for a pseudo-terminal.
     """
     target = Path(port).resolve()
-    seen = list_ports.comports() if ports is None else ports
-    return next((_identity(info) for info in seen if Path(info.device).resolve() == target), "")
+    found_ports = list_ports.comports() if ports is None else ports
+    return next((_identity(info) for info in found_ports if Path(info.device).resolve() == target), "")
 
 
 def _identity(info: PortInfo) -> str:
@@ -320,8 +322,8 @@ def find_same_device(
             `find_port` if neither name nor identity is known.
     """
     if usb:
-        seen = list_ports.comports() if ports is None else ports
-        there = [info.device for info in seen if _identity(info) == usb]
+        found_ports = list_ports.comports() if ports is None else ports
+        there = [info.device for info in found_ports if _identity(info) == usb]
         if len(there) > 1:
             raise PortError(
                 port, f"{listing(sorted(there))} are the same to USB ({usb}); plug in the configured one only"

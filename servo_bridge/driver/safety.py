@@ -32,7 +32,7 @@ class EStop:
         self.count = 0
         self._hurry = hurry
         self._numbers = itertools.count(1)
-        self._latched, self._heeded = threading.Event(), threading.Event()
+        self._latched, self._acknowledged = threading.Event(), threading.Event()
 
     @property
     def latched(self) -> bool:
@@ -41,18 +41,18 @@ class EStop:
 
     def latch(self) -> None:
         """Stop every servo with a packet that is sent at once, until `clear`."""
-        self._heeded.clear()
+        self._acknowledged.clear()
         self.count = next(self._numbers)
         self._latched.set()
         self._hurry()
 
-    def heed(self) -> None:
+    def acknowledge(self) -> None:
         """Acknowledge the latch: the board was commanded to stop, or there is nothing to send."""
-        self._heeded.set()
+        self._acknowledged.set()
 
-    def wait_heeded(self, timeout_s: float) -> bool:
+    def wait_acknowledged(self, timeout_s: float) -> bool:
         """Wait until the packet after `latch` was sent; return False if none is written within the time."""
-        return self._heeded.wait(timeout_s)
+        return self._acknowledged.wait(timeout_s)
 
     def clear(self) -> None:
         """Allow motion again; nothing moves before the next command."""
@@ -165,7 +165,7 @@ class ServoMotion:
         self._since = 0.0  # time of the last command, or of the start
         self._last_step: float | None = None  # None after a start: the first step moves nothing
         self._mode: MotionMode = "rest"
-        self._stops_seen = self.e_stop.count
+        self._stops_handled = self.e_stop.count
         self._parked = self.e_stop.latched  # after an e-stop: until the next command
 
     @property
@@ -195,7 +195,7 @@ class ServoMotion:
 
     def start(self, now: float) -> None:
         """Restart from the last known pose; earlier commands do not count, nor does an earlier e-stop."""
-        self._heed()
+        self._check_e_stop()
         self.forget(now)
         self._parked = self.e_stop.latched
 
@@ -223,7 +223,7 @@ class ServoMotion:
         """
         values = check_command(angles_rad, self.names)
         target = tuple(limits.clamp(value) for limits, value in zip(self.limits, values, strict=True))
-        if self._heed():
+        if self._check_e_stop():
             return
         beyond = tuple(values) if target != tuple(values) else None
         self.clipped += beyond is not None and beyond != self._beyond
@@ -233,7 +233,7 @@ class ServoMotion:
 
     def step(self, now: float) -> tuple[float, ...]:
         """Return the positions in [rad] to send at `now`; no servo exceeds its limits since the last step."""
-        if self._heed():
+        if self._check_e_stop():
             return self.positions
         settings, silence = self.settings, now - self._since
         if self._target is not None and silence <= settings.hold_timeout_s:
@@ -247,20 +247,20 @@ class ServoMotion:
 
     def step_to_rest(self, now: float) -> tuple[float, ...]:
         """Return positions like `step`, but towards the rest pose at the limits' speed; an e-stop holds."""
-        if self._heed():
+        if self._check_e_stop():
             return self.positions
         self._mode, self._target = "rest", None
         return self._move(self.rest, math.inf, now)
 
     def brake(self, now: float) -> tuple[float, ...]:
         """Return the positions in [rad] to send at `now` while braking at the limit of acceleration."""
-        return self.positions if self._heed() else self._brake(now)
+        return self.positions if self._check_e_stop() else self._brake(now)
 
-    def _heed(self) -> bool:
+    def _check_e_stop(self) -> bool:
         """Return whether the e-stop is latched; a latching since the last check ends every motion."""
         latched = self.e_stop.latched
-        if self.e_stop.count != self._stops_seen:
-            self._stops_seen = self.e_stop.count
+        if self.e_stop.count != self._stops_handled:
+            self._stops_handled = self.e_stop.count
             self._target, self._command_time, self._parked = None, None, True
             self._stand()
         return latched

@@ -11,7 +11,7 @@ from servo_bridge.driver.safety import ServoMotion
 from servo_bridge.protocols import Ability, BoardProtocol
 from softsim_core.physics.mechanics import check_command
 
-NEWS_KEPT = 20
+MOST_MESSAGES = 20
 """Messages stored until they are reported; older ones are dropped."""
 
 
@@ -22,7 +22,7 @@ class Takeover:
     that it reports from then on is newer than the request. Any other board has answered at once.
 
     Attributes:
-        pending: Whether the answer of the board is still missing.
+        pending: Whether the response of the board is still missing.
         reason: Message that says why the pose has to be taken over; empty for an ordinary start.
         count: Number of takeovers with a reason.
         news: Messages about them, oldest first; the caller that reports a message removes it.
@@ -32,7 +32,7 @@ class Takeover:
         self.pending = False
         self.reason = ""
         self.count = 0
-        self.news: deque[str] = deque(maxlen=NEWS_KEPT)
+        self.news: deque[str] = deque(maxlen=MOST_MESSAGES)
         self._asked = False
 
     def begin(self, reason: str = "") -> None:
@@ -41,7 +41,7 @@ class Takeover:
         self.reason = reason
         if reason:
             self.count += 1
-            self.news.append(f"{reason}; the bridge goes on from where the board stands")
+            self.news.append(f"{reason}; the bridge continues from the board's pose")
 
     def ask(self, board: BoardProtocol) -> bytes:
         """Return the packet to write; empty once the board has answered."""
@@ -81,12 +81,12 @@ class BoardPose:
         self.moved = False
         self.takeover = Takeover()
         self._motion, self._lock = motion, lock
-        self._held = False  # commanded to hold, and no pose sent since
+        self._hold_sent = False  # commanded to hold, and no pose sent since
         self._last_tick: float | None = None
 
     def record_opening(self) -> None:
         """Record that a port was opened: the pose of the board behind it is unknown."""
-        self.moved = self._held = False
+        self.moved = self._hold_sent = False
         self.begin()
 
     def begin(self) -> None:
@@ -96,7 +96,7 @@ class BoardPose:
 
     def record_hold(self) -> None:
         """Record that the board was commanded to hold."""
-        self._held = True
+        self._hold_sent = True
 
     def passed_s(self, now: float) -> float:
         """Return the time in [s] since the tick before, 0 for the first."""
@@ -118,11 +118,11 @@ class BoardPose:
         """
         if restarted:
             self._lose("the board has started" if self.moved else "", now)
-        elif self._held:
-            self._held = False
+        elif self._hold_sent:
+            self._hold_sent = False
             self.takeover.begin()
         elif not listens and stalled_s > STALL_S:
-            self._lose(f"the bridge stood still for {stalled_s:.1f} s", now)
+            self._lose(f"the bridge was stalled for {stalled_s:.1f} s", now)
         elif not listens and not self.takeover.pending:
             with link.speaking() as board:
                 deviation = board.deviation()
@@ -161,6 +161,6 @@ class BoardPose:
         if away > SAME_POSE and self.moved:
             degrees = ", ".join(f"{math.degrees(each):.1f}" for each in self._motion.positions)
             self.takeover.news.append(
-                f"the board stands {math.degrees(away):.0f} deg away from what it was told; the bridge goes"
-                f" on from there ({degrees} deg)"
+                f"the board is {math.degrees(away):.0f} deg away from its commands; the bridge continues"
+                f" from there ({degrees} deg)"
             )

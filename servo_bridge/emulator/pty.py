@@ -59,7 +59,7 @@ class MasterEnd:
         for each in (self._line, self._pause):
             each.register(self._awake, select.POLLIN)
 
-    def hear(self, patience_s: float | None) -> LineInput | None:
+    def receive(self, patience_s: float | None) -> LineInput | None:
         """Wait at most `patience_s` seconds for bytes or a hang-up; return None once the cable is pulled."""
         events = dict(self._line.poll(None if patience_s is None else patience_s * 1000.0))
         if self._awake in events:
@@ -81,7 +81,7 @@ class MasterEnd:
             os.write(self._master, data)
 
     def wake(self) -> None:
-        """End `hear` and `pause`, now and from now on."""
+        """End `receive` and `pause`, now and from now on."""
         os.write(self._wake, b"x")
 
     def close(self) -> None:

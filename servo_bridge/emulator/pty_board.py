@@ -126,15 +126,15 @@ class EmulatedBoardPty(PtyBoard):
     def _serve(self, end: MasterEnd) -> None:
         ahead = time.monotonic() - self._board.time_s  # wall time minus virtual time
         while not end.pause(SLICE_S):
-            heard = end.hear(0.0)
-            if heard is None:
+            line_input = end.receive(0.0)
+            if line_input is None:
                 return
-            data = self._line(heard.data)
+            data = self._line(line_input.data)
             behind = time.monotonic() - ahead - self._board.time_s
             if behind > LARGEST_LAG_S:
                 ahead += behind - LARGEST_SLICE_S
             with self._changed:
-                self._look_at_line(heard.opened)
+                self._look_at_line(line_input.opened)
                 self._received += len(data)
                 self._step(data, min(behind, LARGEST_SLICE_S))
                 sent = self._board.take_transmitted()

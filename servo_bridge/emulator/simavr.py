@@ -258,12 +258,12 @@ def _check_layout(library: ctypes.CDLL) -> None:
     if not core:
         raise EmulatorMissingError("the emulator's library knows no ATmega328P; " + INSTALL)
     library.avr_init(core)
-    seen = tuple(
+    layout = tuple(
         ctypes.c_uint32.from_address(core + offset).value for offset in (_FLASHEND, _FREQUENCY, _STATE)
     )
-    if seen != (FLASH_SIZE - 1, 1_000_000, _RUNNING):
+    if layout != (FLASH_SIZE - 1, 1_000_000, _RUNNING):
         raise EmulatorMissingError(
-            f"the emulator's library is of a version whose layout is not known (it shows {seen}); versions "
+            f"the emulator's library is of a version whose layout is not known (it shows {layout}); versions "
             "1.6 and 1.7 are: " + INSTALL
         )
     library.avr_terminate(core)

@@ -118,11 +118,11 @@ class VirtualBoard(PtyBoard):
         self._servo_bytes = None
 
     def _serve(self, end: MasterEnd) -> None:
-        while (heard := end.hear(self._patience_s())) is not None:
-            if heard.data:
-                self._take(heard.data, end)
-            self._set_open(heard.opened)
-            if heard.opened:
+        while (line_input := end.receive(self._patience_s())) is not None:
+            if line_input.data:
+                self._take(line_input.data, end)
+            self._set_open(line_input.opened)
+            if line_input.opened:
                 self._speak(end)
                 continue
             with self._changed:

@@ -21,6 +21,6 @@ from .parameters import (
     assemble as assemble,
 )
 from .virtual_board_node import (
-    KEPT as KEPT,
+    LOG_LENGTH as LOG_LENGTH,
     VirtualBoardNode as VirtualBoardNode,
 )

@@ -57,7 +57,7 @@ class ServoBridge(GuardedLifecycleNode):
         parameters.check(self._live.values)
         self._scene = scene
         self._lock = threading.RLock()  # in-process, close() may come from another thread than the callbacks
-        self._session = BoardSession(lambda driver: self._reports.tell_applied(driver))
+        self._session = BoardSession(lambda driver: self._reports.publish_applied(driver))
         self._e_stop = EStop(self._session.hurry)  # without that lock
         base_frame = f"{self.get_parameter('frame_prefix').value}base_link"
         self._reports = Reports(self, self._session, self._e_stop, base_frame)
@@ -67,10 +67,10 @@ class ServoBridge(GuardedLifecycleNode):
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
         self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
-        self._recovery.want(self._live.values.autostart, time.monotonic(), wait=False)
+        self._recovery.request(self._live.values.autostart, time.monotonic(), wait=False)
         self._state_topics = StateTopics(self, self._reports.facts())
         self._e_stop_services = EStopServices(
-            self, self._e_stop, self._forget_commands, self._state_topics.refresh, self._reports.told_at_stop
+            self, self._e_stop, self._forget_commands, self._state_topics.refresh, self._reports.describe_stop
         )
 
     # Lifecycle: unconfigured -> (configure: port open) inactive -> (activate: sending) active
@@ -105,28 +105,28 @@ class ServoBridge(GuardedLifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Move to the safe pose and stop sending; the port stays open."""
         self._state_topics.refresh()
-        self._recovery.give_up()
+        self._recovery.cancel()
         self._stop_sending()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the port; the last pose sent stays known."""
         self._state_topics.refresh()
-        self._recovery.give_up()
+        self._recovery.cancel()
         self._disconnect()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Move to the safe pose and close the port for good."""
         self._state_topics.refresh()
-        self._recovery.give_up()
+        self._recovery.cancel()
         self._disconnect()
         return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Go to the safe pose, close the port and become unconfigured after an unexpected error."""
         self.get_logger().error("a transition failed unexpectedly; the bridge is unconfigured again")
-        self._recovery.give_up()  # recovery would configure any board that is present
+        self._recovery.cancel()  # recovery would configure any board that is present
         self._disconnect()
         return super().on_error(state)
 
@@ -143,7 +143,7 @@ class ServoBridge(GuardedLifecycleNode):
         with self._lock:
             if not self._closed:
                 self._closed = True
-                self._recovery.give_up()
+                self._recovery.cancel()
                 self._disconnect()
                 self._state_topics.refresh()
 
@@ -155,21 +155,21 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _configure(self) -> None:
         settings = self._live.values
-        assembled = assemble(settings, self._scene, self._e_stop, self._reports.tell_tilt)
+        assembled = assemble(settings, self._scene, self._e_stop, self._reports.publish_tilt)
         driver, before, reports = assembled.driver, self._session.driver, self._reports
         reports.imu_frame, reports.calibration = assembled.imu_frame, assembled.calibration
         if before is not None and before.servo_joints == driver.servo_joints:
             driver.motion.resume_from(before.motion.positions)
         self._session.open(driver, find_port(settings.port), settings.open_wait_s)
         self._release_input()
-        self._input = CommandInput(self, settings.source, self._obeying)
+        self._input = CommandInput(self, settings.source, self._active_driver)
         reports.source_topic, reports.trouble = self._input.topic, ""
         self.get_logger().info(
             f"port {driver.port} open, source {settings.source}, calibration {reports.calibration or 'none'};"
             " activate to send"
         )
 
-    def _obeying(self) -> ServoDriver | None:
+    def _active_driver(self) -> ServoDriver | None:
         return self._session.driver if self._session.sending else None
 
     def _activation_refusal(self) -> str:
@@ -208,7 +208,7 @@ class ServoBridge(GuardedLifecycleNode):
         with self._lock:
             if self._closed:
                 return
-            self._reports.tell_news()
+            self._reports.log_events()
             fault = self._session.fault()
             if isinstance(fault, PortError):
                 self._lose_port(fault)
@@ -226,7 +226,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._session.hold()
         self._reports.report(str(error))
         self._leave_active()
-        self._recovery.give_up()
+        self._recovery.cancel()
 
     def _lose_port(self, error: PortError) -> None:
         """React to a lost port: become inactive, close it, and request to open it and continue as before."""
@@ -234,7 +234,7 @@ class ServoBridge(GuardedLifecycleNode):
         self._session.close()
         self._reports.report(f"{error}; the bridge tries to open it again")
         self._leave_active()
-        self._recovery.want("activate" if was_sending else "configure", time.monotonic(), wait=True)
+        self._recovery.request("activate" if was_sending else "configure", time.monotonic(), wait=True)
 
     def _leave_active(self) -> None:
         if self.lifecycle_state == "active":
@@ -242,7 +242,7 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _pursue(self) -> bool:
         """Make one attempt to reach the state that recovery requests; return whether it is finished."""
-        wish = self._recovery.wish
+        requested = self._recovery.requested_state
         if self.lifecycle_state == "unconfigured":
             if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
                 return False
@@ -256,7 +256,7 @@ class ServoBridge(GuardedLifecycleNode):
             self._reports.reconnects += 1
             self._reports.trouble = ""
             self.get_logger().info(f"port {self._session.port} is open again")
-        if wish == "activate" and self.lifecycle_state == "inactive":
+        if requested == "activate" and self.lifecycle_state == "inactive":
             self.trigger_activate()
         return True
 

@@ -60,7 +60,7 @@ class GuardedLifecycleNode(GuardedNode, LifecycleNode):
 
 SPIN_PERIOD_S = 0.1
 
-HEED_S = 0.25
+ACKNOWLEDGE_TIMEOUT_S = 0.25
 """Longest wait in [s] for the packet that carries the stop: longer than a period of the slowest rate."""
 
 ARRIVES_S = 0.5
@@ -78,8 +78,8 @@ class EStopServices:
         e_stop: The latch.
         forget: Called before the latch is cleared; drops earlier commands that are still queued.
         changed: Called in that thread after the latch was set or cleared.
-        told: Returns what was sent to the board at a stop, for the message; receives whether the latch was
-            acknowledged.
+        describe_stop: Returns a message about what was sent to the board at a stop; its argument says whether
+            the latch was acknowledged.
     """
 
     def __init__(
@@ -88,10 +88,10 @@ class EStopServices:
         e_stop: EStop,
         forget: Callable[[], None],
         changed: Callable[[], None],
-        told: Callable[[bool], str],
+        describe_stop: Callable[[bool], str],
     ) -> None:
         self._e_stop, self._logger, self._forget = e_stop, bridge.get_logger(), forget
-        self._changed, self._told = changed, told
+        self._changed, self._describe_stop = changed, describe_stop
         self._node = Node(
             f"{bridge.get_name()}_e_stop",
             context=bridge.context,
@@ -132,9 +132,9 @@ class EStopServices:
 
     def _latch(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._e_stop.latch()
-        heeded = self._e_stop.wait_heeded(HEED_S)
-        self._tell()
-        response.success, response.message = True, f"e-stop latched: {self._told(heeded)}"
+        acknowledged = self._e_stop.wait_acknowledged(ACKNOWLEDGE_TIMEOUT_S)
+        self._notify()
+        response.success, response.message = True, f"e-stop latched: {self._describe_stop(acknowledged)}"
         self._logger.warning(response.message)
         self._answered = time.monotonic()
         return response
@@ -143,17 +143,17 @@ class EStopServices:
         try:
             self._forget()
         except Exception as error:
-            words = f"the e-stop stays latched: commands that wait cannot be dropped ({error_text(error)})"
-            response.success, response.message = False, words
-            self._logger.error(words)
+            message = f"the e-stop stays latched: commands that wait cannot be dropped ({error_text(error)})"
+            response.success, response.message = False, message
+            self._logger.error(message)
         else:
             self._e_stop.clear()
-            self._tell()
+            self._notify()
             response.success, response.message = True, "e-stop cleared: the next command moves the servos"
             self._logger.info(response.message)
         self._answered = time.monotonic()
         return response
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         with contextlib.suppress(Exception):  # the services must survive any error of the notification
             self._changed()

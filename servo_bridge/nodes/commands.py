@@ -112,14 +112,14 @@ class CommandInput:
     Args:
         node: Owner of the subscription and of the log for refusals.
         source: Kind of commands: joint_states, commands or joint_commands.
-        obeys: Returns the driver that follows the commands now; None if none does.
+        active_driver: Returns the driver that follows the commands now; None if none does.
 
     Attributes:
         topic: Full name of the topic.
     """
 
-    def __init__(self, node: Node, source: str, obeys: Callable[[], ServoDriver | None]) -> None:
-        self._node, self._obeys = node, obeys
+    def __init__(self, node: Node, source: str, active_driver: Callable[[], ServoDriver | None]) -> None:
+        self._node, self._active_driver = node, active_driver
         message_type, topic, callback, self._depth = {
             "joint_states": (JointState, "joint_states", self._on_joint_states, 1),
             "commands": (Float64MultiArray, "position_controller/commands", self._on_command, 1),
@@ -147,25 +147,25 @@ class CommandInput:
         self._node.destroy_subscription(self._subscription)
 
     def _on_command(self, data: bytes) -> None:
-        self._obey("position_controller/commands", data, command_values, ServoDriver.command)
+        self._apply("position_controller/commands", data, command_values, ServoDriver.command)
 
     def _on_joint_states(self, data: bytes) -> None:
-        self._obey("joint_states", data, joint_positions, ServoDriver.command_named)
+        self._apply("joint_states", data, joint_positions, ServoDriver.command_named)
 
     def _on_joint_commands(self, data: bytes) -> None:
         def unpack(data: bytes) -> NamedCommand:
             return named_command(data, 1e-9 * self._node.get_clock().now().nanoseconds)
 
-        self._obey("joint_commands", data, unpack, lambda driver, each: driver.command_some(*each))
+        self._apply("joint_commands", data, unpack, lambda driver, each: driver.command_some(*each))
 
-    def _obey(
+    def _apply(
         self,
         topic: str,
         data: bytes,
         unpack: Callable[[bytes], Values],
         command: Callable[[ServoDriver, Values], None],
     ) -> None:
-        driver = self._obeys()
+        driver = self._active_driver()
         if driver is None:
             return
         try:

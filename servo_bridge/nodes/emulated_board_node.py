@@ -34,7 +34,7 @@ PROGRAM = Program(
 
 PUBLISH_PERIOD_S = 0.1
 
-KEPT = 1000
+LOG_LENGTH = 1000
 """Number of pulses that are stored; bounded since the node may run for days."""
 
 
@@ -65,7 +65,9 @@ class EmulatedBoardNode(BoardNode):
         **node_kwargs: Any,
     ) -> None:
         super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
-        self.board = EmulatedBoardPty(self.settings.firmware or None, link=self.link_path, log_length=KEPT)
+        self.board = EmulatedBoardPty(
+            self.settings.firmware or None, link=self.link_path, log_length=LOG_LENGTH
+        )
         self._failed = False
         self._widths: Publisher = self.create_publisher(
             Float64MultiArray, "emulated_board/pulse_widths", QoSProfile(depth=1)

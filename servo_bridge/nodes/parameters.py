@@ -76,7 +76,8 @@ class BridgeSettings:
     )
     autostart: Autostart = parameter(
         "none",
-        "How far to go unasked: none, configure (open the port) or activate (send); tried until it works",
+        "State to reach at the start: none, configure (open the port) or activate (send); repeated until"
+        " reached",
         choices=get_args(Autostart),
         fixed=True,
     )
@@ -94,7 +95,7 @@ class BridgeSettings:
     )
     calibration: str = parameter(
         "auto",
-        "File of the servos' calibration (softsim calibrate-servos); auto: the one in the person's"
+        "File of the servos' calibration (softsim calibrate-servos); auto: the one in the user's"
         " configuration, where it exists; empty: none",
         fixed=True,
     )
@@ -119,10 +120,10 @@ class BridgeSettings:
         within=(0.02, 3600.0),
     )
     rest_speed: float = parameter(
-        _TIMES.rest_speed, "Speed of the slow way to rest", unit="rad/s", within=(0.01, 10.0)
+        _TIMES.rest_speed, "Speed of the slow motion to rest", unit="rad/s", within=(0.01, 10.0)
     )
     settle_timeout: float = parameter(
-        4.0, "Longest ramp to the safe pose on the way out", unit="s", within=(0.1, 60.0)
+        4.0, "Longest motion to the safe pose at the end", unit="s", within=(0.1, 60.0)
     )
     avoid_byte_100: bool = parameter(
         True,

@@ -91,7 +91,7 @@ def bridge_status(
                 level = DiagnosticStatus.OK if driver.motion.mode == "track" else DiagnosticStatus.WARN
             if driver.takeover.pending and not driver.waiting:
                 why = driver.takeover.reason or "sending has begun"
-                message, level = f"active, asking for the board's pose: {why}", DiagnosticStatus.ERROR
+                message, level = f"active, requesting the board's pose: {why}", DiagnosticStatus.ERROR
         values |= {
             "port": driver.port or "none",
             "mode": driver.motion.mode,
@@ -173,7 +173,7 @@ class Reports:
         self._base_frame = base_frame
         self.trouble = self.calibration = self.imu_frame = self.source_topic = ""
         self.reconnects = 0
-        self._known: BoardLink | None = None  # link whose abilities were logged
+        self._logged_link: BoardLink | None = None  # link whose abilities were logged
         depth = QoSProfile(depth=10)
         self._applied: Publisher = node.create_publisher(JointState, "applied_joint_states", depth)
         self._diagnostics: Publisher = node.create_publisher(DiagnosticArray, "/diagnostics", depth)
@@ -196,7 +196,7 @@ class Reports:
             self.trouble = text
             self._node.get_logger().error(text)
 
-    def tell_applied(self, driver: ServoDriver) -> None:
+    def publish_applied(self, driver: ServoDriver) -> None:
         """Publish the pose that was sent to the servos last."""
         if not self._node.context.ok():
             return
@@ -206,43 +206,43 @@ class Reports:
         message.position = array("d", driver.applied_angles())
         self._publish(self._applied, message)
 
-    def tell_tilt(self, reading: TiltReading) -> None:
+    def publish_tilt(self, reading: TiltReading) -> None:
         """Publish a reading of the board's IMU."""
         stamp = self._node.get_clock().now().to_msg()
         self._publish(self._imu, imu_message(reading, self.imu_frame, stamp))
 
-    def tell_news(self) -> None:
+    def log_events(self) -> None:
         """Log the events between bridge and board, and once per port that the board cannot hold."""
         driver = self._session.driver
         if driver is None:
             return
         while driver.takeover.news:
             self._node.get_logger().warning(driver.takeover.news.popleft())
-        if driver.link is not self._known and driver.holds is not None:
-            self._known = driver.link
+        if driver.link is not self._logged_link and driver.holds is not None:
+            self._logged_link = driver.link
             if not driver.holds:
                 self._node.get_logger().warning(f"{driver.port}: {self._no_hold(driver)}")
 
-    def told_at_stop(self, heeded: bool) -> str:
+    def describe_stop(self, acknowledged: bool) -> str:
         """Return what an e-stop has sent to the board, as part of a message.
 
-        `heeded` says whether the thread that writes packets has acknowledged the latch.
+        `acknowledged` says whether the thread that writes packets has acknowledged the latch.
         """
         driver = self._session.driver
         if driver is None or not driver.connected:
             return "no port is open, and nothing is sent before ~/clear_e_stop"
-        if not heeded:
+        if not acknowledged:
             return "but no packet could leave; cut the servos' supply"
         if driver.holds is None:
-            return "the board has not started yet, and is told no pose before ~/clear_e_stop"
-        held = "the servos hold until ~/clear_e_stop"
-        return held if driver.holds else f"{held}; {self._no_hold(driver)}"
+            return "the board has not started yet, and receives no pose before ~/clear_e_stop"
+        message = "the servos hold until ~/clear_e_stop"
+        return message if driver.holds else f"{message}; {self._no_hold(driver)}"
 
     @staticmethod
     def _no_hold(driver: ServoDriver) -> str:
         return (
-            f"the {driver.link_state} protocol has no word to stop: at an e-stop the servos are told their"
-            " pose while the bridge is active, and in silence the board's firmware decides"
+            f"the {driver.link_state} protocol has no packet that stops the servos: at an e-stop the bridge"
+            " sends their present pose while it is active, and without packets the board's firmware decides"
         )
 
     def diagnose(self) -> None:

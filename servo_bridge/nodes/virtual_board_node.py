@@ -44,7 +44,7 @@ PROGRAM = Program(
 
 PUBLISH_PERIOD_S = 0.02
 
-KEPT = 100
+LOG_LENGTH = 100
 """Number of packets that are stored; bounded since the node may run for days."""
 
 
@@ -84,10 +84,10 @@ class VirtualBoardNode(BoardNode):
             described = load_robot(self.settings.robot).board
         if described is not None:
             servos, protocol = servos or described.servos, protocol or described.protocol
-        self.board = VirtualBoard(servos, self.link_path, protocol=protocol or AUTO, log_length=KEPT)
-        self._seen = 0
+        self.board = VirtualBoard(servos, self.link_path, protocol=protocol or AUTO, log_length=LOG_LENGTH)
+        self._published_count = 0
         self._in_degrees = self.board.model.largest <= 255
-        self._told: Publisher = self.create_publisher(
+        self._pose_publisher: Publisher = self.create_publisher(
             UInt8MultiArray if self._in_degrees else UInt16MultiArray,
             f"virtual_board/servo_{'bytes' if self._in_degrees else 'pulses'}",
             QoSProfile(depth=10),
@@ -97,17 +97,23 @@ class VirtualBoardNode(BoardNode):
     @property
     def pose_text(self) -> str:
         """Newest command of the servos and the number of dropped packets, as text for the status line."""
-        told, unit = self.board.servo_bytes, "°" if self._in_degrees else ""
-        pose = "told nothing yet" if told is None else " ".join(f"{value:3d}{unit}" for value in told)
+        servo_bytes, unit = self.board.servo_bytes, "°" if self._in_degrees else ""
+        pose = (
+            "not commanded yet"
+            if servo_bytes is None
+            else " ".join(f"{value:3d}{unit}" for value in servo_bytes)
+        )
         return f"servos {pose}  dropped {self.board.dropped}"
 
     def publish_pose(self) -> None:
         """Publish the servo positions of a new packet."""
         accepted, servo_bytes = self.board.accepted, self.board.servo_bytes
-        if accepted != self._seen and servo_bytes is not None and self.context.ok():
-            self._seen = accepted
+        if accepted != self._published_count and servo_bytes is not None and self.context.ok():
+            self._published_count = accepted
             data = bytes(servo_bytes) if self._in_degrees else array("H", servo_bytes)
-            self._told.publish((UInt8MultiArray if self._in_degrees else UInt16MultiArray)(data=data))
+            self._pose_publisher.publish(
+                (UInt8MultiArray if self._in_degrees else UInt16MultiArray)(data=data)
+            )
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -41,10 +41,10 @@ STALE = 2
 """Number of unanswered requests after which a servo's position is too old to stop at."""
 
 PATIENCE = 2
-"""Number of contradicting answers in a row; a single one may date from before."""
+"""Number of contradicting responses in a row; a single one may date from before."""
 
 LARGEST_LOAD = 0.8
-"""Share of the time between two packets that requests and responses may take on the line."""
+"""Fraction of the time between two packets that requests and responses may take on the line."""
 
 BITS_PER_BYTE = 10
 _STATUS_BYTES, _RETURN_DELAY_S = 11, 500e-6
@@ -78,10 +78,10 @@ class DynamixelProtocol(BoardProtocol):
         self._currents: dict[int, float] = {}
         self._asked: Counter[int] = Counter()  # requests since the newest response, by id
         self._answers = 0
-        self._heard: set[int] = set()  # ids that responded since the last time that all had
+        self._responding_ids: set[int] = set()  # ids that responded since the last time that all had
         self._next = 0  # turn of the servo that is queried for more
         self._goals: dict[int, int] | None = None  # sent last; None: none since the takeover began
-        self._held: dict[int, int] | None = None  # goals of the hold in progress
+        self._hold_goals: dict[int, int] | None = None  # goals of the hold in progress
         self._fresh: set[int] = set()  # ids with a state reported since the takeover began
         self._taken_over: bool | None = None  # None before the first takeover
         self._contradictions: Counter[int] = Counter()
@@ -90,8 +90,8 @@ class DynamixelProtocol(BoardProtocol):
     def refusal(cls, board: BoardDescription) -> str:
         """Refuse a line that is too slow for this number of servos at this rate."""
         places = {servo.id: table.PRESENT for servo in board.bus_servos}
-        told = packets.sync_write(table.GOAL_POSITION, dict.fromkeys(places, bytes(4)))
-        needed_s = _line_s(board, len(told) + len(packets.bulk_read(places))) + _answers_s(board)
+        data = packets.sync_write(table.GOAL_POSITION, dict.fromkeys(places, bytes(4)))
+        needed_s = _line_s(board, len(data) + len(packets.bulk_read(places))) + _answers_s(board)
         free_s = LARGEST_LOAD / board.rate
         if needed_s <= free_s:
             return ""
@@ -112,9 +112,9 @@ class DynamixelProtocol(BoardProtocol):
         """Encode the goals of all servos, and a request."""
         pairs = list(zip(angles_rad, self._servos.values(), strict=True))
         self._goals = {servo.id: angle_to_pulse(angle, servo) for angle, servo in pairs}
-        self._held = None
+        self._hold_goals = None
         return EncodedPacket(
-            self._tell_goals(self._goals) + self._question(),
+            self._encode_goals(self._goals) + self._question(),
             tuple(self._goals.values()),
             tuple(pulse_to_angle(self._goals[servo.id], servo) for _, servo in pairs),
         )
@@ -133,19 +133,19 @@ class DynamixelProtocol(BoardProtocol):
         if self._fresh != set(self._servos):
             return self._question()
         before = self._goals or {}
-        keep = {each for each in before if self._states[each].torque}
-        goals = {each: before[each] if each in keep else self._stand(each) for each in self._servos}
+        with_torque = {each for each in before if self._states[each].torque}
+        goals = {each: before[each] if each in with_torque else self._stand(each) for each in self._servos}
         # A servo with a tripped watchdog refuses goals, so the watchdog is cleared first.
-        told = packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(goals, b"\x00"))
-        told += packets.sync_write(table.PROFILE, {each: self._profile(each) for each in goals})
-        told += self._tell_goals(goals)
+        data = packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(goals, b"\x00"))
+        data += packets.sync_write(table.PROFILE, {each: self._profile(each) for each in goals})
+        data += self._encode_goals(goals)
         if ready := [
             each for each, state in self._states.items() if state.torque or self._may_wake(each, state)
         ]:
-            told += packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(ready, b"\x01"))
-            told += packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(ready, bytes([WATCHDOG])))
+            data += packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(ready, b"\x01"))
+            data += packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(ready, bytes([WATCHDOG])))
         self._goals = goals
-        return told + self._question()
+        return data + self._question()
 
     def hold(self) -> bytes:
         """Return goals at the present positions, the same for the whole hold; torque that is off stays off.
@@ -153,18 +153,18 @@ class DynamixelProtocol(BoardProtocol):
         The first hold packet is sent at any moment. Responses to the request before may still be on the line
         and damage it, so its goals are repeated until all of these are over.
         """
-        if self._held is not None:
-            return self._tell_goals(self._held) + self._question()
-        self._held = {servo_id: self._stand(servo_id) for servo_id in self._servos}
-        told = self._tell_goals(self._held)
-        return told * (2 + int(_answers_s(self.board) / _line_s(self.board, len(told)))) + self._question()
+        if self._hold_goals is not None:
+            return self._encode_goals(self._hold_goals) + self._question()
+        self._hold_goals = {servo_id: self._stand(servo_id) for servo_id in self._servos}
+        data = self._encode_goals(self._hold_goals)
+        return data * (2 + int(_answers_s(self.board) / _line_s(self.board, len(data)))) + self._question()
 
     def relax(self) -> bytes:
         """Return the packet that switches torque and watchdog off."""
         off = packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(self._servos, b"\x00"))
         return off + packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(self._servos, b"\x00"))
 
-    def _tell_goals(self, goals: Mapping[int, int]) -> bytes:
+    def _encode_goals(self, goals: Mapping[int, int]) -> bytes:
         return packets.sync_write(
             table.GOAL_POSITION, {servo_id: table.four(goal) for servo_id, goal in goals.items()}
         )
@@ -192,35 +192,35 @@ class DynamixelProtocol(BoardProtocol):
         for packet in self._stream.feed(data):
             if packet.instruction == Instruction.STATUS and packet.servo_id in self._servos:
                 self._take(packet)
-        if set(self._servos) - self._heard or len(self._models) < len(self._servos):
+        if set(self._servos) - self._responding_ids or len(self._models) < len(self._servos):
             return Decoded()
-        self._heard.clear()
+        self._responding_ids.clear()
         return Decoded(recognised=True)
 
     def _take(self, packet: Packet) -> None:
-        servo_id, said = packet.servo_id, packet.parameters
+        servo_id, parameters = packet.servo_id, packet.parameters
         if packet.error & ~ALERT:
             return  # the servo refuses a packet that was damaged on the line
-        if len(said) == 3:
-            self._models[servo_id] = int.from_bytes(said[:2], "little")
-        elif len(said) == table.PRESENT[1]:
-            current, _, self._positions[servo_id] = table.read_present(said)
+        if len(parameters) == 3:
+            self._models[servo_id] = int.from_bytes(parameters[:2], "little")
+        elif len(parameters) == table.PRESENT[1]:
+            current, _, self._positions[servo_id] = table.read_present(parameters)
             self._currents[servo_id] = current
-        elif len(said) == table.SETTINGS[1]:
-            self._settings[servo_id] = table.read_settings(said)
-        elif len(said) == table.STATE[1]:
-            self._take_state(servo_id, table.read_state(said))
+        elif len(parameters) == table.SETTINGS[1]:
+            self._settings[servo_id] = table.read_settings(parameters)
+        elif len(parameters) == table.STATE[1]:
+            self._take_state(servo_id, table.read_state(parameters))
         else:
             return
         self._answers += 1
         self._asked[servo_id] = 0
-        self._heard.add(servo_id)
+        self._responding_ids.add(servo_id)
 
     def _take_state(self, servo_id: int, state: ServoState) -> None:
         self._states[servo_id] = state
         self._fresh.add(servo_id)
         self._positions[servo_id], self._currents[servo_id] = state.position, state.current
-        wrong = self._taken_over and not self._obeys(servo_id)
+        wrong = self._taken_over and not self._is_armed(servo_id)
         self._contradictions[servo_id] = self._contradictions[servo_id] + 1 if wrong else 0
 
     @property
@@ -232,7 +232,9 @@ class DynamixelProtocol(BoardProtocol):
         """Return models, firmware and settings of the servos, which have no serial number."""
         if not self.ready:
             return None
-        return "; ".join(f"servo {each} {self._settings[each].kept}" for each in sorted(self._servos))
+        return "; ".join(
+            f"servo {each} {self._settings[each].identity_text}" for each in sorted(self._servos)
+        )
 
     def fault(self) -> str:
         """Report a servo that is missing, is no XM, is set unsuitably, or has switched its torque off."""
@@ -241,7 +243,7 @@ class DynamixelProtocol(BoardProtocol):
         ]:
             there = [str(each) for each in self._servos if each in self._models]
             return (
-                f"hears nothing from {self._list_servos(missing)} at {self.board.baud_rate} baud (answers"
+                f"receives nothing from {self._list_servos(missing)} at {self.board.baud_rate} baud (answers"
                 f" come from: {listing(there)}); {self.advice}"
             )
         for servo_id in self._servos:
@@ -268,7 +270,7 @@ class DynamixelProtocol(BoardProtocol):
         out = max(servo.pulse_min - position, position - servo.pulse_max)
         if self._taken_over is False and not state.torque and out > DEAD_BAND:
             return (
-                f"stands at pulse {position}, outside {servo.pulse_min}..{servo.pulse_max}; it has no"
+                f"is at pulse {position}, outside {servo.pulse_min}..{servo.pulse_max}; it has no"
                 " torque: turn it there by hand"
             )
         return ""
@@ -276,7 +278,7 @@ class DynamixelProtocol(BoardProtocol):
     def begin_takeover(self) -> None:
         """Start a takeover: reported states and goals from before do not count."""
         self._taken_over = False
-        self._goals = self._held = None
+        self._goals = self._hold_goals = None
         self._fresh.clear()
         self._contradictions.clear()
 
@@ -284,7 +286,7 @@ class DynamixelProtocol(BoardProtocol):
         """Return whether every servo reports the commanded goal, torque on and an armed watchdog."""
         goals = self._goals
         self._taken_over = goals is not None and all(
-            self._obeys(each) and self._states[each].goal == goal for each, goal in goals.items()
+            self._is_armed(each) and self._states[each].goal == goal for each, goal in goals.items()
         )
         return self._taken_over
 
@@ -307,22 +309,22 @@ class DynamixelProtocol(BoardProtocol):
                 state = self._states[servo_id]
                 stopped = state.watchdog == table.WATCHDOG_TRIPPED
                 what = "was stopped by its bus watchdog" if stopped else "has lost its torque or its profile"
-                return f"goes its own way ({self._list_servos([servo_id])} {what})"
+                return f"does not follow its commands ({self._list_servos([servo_id])} {what})"
         return ""
 
     def values(self) -> Mapping[str, object]:
         """Return measurements and properties of the servos."""
         ids = list(self._servos)
 
-        def of_each(told: Mapping[int, object]) -> str:
-            return " ".join(str(told.get(each, "?")) for each in ids)
+        def of_each(by_id: Mapping[int, object]) -> str:
+            return " ".join(str(by_id.get(each, "?")) for each in ids)
 
         states = self._states
         errors = {each: state.hardware_error for each, state in states.items() if state.hardware_error}
         return {
             "servos": " ".join(map(str, ids)),
             "models": of_each({each: table.MODELS.get(model, model) for each, model in self._models.items()}),
-            "servo firmware": of_each({each: known.firmware for each, known in self._settings.items()}),
+            "servo firmware": of_each({each: settings.firmware for each, settings in self._settings.items()}),
             "torque": of_each({each: "on" if state.torque else "off" for each, state in states.items()}),
             "positions [pulse]": of_each(self._positions),
             "currents [mA]": of_each({each: round(1e3 * amps) for each, amps in self._currents.items()}),
@@ -355,7 +357,7 @@ class DynamixelProtocol(BoardProtocol):
         """Return whether a servo without torque has just reported its position as its goal."""
         return self._asked[servo_id] <= STALE and abs(state.goal - state.position) <= DEAD_BAND
 
-    def _obeys(self, servo_id: int) -> bool:
+    def _is_armed(self, servo_id: int) -> bool:
         """Return whether a servo has torque, its watchdog and its profile."""
         state = self._states.get(servo_id)
         if state is None:

@@ -33,7 +33,7 @@ from softsim_core.physics.mechanics import JointLimits
 MODEL, FIRMWARE = 1030, 45
 TABLE_SIZE, RAM_START = 147, 64
 LARGEST_ACCELERATION = 200.0 * PULSES_PER_RAD
-"""Acceleration of the motor without a profile, in [pulses/s^2]; a guess."""
+"""Acceleration of the motor without a profile, in [pulses/s^2]; an estimate without a measurement."""
 
 LONGEST_STEP_S = 0.005
 
@@ -269,10 +269,10 @@ class LineFaults:
     """Faults of status packets on the line, each drawn independently.
 
     Attributes:
-        lost: Share of packets that never arrive.
-        late: Share of packets that arrive with the next responses only.
-        damaged: Share of packets in which a bit is flipped, or that are cut short.
-        unheard: Share of packets to the servos that no servo receives.
+        lost: Fraction of packets that never arrive.
+        late: Fraction of packets that arrive with the next responses only.
+        damaged: Fraction of packets in which a bit is flipped, or that are cut short.
+        unheard: Fraction of packets to the servos that no servo receives.
         draw: Random number generator.
     """
 
@@ -282,9 +282,9 @@ class LineFaults:
     unheard: float = 0.0
     draw: random.Random = field(default_factory=lambda: random.Random(1))
 
-    def happens(self, share: float) -> bool:
-        """Draw whether a fault with this share happens."""
-        return share > 0.0 and self.draw.random() < share
+    def happens(self, fraction: float) -> bool:
+        """Draw whether a fault with this fraction happens."""
+        return fraction > 0.0 and self.draw.random() < fraction
 
 
 class DynamixelBus(BoardModel):
@@ -403,28 +403,28 @@ class DynamixelBus(BoardModel):
             servo = self.servos.get(servo_id)
             if servo is None or not servo.answers:
                 return
-            self._tell(servo_id, servo.read(address, size))
+            self._respond(servo_id, servo.read(address, size))
 
     def _ask(self, servo_id: int, packet: Packet) -> None:
         servo, body = self.servos[servo_id], packet.parameters
         if packet.instruction == Instruction.PING:
-            self._tell(servo_id, servo.get(0).to_bytes(2, "little") + bytes([servo.get(6)]))
+            self._respond(servo_id, servo.get(0).to_bytes(2, "little") + bytes([servo.get(6)]))
         elif packet.instruction == Instruction.READ and len(body) == 4:
-            self._tell(servo_id, servo.read(*struct.unpack("<HH", body)))
+            self._respond(servo_id, servo.read(*struct.unpack("<HH", body)))
         elif packet.instruction == Instruction.WRITE and len(body) > 2:
-            self._tell(servo_id, servo.write(int.from_bytes(body[:2], "little"), body[2:]) or b"")
+            self._respond(servo_id, servo.write(int.from_bytes(body[:2], "little"), body[2:]) or b"")
         elif packet.instruction == Instruction.REBOOT:
             servo.power_cycle()
-            self._tell(servo_id, b"")
+            self._respond(servo_id, b"")
         else:
-            self._tell(servo_id, StatusError.INSTRUCTION)
+            self._respond(servo_id, StatusError.INSTRUCTION)
 
-    def _tell(self, servo_id: int, said: bytes | StatusError) -> None:
+    def _respond(self, servo_id: int, response: bytes | StatusError) -> None:
         alert = ALERT if self.servos[servo_id].get(HARDWARE_ERROR) else 0
-        if isinstance(said, StatusError):
-            self._answers.append(status(servo_id, b"", said | alert))
+        if isinstance(response, StatusError):
+            self._answers.append(status(servo_id, b"", response | alert))
         else:
-            self._answers.append(status(servo_id, said, alert))
+            self._answers.append(status(servo_id, response, alert))
 
     def _damage(self, answer: bytes) -> bytes:
         draw, spoilt = self.faults.draw, bytearray(answer)

@@ -199,8 +199,8 @@ class PacketStream:
         """Return the length of the packet at the start of the buffer; 0: invalid; None: bytes are missing."""
         start = self._data.find(HEADER)
         if start < 0:  # the last bytes may begin a header
-            kept = next((n for n in (3, 2, 1) if self._data.endswith(HEADER[:n])), 0)
-            del self._data[: len(self._data) - kept]
+            tail = next((n for n in (3, 2, 1) if self._data.endswith(HEADER[:n])), 0)
+            del self._data[: len(self._data) - tail]
             return None
         del self._data[:start]
         if len(self._data) < _BEFORE_INSTRUCTION:
@@ -304,7 +304,7 @@ class ServoSettings:
     shutdown: HardwareError
 
     @property
-    def kept(self) -> str:
+    def identity_text(self) -> str:
         """Settings that distinguish it from other servos, as far as possible, as text."""
         return (
             f"model {self.model} firmware {self.firmware} mode {self.operating_mode}/{self.drive_mode}"
@@ -383,5 +383,5 @@ def four(number: int) -> bytes:
 
 
 def _errors(value: int) -> HardwareError:
-    known = sum(HardwareError)
-    return HardwareError(value & known)
+    all_bits = sum(HardwareError)
+    return HardwareError(value & all_bits)

@@ -61,7 +61,7 @@ class PoseComparison:
 
     def __init__(self) -> None:
         self.deviation = ""
-        self._told: deque[tuple[int, tuple[int, ...]]] = deque(maxlen=SEQUENCES - 1)
+        self._poses: deque[tuple[int, tuple[int, ...]]] = deque(maxlen=SEQUENCES - 1)
         self._sent = 0  # frames since the last telemetry
         self._acknowledged: int | None = None
         self._contradictions = self._deaf = 0
@@ -69,7 +69,7 @@ class PoseComparison:
     def begin(self) -> None:
         """Begin a takeover: poses sent before do not count."""
         self.deviation = ""
-        self._told.clear()
+        self._poses.clear()
         self._contradictions = self._deaf = 0
 
     def record_frame(self) -> None:
@@ -78,25 +78,25 @@ class PoseComparison:
 
     def record_pose(self, seq: int, widths_us: Sequence[int]) -> None:
         """Record that a pose was sent, in the frame with that number."""
-        self._told.append((seq, tuple(widths_us)))
+        self._poses.append((seq, tuple(widths_us)))
 
-    def hear(self, telemetry: Telemetry) -> None:
+    def compare(self, telemetry: Telemetry) -> None:
         """Compare a telemetry frame with the poses."""
         if telemetry.seq != self._acknowledged:
             self._deaf = 0
-        elif self._sent and self._told and telemetry.seq != self._told[-1][0]:
+        elif self._sent and self._poses and telemetry.seq != self._poses[-1][0]:
             self._deaf += 1
         self._acknowledged, self._sent = telemetry.seq, 0
         contradiction = self._contradiction(telemetry)
         self._contradictions = self._contradictions + 1 if contradiction else 0
         if self._deaf >= DEAF_PATIENCE:
-            self.deviation = "acknowledges nothing of what it is told; check the cable"
+            self.deviation = "acknowledges no command; check the cable"
         elif self._contradictions >= PATIENCE:
             self.deviation = contradiction
 
     def _contradiction(self, telemetry: Telemetry) -> str:
         """Return how the telemetry contradicts the poses up to the acknowledged one; empty if it does not."""
-        numbers = [seq for seq, _ in self._told]
+        numbers = [seq for seq, _ in self._poses]
         if telemetry.seq not in numbers:
             return ""  # no pose sent since the takeover has arrived yet
         flags = telemetry.flags
@@ -105,13 +105,13 @@ class PoseComparison:
         if BoardFlags.LIMITS_SET not in flags:
             return "has forgotten its servos' ranges"
         if BoardFlags.HOMING in flags:
-            return "goes to its rest pose by itself"
+            return "moves to its rest pose by itself"
         if BoardFlags.HOLD in flags or BoardFlags.LINK not in flags:
             return "holds by itself"
-        poses = [widths for _, widths in self._told][: numbers.index(telemetry.seq) + 1]
-        for width, told in zip(telemetry.widths_us, zip(*poses, strict=True), strict=True):
-            if not min(told) - TOLERANCE_US <= width <= max(told) + TOLERANCE_US:
-                return f"stands at {' '.join(map(str, telemetry.widths_us))} us, where it was not sent"
+        poses = [widths for _, widths in self._poses][: numbers.index(telemetry.seq) + 1]
+        for width, sent_us in zip(telemetry.widths_us, zip(*poses, strict=True), strict=True):
+            if not min(sent_us) - TOLERANCE_US <= width <= max(sent_us) + TOLERANCE_US:
+                return f"is at {' '.join(map(str, telemetry.widths_us))} us, where it was not sent"
         return ""
 
 
@@ -226,7 +226,7 @@ class ExtendedProtocol(BoardProtocol):
             return ""
         return (
             f"speaks version {self.banner.protocol} of the extended protocol, this bridge version"
-            f" {frames.PROTOCOL_VERSION}; flash its firmware anew (softsim flash), or set the parameter"
+            f" {frames.PROTOCOL_VERSION}; flash its firmware again (softsim flash), or set the parameter"
             " protocol to legacy"
         )
 
@@ -349,7 +349,7 @@ class ExtendedProtocol(BoardProtocol):
     def _take_telemetry(self, frame: Frame) -> None:
         self.telemetry = frames.read_telemetry(frame)
         self.counts.telemetry += 1
-        self._following.hear(self.telemetry)
+        self._following.compare(self.telemetry)
         if self.seq is not None:
             self.unacknowledged = (self.seq - self.telemetry.seq) % frames.SEQUENCES
             self.counts.most_unacknowledged = max(self.counts.most_unacknowledged, self.unacknowledged)

@@ -54,7 +54,7 @@ class BoardMotion:
     """Widths of a board's servos, period by period; times are seconds of any steady clock.
 
     Args:
-        kept: Widths in ticks of the pulses before the reset; None after a loss of power.
+        last_ticks: Widths in ticks of the pulses before the reset; None after a loss of power.
 
     Attributes:
         started: Whether a pose was commanded since the reset; before that there are no pulses.
@@ -65,13 +65,13 @@ class BoardMotion:
         rest: Width of each servo in ticks in the rest pose.
     """
 
-    def __init__(self, kept: Sequence[int] | None = None) -> None:
+    def __init__(self, last_ticks: Sequence[int] | None = None) -> None:
         self.started = self.relaxed = self.hold_asked = False
-        self._known = kept is not None
+        self._position_known = last_ticks is not None
         self.slew = _SLEW
         self.ranges = [(PULSE_MIN_US * TICKS_PER_US, PULSE_MAX_US * TICKS_PER_US)] * SERVOS
         self.rest = [byte_ticks(_REST_BYTE)] * SERVOS
-        self._current = list(kept or self.rest)
+        self._current = list(last_ticks or self.rest)
         self._target = list(self._current)
         self._silence = _REST_FRAMES  # pulse periods since the newest valid command, saturating
         self._next_frame: float | None = None
@@ -108,20 +108,20 @@ class BoardMotion:
         return tuple(ticks / TICKS_PER_US for ticks in self._current) if self.active else None
 
     @property
-    def kept(self) -> Sequence[int] | None:
+    def last_ticks(self) -> Sequence[int] | None:
         """Widths in ticks of the newest pulses, which survive a reset; None before the first pulses."""
-        return tuple(self._current) if self.started or self._known else None
+        return tuple(self._current) if self.started or self._position_known else None
 
     @property
-    def told_us(self) -> tuple[float, ...]:
+    def telemetry_us(self) -> tuple[float, ...]:
         """Widths in [us] in telemetry: of the pulses, else of those before the reset, else 0."""
-        told = self.active or (self._known and not self.started)
-        return tuple(ticks / TICKS_PER_US if told else 0.0 for ticks in self._current)
+        is_valid = self.active or (self._position_known and not self.started)
+        return tuple(ticks / TICKS_PER_US if is_valid else 0.0 for ticks in self._current)
 
     def command(self, ticks: Sequence[int]) -> None:
         """Set a target; the first one after a loss of power is reached at once."""
         self._target = self._within(ticks)
-        if not (self.started or self._known):
+        if not (self.started or self._position_known):
             self._current = list(self._target)
         self.started, self.relaxed, self.hold_asked = True, False, False
         self._silence = 0
@@ -155,8 +155,8 @@ class BoardMotion:
         if not self.active:
             return  # without pulses the servos stay where they were
         self._current = [
-            now + max(-step, min(step, wanted - now))
-            for wanted, now in zip(self._within(self._target), self._current, strict=True)
+            now + max(-step, min(step, target - now))
+            for target, now in zip(self._within(self._target), self._current, strict=True)
         ]
 
     def _within(self, ticks: Sequence[int]) -> list[int]:
@@ -184,7 +184,7 @@ class ExtendedBoard(BoardModel):
         self.silent = self.deaf = False
         self.motion = BoardMotion()
         self.identity = frames.NO_IDENTITY
-        self._identity_wanted = False
+        self._identity_requested = False
         self.refused = self._accepted = 0
         self._legacy, self._frames = legacy, FrameParser()
         self._begun = 0.0  # time at which the newest frame began
@@ -194,7 +194,7 @@ class ExtendedBoard(BoardModel):
         """Restart; the banner is sent next. Only a loss of power loses the positions of the servos."""
         self._frames.reset()
         self._legacy.reset()
-        self.motion = BoardMotion(None if cause == RESET_POWER_ON else self.motion.kept)
+        self.motion = BoardMotion(None if cause == RESET_POWER_ON else self.motion.last_ticks)
         self.seq = self._own_seq = 0
         self._limits_set = self._framed = False
         self._banner_due, self._reset_cause = True, cause
@@ -247,15 +247,15 @@ class ExtendedBoard(BoardModel):
             self._banner_due = False
             content = Banner(frames.PROTOCOL_VERSION, *frames.FIRMWARE_VERSION, self._reset_cause)
             data += frames.banner(self._next(), content)
-        widths = tuple(int(width + 0.5) for width in self.motion.told_us)
-        told = Telemetry(self.seq, self._flags(), widths, self.dropped & _COUNTER, 0)
-        data += frames.telemetry(self._next(), told)
+        widths = tuple(int(width + 0.5) for width in self.motion.telemetry_us)
+        state = Telemetry(self.seq, self._flags(), widths, self.dropped & _COUNTER, 0)
+        data += frames.telemetry(self._next(), state)
         return b"" if self.silent else data
 
     def answer(self, now: float) -> bytes:
         """Return the board's number, if it was requested."""
-        wanted, self._identity_wanted = self._identity_wanted, False
-        return frames.identity(self._next(), self.identity) if wanted and not self.silent else b""
+        requested, self._identity_requested = self._identity_requested, False
+        return frames.identity(self._next(), self.identity) if requested and not self.silent else b""
 
     def advance(self, now: float) -> None:
         """Let the servos move, and drop an unfinished packet in time."""
@@ -316,7 +316,7 @@ class ExtendedBoard(BoardModel):
         elif frame.kind is FrameType.IDENTIFY:
             if self.identity == frames.NO_IDENTITY:
                 self.identity = frames.read_number(frame)
-            self._identity_wanted = True
+            self._identity_requested = True
         elif frame.kind in (FrameType.RELAX, FrameType.HOLD):
             motion.relaxed |= frame.kind is FrameType.RELAX
             motion.hold_asked |= frame.kind is FrameType.HOLD

@@ -167,9 +167,9 @@ def encode(frame: Frame) -> bytes:
     Raises:
         PacketError: the payload has the wrong length for its type, or a number does not fit.
     """
-    wanted = PAYLOAD_SEXTETS[frame.kind]
-    if len(frame.payload) != wanted:
-        raise PacketError(f"{frame.kind.name} takes {wanted} sextets, not {len(frame.payload)}")
+    length = PAYLOAD_SEXTETS[frame.kind]
+    if len(frame.payload) != length:
+        raise PacketError(f"{frame.kind.name} takes {length} sextets, not {len(frame.payload)}")
     body = (int(frame.kind), frame.seq, *frame.payload)
     for value in body:
         if not 0 <= value < 64:

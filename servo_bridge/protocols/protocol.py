@@ -257,7 +257,7 @@ class BoardProtocol(ABC):
         return ""
 
     def begin_takeover(self) -> None:
-        """Start a takeover: what the board reported so far does not count as an answer."""
+        """Start a takeover: what the board reported so far does not count as a response."""
         return
 
     def limits(self) -> bytes:
@@ -281,7 +281,7 @@ class BoardProtocol(ABC):
         return None
 
     def deviation(self) -> str:
-        """Return how the board deviates from its commands, as "stands still ..."; empty if it does not."""
+        """Return how the board deviates from its commands, as "holds by itself"; empty if it does not."""
         return ""
 
     def hold(self) -> bytes:

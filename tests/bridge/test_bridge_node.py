@@ -252,7 +252,7 @@ def test_a_silent_board_plugged_in_again_is_driven_after_cleanup_and_configure(
     assert bridge.says("vanished")
     before = board.received
     board.replug()
-    assert bridge.says("is still the one that was configured cannot be told")
+    assert bridge.says("is still the one that was configured is unknown")
     assert (client.state(), board.received) == ("inactive", before)
     for label in ("cleanup", "configure", "activate"):
         client.transition(label)

@@ -104,7 +104,7 @@ def test_a_board_that_hears_nothing_is_an_error_although_its_telemetry_lives(
         return status is not None and status.level == DiagnosticStatus.ERROR and "asking" in status.message
 
     assert wait_until(wrong)
-    assert bridge.says("the bridge goes on from where the board stands")
+    assert bridge.says("the bridge continues from the board's pose")
     assert wait_until(lambda: (board.widths_us or (0.0,))[0] > 2000.0)  # it went to rest by itself
     board.model.deaf = False
     board.clear()

@@ -88,7 +88,7 @@ def test_the_e_stop_is_served_also_where_it_cannot_be_told(client: Any) -> None:
     e_stop = EStop()
     services = EStopServices(bridge, e_stop, lambda: None, fail, str)
     try:
-        e_stop.heed()
+        e_stop.acknowledge()
         assert client.trigger("servo_bridge/e_stop").success
         assert e_stop.latched
         assert client.trigger("servo_bridge/clear_e_stop").success

@@ -83,7 +83,7 @@ def test_keys_and_servos_left_out_stay_the_robots_own(tmp_path: Path) -> None:
         ("robot: two\n", "servos: must be a list"),
         ("robot: two\nservos: []\nspeed: 3\n", "speed: is no key of a calibration"),
         ("robot: two\nservos: [{joint: c}]\n", r"servos\[0\].joint: 'c' drives no servo; known: a, b"),
-        ("robot: two\nservos: [{joint: a}, {joint: a}]\n", r"servos\[1\].joint: a is given twice"),
+        ("robot: two\nservos: [{joint: a}, {joint: a}]\n", r"servos\[1\].joint: a occurs twice"),
         ("robot: two\nservos: [7]\n", r"servos\[0\].joint: None drives no servo"),
         ("robot: two\nservos: [{joint: a, trimm: 1}]\n", r"servos\[0\].trimm: is no key of a servo"),
         ("robot: two\nservos: [{joint: a, sign: 2}]\n", r"sign: must be 1 or -1, not 2"),

@@ -222,7 +222,7 @@ def test_a_servo_that_falls_silent_is_named_and_driven_again_when_it_is_back(
     drive(client, board, stream, 0.5)
     bus.servos[1].answers = False
     assert bridge.says("no telemetry from the board")
-    assert bridge.says("hears nothing from servo 1 (leg_1) at 1000000 baud (answers come from: 0, 2, 3)")
+    assert bridge.says("receives nothing from servo 1 (leg_1) at 1000000 baud (answers come from: 0, 2, 3)")
     for servo_id in (0, 2, 3):
         assert bus.servos[servo_id].torque  # they hold
     bus.servos[1].power_cycle()

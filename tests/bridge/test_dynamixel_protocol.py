@@ -376,7 +376,7 @@ def test_servos_that_do_not_answer_are_named() -> None:
     talk = Conversation()
     talk.bus.servos[1].answers = False
     found = talk.fault()
-    assert "hears nothing from servo 1 (j1) at 1000000 baud (answers come from: 0, 2, 9)" in found
+    assert "receives nothing from servo 1 (j1) at 1000000 baud (answers come from: 0, 2, 9)" in found
     talk = Conversation()
     talk.bus.faults.lost = 1.0
     assert "(answers come from: none)" in talk.fault()
@@ -400,7 +400,7 @@ def test_a_servo_beyond_its_limits_gets_no_torque_before_it_is_turned_back() -> 
     talk.protocol.begin_takeover()
     for _ in range(20):
         talk.turn(talk.protocol.limits())
-    assert "servo 0 (j0) stands at pulse 3200, outside 1000..3000; it has no torque" in talk.protocol.fault()
+    assert "servo 0 (j0) is at pulse 3200, outside 1000..3000; it has no torque" in talk.protocol.fault()
     assert not talk.bus.servos[0].torque
     talk.bus.servos[0].turn(2990)
     talk.protocol = DynamixelProtocol(BOARD)

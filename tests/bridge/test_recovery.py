@@ -9,7 +9,7 @@ from servo_bridge.driver import DELAYS_S, Recovery
 
 def test_tries_are_due_after_half_one_two_four_and_then_every_five_seconds() -> None:
     recovery, now, due = Recovery(), 10.0, []
-    recovery.want("activate", now, wait=True)
+    recovery.request("activate", now, wait=True)
     for tick in range(1, 4000):
         now = 10.0 + tick / 100.0
         if recovery.due(now):
@@ -20,11 +20,11 @@ def test_tries_are_due_after_half_one_two_four_and_then_every_five_seconds() -> 
 
 def test_at_start_the_first_try_is_due_at_once() -> None:
     recovery = Recovery()
-    recovery.want("configure", 3.0, wait=False)
+    recovery.request("configure", 3.0, wait=False)
     assert recovery.due(3.0)
-    recovery.give_up()
+    recovery.cancel()
     assert not recovery.due(100.0)
-    recovery.want("none", 3.0, wait=False)
+    recovery.request("none", 3.0, wait=False)
     assert not recovery.due(100.0)
 
 
@@ -32,7 +32,7 @@ def test_jitter_parts_bridges_and_stays_within_its_fraction() -> None:
     recovery, twin, other = (Recovery(0.2, Random(seed)) for seed in (1, 1, 2))
     starts = []
     for each in (recovery, twin, other):
-        each.want("activate", 0.0, wait=True)
+        each.request("activate", 0.0, wait=True)
         now, due = 0.0, []
         while len(due) < 8:
             now += 0.001

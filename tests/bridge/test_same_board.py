@@ -163,7 +163,9 @@ def test_a_silent_board_without_usb_is_not_opened_again(tmp_path: Path) -> None:
         assert bridge.drives(board)
         board.unplug()
         board.replug()
-        assert spin_until(lambda: bridge.lost() and "cannot be told" in bridge.said[-1])
+        assert spin_until(
+            lambda: bridge.lost() and "is still the one that was configured is unknown" in bridge.said[-1]
+        )
         assert board.open_count == 1
         assert Bridge(board.port).drives(board)
 
@@ -199,7 +201,9 @@ def test_a_board_driven_before_it_said_its_number_is_not_opened_again(original: 
     original.unplug()
     accepted = original.accepted
     original.replug()
-    assert spin_until(lambda: bridge.lost() and "cannot be told" in bridge.said[-1])
+    assert spin_until(
+        lambda: bridge.lost() and "is still the one that was configured is unknown" in bridge.said[-1]
+    )
     assert original.open_count == 1
     assert original.accepted == accepted
     bridge.session.close()

@@ -102,11 +102,11 @@ def test_a_stalled_bridge_goes_on_from_where_the_board_went_by_itself(
     accepted = board.accepted
     assert driver.tick() is None  # first the board is asked, which also stops it
     assert board.accepted == accepted
-    assert "the bridge stood still for 5.0 s" in driver.takeover.news[0]
+    assert "the bridge was stalled for 5.0 s" in driver.takeover.news[0]
     take_over(driver)
     assert driver.sent_bytes is not None
     assert 90 < driver.sent_bytes[0] < 150
-    assert "away from what it was told" in driver.takeover.news[1]
+    assert "deg away from its commands" in driver.takeover.news[1]
     moves = steps_deg(driver, clock, 60)
     assert 3.0 < max(moves) <= math.degrees(3.5) * PERIOD + 0.2  # widths are whole us, 0.1 deg
     changes = [abs(after - before) for before, after in pairwise([0.0, *moves])]
@@ -219,10 +219,10 @@ def test_no_pose_is_sent_faster_than_the_board_moves() -> None:
         (DRIVEN, (1500, 1500, 1500), ""),
         (DRIVEN, (1300, 1510, 1500), ""),  # on the way
         (DRIVEN & ~BoardFlags.ACTIVE, (0, 0, 0), "has no pulses"),
-        (DRIVEN | BoardFlags.HOMING, (1500, 1500, 1500), "goes to its rest pose by itself"),
+        (DRIVEN | BoardFlags.HOMING, (1500, 1500, 1500), "moves to its rest pose by itself"),
         (DRIVEN | BoardFlags.HOLD, (1500, 1500, 1500), "holds by itself"),
         (DRIVEN & ~BoardFlags.LIMITS_SET, (1500, 1500, 1500), "has forgotten its servos' ranges"),
-        (DRIVEN, (1500, 1540, 1500), "stands at 1500 1540 1500 us"),
+        (DRIVEN, (1500, 1540, 1500), "is at 1500 1540 1500 us"),
     ],
 )
 def test_telemetry_that_contradicts_twice_is_a_deviation(
@@ -234,7 +234,7 @@ def test_telemetry_that_contradicts_twice_is_a_deviation(
         following.record_pose(seq, (width, 1500, 1500))
     for _ in range(PATIENCE):
         assert following.deviation == ""
-        following.hear(Telemetry(3, flags, widths, 0, 0))
+        following.compare(Telemetry(3, flags, widths, 0, 0))
     assert following.deviation.startswith(words)
     assert bool(following.deviation) == bool(words)
     following.begin()
@@ -247,8 +247,8 @@ def test_a_board_that_acknowledges_nothing_is_deaf() -> None:
         assert following.deviation == ""
         following.record_pose(seq, (1500,) * 3)
         following.record_frame()
-        following.hear(Telemetry(0, DRIVEN, (1500,) * 3, 0, 0))
-    assert following.deviation.startswith("acknowledges nothing of what it is told")
+        following.compare(Telemetry(0, DRIVEN, (1500,) * 3, 0, 0))
+    assert following.deviation.startswith("acknowledges no command")
 
 
 def test_a_board_that_acknowledges_now_and_then_is_not_deaf() -> None:
@@ -258,10 +258,10 @@ def test_a_board_that_acknowledges_now_and_then_is_not_deaf() -> None:
         following.record_frame()
         if seq % (DEAF_PATIENCE - 1) == 0:
             last = seq
-        following.hear(Telemetry(last, DRIVEN, (1500,) * 3, 0, 0))
+        following.compare(Telemetry(last, DRIVEN, (1500,) * 3, 0, 0))
         assert following.deviation == ""
     for _ in range(DEAF_PATIENCE + 2):  # nothing is sent any more: nothing can be acknowledged
-        following.hear(Telemetry(last, DRIVEN, (1500,) * 3, 0, 0))
+        following.compare(Telemetry(last, DRIVEN, (1500,) * 3, 0, 0))
     assert following.deviation == ""
 
 

@@ -172,7 +172,7 @@ def test_a_clone_is_never_chosen_unasked(tmp_path: Path) -> None:
 
 def test_no_board_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(
-        PortError, match=r"no board found \(serial ports seen: /dev/ttyS0\); plug the board in"
+        PortError, match=r"no board found \(serial ports found: /dev/ttyS0\); plug the board in"
     ):
         find_port(ports=[BUILT_IN], by_id=tmp_path / "absent")
 

@@ -96,7 +96,7 @@ def test_a_stale_link_of_a_killed_board_is_taken_over(tmp_path: Path) -> None:
 def test_as_a_node_it_remembers_a_hundred_packets(ros_domain: int) -> None:
     """It runs for days: all packets of a minute at 50 Hz are 0.43 MB."""
     context_module = pytest.importorskip("rclpy.context")
-    from servo_bridge.nodes import KEPT, VirtualBoardNode
+    from servo_bridge.nodes import LOG_LENGTH, VirtualBoardNode
 
     context = context_module.Context()
     context.init(args=[], domain_id=ros_domain)
@@ -106,7 +106,7 @@ def test_as_a_node_it_remembers_a_hundred_packets(ros_domain: int) -> None:
             for count in range(1, 31):
                 transport.write(10 * bytes([255, 60, 120, 180]))
                 assert node.board.wait_for(lambda b, count=count: b.accepted == 10 * count)
-        assert len(node.board.packets) == KEPT
+        assert len(node.board.packets) == LOG_LENGTH
     finally:
         node.destroy_node()
         context.try_shutdown()

@@ -116,8 +116,8 @@ def test_a_bridge_that_stood_still_comes_back_from_where_the_board_went(board: E
 
     assert robot.drive_until(back, FAR)
     news = list(robot.driver.takeover.news)
-    assert any("the bridge stood still for 6.0 s" in each for each in news), news
-    assert any("away from what it was told; the bridge goes on from there" in each for each in news), news
+    assert any("the bridge was stalled for 6.0 s" in each for each in news), news
+    assert any("deg away from its commands; the bridge continues from there" in each for each in news), news
     from_rest = [pose for pose in angles if pose != angles[0]]
     assert abs(from_rest[0][0] - REST_RAD) < NEAR
     for before, after in pairwise(from_rest):

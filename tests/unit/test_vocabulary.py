@@ -11,7 +11,7 @@ import pytest
 from faces import REPOSITORY
 from source_trees import tree_of
 
-PACKAGES = ("softsim_core", "softsim_node")
+PACKAGES = ("softsim_core", "softsim_node", "servo_bridge")
 """Packages whose names are checked."""
 
 RETIRED = (

@@ -8,12 +8,12 @@ NAME = "softsim_bringup"
 
 
 def installed(folder: str) -> list[tuple[str, list[str]]]:
-    """Pairs of share folder and files for everything below `folder`, by the folder's own structure."""
-    kept: dict[str, list[str]] = {}
+    """Return pairs of share folder and files for everything below `folder`, in the folder's structure."""
+    files: dict[str, list[str]] = {}
     for file in sorted(Path(folder).rglob("*")):
         if file.is_file() and "__pycache__" not in file.parts:
-            kept.setdefault(f"share/{NAME}/{file.parent.as_posix()}", []).append(file.as_posix())
-    return list(kept.items())
+            files.setdefault(f"share/{NAME}/{file.parent.as_posix()}", []).append(file.as_posix())
+    return list(files.items())
 
 
 setup(
