@@ -101,7 +101,9 @@ def test_a_board_that_hears_nothing_is_an_error_although_its_telemetry_lives(
 
     def wrong() -> bool:
         status = newest()
-        return status is not None and status.level == DiagnosticStatus.ERROR and "asking" in status.message
+        return (
+            status is not None and status.level == DiagnosticStatus.ERROR and "requesting" in status.message
+        )
 
     assert wait_until(wrong)
     assert bridge.says("the bridge continues from the board's pose")

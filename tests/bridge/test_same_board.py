@@ -183,7 +183,7 @@ def test_a_port_lost_before_its_board_spoke_is_opened_again_for_one_that_speaks(
     with VirtualBoard(link=tmp_path / "board") as stranger:
         refused = "no board of the extended protocol answered"
         assert spin_until(lambda: bridge.lost() and refused in bridge.said[-1])
-        assert "unknown; look, then cleanup and configure" in bridge.said[-1]
+        assert "unknown; check it, then cleanup and configure" in bridge.said[-1]
         assert stranger.open_count > 0
         assert stranger.received == 0
     original.link, original.model.silent = tmp_path / "board", False

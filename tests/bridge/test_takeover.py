@@ -149,7 +149,7 @@ def test_a_dead_line_to_the_board_is_noticed_although_telemetry_lives(
     assert wait_until(lambda: not noticed() and flags(driver) == DRIVEN)
     board.model.deaf = True
     assert wait_until(noticed)
-    words = ("acknowledges nothing", "holds by itself")  # whichever its telemetry shows first
+    words = ("acknowledges no command", "holds by itself")  # whichever its telemetry shows first
     assert driver.takeover.reason.startswith(tuple(f"the board {each}" for each in words))
     assert wait_until(lambda: noticed() and BoardFlags.HOMING in flags(driver))
     assert wait_until(lambda: noticed() and (board.widths_us or (0.0,))[0] > 1400.0)

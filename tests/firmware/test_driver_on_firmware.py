@@ -78,7 +78,7 @@ def test_a_board_lost_in_its_boot_loader_is_driven_again_where_it_speaks(
     driven.plugged = True
     driven.connect(again=True, silent_allowed=False)
     if plain:
-        with pytest.raises(PortError, match="unknown; look, then cleanup and configure"):
+        with pytest.raises(PortError, match="unknown; check it, then cleanup and configure"):
             driven.drive(10.0, POSE)
         assert driven.received == 0
     else:
