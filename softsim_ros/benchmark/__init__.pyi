@@ -51,9 +51,9 @@ from .process import (
 )
 from .records import (
     Record as Record,
-    judge as judge,
     peer_table as peer_table,
     reference_size as reference_size,
+    set_ratios as set_ratios,
     table as table,
     write_json as write_json,
 )

@@ -17,7 +17,7 @@ from softsim_core.base import MjcfError, install_command
 from softsim_core.mjcf import MujocoRun, export_mjcf
 from softsim_core.scene import RobotDescription
 from softsim_ros.benchmark.measured_scenes import TOUCHING, TouchingScene, describe
-from softsim_ros.benchmark.peers import held_body
+from softsim_ros.benchmark.peers import clamped_body
 from softsim_ros.benchmark.records import align_columns
 from softsim_ros.benchmark.timing import no_garbage_collection
 
@@ -49,12 +49,12 @@ class EnvironmentCost:
         return self.overhead >= LIMIT
 
     @property
-    def sentence(self) -> str:
+    def report_line(self) -> str:
         """Message about the missed target."""
         return f"{self.environment}: {100.0 * self.overhead:.1f} % outside the physics, target < {LIMIT:.0%}"
 
     def as_json(self) -> dict[str, object]:
-        """Return it as a JSON object."""
+        """Return the measurement as a JSON object."""
         return asdict(self)
 
 
@@ -149,7 +149,7 @@ class BatchRate:
         return self.rate / (self.single * min(self.workers, self.copies))
 
     def as_json(self) -> dict[str, object]:
-        """Return it as a JSON object."""
+        """Return the measurement as a JSON object."""
         return {**asdict(self), "per_core": self.per_core}
 
 
@@ -229,7 +229,7 @@ def measure_peer(
         MjcfError: MuJoCo is not installed.
     """
     for scene, mesh in PEERS:
-        body = held_body(describe(scene, mesh, reference))
+        body = clamped_body(describe(scene, mesh, reference))
         run = MujocoRun(export_mjcf(body.scene).text)
         mujoco, rollout = import_module("mujoco"), import_module("mujoco.rollout")
         full = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -238,12 +238,12 @@ def measure_peer(
         alone = 0.0
         for count in counts:
             for threads in (each for each in workers if each <= count):
-                rooms = [mujoco.MjData(run.model) for _ in range(threads)]
+                model_data = [mujoco.MjData(run.model) for _ in range(threads)]
                 states = np.tile(start, (count, 1))
                 best, calls = 0.0, 2
                 for _ in range(rounds):
                     started = perf_counter()
-                    rollout.rollout(run.model, rooms, states, nstep=calls)
+                    rollout.rollout(run.model, model_data, states, nstep=calls)
                     taken = perf_counter() - started
                     best = max(best, count * calls / taken)
                     calls = max(2, math.ceil(SAMPLE_S * best / count))

@@ -33,7 +33,7 @@ REPORTED_S: Final = 1.5
 
 MOTION, KERNELS = "first motion is published", "compiled kernels run"
 
-TOLD_RAD, MOVED_RAD = 0.3, 1e-3
+COMMANDED_RAD, MOVED_RAD = 0.3, 1e-3
 END_WITHIN_S: Final = 30.0
 INSTALL_WITHIN_S: Final = 900.0
 """Time limit in [s] of the whole start."""
@@ -149,10 +149,10 @@ class FirstStart:
             now = [*message.position]
             first.extend(now if not first else ())
             if MOTION not in self.phases:
-                commands.publish(Float64MultiArray(data=[each - TOLD_RAD for each in first]))
+                commands.publish(Float64MultiArray(data=[each - COMMANDED_RAD for each in first]))
             if max((abs(a - b) for a, b in zip(now, first, strict=False)), default=0.0) > MOVED_RAD:
                 self._record_phase(MOTION)
-                seen.set()
+                has_moved.set()
 
         def note(message: DiagnosticArray) -> None:
             moved = self.phases.get(MOTION, math.inf)
@@ -164,13 +164,13 @@ class FirstStart:
         node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        over, seen = threading.Event(), threading.Event()
+        over, has_moved = threading.Event(), threading.Event()
 
         def spin() -> None:
             while not over.is_set():
                 executor.spin_once(timeout_sec=0.1)
-                if seen.is_set():  # receiving them takes a tenth of a core away from the measurement
-                    seen.clear()
+                if has_moved.is_set():  # receiving them takes a tenth of a core away from the measurement
+                    has_moved.clear()
                     node.destroy_subscription(joints)
 
         thread = threading.Thread(target=spin, daemon=True)
@@ -190,20 +190,20 @@ def compare_with_targets(phases: Mapping[str, float], factors: Sequence[float]) 
 
     Factors are those of FirstStart; they are not judged if there are none.
     """
-    told, missed = [], 0
+    lines, missed = [], 0
     for phase, target in ((MOTION, MOTION_WITHIN_S), (KERNELS, KERNELS_WITHIN_S)):
         seconds = phases.get(phase, math.inf)
         missed += seconds > target
         when = f"after {seconds:.1f} s" if seconds < math.inf else "not seen"
-        told.append(f"{phase}: {when}, target {target:g} s: {_verdict(seconds <= target)}")
+        lines.append(f"{phase}: {when}, target {target:g} s: {_verdict(seconds <= target)}")
     if factors:
         slowest, median = min(factors), statistics.median(factors)
         missed += slowest < SLOWEST_FACTOR
-        told.append(
+        lines.append(
             f"real-time factor until then: {slowest:.2f} in the slowest second, median {median:.2f},"
             f" target {SLOWEST_FACTOR:g}: {_verdict(slowest >= SLOWEST_FACTOR)}"
         )
-    return told, missed
+    return lines, missed
 
 
 def _verdict(met: bool) -> str:
@@ -212,14 +212,14 @@ def _verdict(met: bool) -> str:
 
 def _environment(folder: Path, domain: int) -> dict[str, str]:
     """Return this process's environment without its Python environment, and with empty caches."""
-    kept = {name: value for name, value in os.environ.items() if name not in FORGOTTEN}
+    variables = {name: value for name, value in os.environ.items() if name not in FORGOTTEN}
     own = [str(Path(sys.prefix) / "bin")]
-    path = [each for each in kept.get("PATH", "").split(os.pathsep) if each not in own]
+    path = [each for each in variables.get("PATH", "").split(os.pathsep) if each not in own]
     caches = ("UV_CACHE_DIR", "PIP_CACHE_DIR", "XDG_CACHE_HOME", "XDG_RUNTIME_DIR")
     for name in caches:
         (folder / name).mkdir(mode=0o700)
     return {
-        **kept,
+        **variables,
         "PATH": os.pathsep.join(path),
         **{name: str(folder / name) for name in caches},
         "SOFTSIM_PYTHON": str(Path(sys.base_prefix) / "bin" / f"python3.{sys.version_info.minor}"),

@@ -18,8 +18,8 @@ from softsim_core.scene.io import config_file
 
 TOUCHING = ("cable_finger", "gripper_free", "gripper_grasp", "tripod_ball")
 LIMITS = {"cable_finger": 0.2, "gripper_free": 0.8, "gripper_grasp": 2.5, "tripod_ball": 1.2}
-"""Longest step in [ms] on a machine where the clamped body of the low mesh takes HELD_MS."""
-HELD_MS = 0.17
+"""Longest step in [ms] on a machine where the clamped body of the low mesh takes CLAMPED_MS."""
+CLAMPED_MS = 0.17
 
 CLOSED, LOWERED = 0.012, -0.050
 """Pull of the cables and height of the grasping gripper in [m]."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from softsim_core.base import write_file
-from softsim_ros.benchmark.measured_scenes import HELD_MS, LIMITS
+from softsim_ros.benchmark.measured_scenes import CLAMPED_MS, LIMITS
 
 _SILICONE = {"low": (235, 579), "mid": (781, 2684), "high": (1455, 5221)}
 _FINGER = (158, 389)
@@ -23,7 +23,7 @@ def reference_size(scene: str, mesh: str) -> tuple[int, int]:
     return _SILICONE[mesh.removeprefix("reference_")]
 
 
-HELD_LIMIT = 1.0 / 6.0
+CLAMPED_LIMIT = 1.0 / 6.0
 """Largest cost of the clamped body's step, in SuperLU factorisations of its matrix."""
 
 TRIPOD_LIMIT = 1.6
@@ -87,16 +87,16 @@ class Record:
             "median_ms": self.median_ms,
             "splu_min_ms": self.splu_min_ms,
         }
-        judged = {} if self.ratio is None else {"ratio": self.ratio, "limit": self.limit}
+        comparison = {} if self.ratio is None else {"ratio": self.ratio, "limit": self.limit}
         compared = {} if self.scipy_ratio is None else {"scipy_ratio": self.scipy_ratio}
-        return fixed | judged | compared | self.extras
+        return fixed | comparison | compared | self.extras
 
 
-def judge(records: Iterable[Record]) -> None:
+def set_ratios(records: Iterable[Record]) -> None:
     """Set the ratios that have a target, from the shortest times of one run."""
     records = list(records)
     tripod = {each.mesh: each for each in records if each.scene == "tripod" and each.path == "numba"}
-    held = {each.mesh: each for each in records if each.scene == "held_centre" and each.path == "numba"}
+    clamped = {each.mesh: each for each in records if each.scene == "held_centre" and each.path == "numba"}
     slow = {(each.scene, each.mesh): each for each in records if each.path == "scipy"}
     for record in records:
         if record.path != "numba":
@@ -104,10 +104,10 @@ def judge(records: Iterable[Record]) -> None:
         if (record.scene, record.mesh) in slow:
             record.scipy_ratio = record.min_ms / slow[record.scene, record.mesh].min_ms
         if record.scene == "held_centre" and record.splu_min_ms is not None:
-            record.ratio, record.limit = record.min_ms / record.splu_min_ms, HELD_LIMIT
+            record.ratio, record.limit = record.min_ms / record.splu_min_ms, CLAMPED_LIMIT
             record.against = "splu"
-        elif record.scene == "tripod" and record.mesh in held:
-            body = held[record.mesh]
+        elif record.scene == "tripod" and record.mesh in clamped:
+            body = clamped[record.mesh]
             record.ratio, record.limit = record.min_ms / body.min_ms, TRIPOD_LIMIT
             record.extras["median_ratio"] = record.median_ms / body.median_ms
             record.against = "held"
@@ -116,16 +116,16 @@ def judge(records: Iterable[Record]) -> None:
             record.ratio, record.limit = record.min_ms / step.min_ms, TICK_LIMIT
             record.extras["median_ratio"] = record.median_ms / step.median_ms
             record.against = "tripod"
-        elif record.scene in LIMITS and record.mesh in held:
-            record.ratio = record.min_ms / held[record.mesh].min_ms
-            record.limit, record.against = LIMITS[record.scene] / HELD_MS, "held"
+        elif record.scene in LIMITS and record.mesh in clamped:
+            record.ratio = record.min_ms / clamped[record.mesh].min_ms
+            record.limit, record.against = LIMITS[record.scene] / CLAMPED_MS, "held"
 
 
 class JsonRecord(Protocol):
     """A measurement with a JSON form."""
 
     def as_json(self) -> dict[str, object]:
-        """Return it as a JSON object."""
+        """Return the measurement as a JSON object."""
         ...
 
 

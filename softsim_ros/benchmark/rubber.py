@@ -53,7 +53,7 @@ class RubberTime:
         return not self.measured <= self.limit
 
     def as_json(self) -> dict[str, object]:
-        """Return it as a JSON object."""
+        """Return the measurement as a JSON object."""
         return {
             "scene": self.scene,
             "nodes": self.nodes,
@@ -85,8 +85,8 @@ class _Moving:
     def stir(self) -> None:
         """Send another command; a body without joints falls again."""
         if len(self._middle):
-            aside = self._random.uniform(-1.0, 1.0, len(self._middle))
-            self.simulation.command(self._middle + self._spread * aside)
+            sideways = self._random.uniform(-1.0, 1.0, len(self._middle))
+            self.simulation.command(self._middle + self._spread * sideways)
         else:
             self.simulation.reset()
 

@@ -102,7 +102,7 @@ class Scale:
     peak_mb: float
 
     def as_json(self) -> dict[str, object]:
-        """Return it as a JSON object."""
+        """Return the measurement as a JSON object."""
         return asdict(self)
 
 

@@ -47,7 +47,7 @@ class SensorTime:
         return self.limit is not None and not self.min_ms <= self.limit
 
     def as_json(self) -> dict[str, object]:
-        """Return it as a JSON object."""
+        """Return the measurement as a JSON object."""
         return {
             "sensor": self.sensor,
             "min_ms": self.min_ms,

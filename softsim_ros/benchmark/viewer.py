@@ -181,9 +181,9 @@ def measure_viewer(seconds: float = 6.0) -> ViewerFigures:
 
 
 def _start(module: str, log: IO[str], environment: dict[str, str], *settings: str) -> subprocess.Popen[bytes]:
-    given = [word for setting in settings for word in ("-p", setting)]
+    parameter_words = [word for setting in settings for word in ("-p", setting)]
     return start_process(
-        python_command(module, "--ros-args", *given),
+        python_command(module, "--ros-args", *parameter_words),
         stdin=subprocess.DEVNULL,
         stdout=log,
         stderr=log,

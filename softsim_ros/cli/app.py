@@ -156,21 +156,27 @@ def _overview(whole: bool) -> str:
     def lines(names: tuple[str, ...]) -> list[str]:
         return [f"  {colour('bold', f'{name:<{width}}')}  {COMMANDS[name].help}" for name in names]
 
-    told = ["usage: softsim COMMAND [options]", "", "Soft-robot simulation and control for ROS 2.", ""]
-    told += [f"{first}: softsim up tripod", *lines(newcomers), ""]
+    text_lines = ["usage: softsim COMMAND [options]", "", "Soft-robot simulation and control for ROS 2.", ""]
+    text_lines += [f"{first}: softsim up tripod", *lines(newcomers), ""]
     if whole:
         for title, names in others:
-            told += [f"{title}:", *lines(names), ""]
-        told += ["exit codes:", *(f"  {code:<{width}}  {text}" for code, text in EXIT_CODES.items()), ""]
+            text_lines += [f"{title}:", *lines(names), ""]
+        text_lines += [
+            "exit codes:",
+            *(f"  {code:<{width}}  {text}" for code, text in EXIT_CODES.items()),
+            "",
+        ]
     else:
         indent = max(len(title) for title, _ in others) + 4
         for title, names in others:
             text = f"  {title + ':':<{indent - 2}}{', '.join(names)}"
-            told += textwrap.wrap(text, _LINE, subsequent_indent=" " * indent, drop_whitespace=False)
-        told += ["", "a line on each: softsim --help"]
-    told += ["more on one: softsim COMMAND --help", "which version: softsim --version"]
-    told += ["./softsim makes its own Python environment the first time a command runs (a minute, 1 GB)."]
-    return "\n".join(told)
+            text_lines += textwrap.wrap(text, _LINE, subsequent_indent=" " * indent, drop_whitespace=False)
+        text_lines += ["", "a line on each: softsim --help"]
+    text_lines += ["more on one: softsim COMMAND --help", "which version: softsim --version"]
+    text_lines += [
+        "./softsim makes its own Python environment the first time a command runs (a minute, 1 GB)."
+    ]
+    return "\n".join(text_lines)
 
 
 def _dispatch(words: Sequence[str]) -> int:
@@ -224,10 +230,10 @@ def run_command(words: Sequence[str] | None = None) -> int:
         print(f"{Colours(sys.stderr)('red', 'softsim:')} {error}", file=sys.stderr)
         code = 1
     except ModuleNotFoundError as error:  # of a package that only an extra installs
-        sentence = what_is_missing(error)
-        if sentence is None:
+        message = what_is_missing(error)
+        if message is None:
             raise
-        print(f"{Colours(sys.stderr)('red', 'softsim:')} {sentence}; see softsim doctor", file=sys.stderr)
+        print(f"{Colours(sys.stderr)('red', 'softsim:')} {message}; see softsim doctor", file=sys.stderr)
         code = 1
     except KeyboardInterrupt:
         print("softsim: interrupted", file=sys.stderr)

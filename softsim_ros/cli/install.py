@@ -89,8 +89,8 @@ class InstallError(RuntimeError):
             permission.
     """
 
-    def __init__(self, sentence: str, is_hopeless: bool = True) -> None:
-        super().__init__(sentence)
+    def __init__(self, message: str, is_hopeless: bool = True) -> None:
+        super().__init__(message)
         self.is_hopeless = is_hopeless
 
 
@@ -197,8 +197,8 @@ class Stages:
         with self.log.open("rb") as log:
             log.seek(max(0, self.log.stat().st_size - 20_000))
             lines = log.read().decode(errors="replace").splitlines()
-        telling = [line.strip() for line in lines if line.strip() and not line.startswith("WARNING")]
-        return telling[-1][:TAIL_COLUMNS] if telling else ""
+        shown = [line.strip() for line in lines if line.strip() and not line.startswith("WARNING")]
+        return shown[-1][:TAIL_COLUMNS] if shown else ""
 
     def _say(self, line: str, last: bool) -> None:
         if self.terminal:
@@ -261,14 +261,18 @@ def uv_variables(pip: Mapping[str, str]) -> dict[str, str]:
 
     Variables that the user has set take precedence.
     """
-    told = {variable: " ".join(pip[option].split()) for option, variable in OF_UV.items() if pip.get(option)}
-    if "UV_INDEX" in told:
-        told["UV_INDEX_STRATEGY"] = "unsafe-best-match"  # as pip does: any index that has the pinned version
-    if "UV_FIND_LINKS" in told:
-        told["UV_FIND_LINKS"] = told["UV_FIND_LINKS"].replace(" ", ",")
-    if "HTTPS_PROXY" in told:
-        told["HTTP_PROXY"] = told["HTTPS_PROXY"]
-    return {variable: value for variable, value in told.items() if not os.environ.get(variable)}
+    variables = {
+        variable: " ".join(pip[option].split()) for option, variable in OF_UV.items() if pip.get(option)
+    }
+    if "UV_INDEX" in variables:
+        variables["UV_INDEX_STRATEGY"] = (
+            "unsafe-best-match"  # as pip does: any index that has the pinned version
+        )
+    if "UV_FIND_LINKS" in variables:
+        variables["UV_FIND_LINKS"] = variables["UV_FIND_LINKS"].replace(" ", ",")
+    if "HTTPS_PROXY" in variables:
+        variables["HTTP_PROXY"] = variables["HTTPS_PROXY"]
+    return {variable: value for variable, value in variables.items() if not os.environ.get(variable)}
 
 
 def uv_settings() -> dict[str, str]:
@@ -285,9 +289,9 @@ def uv_settings() -> dict[str, str]:
     return {"UV_NO_CONFIG": "1"}
 
 
-def select_locked_packages(lock: str, wanted: Callable[[str], bool]) -> str:
-    """Return the part of a lock file with the packages of wanted names, with their versions and hashes."""
-    return "".join(found[0] for found in LOCKED.finditer(lock) if wanted(found[1]))
+def select_locked_packages(lock: str, is_needed: Callable[[str], bool]) -> str:
+    """Return the part of a lock file with the packages that are needed, with their versions and hashes."""
+    return "".join(found[0] for found in LOCKED.finditer(lock) if is_needed(found[1]))
 
 
 def installer(python: Path, stages: Stages, of_uv: Path) -> tuple[list[str | Path], dict[str, str]] | None:
@@ -345,8 +349,8 @@ def make_environment(root: Path, home: Path, stages: Stages, with_ros: bool) -> 
         "all": lambda name: name != "uv" and (with_ros or not name.startswith("ros-")),
     }
     files = {what: home / f"requirements-{what}.txt" for what in needed}
-    for what, wanted in needed.items():
-        files[what].write_text(select_locked_packages(lock, wanted), encoding="utf-8")
+    for what, is_needed in needed.items():
+        files[what].write_text(select_locked_packages(lock, is_needed), encoding="utf-8")
     found = installer(python, stages, files["uv"])
     pip: list[str | Path] = [*python_program(python, "pip"), "install", "--no-input"]
     for title, words in (

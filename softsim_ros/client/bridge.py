@@ -105,9 +105,9 @@ class Bridge:
             return False
         return True
 
-    def _end(self, success: bool, sentence: str, done: Done) -> None:
-        self._snapshot.say(sentence)
-        done(Outcome(success, sentence))
+    def _end(self, success: bool, message: str, done: Done) -> None:
+        self._snapshot.say(message)
+        done(Outcome(success, message))
 
     def _request(self, transition: int, done: Done) -> None:
         self._snapshot.say(_ASKED[transition])

@@ -19,6 +19,6 @@ from .sensors import (
     ExcitationError as ExcitationError,
     Sensor as Sensor,
     SensorChoice as SensorChoice,
-    hear_sensors as hear_sensors,
     sensor_choice as sensor_choice,
+    subscribe_sensors as subscribe_sensors,
 )

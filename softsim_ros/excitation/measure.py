@@ -34,7 +34,15 @@ from softsim_core.lab.identification import (
 )
 from softsim_core.scene import RobotDescription
 from softsim_ros.excitation.player import Player
-from softsim_ros.excitation.readings import Readings, drifts, not_before, rings_from, times_of, told_at, whole
+from softsim_ros.excitation.readings import (
+    Readings,
+    commands_at,
+    drifts,
+    not_before,
+    rings_from,
+    times_of,
+    whole,
+)
 from softsim_ros.excitation.sensors import IMU, SIMULATED, ExcitationError, Sensor
 
 
@@ -90,14 +98,14 @@ class SetFolder:
         """
         at_rest = [each.name for each in self.sessions if each.time is None]
         names = at_rest or [each.name for each in self.sessions]
-        data, told = load_data_set(self.folder), []
+        data, lines = load_data_set(self.folder), []
         for each in data.description.sessions:
             rows = load_session(data, each)
-            told.append(f"{each.name}: {len(rows.table)} rows, {int(rows.used.sum())} of them count")
+            lines.append(f"{each.name}: {len(rows.table)} rows, {int(rows.used.sum())} of them count")
         calibration = first_calibration(self.folder.name, robot, names, not at_rest)
         if calibration is not None:
             write_calibration(self.folder, calibration)
-        return told
+        return lines
 
 
 TRIES: Final = 5
@@ -164,21 +172,23 @@ class Measurement:
     ) -> None:
         self._player, self._settings, self._looks = player, settings, looks
         self._sensors = sorted(sensors, key=lambda each: each.kind == IMU)
-        self._room = motion_limits_of(robot, settings.reach)
+        self._motion_limits = motion_limits_of(robot, settings.reach)
         units = {joint.units.command.si for joint in robot.joints}
         unit = robot.joints[0].units.command.si
         names = [f"{name}_{unit}" if len(units) == 1 else name for name in robot.joint_names]
         self._commands = CommandColumns(columns=tuple(names), unit=unit, joints=robot.joint_names)
         self._own = all(each.topic == SIMULATED for each in sensors)
-        self._poses = grid(self._room, settings) if "grid" in settings.kinds else np.empty((0, len(names)))
-        self._motions = motions(self._room, settings)
+        self._poses = (
+            grid(self._motion_limits, settings) if "grid" in settings.kinds else np.empty((0, len(names)))
+        )
+        self._motions = motions(self._motion_limits, settings)
 
     @property
     def pose_s(self) -> float:
         """Mean time per pose, including the motion to it, in [s]."""
-        at, ways = self._room.home, 0
+        at, ways = self._motion_limits.home, 0
         for pose in self._poses:
-            ways += len(way(at, pose, self._room, self._settings.speed, self._settings.period_s))
+            ways += len(way(at, pose, self._motion_limits, self._settings.speed, self._settings.period_s))
             at = pose
         moving = ways * self._settings.period_s / max(len(self._poses), 1)
         return moving + self._looks.settle_s + self._looks.hold_s
@@ -198,7 +208,7 @@ class Measurement:
             ExcitationError: it ended early; the measurements so far are written.
             ClientError: the robot refused.
         """
-        self._player.go(self._room.home)
+        self._player.go(self._motion_limits.home)
         done, rows = 0.0, []
         for k, pose in enumerate(self._poses):
             progress(f"grid: pose {k + 1}/{len(self._poses)}", done)
@@ -208,9 +218,9 @@ class Measurement:
             done += self.pose_s
         for motion in self._motions:
             progress(motion.name, done)
-            self._player.go(self._room.home)
+            self._player.go(self._motion_limits.home)
             self._at_rest()
-            counts = [len(each) for each in self._heard]
+            counts = [len(each) for each in self._all_readings]
             try:
                 self._player.play(motion.commands, self._ticking(progress, motion, done))
             except SoftSimError:
@@ -221,7 +231,7 @@ class Measurement:
             done += self._motion_s(motion)
 
     @property
-    def _heard(self) -> list[Readings]:
+    def _all_readings(self) -> list[Readings]:
         return [self._player.joints, *(each.readings for each in self._sensors)]
 
     @staticmethod
@@ -241,25 +251,25 @@ class Measurement:
 
     def _look(self) -> Array:
         counts = [len(each.readings) for each in self._sensors]
-        told, begin = len(self._player.joints), self._player.joints.newest
+        start_count, begin = len(self._player.joints), self._player.joints.newest
         for _ in range(TRIES):
             self._player.wait(self._looks.hold_s)
             series = [each.readings.since(count) for each, count in zip(self._sensors, counts, strict=True)]
-            commands, *numbers = not_before(begin, [self._player.joints.since(told), *series])
+            commands, *numbers = not_before(begin, [self._player.joints.since(start_count), *series])
             if min(map(len, [commands, *numbers])) >= FEWEST:
                 break
-        seen = [whole(each.in_units(said)) for each, said in zip(self._sensors, numbers, strict=True)]
-        if not len(commands) or any(len(each) < FEWEST for each in seen):
-            few = min(map(len, [commands, *seen]))
+        means_of = [whole(each.in_units(said)) for each, said in zip(self._sensors, numbers, strict=True)]
+        if not len(commands) or any(len(each) < FEWEST for each in means_of):
+            few = min(map(len, [commands, *means_of]))
             raise ExcitationError(
                 f"only {few} messages of a topic came within {self._looks.hold_s:g} s, and {FEWEST} are "
                 "needed; look longer (--hold)"
             )
-        moves = drifts(seen[0])
+        moves = drifts(means_of[0])
         command = commands[-1] if self._player.real else self._player.command
         moves = moves or (self._player.real and bool(np.ptp(commands, axis=0).any()))
-        means = [each.mean(axis=0) for each in seen]
-        return np.concatenate([command, *means, [float(seen[0].std(axis=0).max()), float(moves)]])
+        means = [each.mean(axis=0) for each in means_of]
+        return np.concatenate([command, *means, [float(means_of[0].std(axis=0).max()), float(moves)]])
 
     def _static(self, rows: Array) -> tuple[SessionDescription, dict[str, Array]]:
         names = [*self._commands.columns, *self._columns, "spread_mm", MOVING]
@@ -281,15 +291,15 @@ class Measurement:
 
     def _in_time(self, motion: Motion, counts: Sequence[int]) -> tuple[SessionDescription, dict[str, Array]]:
         """Return session and columns of a motion: the messages since each topic had the given count."""
-        series = [each.since(count) for each, count in zip(self._heard, counts, strict=True)]
+        series = [each.since(count) for each, count in zip(self._all_readings, counts, strict=True)]
         if any(len(stamps) < FEWEST for stamps, _, _ in series):
             raise ExcitationError(f"{motion.name}: a topic said nothing while the robot moved")
         clocks = times_of([(stamps, arrivals) for stamps, arrivals, _ in series])
         when = clocks[1]
         rising = when > np.maximum.accumulate(np.concatenate([[-np.inf], when[:-1]]))
         when = when[rising]
-        told = told_at(clocks[0], series[0][2], when, after=not self._player.real)
-        columns = {"time_s": when - when[0]} | dict(zip(self._commands.columns, told.T, strict=True))
+        commands = commands_at(clocks[0], series[0][2], when, after=not self._player.real)
+        columns = {"time_s": when - when[0]} | dict(zip(self._commands.columns, commands.T, strict=True))
         for sensor, times, (_, _, numbers) in zip(self._sensors, clocks[1:], series[1:], strict=True):
             for name, values in zip(sensor.columns, sensor.in_units(numbers).T, strict=True):
                 columns[name] = np.interp(when, times, values)
@@ -297,7 +307,9 @@ class Measurement:
         columns = {name: values[all_finite] for name, values in columns.items()}
         first = (
             rings_from(
-                columns["time_s"], told[all_finite], np.array([columns[name] for name in self._columns[:3]]).T
+                columns["time_s"],
+                commands[all_finite],
+                np.array([columns[name] for name in self._columns[:3]]).T,
             )
             if motion.free
             else 0.0

@@ -53,12 +53,12 @@ class Player:
 
     def __init__(self, session: RobotSession, real: bool, settings: ExcitationSettings) -> None:
         self._session, self.real, self._settings = session, real, settings
-        self._room = motion_limits_of(session.client.robot, settings.reach)
+        self._motion_limits = motion_limits_of(session.client.robot, settings.reach)
         self._period_s = settings.period_s
         self._at: Array | None = None
         self._leaving = self._foreign = False
         self._sent: set[tuple[float, ...]] = set()
-        self._heard: tuple[Readings, ...] = ()
+        self._readings: tuple[Readings, ...] = ()
         topic = "applied_joint_states" if real else "joint_states"
         node = session.client.node
         self.joints = Readings(topic, self._to_command)
@@ -94,14 +94,14 @@ class Player:
             name not in message.name for name in robot.joint_names
         ):
             return ()
-        told = []
+        positions = []
         for k, joint in enumerate(robot.joints):
             exact = joint.moves_frame and joint.stiffness is None
             if self.real or exact or own is None:
-                told.append(float(message.position[list(message.name).index(joint.name)]))
+                positions.append(float(message.position[list(message.name).index(joint.name)]))
             else:
-                told.append(float(own[k]))
-        return told
+                positions.append(float(own[k]))
+        return positions
 
     # --- moving ---------------------------------------------------------------------------------------
 
@@ -112,9 +112,9 @@ class Player:
             ExcitationError: a topic has no messages.
             ClientError: the robot refuses.
         """
-        self._heard = (self.joints, *(each.readings for each in sensors))
+        self._readings = (self.joints, *(each.readings for each in sensors))
         end = time.monotonic() + FIRST_WITHIN_S
-        while silent := [each.topic for each in self._heard if not len(each)]:
+        while silent := [each.topic for each in self._readings if not len(each)]:
             if time.monotonic() > end:
                 raise ExcitationError(f"nothing comes on {', '.join(silent)} within {FIRST_WITHIN_S:g} s")
             time.sleep(LOOK_S)
@@ -185,11 +185,11 @@ class Player:
         For a simulated robot, wait for at most LATE_S until it has received the motion, since on a busy
         computer it may receive it late.
         """
-        self.play(way(self.command, goal, self._room, self._settings.speed, self._period_s))
+        self.play(way(self.command, goal, self._motion_limits, self._settings.speed, self._period_s))
         begin = self._now
         while not self.real and self._now - begin < LATE_S:
-            _, _, told = self.joints.since(len(self.joints) - 1)
-            if np.abs(told[-1] - self.command).max(initial=0.0) <= ARRIVED:
+            _, _, commands = self.joints.since(len(self.joints) - 1)
+            if np.abs(commands[-1] - self.command).max(initial=0.0) <= ARRIVED:
                 break
             self.wait(self._period_s)
 
@@ -199,7 +199,7 @@ class Player:
         if self._at is None:
             return ""
         try:
-            self.go(self._room.home)
+            self.go(self._motion_limits.home)
         except SoftSimError as error:
             return str(error)
         return ""
@@ -230,6 +230,6 @@ class Player:
                 "another node commands the joints (position_controller/commands); a robot that is measured "
                 "must be moved by nobody else"
             )
-        for each in self._heard:
+        for each in self._readings:
             if silence_s(each) > SILENT_S:
                 raise ExcitationError(f"nothing came on {each.topic} for {SILENT_S:g} s")

@@ -138,7 +138,7 @@ def rings_from(times: Array, commands: Array, places: Array) -> float:
     return round(float(times[free]), 4) if swing > max(FREE * places.std(axis=0).max(), 3.0 * noise) else 0.0
 
 
-def told_at(times: Array, commands: Array, when: Array, *, after: bool) -> Array:
+def commands_at(times: Array, commands: Array, when: Array, *, after: bool) -> Array:
     """Return the joint commands at the times of rows; with `after`, those in effect after the next step.
 
     Joint states of a simulator need `after`.

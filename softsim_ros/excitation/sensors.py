@@ -113,7 +113,9 @@ class Sensor:
         return numbers if self.kind == IMU else 1e3 * numbers
 
 
-def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[[str], None]) -> list[Sensor]:
+def subscribe_sensors(
+    node: Node, choices: Sequence[SensorChoice], unknown: Callable[[str], None]
+) -> list[Sensor]:
     """Subscribe to the chosen sensors, else to those that exist, else to the simulator's.
 
     Args:
@@ -125,7 +127,7 @@ def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[
         ExcitationError: there is no such topic, it is of another type, or the mounts of its points are
             unknown.
     """
-    sensors = [_hear(node, each) for each in choices] if choices else _find_sensors(node, unknown)
+    sensors = [_subscribe_sensor(node, each) for each in choices] if choices else _find_sensors(node, unknown)
     if all(each.kind == IMU for each in sensors):
         raise ExcitationError(
             f"{listing(each.topic for each in sensors)}: an IMU tells no place; name a topic of PoseStamped "
@@ -139,7 +141,7 @@ def hear_sensors(node: Node, choices: Sequence[SensorChoice], unknown: Callable[
 
 def _find_sensors(node: Node, unknown: Callable[[str], None]) -> list[Sensor]:
     """Return existing sensors that publish; if none measures a position, add the simulator's."""
-    sensors = [_hear(node, each) for each in _find_choices(node, unknown)]
+    sensors = [_subscribe_sensor(node, each) for each in _find_choices(node, unknown)]
     end = time.monotonic() + SETTLED_S
     while not all(len(each.readings) for each in sensors) and time.monotonic() < end:
         time.sleep(0.05)
@@ -148,7 +150,7 @@ def _find_sensors(node: Node, unknown: Callable[[str], None]) -> list[Sensor]:
             unknown(f"{each.topic} is left out: it says nothing")
     sensors = [each for each in sensors if len(each.readings)]
     if all(each.kind == IMU for each in sensors):
-        sensors.append(_hear(node, SensorChoice(SIMULATED)))
+        sensors.append(_subscribe_sensor(node, SensorChoice(SIMULATED)))
     return sensors
 
 
@@ -170,7 +172,7 @@ def _find_choices(node: Node, unknown: Callable[[str], None]) -> list[SensorChoi
     return [SensorChoice(topic) for topic in sorted(found)]
 
 
-def _hear(node: Node, choice: SensorChoice) -> Sensor:
+def _subscribe_sensor(node: Node, choice: SensorChoice) -> Sensor:
     full = node.resolve_topic_name(choice.topic)
     end = time.monotonic() + FOUND_WITHIN_S
     while not (infos := node.get_publishers_info_by_topic(full)):
@@ -200,13 +202,13 @@ def _hear(node: Node, choice: SensorChoice) -> Sensor:
 
 
 def _describe_sensors(topic: str, places: Sequence[str | Vector]) -> tuple[SensorDescription, ...]:
-    word, told = _word(topic), []
+    word, lines = _word(topic), []
     for k, place in enumerate(places):
         name = word if len(places) == 1 else f"{word}_{k}"
         x, y, z = (f"{name}_{axis}_mm" for axis in "xyz")
         where = {"at": place} if isinstance(place, str) else {"place": place}
-        told.append(SensorDescription(name=name, columns=(x, y, z), unit="mm", **where))
-    return tuple(told)
+        lines.append(SensorDescription(name=name, columns=(x, y, z), unit="mm", **where))
+    return tuple(lines)
 
 
 def _word(topic: str) -> str:

@@ -71,7 +71,7 @@ class Bag:
         self._types = get_typestore(Stores.ROS2_JAZZY)
         guard_reader()
         self.path = path
-        with self._sentences("cannot be read"):
+        with self._damage_as_bag_error("cannot be read"):
             self.path = path.expanduser()
             hold_budget(storage := storage_of(self.path))
             self._reader = Reader(storage)
@@ -84,7 +84,7 @@ class Bag:
 
     def _read_notes(self) -> None:
         """Read robot, namespace and message types of the bag."""
-        with self._sentences("cannot be read"):
+        with self._damage_as_bag_error("cannot be read"):
             notes = getattr(self._reader.storage.metadata, "custom", None) or {}
             self.namespace = shorten(str(notes.get("namespace") or self._common_namespace()), 200)
             self.robot = shorten(str(notes.get("robot") or self.namespace.strip("/")), 200)
@@ -107,7 +107,7 @@ class Bag:
             raise self._make_damage_error("is damaged, or no bag of a robot", error) from error
 
     @contextmanager
-    def _sentences(self, what: str) -> Iterator[None]:
+    def _damage_as_bag_error(self, what: str) -> Iterator[None]:
         """Convert any error that a damaged bag causes inside the context to a BagError."""
         try:
             yield
@@ -118,8 +118,8 @@ class Bag:
 
     def _make_damage_error(self, what: str, error: BaseException) -> BagError:
         reason = shorten(str(error), MOST_REASON) or "no reason given"
-        told = reason if isinstance(error, ReaderError | OSError) else f"{type(error).__name__}: {reason}"
-        return BagError(self.path, f"{what} ({told})")
+        cause = reason if isinstance(error, ReaderError | OSError) else f"{type(error).__name__}: {reason}"
+        return BagError(self.path, f"{what} ({cause})")
 
     @property
     def topics(self) -> dict[str, str]:
@@ -173,7 +173,7 @@ class Bag:
             return
         stored = self._reader.messages(connections, since_ns, before_ns)
         while True:
-            with self._sentences("is damaged"):
+            with self._damage_as_bag_error("is damaged"):
                 message = next(stored, None)
             if message is None:
                 return
@@ -185,7 +185,7 @@ class Bag:
         if type_name is None:
             return
         for message in self.raw_messages([topic]):
-            with self._sentences(f"is damaged: a message on {topic} cannot be read"):
+            with self._damage_as_bag_error(f"is damaged: a message on {topic} cannot be read"):
                 decoded = self._types.deserialize_cdr(message.data, type_name)
             yield message.stamp_ns, decoded
 

@@ -133,11 +133,11 @@ class BagWriter:
         """Close the file so that it is readable, and raise with the reason why it ends here."""
         with suppress(OSError):
             self._writer.abort()
-        kept = "what was written before could not be closed: see softsim record --repair"
+        advice = "what was written before could not be closed: see softsim record --repair"
         with suppress(OSError):
             end_torn_file(self._file.path)
-            kept = "what was written before can be read"
-        raise RecordingError(f"recording to {self.folder} stopped: {cause.strerror}; {kept}") from cause
+            advice = "what was written before can be read"
+        raise RecordingError(f"recording to {self.folder} stopped: {cause.strerror}; {advice}") from cause
 
 
 def repair(path: Path) -> str:
@@ -173,34 +173,34 @@ def repair(path: Path) -> str:
 
 def _write_again(folder: Path, file: Path) -> int:
     """Copy the messages into a bag with index and metadata, and move its files into place."""
-    aside = folder / "repaired"
-    _clear(aside)
+    repaired_folder = folder / "repaired"
+    _clear(repaired_folder)
     with Bag(file) as torn:
-        writer = BagWriter(aside, {"robot": torn.robot, "namespace": torn.namespace})
+        writer = BagWriter(repaired_folder, {"robot": torn.robot, "namespace": torn.namespace})
         for topic, type_name in torn.topics.items():
             offered = torn.offered_qos(topic)
             writer.add_topic(topic, type_name, [offered] if offered else [])
         for message in torn.raw_messages():
             writer.write(message.topic, message.stamp_ns, message.data)
         writer.close()
-    put_in_place(aside / "repaired.mcap", file)
-    metadata = (aside / "metadata.yaml").read_text().replace("repaired.mcap", file.name)
+    put_in_place(repaired_folder / "repaired.mcap", file)
+    metadata = (repaired_folder / "metadata.yaml").read_text().replace("repaired.mcap", file.name)
     write_file(folder / "metadata.yaml", metadata)
-    _clear(aside)
+    _clear(repaired_folder)
     return writer.count
 
 
-def _clear(aside: Path) -> None:
+def _clear(repaired_folder: Path) -> None:
     """Remove the temporary folder of a repair, also of one that was interrupted.
 
     Raises:
         BagError: it contains something else.
     """
     for name in ("repaired.mcap", "metadata.yaml"):
-        (aside / name).unlink(missing_ok=True)
+        (repaired_folder / name).unlink(missing_ok=True)
     try:
-        aside.rmdir()
+        repaired_folder.rmdir()
     except FileNotFoundError:
         pass
     except OSError as error:
-        raise BagError(aside, f"is not of a repair ({error.strerror}); move it away") from error
+        raise BagError(repaired_folder, f"is not of a repair ({error.strerror}); move it away") from error

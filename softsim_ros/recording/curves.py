@@ -45,14 +45,14 @@ class Chart:
         unit: Unit of the vertical axis.
         curves: Curves to draw; empty if data are missing.
         levels: Horizontal lines, such as limits.
-        sentence: Text below the title: what is missing, or what the chart shows.
+        caption: Text below the title: what is missing, or what the chart shows.
     """
 
     title: str
     unit: str
     curves: tuple[Curve, ...] = ()
     levels: tuple[float, ...] = ()
-    sentence: str = ""
+    caption: str = ""
 
 
 @dataclass
@@ -112,8 +112,8 @@ def _joint_charts(bag: Bag, robot: RobotDescription | None) -> Iterator[Chart]:
         ("Joint travels", "mm", MM, "N", [n for n in names if not _revolute(kinds, n)]),
     )
     if not names:
-        yield Chart("Joint angles", "deg", sentence=absent)
-        yield Chart("Torques and tensions", "N m", sentence=absent)
+        yield Chart("Joint angles", "deg", caption=absent)
+        yield Chart("Torques and tensions", "N m", caption=absent)
     for title, unit, scale, effort_unit, group in groups:
         if not group:
             continue
@@ -126,13 +126,13 @@ def _joint_charts(bag: Bag, robot: RobotDescription | None) -> Iterator[Chart]:
             if name in kinds:
                 limits = kinds[name].limits
                 levels |= {scale * limit for limit in (limits.lower, limits.upper) if math.isfinite(limit)}
-        sentence = "Dotted: commands. Dashed: limits." if levels else _no_limits(bag, robot)
-        yield Chart(title, unit, tuple(curves), tuple(sorted(levels)), sentence)
-        held = tuple(
+        caption = "Dotted: commands. Dashed: limits." if levels else _no_limits(bag, robot)
+        yield Chart(title, unit, tuple(curves), tuple(sorted(levels)), caption)
+        limit_lines = tuple(
             efforts.curve(name, names.index(name), 1.0, "line", colour) for colour, name in enumerate(group)
         )
         what = "Torques the servos hold" if effort_unit == "N m" else "Tensions and forces"
-        yield Chart(what, effort_unit, held)
+        yield Chart(what, effort_unit, limit_lines)
 
 
 def _revolute(kinds: Mapping[str, object], name: str) -> bool:
@@ -161,16 +161,16 @@ def _effector_charts(bag: Bag) -> Iterator[Chart]:
     if goals.rows and curves:
         curves += [goals.curve("", k, MM, "steps", k) for k in range(3)]
     yield Chart(
-        "Effector", "mm", tuple(curves), sentence=absent or no_goal or "Dotted: goal of inverse control."
+        "Effector", "mm", tuple(curves), caption=absent or no_goal or "Dotted: goal of inverse control."
     )
     if not (poses.rows and goals.rows):
-        yield Chart("Distance to the goal", "mm", sentence=missing(bag, "effector_pose", "effector_goal"))
+        yield Chart("Distance to the goal", "mm", caption=missing(bag, "effector_pose", "effector_goal"))
         return
     times = np.array(poses.times)
     newest = np.searchsorted(np.array(goals.times), times, side="right") - 1
-    known = newest >= 0
+    is_received = newest >= 0
     distance = np.linalg.norm(np.array(poses.rows) - np.array(goals.rows)[newest.clip(0)], axis=1)
-    yield Chart("Distance to the goal", "mm", (Curve("", times[known], MM * distance[known]),))
+    yield Chart("Distance to the goal", "mm", (Curve("", times[is_received], MM * distance[is_received]),))
 
 
 def _diagnostics(bag: Bag, component: str, keys: Sequence[str]) -> dict[str, Curve]:
@@ -201,7 +201,7 @@ def _from_diagnostics(bag: Bag, title: str, unit: str, component: str, keys: Seq
     if len(curves) == 1:  # the title names it
         curves = [replace(curves[0], name="")]
     absent = f"Not in this recording: reports of {component.strip('/')} in /diagnostics."
-    return Chart(title, unit, tuple(curves), sentence="" if curves else absent)
+    return Chart(title, unit, tuple(curves), caption="" if curves else absent)
 
 
 def _residuals(bag: Bag) -> Chart:
@@ -226,5 +226,5 @@ def _stress(bag: Bag) -> Chart:
         highest.append(1e-3 * float(rows[:, 3].max(initial=0.0)))
     curve = Curve("", np.array(times), np.array(highest))
     return Chart(
-        "Largest von Mises stress", "kPa", (curve,) if times else (), sentence=missing(bag, "mesh/points")
+        "Largest von Mises stress", "kPa", (curve,) if times else (), caption=missing(bag, "mesh/points")
     )

@@ -91,14 +91,14 @@ class Checksum(NamedTuple):
     The stored one is 0 if the writer left it out.
     """
 
-    told: int
+    stored: int
     counted: int
 
 
 def read_summary(stream: BinaryIO) -> Checksum | None:
     """Return the checksum of the index at the end of an MCAP file; None if it has no index."""
-    begin, end, told = _footer(stream)
-    return Checksum(told, _crc_of(stream, begin, end - 4)) if begin else None
+    begin, end, stored = _footer(stream)
+    return Checksum(stored, _crc_of(stream, begin, end - 4)) if begin else None
 
 
 def read_data_section(stream: BinaryIO) -> Checksum | None:
@@ -111,10 +111,10 @@ def read_data_section(stream: BinaryIO) -> Checksum | None:
         return None
     end = begin - _DATA_END.size
     stream.seek(end)
-    kind, length, told = _DATA_END.unpack(stream.read(_DATA_END.size))
+    kind, length, stored = _DATA_END.unpack(stream.read(_DATA_END.size))
     if (kind, length) != (DATA_END, 4):
         return None
-    return Checksum(told, _crc_of(stream, 0, end) if told else 0)
+    return Checksum(stored, _crc_of(stream, 0, end) if stored else 0)
 
 
 def _footer(stream: BinaryIO) -> tuple[int, int, int]:
@@ -248,9 +248,9 @@ def _check_sums(path: Path, file: Path) -> None:
     """Compare the data section and the index of a file with their checksums, if it has them."""
     with file.open("rb") as stream:
         summary, data = read_summary(stream), read_data_section(stream)
-    if summary is not None and summary.told not in (0, summary.counted):
+    if summary is not None and summary.stored not in (0, summary.counted):
         raise BagError(path, "is damaged: the index at its end does not match its checksum")
-    if data is not None and data.told not in (0, data.counted):
+    if data is not None and data.stored not in (0, data.counted):
         raise BagError(path, "is damaged: its data do not match their checksum (bits have changed since)")
 
 

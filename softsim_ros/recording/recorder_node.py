@@ -174,7 +174,7 @@ class Recorder(ClosableNode):
         self.failure: RecordingError | None = None
         self._news: Callable[[str], None] = news or self.get_logger().info
         self._bag: BagWriter | None = None
-        self._heard: dict[str, tuple[Any, tuple[object, ...]]] = {}
+        self._recorded_topics: dict[str, tuple[Any, tuple[object, ...]]] = {}
         self._unknown: set[str] = set()
         try:
             self._settings = declare(self, RecorderSettings())
@@ -223,9 +223,9 @@ class Recorder(ClosableNode):
         bag, self._bag = self._bag, None
         if bag is None:  # the disk is full
             raise self.failure or RecordingError("nothing is being recorded")
-        for subscription, _ in self._heard.values():
+        for subscription, _ in self._recorded_topics.values():
             self.destroy_subscription(subscription)
-        self._heard.clear()
+        self._recorded_topics.clear()
         bag.close()
         size = sum(file.stat().st_size for file in bag.folder.iterdir())
         return self._say(
@@ -251,7 +251,7 @@ class Recorder(ClosableNode):
             return
         for topic, types in self.get_topic_names_and_types():
             if self._selection.wants(topic) and types:
-                self._hear(self._bag, topic, types[0])
+                self._subscribe(self._bag, topic, types[0])
         waited = time.monotonic() - self._since
         if self._silent and waited > SILENCE_S and not self._said_silent:
             self._said_silent = True
@@ -260,13 +260,13 @@ class Recorder(ClosableNode):
         if 0.0 < limit <= waited and not self._silent:
             self._end_at(f"the time limit of {limit:g} s is reached")
 
-    def _hear(self, bag: BagWriter, topic: str, type_name: str) -> None:
+    def _subscribe(self, bag: BagWriter, topic: str, type_name: str) -> None:
         if topic in self._unknown:
             return
         publishers = self.get_publishers_info_by_topic(topic)
         qos = matching_qos(publishers, DEPTH)
         kind = (qos.reliability, qos.durability)
-        if topic in self._heard and (not publishers or self._heard[topic][1] == kind):
+        if topic in self._recorded_topics and (not publishers or self._recorded_topics[topic][1] == kind):
             return
         try:
             message_type = load_message(type_name)
@@ -278,11 +278,11 @@ class Recorder(ClosableNode):
             return
         if publishers:
             bag.add_topic(topic, type_name, [bag_qos(each.qos_profile) for each in publishers])
-        if topic in self._heard:
-            self.destroy_subscription(self._heard[topic][0])
+        if topic in self._recorded_topics:
+            self.destroy_subscription(self._recorded_topics[topic][0])
         callback = partial(self._on_message, topic, type_name)
         subscription = self.create_subscription(message_type, topic, callback, qos, raw=True)
-        self._heard[topic] = (subscription, kind)
+        self._recorded_topics[topic] = (subscription, kind)
 
     def _on_message(self, topic: str, type_name: str, data: bytes) -> None:
         if self._bag is None:
@@ -297,7 +297,7 @@ class Recorder(ClosableNode):
 
     def _take_what_waits(self) -> None:
         """Record the messages that wait for the executor."""
-        for subscription, _ in self._heard.values() if self.context.ok() else ():
+        for subscription, _ in self._recorded_topics.values() if self.context.ok() else ():
             for _ in range(DEPTH):
                 taken = subscription.handle.take_message(subscription.msg_type, True)
                 if taken is None:
@@ -330,10 +330,10 @@ class Recorder(ClosableNode):
         with suppress(Exception):  # during shutdown there may be no log any more
             self.get_logger().error(str(error))
 
-    def _say(self, sentence: str) -> str:
+    def _say(self, message: str) -> str:
         with suppress(Exception):
-            self._news(sentence)
-        return sentence
+            self._news(message)
+        return message
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         try:

@@ -48,8 +48,8 @@ def report(bag: Bag) -> str:
     parts = [_summary(bag), "<h2>Replay</h2>", _replay(bag)]
     for chart in charts(bag, _scene(bag)):
         parts.append(f"<h2>{escape(chart.title)}</h2>")
-        if chart.sentence:
-            parts.append(f"<p>{escape(chart.sentence)}</p>")
+        if chart.caption:
+            parts.append(f"<p>{escape(chart.caption)}</p>")
         if chart.curves:
             data = base64.b64encode(draw(chart, bag.duration_s).encode()).decode()
             parts.append(f'<img alt="{escape(chart.title)}" src="data:image/svg+xml;base64,{data}">')
@@ -109,7 +109,7 @@ def _troubles(bag: Bag) -> str:
         return "<p>None.</p>"
     levels = {1: "warning", 2: "error", 3: "stale"}
     rows = [
-        f"<tr><td>{time_s:.1f} s<td>{escape(name)}<td>{levels.get(level, level)}<td>{escape(sentence)}"
-        for (name, level, sentence), time_s in first.items()
+        f"<tr><td>{time_s:.1f} s<td>{escape(name)}<td>{levels.get(level, level)}<td>{escape(text)}"
+        for (name, level, text), time_s in first.items()
     ]
     return f"<table>{''.join(rows)}</table>"

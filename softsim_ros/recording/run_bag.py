@@ -45,7 +45,7 @@ class _RunBag:
 
         writer = self._begun(simulation)
         stamp, at = messages.time_message(simulation.time), 1 + round(1e9 * simulation.time)
-        told = messages.joint_state(
+        joint_message = messages.joint_state(
             stamp,
             WORLD,
             simulation.joint_names,
@@ -53,7 +53,7 @@ class _RunBag:
             simulation.joint_velocities,
             simulation.joint_efforts,
         )
-        self._write(writer, "joint_states", "sensor_msgs/msg/JointState", at, told)
+        self._write(writer, "joint_states", "sensor_msgs/msg/JointState", at, joint_message)
         if (pose := simulation.effector_pose) is not None:
             message = messages.pose_stamped(stamp, WORLD, pose.position, pose.quaternion_xyzw)
             self._write(writer, "effector_pose", "geometry_msgs/msg/PoseStamped", at, message)

@@ -107,8 +107,8 @@ def write_vtu_series(frames: Iterable[MeshFrame], kind: str, folder: Path, name:
     """
     make_folder(folder / name)
     entries = []
-    with tempfile.TemporaryDirectory(dir=folder) as aside:
-        new = Path(aside, "new.vtu")
+    with tempfile.TemporaryDirectory(dir=folder) as temporary:
+        new = Path(temporary, "new.vtu")
         for number, frame in enumerate(frames):
             file = f"{name}/{name}_{number:05d}.vtu"
             mesh = meshio.Mesh(frame.points, [(kind, frame.cells)], point_data={"von_mises": frame.von_mises})

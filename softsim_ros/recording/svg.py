@@ -60,8 +60,8 @@ def decimate_curve(curve: Curve) -> tuple[Any, Any]:
     if count <= MOST_POINTS:
         return curve.times, curve.values
     edges = np.linspace(0, count, MOST_POINTS // 2 + 1).astype(int)
-    kept = []
+    indices = []
     for begin, end in pairwise(edges):
         stretch = np.nan_to_num(curve.values[begin:end])
-        kept += sorted({begin + int(stretch.argmin()), begin + int(stretch.argmax())})
-    return curve.times[kept], curve.values[kept]
+        indices += sorted({begin + int(stretch.argmin()), begin + int(stretch.argmax())})
+    return curve.times[indices], curve.values[indices]

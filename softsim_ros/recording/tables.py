@@ -171,7 +171,7 @@ def read_bag(path: Path, columns: Sequence[str]) -> Table:
             fields.setdefault(bag.topic(topic), []).append(field)
         if not fields:
             raise DataError(path, "", "no column of a topic is asked for")
-        series = {topic: _series(bag, topic, wanted) for topic, wanted in fields.items()}
+        series = {topic: _series(bag, topic, field_names) for topic, field_names in fields.items()}
         begin = bag.begin_ns
         names = {
             column: (bag.topic(column.rpartition(":")[0]), column.rpartition(":")[2]) for column in asked
@@ -182,34 +182,36 @@ def read_bag(path: Path, columns: Sequence[str]) -> Table:
     rows = np.all([index >= 0 for index in newest.values()], axis=0)
     if not rows.any():
         raise DataError(path, f"topic {first}", "no message of it comes after the first ones of the others")
-    told: dict[str, Sequence[str] | Array] = {RECORDED: 1e-9 * (stamps[rows] - begin)}
+    table: dict[str, Sequence[str] | Array] = {RECORDED: 1e-9 * (stamps[rows] - begin)}
     for column, (topic, field) in names.items():
-        told[column] = series[topic][1][field][newest[topic][rows]]
-    return Table(path, told, (np.flatnonzero(rows) + 1).tolist())
+        table[column] = series[topic][1][field][newest[topic][rows]]
+    return Table(path, table, (np.flatnonzero(rows) + 1).tolist())
 
 
-def _series(bag: Bag, topic: str, wanted: list[str]) -> tuple[Any, dict[str, Array]]:
+def _series(bag: Bag, topic: str, field_names: list[str]) -> tuple[Any, dict[str, Array]]:
     """Return stamps in [ns] and values of the fields of a topic's messages; nan where a message has none."""
     if topic not in bag.topics:
         raise DataError(
             bag.path, f"topic {topic}", f"is not there; {known_names(topic, sorted(bag.topics), 'there are')}"
         )
     stamps, values = [], []
-    known: dict[str, Any] = {}
+    arrays: dict[str, Any] = {}
     for stamp, row in _rows(bag, topic):
-        known = row
+        arrays = row
         stamps.append(stamp)
-        values.append([row.get(field, np.nan) for field in wanted])
-    for field in wanted:
-        if field not in known:
+        values.append([row.get(field, np.nan) for field in field_names])
+    for field in field_names:
+        if field not in arrays:
             raise DataError(
-                bag.path, f"column {topic}:{field}", f"is not there; {known_names(field, known, 'there are')}"
+                bag.path,
+                f"column {topic}:{field}",
+                f"is not there; {known_names(field, arrays, 'there are')}",
             )
     try:
         numbers = np.array(values, dtype=float)
     except ValueError as error:
         raise DataError(bag.path, f"topic {topic}", f"a field is no number ({error})") from error
-    return np.array(stamps, dtype=np.int64), {field: numbers[:, k] for k, field in enumerate(wanted)}
+    return np.array(stamps, dtype=np.int64), {field: numbers[:, k] for k, field in enumerate(field_names)}
 
 
 def _rows(bag: Bag, topic: str) -> Iterator[tuple[int, dict[str, Any]]]:

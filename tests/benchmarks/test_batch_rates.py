@@ -67,4 +67,4 @@ def test_environments_are_measured_beside_their_physics() -> None:
     assert len(cost_table(costs)) == 1 + len(costs)
     dear = EnvironmentCost("softsim/X-v0", 64, 1.0, 0.2)
     assert dear.missed
-    assert "20.0 % outside the physics" in dear.sentence
+    assert "20.0 % outside the physics" in dear.report_line

@@ -26,7 +26,6 @@ from softsim_ros.benchmark import (
     can_control,
     default_reference_dir,
     describe,
-    judge,
     limit_threads,
     measure_rubber,
     measure_sensors,
@@ -34,6 +33,7 @@ from softsim_ros.benchmark import (
     reference_size,
     rubber_table,
     sensor_table,
+    set_ratios,
     table,
     take_turns,
 )
@@ -180,7 +180,7 @@ def test_each_sensor_is_measured_alone_and_all_together() -> None:
 def test_missed_target_is_named() -> None:
     held = Record("held_centre", "low", "numba", 10, 20, min_ms=1.0, median_ms=1.1, splu_min_ms=5.0)
     robot = Record("tripod", "low", "numba", 10, 20, min_ms=1.5, median_ms=1.7, splu_min_ms=5.0)
-    judge([held, robot])
+    set_ratios([held, robot])
     assert held.missed
     assert held.ratio == pytest.approx(0.2)
     assert not robot.missed
@@ -249,10 +249,10 @@ def test_growing_bodies_are_compared_without_waiting_for_rest() -> None:
 def test_drake_finds_exactly_our_sag_with_its_masses() -> None:
     pytest.importorskip("pydrake", reason="pydrake is not installed: pip install 'softsim[peers]'")
     from softsim_core import Simulation
-    from softsim_ros.benchmark.peers import DrakeBody, held_body
+    from softsim_ros.benchmark.peers import DrakeBody, clamped_body
 
     case = low_case()
-    body = held_body(case.description)
+    body = clamped_body(case.description)
     ours, drake = Simulation(case.description, backend="scipy"), DrakeBody(body)
     elements = ours.model.groups[0]
     quarters = np.repeat(elements.volumes / 4.0, 4)

@@ -25,7 +25,7 @@ from softsim_core.lab.identification import (
 )
 from softsim_core.simulation import Simulation
 from softsim_ros.cli import main
-from softsim_ros.cli.measurements import RequestedResults, page, told_of_endings
+from softsim_ros.cli.measurements import RequestedResults, describe_endings, page
 from tests.identification.test_calibration import (
     DATA_SET,
     OVERLAY,
@@ -87,7 +87,7 @@ def test_searches_from_several_starts_are_told(tmp_path: Path) -> None:
     assert means[0] == min(means)
     assert result.values == pytest.approx(result.endings[0].values)
     assert np.abs(result.values - list(TRUE.values())) == pytest.approx(0.0, abs=0.1)
-    told = told_of_endings(result)
+    told = describe_endings(result)
     assert told.startswith(f"{3 - len(result.other_endings)} of 3 searches ended here")
     assert ("the best of the others" in told) == bool(result.other_endings)
 

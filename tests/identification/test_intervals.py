@@ -34,7 +34,7 @@ from softsim_core.lab.identification import (
     profiled,
 )
 from softsim_core.physics.mechanics import rotation_exp
-from softsim_ros.cli.measurements import plain, sentences
+from softsim_ros.cli.measurements import plain, report_lines
 
 TRUE = {"zero": 0.08, "sag": 2.6}
 NOISE = 2e-4
@@ -201,7 +201,7 @@ def test_a_prior_that_rows_contradict_is_left_out_and_reported() -> None:
     assert conflict.from_rows == pytest.approx(truth[1], abs=4.0 * conflict.error)
     assert conflict.error == pytest.approx(result.errors[1], rel=0.2)
     assert conflict.chance < 1e-3
-    assert any("PRIOR LEFT OUT: sag" in line for line in sentences(result))
+    assert any("PRIOR LEFT OUT: sag" in line for line in report_lines(result))
     assert plain(result)["priors_left_out"][0]["name"] == "sag"
 
 

@@ -12,7 +12,7 @@ from part_surfaces import ball, box, inside_out, joined, moved, sheet, write
 from softsim_core.lab.meshing import end_face, have_mesher
 from softsim_core.physics.mesh import box_mesh, read_tets
 from softsim_ros.cli import main
-from softsim_ros.cli.robots import fitness, held_part
+from softsim_ros.cli.robots import clamped_part, fitness
 
 mesher = pytest.mark.skipif(
     not have_mesher(), reason="pytetwild is not installed (pip install 'softsim[mesh]')"
@@ -101,4 +101,4 @@ def test_a_part_is_held_by_an_area_and_not_by_a_tip() -> None:
     held = turned[(np.abs(turned - face.center) <= 0.5 * np.array(face.size)).all(axis=1)]
     assert np.linalg.matrix_rank(held - held.mean(axis=0), tol=1e-4) >= 2
     assert held[:, 2].max() - turned[:, 2].min() < 0.2 * np.ptp(turned[:, 2])
-    assert held_part(bar).bodies[0].density == 1070.0
+    assert clamped_part(bar).bodies[0].density == 1070.0

@@ -34,9 +34,9 @@ print("left")
 
 HOLDS_OUTPUT = """
 import os, sys
-from softsim_ros.nodes.teleop.terminal import HeldOutput
+from softsim_ros.nodes.teleop.terminal import DeferredOutput
 from softsim_ros.nodes.teleop.terminal import RawTerminal
-with HeldOutput(), RawTerminal() as terminal:
+with DeferredOutput(), RawTerminal() as terminal:
     print("held line")
     sys.stdout.flush()
     os.system("echo from a child >&2")

@@ -72,7 +72,7 @@ def test_on_the_way_positions_and_velocities_are_kept() -> None:
     )
     told = goal.outcome_of(step(0.5, velocity_error=0.21))
     assert told is not None
-    assert "joint servo_0 is 0.21 rad/s from" in told.sentence
+    assert "joint servo_0 is 0.21 rad/s from" in told.message
     assert end_of(goal, step(1.0, velocity_error=9.0)) is End.REACHED  # at the end the path's do not hold
 
 

@@ -1,4 +1,4 @@
-from .body import held_body as held_body
+from .body import clamped_body as clamped_body
 from .comparison import compare as compare
 from .drake_body import DrakeBody as DrakeBody
 from .mjcf_comparison import (

@@ -18,14 +18,14 @@ class PeerMissingError(ImportError):
 
 
 @dataclass(frozen=True, eq=False)
-class HeldBody:
+class ClampedBody:
     """A deformable body whose nodes inside one box are clamped.
 
     Attributes:
         scene: Scene that contains only this body, clamped in one box.
         points: Rest positions in [m], shape (n, 3).
         tets: Tetrahedra, shape (m, 4).
-        held: Indices of the clamped nodes, shape (k,).
+        clamped_nodes: Indices of the clamped nodes, shape (k,).
         box: Region in which nodes are clamped.
         volume: Volume at rest in [m^3].
         young_modulus: In [Pa].
@@ -38,7 +38,7 @@ class HeldBody:
     scene: SceneDescription
     points: Array
     tets: IndexArray
-    held: IndexArray
+    clamped_nodes: IndexArray
     box: Box
     volume: float
     young_modulus: float
@@ -76,20 +76,20 @@ class Engine(Protocol):
         ...
 
     def points(self) -> Array:
-        """Return the current node positions in [m], shape (n, 3), in the order of HeldBody.points."""
+        """Return the current node positions in [m], shape (n, 3), in the order of ClampedBody.points."""
         ...
 
 
-def held_body(description: RobotDescription) -> HeldBody:
+def clamped_body(description: RobotDescription) -> ClampedBody:
     """Return the only body of a scene with one clamped box, in the form that other engines need."""
     model = build(description.scene).model
     body, box = description.scene.bodies[0], description.scene.attachments[0].box
     assert box is not None  # the attachment of held_centre is a box
-    return HeldBody(
+    return ClampedBody(
         scene=description.scene,
         points=model.rest,
         tets=model.groups[0].cells,
-        held=np.flatnonzero(model.region_of_node == FIXED),
+        clamped_nodes=np.flatnonzero(model.region_of_node == FIXED),
         box=box,
         volume=float(model.groups[0].volumes.sum()),
         young_modulus=body.material.young_modulus,

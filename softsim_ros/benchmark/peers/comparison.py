@@ -12,7 +12,7 @@ from softsim_core import Simulation
 from softsim_core.base import Array
 from softsim_core.scene import RobotDescription
 from softsim_ros.benchmark import FALL_STEPS, STEPS_A_TURN, Case, Contender, Record, known_paths, take_turns
-from softsim_ros.benchmark.peers.body import Engine, HeldBody, PeerMissingError, held_body
+from softsim_ros.benchmark.peers.body import ClampedBody, Engine, PeerMissingError, clamped_body
 from softsim_ros.benchmark.peers.drake_body import DrakeBody
 from softsim_ros.benchmark.peers.mujoco_flex import DEFAULT_ITERATIONS, MujocoFlex
 
@@ -21,9 +21,9 @@ SETTLING_S = 3.0
 
 STEPS_A_TURN_OF_PEERS = 2
 
-ENGINES: tuple[Callable[[HeldBody], Engine], ...] = (
+ENGINES: tuple[Callable[[ClampedBody], Engine], ...] = (
     DrakeBody,
-    partial(DrakeBody, held=False),
+    partial(DrakeBody, clamped=False),
     MujocoFlex,
     partial(MujocoFlex, iterations=DEFAULT_ITERATIONS),
 )
@@ -67,7 +67,7 @@ class OurBody:
         self._simulation.step()
 
     def points(self) -> Array:
-        """Return the current node positions in [m], shape (n, 3), in the order of HeldBody.points."""
+        """Return the current node positions in [m], shape (n, 3), in the order of ClampedBody.points."""
         return self._simulation.positions
 
 
@@ -83,7 +83,7 @@ def compare(case: Case, rounds: int, to_rest: bool = True) -> tuple[list[Record]
         Records of the other engines, with our own figures in `ours_min_ms` and `ours_sag_mm`; and one message
         for each engine that is missing.
     """
-    body = held_body(case.description)
+    body = clamped_body(case.description)
     engines: list[Engine] = []
     missing: list[str] = []
     for make in ENGINES:

@@ -15,7 +15,7 @@ import numpy as np
 from softsim_core.base import Array, install_command
 from softsim_core.physics.mesh import TetMesh, write_tets
 from softsim_ros.benchmark import version_of
-from softsim_ros.benchmark.peers.body import HeldBody, PeerMissingError
+from softsim_ros.benchmark.peers.body import ClampedBody, PeerMissingError
 
 
 class DrakeBody:
@@ -23,13 +23,13 @@ class DrakeBody:
 
     Args:
         body: What to simulate.
-        held: Whether the nodes in the box are clamped; False lets the body fall.
+        clamped: Whether the nodes in the box are clamped; False lets the body fall.
 
     Raises:
         PeerMissingError: Drake is not installed.
     """
 
-    def __init__(self, body: HeldBody, held: bool = True) -> None:
+    def __init__(self, body: ClampedBody, clamped: bool = True) -> None:
         try:
             from pydrake import geometry, math
             from pydrake.multibody import fem, plant
@@ -40,9 +40,9 @@ class DrakeBody:
                 f"Drake is not measured ({error}): {install_command('peers')} (x86-64 Linux)"
             ) from error
         self.version = version_of("drake") or ""
-        self.name = "drake" if held else "drake_falling"
-        self.method = f"linear corotated, {'SAP with fixed constraints' if held else 'nothing held'}"
-        self.rests = held
+        self.name = "drake" if clamped else "drake_falling"
+        self.method = f"linear corotated, {'SAP with fixed constraints' if clamped else 'nothing clamped'}"
+        self.rests = clamped
         self._dt, self._steps, self._rest = body.dt, 0, body.points.T.copy()
         builder = DiagramBuilder()
         world, _ = plant.AddMultibodyPlant(
@@ -64,7 +64,7 @@ class DrakeBody:
             shape.set_proximity_properties(geometry.ProximityProperties())
             self._body = self._model.RegisterDeformableBody(shape, material, 1.0)
         center = math.RigidTransform(np.array(body.box.center))
-        if held:
+        if clamped:
             self._model.AddFixedConstraint(
                 self._body, world.world_body(), nowhere, geometry.Box(*body.box.size), center
             )
@@ -86,5 +86,5 @@ class DrakeBody:
         self._simulator.AdvanceTo(self._steps * self._dt)
 
     def points(self) -> Array:
-        """Return the current node positions in [m], shape (n, 3), in the order of HeldBody.points."""
+        """Return the current node positions in [m], shape (n, 3), in the order of ClampedBody.points."""
         return np.asarray(self._model.GetPositions(self._context, self._body)).T.copy()

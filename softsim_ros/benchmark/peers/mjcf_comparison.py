@@ -76,7 +76,7 @@ class ModelComparison:
         nodes, elements: Counts over all soft bodies.
         rows: MuJoCo, then our engine with each law.
         warnings: Number of warnings that MuJoCo gave.
-        told: Messages about parts of the model that were not imported.
+        remarks: Messages about parts of the model that were not imported.
     """
 
     file: Path
@@ -87,7 +87,7 @@ class ModelComparison:
     elements: int
     rows: tuple[EngineRow, ...]
     warnings: int
-    told: tuple[str, ...]
+    remarks: tuple[str, ...]
 
 
 class _Ours:

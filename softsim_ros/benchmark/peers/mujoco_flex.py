@@ -11,7 +11,7 @@ from pathlib import Path
 
 from softsim_core.base import MjcfError
 from softsim_core.mjcf import ITERATIONS, MujocoRun, export_mjcf
-from softsim_ros.benchmark.peers.body import HeldBody, PeerMissingError
+from softsim_ros.benchmark.peers.body import ClampedBody, PeerMissingError
 
 DEFAULT_ITERATIONS = 100
 
@@ -46,7 +46,7 @@ class MujocoFlex(MujocoEngine):
         PeerMissingError: MuJoCo is not installed or has no integrator `discrete`.
     """
 
-    def __init__(self, body: HeldBody, iterations: int = ITERATIONS) -> None:
+    def __init__(self, body: ClampedBody, iterations: int = ITERATIONS) -> None:
         try:
             super().__init__(export_mjcf(body.scene, iterations).text)
         except MjcfError as error:

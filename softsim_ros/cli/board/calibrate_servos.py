@@ -36,8 +36,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="calibration to begin with and to write",
     )
-    known = f"{AUTO} (the default), {listing(names())}, or one that the robot's Python file registers"
-    parser.add_argument("--protocol", default=AUTO, metavar="NAME", help=known)
+    protocol_names = (
+        f"{AUTO} (the default), {listing(names())}, or one that the robot's Python file registers"
+    )
+    parser.add_argument("--protocol", default=AUTO, metavar="NAME", help=protocol_names)
     parser.add_argument(
         "--open-wait", type=float, default=2.5, metavar="S", help="quiet time of a board that starts (2.5 s)"
     )

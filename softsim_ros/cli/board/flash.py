@@ -80,8 +80,8 @@ def flash_command(port: str, image: Path, baud_rate: int) -> list[str]:
 def is_as_recorded(image: Path) -> bool:
     """Return whether an image has the checksum in the file beside it."""
     record = image.with_suffix(".sha256")
-    wanted = [hashlib.sha256(image.read_bytes()).hexdigest(), image.name]
-    return any(line.split() == wanted for line in record.read_text().splitlines())
+    expected = [hashlib.sha256(image.read_bytes()).hexdigest(), image.name]
+    return any(line.split() == expected for line in record.read_text().splitlines())
 
 
 def _ask_confirmation() -> bool:
@@ -102,6 +102,6 @@ def _check_free(port: str, baud_rate: int) -> None:
         return
 
 
-def _refuse(sentence: str) -> int:
-    print(f"softsim flash: {sentence}", file=sys.stderr)
+def _refuse(message: str) -> int:
+    print(f"softsim flash: {message}", file=sys.stderr)
     return 1

@@ -48,7 +48,7 @@ class Show(Protocol):
         ...
 
     @property
-    def heard(self) -> int:
+    def message_count(self) -> int:
         """Number of pose messages received from the simulator."""
         ...
 
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     show_class = getattr(importlib.import_module(module), name)
     scene = load_scene(arguments.robot or show_class.robot)
     parameters = [Parameter("publish_clock", value=True), Parameter("speed", value=arguments.speed)]
-    told: tuple[list[str], bool] | None = None
+    results: tuple[list[str], bool] | None = None
     with only_one(scene.name), ros_process(), contextlib.ExitStack() as stack:
         simulator = Simulator(scene, parameter_overrides=parameters)
         stack.callback(simulator.close)
@@ -111,11 +111,11 @@ def run(arguments: argparse.Namespace) -> int:
         stack.enter_context(SpinThread([simulator]))
         robot = RobotSession(client, stack.enter_context(SpinThread([node])))
         if _play(show, robot):
-            told = show.report_results()
-    if told is None:
+            results = show.report_results()
+    if results is None:
         return _report_unfinished()
-    sentences, passed = told
-    print("\n".join(sentences))
+    lines, passed = results
+    print("\n".join(lines))
     print(f"{arguments.name}: {'passed' if passed else 'missed its marks'}")
     return int(arguments.check and not passed)
 
@@ -135,16 +135,16 @@ def _play(show: Show, robot: RobotSession) -> bool:
     """Send the plan and wait until it is done; return False if the simulator went silent, or on Ctrl-C."""
     from softsim_node import ending
 
-    phase, heard, heard_at = "", 0, time.monotonic()
+    phase, message_count, last_message_s = "", 0, time.monotonic()
     while show.elapsed < show.duration_s:
         if show.is_ready and show.began is None:
             robot.do(show.begin)
         if show.began is not None and show.phase != phase:
             phase = show.phase
             print(f"{phase} ...", flush=True)
-        if show.heard > heard:
-            heard, heard_at = show.heard, time.monotonic()
-        elif time.monotonic() - heard_at > PATIENCE_S or ending.asked or not robot.is_running:
+        if show.message_count > message_count:
+            message_count, last_message_s = show.message_count, time.monotonic()
+        elif time.monotonic() - last_message_s > PATIENCE_S or ending.asked or not robot.is_running:
             return False
         time.sleep(LOOK_PERIOD_S)
     return True

@@ -66,14 +66,14 @@ class GraspResult:
     Attributes:
         lift: Smallest clearance between cube and floor during the hold in [m].
         slip: Largest motion of the cube's centre during the hold in [m].
-        held: Measured duration of the hold in [s].
+        hold_time: Measured duration of the hold in [s].
         returned: Clearance at the end in [m].
         tension: Largest tension of a cable in [N].
     """
 
     lift: float
     slip: float
-    held: float
+    hold_time: float
     returned: float
     tension: float
 
@@ -83,7 +83,7 @@ class GraspResult:
         return bool(
             self.lift >= NEEDED_LIFT
             and self.slip <= ALLOWED_SLIP
-            and self.held >= NEEDED_HOLD_S
+            and self.hold_time >= NEEDED_HOLD_S
             and self.returned < NEEDED_LIFT / 10.0
         )
 
@@ -111,11 +111,11 @@ class Grasp:
     @property
     def is_ready(self) -> bool:
         """Whether messages from and to the simulator get through."""
-        heard = bool(self.samples) and self._client.state.measured is not None
-        return heard and self._client.joints.are_followed
+        has_messages = bool(self.samples) and self._client.state.measured is not None
+        return has_messages and self._client.joints.are_followed
 
     @property
-    def heard(self) -> int:
+    def message_count(self) -> int:
         """Number of pose messages received from the simulator."""
         return len(self.samples)
 
@@ -139,16 +139,16 @@ class Grasp:
     def result(self) -> GraspResult:
         """Return the measurements up to now."""
         began = self.began or 0.0
-        lifted, held = (
+        lifted, hold_time = (
             next(point.time_s for point in PLAN if point.phase == phase) for phase in ("lift", "hold")
         )
-        hold = [each for each in self.samples if lifted + SETTLE_S <= each.time_s - began <= held]
+        hold = [each for each in self.samples if lifted + SETTLE_S <= each.time_s - began <= hold_time]
         if not hold:
             return GraspResult(0.0, np.inf, 0.0, np.inf, self.tension)
         return GraspResult(
             lift=min(each.clearance for each in hold),
             slip=max(float(np.linalg.norm(each.centre - hold[0].centre)) for each in hold),
-            held=hold[-1].time_s - hold[0].time_s,
+            hold_time=hold[-1].time_s - hold[0].time_s,
             returned=self.samples[-1].clearance,
             tension=self.tension,
         )
@@ -158,7 +158,7 @@ class Grasp:
         result = self.result()
         return [
             f"lifted {1e3 * result.lift:.1f} mm clear of the floor (at least {1e3 * NEEDED_LIFT:.0f})",
-            f"held {result.held:.1f} s, slipped {1e3 * result.slip:.3f} mm (at most "
+            f"held {result.hold_time:.1f} s, slipped {1e3 * result.slip:.3f} mm (at most "
             f"{1e3 * ALLOWED_SLIP:.0f}), largest tension {result.tension:.2f} N",
             f"put down, {1e3 * result.returned:.2f} mm above the floor",
         ], result.passed

@@ -145,7 +145,7 @@ class MeasuredObject:
 
     @property
     def why_not(self) -> str:
-        """Why it is not at its target; an empty string if it is."""
+        """Reason why the object is not at its target; an empty string if it is."""
         if self.lifted < 0.5 * float(UP[2]):
             return f"was not lifted ({1e3 * self.lifted:.0f} mm)"
         if not self.miss <= ALLOWED_MISS_M:
@@ -170,7 +170,7 @@ class PickAndPlace:
         self._phases, self._way = phases_of(client.robot), way_of(client.robot)
         self.duration_s = sum(each.duration_s for each in self._phases)
         self.began: float | None = None
-        self.heard, self._now, self._empty = 0, 0.0, 0.0
+        self.message_count, self._now, self._empty = 0, 0.0, 0.0
         self.taken: dict[str, MeasuredObject] = {}
         names = client.robot.scene.body_names
         self._fingers = np.array([k for k, each in enumerate(client.robot.scene.bodies)])
@@ -182,8 +182,8 @@ class PickAndPlace:
     @property
     def is_ready(self) -> bool:
         """Whether messages from and to the simulator get through."""
-        heard = self.heard > 0 and self._client.state.measured is not None
-        return heard and self._client.joints.are_followed
+        has_messages = self.message_count > 0 and self._client.state.measured is not None
+        return has_messages and self._client.joints.are_followed
 
     @property
     def elapsed(self) -> float:
@@ -212,26 +212,26 @@ class PickAndPlace:
 
     def report_results(self) -> tuple[list[str], bool]:
         """Return the measurements as messages, and whether all objects are at their targets."""
-        sentences = []
-        for name, seen in self.taken.items():
-            weight = np.median(seen.weights) - self._empty if seen.weights else np.nan
-            sentences.append(
-                f"{name}: {seen.why_not or f'{1e3 * seen.miss:.1f} mm from its place'}; largest grip force "
-                f"{seen.grip:.2f} N, weighs {1e3 * weight / GRAVITY:.1f} g at the flange"
+        lines = []
+        for name, item in self.taken.items():
+            weight = np.median(item.weights) - self._empty if item.weights else np.nan
+            lines.append(
+                f"{name}: {item.why_not or f'{1e3 * item.miss:.1f} mm from its place'}; largest grip force "
+                f"{item.grip:.2f} N, weighs {1e3 * weight / GRAVITY:.1f} g at the flange"
             )
-        return sentences, bool(self.taken) and not any(each.why_not for each in self.taken.values())
+        return lines, bool(self.taken) and not any(each.why_not for each in self.taken.values())
 
     def _on_poses(self, time_s: float, bodies: Mapping[str, ShownBody]) -> None:
-        self.heard, self._now = self.heard + 1, time_s
+        self.message_count, self._now = self.message_count + 1, time_s
         if self.began is None or not all(name in bodies for name in self._numbers):
             return
         for name in self._numbers:
             here = bodies[name].position
-            seen = self.taken.setdefault(name, MeasuredObject(here))
-            seen.end = here
+            measured = self.taken.setdefault(name, MeasuredObject(here))
+            measured.end = here
             phase = self._phase
             if phase is not None and (phase.name, phase.object) == ("carry", name):
-                seen.lifted = max(seen.lifted, float(here[2] - seen.start[2]))
+                measured.lifted = max(measured.lifted, float(here[2] - measured.start[2]))
 
     def _on_contacts(self, message: PointCloud2) -> None:
         rows = read_contact_cloud(message)

@@ -67,7 +67,7 @@ def _value_text(value: Any, limit: int | None) -> str:
 
 TURN_S = 0.1
 REPORT_S = 1.0
-KEPT = 10
+QUEUE_DEPTH = 10
 """Queue length of messages to print."""
 
 OWN_NAME = "_softsim_topics"
@@ -143,8 +143,8 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
     if found is None:
         if not ending.asked:
             rows = [row[0] for row in topic_rows(node)]
-            known = known_names(topic, rows, lists_all="softsim topics")
-            print(f"softsim topics: nobody publishes {topic} in {where()}; {known}", file=sys.stderr)
+            hint = known_names(topic, rows, lists_all="softsim topics")
+            print(f"softsim topics: nobody publishes {topic} in {where()}; {hint}", file=sys.stderr)
         return 1
     topic, infos = found
     type_name = infos[0].topic_type
@@ -153,12 +153,12 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
     except (ImportError, AttributeError):
         print(f"softsim topics: the type {type_name} of {topic} is not installed here", file=sys.stderr)
         return 1
-    seen = _Echo(limit) if show else Rate()
+    receiver = _Echo(limit) if show else Rate()
     raw = not show  # a rate needs no decoding
-    node.create_subscription(message_class, topic, seen, matching_qos(infos, KEPT), raw=raw)
-    while not ending.asked and (count is None or seen.lines < count):
+    node.create_subscription(message_class, topic, receiver, matching_qos(infos, QUEUE_DEPTH), raw=raw)
+    while not ending.asked and (count is None or receiver.lines < count):
         _turn(node)
-        seen.report()
+        receiver.report()
     return 0
 
 
@@ -206,7 +206,7 @@ class Rate:
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self.clock, self.lines, self.kept = clock, 0, 0
+        self.clock, self.lines, self.carried_count = clock, 0, 0
         self.times: list[float] = []
         self.sizes: list[int] = []
         self.since = clock()
@@ -228,9 +228,9 @@ class Rate:
                 f"{fmean(self.sizes):.0f} bytes a message"
             )
         else:
-            count = "one" if len(self.times) > self.kept else "no"
+            count = "one" if len(self.times) > self.carried_count else "no"
             text = f"{count} message in the last second"
         print(text, flush=True)
         self.lines += 1
         self.times, self.sizes, self.since = self.times[-1:], self.sizes[-1:], now
-        self.kept = len(self.times)  # the next gap begins with the last message of this second
+        self.carried_count = len(self.times)  # the next gap begins with the last message of this second

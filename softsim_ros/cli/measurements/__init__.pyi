@@ -1,9 +1,9 @@
 from .calibrate_page import page as page
 from .calibrate_report import (
     RequestedResults as RequestedResults,
+    describe_endings as describe_endings,
     plain as plain,
-    sentences as sentences,
-    told_of_endings as told_of_endings,
+    report_lines as report_lines,
 )
 from .validate_report import (
     PAGE as PAGE,

@@ -18,7 +18,7 @@ from softsim_node import takes_escapes
 from softsim_ros.cli.measurements.calibrate_report import (
     RequestedResults,
     plain,
-    sentences,
+    report_lines,
     write_distribution,
     write_overlay,
 )
@@ -82,15 +82,15 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     least = {"every": 1, "folds": 2, "suggest": 1}
     for option, smallest in least.items():
-        given = getattr(arguments, option)
-        if given is not None and given < smallest:
+        value = getattr(arguments, option)
+        if value is not None and value < smallest:
             print(f"softsim calibrate: --{option} must be {smallest} or more", file=sys.stderr)
             return 2
     for option in ("out", "report", "distribution"):  # reported before a long search, not after it
-        given = getattr(arguments, option)
-        if given is not None and (given.is_dir() or not given.absolute().parent.is_dir()):
+        value = getattr(arguments, option)
+        if value is not None and (value.is_dir() or not value.absolute().parent.is_dir()):
             print(
-                f"softsim calibrate: --{option} {given}: give a file in a folder that is there",
+                f"softsim calibrate: --{option} {value}: give a file in a folder that is there",
                 file=sys.stderr,
             )
             return 2
@@ -107,13 +107,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({**plain(result), **further.plain(result)}))
     else:
-        print("\n".join([*sentences(result), *further.sentences(result)]))
+        print("\n".join([*report_lines(result), *further.report_lines(result)]))
     robot = description.robot or data.robot
     if arguments.out is not None:
         write_overlay(arguments.out, robot, result, further)
-        judge = ["softsim", "validate", os.path.relpath(data.file.parent), "--robot", str(arguments.out)]
-        judge += [] if arguments.data is None else ["--data", str(arguments.data)]
-        print(f"robot: {arguments.out}; judge it: {shlex.join(judge)}", file=sys.stderr)
+        command = ["softsim", "validate", os.path.relpath(data.file.parent), "--robot", str(arguments.out)]
+        command += [] if arguments.data is None else ["--data", str(arguments.data)]
+        print(f"robot: {arguments.out}; judge it: {shlex.join(command)}", file=sys.stderr)
     if arguments.report is not None:
         from softsim_ros.cli.measurements import calibrate_page
 

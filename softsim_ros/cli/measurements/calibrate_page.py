@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softsim_core.base import DataError, write_file
-from softsim_ros.cli.measurements.calibrate_report import RequestedResults, interval, sentences, verdict
+from softsim_ros.cli.measurements.calibrate_report import RequestedResults, interval, report_lines, verdict
 from softsim_ros.cli.measurements.validate_report import PAGE, STYLE
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def write(file: Path, robot: str, result: Calibration, further: RequestedResults
 
 def page(robot: str, result: Calibration, further: RequestedResults) -> str:
     """Return the page as HTML; `robot` is the model that was fitted."""
-    told = "\n".join([*sentences(result), *further.sentences(result)])
+    text = "\n".join([*report_lines(result), *further.report_lines(result)])
     stopped = "<p class=beyond>Interrupted: the best that was tried.</p>" if result.stopped else ""
     body = [
         f"<p>{result.evaluations} replays of {sum(result.rows.values())} rows.</p>{stopped}",
@@ -50,7 +50,7 @@ def page(robot: str, result: Calibration, further: RequestedResults) -> str:
         f"<h2>Correlations</h2>{_correlations(result)}",
         "<p>Near 1 or -1 both are told together only: one makes up for another value of the other.</p>",
         f"<h2>Sessions</h2>{_sessions(result, further)}",
-        f"<details open><summary>In words</summary><pre>{escape(told)}</pre></details>",
+        f"<details open><summary>In words</summary><pre>{escape(text)}</pre></details>",
     ]
     return PAGE.format(
         title=escape(f"{result.description.name}: what was found of {robot}"),

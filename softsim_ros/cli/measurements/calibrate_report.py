@@ -30,7 +30,7 @@ class RequestedResults:
     intervals: list[tuple[float, float]] | None = None
     poses: NextPoses | None = None
 
-    def sentences(self, result: Calibration) -> list[str]:
+    def report_lines(self, result: Calibration) -> list[str]:
         """Return them as lines for the user."""
         lines = []
         if self.folds is not None:
@@ -53,25 +53,25 @@ class RequestedResults:
 
     def plain(self, result: Calibration) -> dict[str, Any]:
         """Return them as plain data; an end of an interval beyond a bound is null."""
-        told: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         if self.folds is not None:
-            told["folds"] = {
+            values["folds"] = {
                 name: {"fitted_mm": 1e3 * self.folds.fitted[name], "left_out_mm": 1e3 * error}
                 for name, error in self.folds.left_out.items()
             }
         if self.intervals is not None:
-            told["profile_intervals"] = {
+            values["profile_intervals"] = {
                 name: [each if np.isfinite(each) else None for each in ends]
                 for name, ends in zip(result.names, self.intervals, strict=True)
             }
         if self.poses is not None:
-            told["next_poses"] = {
+            values["next_poses"] = {
                 "session": self.poses.session,
                 "joints": list(self.poses.joints),
                 "commands": self.poses.commands.tolist(),
                 "standard_errors": self.poses.errors.tolist(),
             }
-        return told
+        return values
 
 
 def interval(low: float, high: float) -> str:
@@ -80,7 +80,7 @@ def interval(low: float, high: float) -> str:
     return f"{ends[0]} to {ends[1]}"
 
 
-def sentences(result: Calibration) -> list[str]:
+def report_lines(result: Calibration) -> list[str]:
     """Return the result as lines for the user."""
     lines = ["interrupted: the best that was tried follows"] if result.stopped else []
     width = max(len(each) for each in result.names)
@@ -88,12 +88,12 @@ def sentences(result: Calibration) -> list[str]:
     for k, name in enumerate(result.names):
         half = result.quantiles[k] * result.errors[k]
         found = f"+- {half:.3g}" if np.isfinite(half) else "+- ?"
-        told = f"{name:<{width}}  {result.values[k]:>10.4g} {found:<11} {result.units[k]:<12}"
+        line = f"{name:<{width}}  {result.values[k]:>10.4g} {found:<11} {result.units[k]:<12}"
         said = verdict(result, k)
-        lines.append(f"{told} began at {starts[k]:g}{said and '  '}{said}")
-    lines += told_of_neighbours(result) + told_of_priors(result)
+        lines.append(f"{line} began at {starts[k]:g}{said and '  '}{said}")
+    lines += describe_neighbours(result) + describe_priors(result)
     if len(result.endings) > 1:
-        lines.append(told_of_endings(result))
+        lines.append(describe_endings(result))
     lines += [
         f"{one} and {other} are told together only: correlation {value:+.2f}"
         for one, other, value in together(result)
@@ -106,7 +106,7 @@ def sentences(result: Calibration) -> list[str]:
     return lines
 
 
-def told_of_neighbours(result: Calibration) -> list[str]:
+def describe_neighbours(result: Calibration) -> list[str]:
     """Return by how much intervals are wider because neighbouring rows have correlated errors.
 
     Return nothing if they hardly are.
@@ -118,7 +118,7 @@ def told_of_neighbours(result: Calibration) -> list[str]:
     return [f"neighbouring rows err alike, so intervals are wider than told above: {each}"]
 
 
-def told_of_priors(result: Calibration) -> list[str]:
+def describe_priors(result: Calibration) -> list[str]:
     """Return which priors the rows contradict; these were left out."""
     return [
         f"PRIOR LEFT OUT: {each.name} was given as {each.mean:.4g} +- {each.deviation:.3g}, and the rows "
@@ -128,7 +128,7 @@ def told_of_priors(result: Calibration) -> list[str]:
     ]
 
 
-def told_of_endings(result: Calibration) -> str:
+def describe_endings(result: Calibration) -> str:
     """Return whether searches from several starts ended at the same values."""
     others = result.other_endings
     alike = f"{len(result.endings) - len(others)} of {len(result.endings)} searches ended here"
@@ -213,9 +213,9 @@ def write_overlay(file: Path, robot: str, result: Calibration, further: Requeste
     import yaml
 
     base = _beside(robot, file)
-    told = [*sentences(result), *further.sentences(result)]
+    comment_lines = [*report_lines(result), *further.report_lines(result)]
     text = yaml.safe_dump({"extends": base, **result.overlay}, sort_keys=False, default_flow_style=None)
-    head = comment(f"Found by softsim calibrate {result.description.name}.", *told)
+    head = comment(f"Found by softsim calibrate {result.description.name}.", *comment_lines)
     write_file(file, head + text)
 
 
@@ -225,9 +225,9 @@ def write_distribution(file: Path, robot: str, result: Calibration) -> None:
 
     from softsim_core.lab.identification import distribution_of, plain_distribution
 
-    told = plain_distribution(distribution_of(result, _beside(robot, file)))
+    distribution = plain_distribution(distribution_of(result, _beside(robot, file)))
     head = comment(f"What softsim calibrate {result.description.name} leaves open.")
-    write_file(file, head + yaml.safe_dump(told, sort_keys=False, default_flow_style=None))
+    write_file(file, head + yaml.safe_dump(distribution, sort_keys=False, default_flow_style=None))
 
 
 def _beside(robot: str, file: Path) -> str:

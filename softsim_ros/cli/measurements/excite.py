@@ -121,11 +121,11 @@ def run(arguments: argparse.Namespace) -> int:
         ringing_s=arguments.ringing,
         seed=arguments.seed,
     )
-    wanted, namespace = arguments.robot or DEFAULT_ROBOT, arguments.namespace
+    name, namespace = arguments.robot or DEFAULT_ROBOT, arguments.namespace
     if arguments.attach and arguments.robot is None:
         found = running_robot(namespace)
-        wanted, namespace = found or (wanted, namespace)
-    robot = load_scene(wanted)
+        name, namespace = found or (name, namespace)
+    robot = load_scene(name)
     folder = arguments.out or Path(f"{robot.name}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
     if folder.exists():
         print(f"softsim excite: {folder} is there already; give another with --out", file=sys.stderr)
@@ -166,12 +166,12 @@ def _measure_robot(
         MeasurementInterruptedError,
         Player,
         SetFolder,
-        hear_sensors,
         sensor_choice,
+        subscribe_sensors,
     )
 
     robot, node = session.client.robot, session.client.node
-    sensors = hear_sensors(node, [sensor_choice(each) for each in arguments.sensor], _say)
+    sensors = subscribe_sensors(node, [sensor_choice(each) for each in arguments.sensor], _say)
     moved = session.state.bridge == "comm" and any(each.topic != SIMULATED for each in sensors)
     real = moved if arguments.joints is None else arguments.joints == "real"
     player = Player(session, real, settings)
@@ -218,8 +218,8 @@ def _measure_robot(
         folder.rmdir()
         _say("nothing was recorded")
         return code
-    for sentence in out.finish(robot):
-        _say(sentence)
+    for line in out.finish(robot):
+        _say(line)
     _say(f"{folder}{'' if not code else ', as far as it came'}: softsim validate {folder}")
     return code
 
@@ -234,14 +234,14 @@ def _in_robot(sensors: Sequence[Sensor], namespace: str) -> bool:
     from softsim_ros.excitation import IMU, ExcitationError
 
     own = {WORLD, BASE_LINK, f"{namespace.strip('/')}/{BASE_LINK}"}
-    known = {each.readings.frame in own for each in sensors if each.kind != IMU}
+    are_own = {each.readings.frame in own for each in sensors if each.kind != IMU}
     frames = sorted({each.readings.frame for each in sensors if each.kind != IMU})
-    if len(known) > 1 or (known == {False} and len(frames) > 1):
+    if len(are_own) > 1 or (are_own == {False} and len(frames) > 1):
         raise ExcitationError(
             f"the sensors measure in different frames ({', '.join(map(repr, frames))}); record them one "
             "after the other, each with --sensor"
         )
-    return known == {True}
+    return are_own == {True}
 
 
 def _format_robot_name(robot: str, folder: Path) -> str:
@@ -250,8 +250,8 @@ def _format_robot_name(robot: str, folder: Path) -> str:
     return os.path.relpath(file, folder) if file.is_file() else robot
 
 
-def _say(sentence: str) -> None:
-    print(sentence, flush=True)
+def _say(message: str) -> None:
+    print(message, flush=True)
 
 
 class _Progress:

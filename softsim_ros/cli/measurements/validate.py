@@ -58,12 +58,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read, replay, align, compare."""
     from softsim_core.lab.identification import known_data_sets, load_data_set, plain
-    from softsim_ros.cli.measurements.validate_report import sentences
+    from softsim_ros.cli.measurements.validate_report import report_lines
 
     if arguments.data_set is None:
-        known = known_data_sets()
-        width = max(map(len, known), default=0)
-        for name, file in known.items():
+        data_sets = known_data_sets()
+        width = max(map(len, data_sets), default=0)
+        for name, file in data_sets.items():
             print(f"{name:<{width}}  {load_data_set(file).description.about}")
         return 0
     if arguments.every < 1 or any(not _limit(arguments, name, 1.0) > 0.0 for name in LIMITS):
@@ -79,15 +79,15 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(plain(data.description.name, model, results)))
     else:
-        print("\n".join(sentences(data.description, model, results)))
+        print("\n".join(report_lines(data.description, model, results)))
     if arguments.out is not None and results:
         from softsim_ros.cli.measurements.validate_report import write
 
         write(arguments.out, data.description, model, results)
         print(f"report: {arguments.out}", file=sys.stderr)
-    beyond = [f"session {each.session.name}: {told}" for each in results for told in each.beyond]
-    for sentence in beyond:
-        print(f"softsim validate: beyond its limit: {sentence}", file=sys.stderr)
+    beyond = [f"session {each.session.name}: {problem}" for each in results for problem in each.beyond]
+    for message in beyond:
+        print(f"softsim validate: beyond its limit: {message}", file=sys.stderr)
     if interrupted:
         return EXIT_INTERRUPTED
     return 1 if beyond or failed else 0
@@ -118,10 +118,10 @@ def _results(
     for session in sessions:
         asked = model is not None and session.description.replayed
         robot = session_robot(model, session.description) if model is not None and asked else None
-        given = given_alignment(alignments, session) if alignments is not None and asked else None
+        alignment = given_alignment(alignments, session) if alignments is not None and asked else None
         progress = _Progress(session)
         try:
-            results.append(validate_session(session, robot, arguments.order, progress, given))
+            results.append(validate_session(session, robot, arguments.order, progress, alignment))
         except DataError as error:
             print(f"softsim validate: {error}", file=sys.stderr)
             failed = True
@@ -137,21 +137,23 @@ def _results(
 
 
 def _choose_sessions(data: DataSet, names: list[str]) -> list[SessionDescription]:
-    known = data.description.session_names
+    session_names = data.description.session_names
     for name in names:
-        if name not in known:
+        if name not in session_names:
             raise DataError(
-                data.description.name, "", f"no session {name!r}; {known_names(name, known, 'there are')}"
+                data.description.name,
+                "",
+                f"no session {name!r}; {known_names(name, session_names, 'there are')}",
             )
     return [each for each in data.description.sessions if not names or each.name in names]
 
 
 def _with_limits(session: SessionDescription, arguments: argparse.Namespace) -> SessionDescription:
     """Return the session with the limits of the command line in place of its own."""
-    given = {
+    options = {
         f"{name}_mm": value for name in LIMITS if (value := getattr(arguments, f"max_{name}")) is not None
     }
-    return replace(session, limits=replace(session.limits, **given)) if given else session
+    return replace(session, limits=replace(session.limits, **options)) if options else session
 
 
 class _Progress:
@@ -177,7 +179,7 @@ class _Progress:
         if not self._done:
             return
         spent = time.monotonic() - self._begin
-        told = (
+        text = (
             f"{self._name}: {self._done} {self._what} in {spent:.1f} s, {self._done / spent:.1f} per second"
         )
-        print(f"\r{told:<78}" if self._shown else told, file=sys.stderr)
+        print(f"\r{text:<78}" if self._shown else text, file=sys.stderr)

@@ -25,31 +25,31 @@ HEAD = ("session", "errors", "raw mean", "mean", "rms", "p95", "max")
 SHOWN_WORST = 3
 
 
-def sentences(
+def report_lines(
     description: DataSetDescription, model: str | None, results: Sequence[SessionResult]
 ) -> list[str]:
     """Return the report as lines of text."""
     asked = [each for each in results if each.alignment is not None]
-    told = [f"{description.name}: {description.about}" if description.about else description.name]
+    lines = [f"{description.name}: {description.about}" if description.about else description.name]
     if model is not None:
-        told.append(f"model: {model}; errors in mm, model minus measurement, aligned as described")
-    told += ["", *_text_table(results, asked)]
+        lines.append(f"model: {model}; errors in mm, model minus measurement, aligned as described")
+    lines += ["", *_text_table(results, asked)]
     for each in results:
-        told += ["", f"{each.session.name}: {each.session.description.note}".rstrip(": "), *_details(each)]
+        lines += ["", f"{each.session.name}: {each.session.description.note}".rstrip(": "), *_details(each)]
     if missing := [n for n in description.session_names if n not in {r.session.name for r in results}]:
-        told += ["", f"not compared: {', '.join(missing)}"]
-    return told
+        lines += ["", f"not compared: {', '.join(missing)}"]
+    return lines
 
 
 def _text_table(results: Sequence[SessionResult], asked: Sequence[SessionResult]) -> list[str]:
     rows: list[tuple[str, ...]] = [HEAD]
     for each in results:
-        name, judged = each.session.name, each.judged
+        name, evaluated = each.session.name, each.judged
         if each.alignment is not None:
-            rows.append((name, *_cells(each.of(judged), each.of(judged, raw=True))))
+            rows.append((name, *_cells(each.of(evaluated), each.of(evaluated, raw=True))))
         for other, errors in each.others.items():
-            rows_judged = each.session.judged
-            found = measures(errors.aligned[rows_judged]), measures(errors.raw[rows_judged])
+            session_rows = each.session.judged
+            found = measures(errors.aligned[session_rows]), measures(errors.raw[session_rows])
             rows.append((f"{name}, {other} *", *_cells(*found)))
     if len(asked) > 1:
         raw = measures(np.concatenate([each.raw[each.judged].reshape(-1, 3) for each in asked]))
@@ -78,11 +78,11 @@ def _details(result: SessionResult) -> list[str]:
     rows = [("rows", f"{len(session.used)}, of which {left_out} left out")]
     held_out = session.used & ~session.training
     if held_out.any() and result.alignment is not None:
-        fit, judged = result.of(session.fitting), result.of(held_out)
+        fit, tested = result.of(session.fitting), result.of(held_out)
         rows.append(
             (
                 "training",
-                f"{fit.count} errors, mean {_mm(fit.mean)}; held out {judged.count}, {_mm(judged.mean)}",
+                f"{fit.count} errors, mean {_mm(fit.mean)}; held out {tested.count}, {_mm(tested.mean)}",
             )
         )
     if result.alignment is None:
@@ -112,15 +112,15 @@ def _details(result: SessionResult) -> list[str]:
         away = 1e3 * (of_model - measured)
         rows.append((f"at rest {name}", f"model minus measured ({_three(away)}) mm"))
     for name, (measured_ring, model_ring) in result.ringings().items():
-        told = ", ".join(
+        text = ", ".join(
             f"{words} {ring.frequency:.2f} Hz and damping ratio {ring.damping:.3f}"
             for words, ring in (("measured", measured_ring), ("model", model_ring))
         )
-        rows.append((f"rings {name}", told))
+        rows.append((f"rings {name}", text))
     if session.times is None:
         for region, (begin, end, found) in result.regions.items():
-            told = f"{1e3 * begin:.1f} to {1e3 * end:.1f} mm: mean {_mm(found.mean)} of {found.count}"
-            rows.append((region, told))
+            text = f"{1e3 * begin:.1f} to {1e3 * end:.1f} mm: mean {_mm(found.mean)} of {found.count}"
+            rows.append((region, text))
         for row, s, error in worst(result, SHOWN_WORST):
             where = f"line {session.table.lines[row]}, {description.sensor_names[s]}"
             rows.append(
@@ -318,8 +318,8 @@ def write(
 def page(description: DataSetDescription, model: str | None, results: Sequence[SessionResult]) -> str:
     """Return the page as HTML."""
     asked = [each for each in results if each.alignment is not None]
-    told = [("measured by", description.source), ("licence", description.licence)]
-    lines = "".join(f"<p><b>{name}</b> {escape(text)}</p>" for name, text in told if text)
+    details = [("measured by", description.source), ("licence", description.licence)]
+    lines = "".join(f"<p><b>{name}</b> {escape(text)}</p>" for name, text in details if text)
     parts = [f"<p>{escape(description.about)}</p>", lines, _html_table(results, asked)]
     if asked:
         parts.append(_VIEW)
@@ -357,10 +357,10 @@ def _html_table(results: Sequence[SessionResult], asked: Sequence[SessionResult]
     head = ("session", "errors", "raw mean", "mean", "rms", "p95", "max", "")
     rows = []
     for each in results:
-        name, judged = each.session.name, each.judged
+        name, evaluated = each.session.name, each.judged
         if each.alignment is not None:
             verdict = "; ".join(each.beyond)
-            rows.append(_row(name, each.of(judged), each.of(judged, raw=True), verdict))
+            rows.append(_row(name, each.of(evaluated), each.of(evaluated, raw=True), verdict))
         for other, errors in each.others.items():
             counted = each.session.judged
             found = measures(errors.aligned[counted]), measures(errors.raw[counted])
@@ -369,9 +369,9 @@ def _html_table(results: Sequence[SessionResult], asked: Sequence[SessionResult]
         raw = measures(np.concatenate([each.raw[each.judged].reshape(-1, 3) for each in asked]))
         rows.append(_row("all", summary(asked), raw, ""))
     cells = "".join(f"<th>{name}" for name in head)
-    told = "Errors in mm, model minus measurement, aligned as described; raw: with nothing fitted."
+    caption = "Errors in mm, model minus measurement, aligned as described; raw: with nothing fitted."
     stars = " * another model, with a rigid frame of its own." if any(each.others for each in results) else ""
-    return f"<table class=numbers><tr>{cells}{''.join(rows)}</table><p>{told}{stars}</p>"
+    return f"<table class=numbers><tr>{cells}{''.join(rows)}</table><p>{caption}{stars}</p>"
 
 
 def _row(name: str, aligned: Measures, raw: Measures, verdict: str) -> str:
@@ -417,10 +417,10 @@ def _points(result: SessionResult) -> dict[str, Any]:
 
 def _commands(result: SessionResult, row: int) -> str:
     session = result.session
-    told = [] if session.times is None else [f"t = {session.times[row]:.3f} s"]
+    texts = [] if session.times is None else [f"t = {session.times[row]:.3f} s"]
     if (columns := session.description.commands) is not None:
-        told += [f"{name} = {session.table.columns[name][row]}" for name in columns.columns]
-    return ", ".join(told)
+        texts += [f"{name} = {session.table.columns[name][row]}" for name in columns.columns]
+    return ", ".join(texts)
 
 
 def _alignment(result: SessionResult) -> list[list[str]]:

@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         recorder = Recorder(
             namespace=namespace,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
-            news=lambda sentence: print(sentence, flush=True),
+            news=lambda message: print(message, flush=True),
         )
         try:
             executor = SingleThreadedExecutor()

@@ -1,5 +1,5 @@
 from .mesh import fitness as fitness
-from .mesh_speed import held_part as held_part
+from .mesh_speed import clamped_part as clamped_part
 from .new import (
     arm_text as arm_text,
     inlet_notes as inlet_notes,

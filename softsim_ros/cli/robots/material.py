@@ -149,7 +149,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(_plain(made_of, stiffness, density, curve)))
     else:
-        print("\n".join([*_sentences(chosen, made_of, stiffness, density, arguments.size), ""]))
+        print("\n".join([*_report_lines(chosen, made_of, stiffness, density, arguments.size), ""]))
         print("\n".join(terminal_chart(curve)))
     if made_of.warning:
         print(f"softsim material: {stiffness_warning(chosen.name)}", file=sys.stderr)
@@ -190,7 +190,7 @@ def _list() -> list[str]:
     ]
 
 
-def _sentences(
+def _report_lines(
     chosen: Elastomer,
     made_of: MaterialDescription,
     stiffness: RestStiffness,
@@ -199,7 +199,7 @@ def _sentences(
 ) -> list[str]:
     fit = chosen.fit(made_of.law or DEFAULT_FIT)
     mass = density or COMMON_DENSITY
-    told = f"{mass:g} kg/m^3" + ("" if density else " (assumed, the table has none: weigh a casting)")
+    density_text = f"{mass:g} kg/m^3" + ("" if density else " (assumed, the table has none: weigh a casting)")
     speed, periods = stiffness.bar_speed(mass), _periods(stiffness, mass, size)
     constants = ", ".join(f"{name} {value:g}" for name, value in made_of.values.items())
     rows = [
@@ -211,7 +211,7 @@ def _sentences(
         ),
         ("at rest", f"E {1e-3 * stiffness.young:.4g} kPa, Poisson ratio {stiffness.poisson:.4g},"),
         ("", f"shear {1e-3 * stiffness.shear:.4g} kPa, bulk {1e-6 * stiffness.bulk:.4g} MPa"),
-        ("density", told),
+        ("density", density_text),
         (
             "waves",
             f"{speed:.3g} m/s along a bar, {stiffness.shear_speed(mass):.3g} m/s in shear, "

@@ -41,9 +41,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unit", choices=tuple(UNITS), default="mm", help="unit of the file, and of lengths (mm)"
     )
-    wish = parser.add_mutually_exclusive_group()
-    wish.add_argument("--size", type=float, metavar="L", help="wished length of edges")
-    wish.add_argument("--nodes", type=int, metavar="N", help="wished number of nodes (1000)")
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--size", type=float, metavar="L", help="wished length of edges")
+    size.add_argument("--nodes", type=int, metavar="N", help="wished number of nodes (1000)")
     parser.add_argument("--order", type=int, choices=(1, 2), default=1, help="2: quadratic elements (1)")
     parser.add_argument(
         "--holes",
@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(plain(made, files, seconds)))
     else:
-        print("\n".join(sentences(made, files, seconds)))
+        print("\n".join(report_lines(made, files, seconds)))
     if arguments.picture is not None:
         from softsim_ros.cli.robots.mesh_picture import draw
 
@@ -114,9 +114,9 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def say(sentence: str) -> None:
+def say(message: str) -> None:
     """Print a line of progress."""
-    print(f"softsim: {sentence} ...", file=sys.stderr, flush=True)
+    print(f"softsim: {message} ...", file=sys.stderr, flush=True)
 
 
 def measure_step_time(made: MeshedPart) -> float:
@@ -129,7 +129,7 @@ def measure_step_time(made: MeshedPart) -> float:
         return step_time(made.mesh)
 
 
-def sentences(made: MeshedPart, files: list[Path], seconds: float | None) -> list[str]:
+def report_lines(made: MeshedPart, files: list[Path], seconds: float | None) -> list[str]:
     """Return the report as lines of text."""
     report, source, unit = made.report, made.source, made.source.unit
     size = source.surface.points.max(axis=0) - source.surface.points.min(axis=0)
@@ -137,8 +137,8 @@ def sentences(made: MeshedPart, files: list[Path], seconds: float | None) -> lis
     cells = "linear" if made.mesh.order == 1 else "quadratic"
     cubic = unit.metres**3
     rows = [("surface", f"{len(source.surface.triangles)} triangles, {unit.size(size)}")]
-    rows += [("", told) for told in made.told]
-    shortest, longest, wished = map(unit.length, (report.min_edge, report.max_edge, made.edge))
+    rows += [("", remark) for remark in made.told]
+    shortest, longest, requested = map(unit.length, (report.min_edge, report.max_edge, made.edge))
     off = "the surface overlaps itself" if error is None else f"{100.0 * error:+.2f} % of the surface's"
     angles = f"{report.min_dihedral_deg:.1f} to {report.max_dihedral_deg:.1f} degrees (70.5 is regular)"
     rows += [
@@ -146,7 +146,7 @@ def sentences(made: MeshedPart, files: list[Path], seconds: float | None) -> lis
             "mesh",
             f"{report.nodes} nodes, {report.elements} {cells} tetrahedra" + ", made before" * made.known,
         ),
-        ("edges", f"{shortest} to {longest}, wished {wished}"),
+        ("edges", f"{shortest} to {longest}, wished {requested}"),
         ("angles", angles),
         (
             "shapes",
@@ -163,8 +163,8 @@ def sentences(made: MeshedPart, files: list[Path], seconds: float | None) -> lis
 def fitness(seconds: float) -> str:
     """Return which time steps allow real time with a mesh, given the time in [s] of its step."""
     fit = [step for step in STEPS_MS if 1e3 * seconds < 0.8 * step]
-    told = f"real time needs dt >= {fit[0]} ms" if fit else "too slow for real time: ask for fewer nodes"
-    return f"{1e3 * seconds:.3g} ms on this machine, alone in silicone; any dt is stable; {told}"
+    text = f"real time needs dt >= {fit[0]} ms" if fit else "too slow for real time: ask for fewer nodes"
+    return f"{1e3 * seconds:.3g} ms on this machine, alone in silicone; any dt is stable; {text}"
 
 
 def plain(made: MeshedPart, files: list[Path], seconds: float | None) -> dict[str, object]:

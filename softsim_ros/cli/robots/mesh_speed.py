@@ -28,7 +28,7 @@ DT = 0.01
 _WARM, _TIMED = 3, 11
 
 
-def held_part(mesh: TetMesh) -> SceneDescription:
+def clamped_part(mesh: TetMesh) -> SceneDescription:
     """Return a scene of the part alone, clamped, in SI units, z up."""
     body = BodyDescription(
         name="part",
@@ -45,7 +45,7 @@ def held_part(mesh: TetMesh) -> SceneDescription:
 
 def step_time(mesh: TetMesh) -> float:
     """Return the median time in [s] of a step."""
-    simulation = Simulation(held_part(mesh))
+    simulation = Simulation(clamped_part(mesh))
     times = []
     for step in range(_WARM + _TIMED):
         start = perf_counter()

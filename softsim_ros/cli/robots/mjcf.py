@@ -80,7 +80,7 @@ def _import(arguments: argparse.Namespace) -> int:
         f"{len(scene.collisions)} surfaces that touch"
     )
     print(f"{file}: {counts}")
-    print("\n".join(f"  {told}" for told in imported.told))
+    print("\n".join(f"  {remark}" for remark in imported.told))
     print(f"next: softsim up ./{file}")
     return 0
 
@@ -98,7 +98,7 @@ def _export(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise MjcfError(file, f"cannot be written: {error.strerror or error}") from error
     print(f"{file}: MuJoCo model of {scene.name}")
-    print("\n".join(f"  {told}" for told in made.told))
+    print("\n".join(f"  {remark}" for remark in made.told))
     return 0
 
 
@@ -140,7 +140,12 @@ def report(found: ModelComparison) -> list[str]:
     lines += [f"  {row.name}: {row.method}" for row in found.rows]
     if found.warnings:
         lines.append(f"  MuJoCo gave {found.warnings} warnings, such as a solve that has not converged")
-    return [*lines, "", "  not taken over, or otherwise than there:", *(f"    {told}" for told in found.told)]
+    return [
+        *lines,
+        "",
+        "  not taken over, or otherwise than there:",
+        *(f"    {remark}" for remark in found.remarks),
+    ]
 
 
 def _off(sag: float, theirs: float) -> str:

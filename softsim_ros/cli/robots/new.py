@@ -222,7 +222,7 @@ def arm_text(name: str, urdf: Path, rigid: RigidRobot, link: str, guess: Guess) 
         upright = rotation_euler(np.radians(turned)) @ guess.axes.T
         x, y, z = np.degrees(euler_of(upright)).tolist()
         turned = (x, y, z)
-    held = rotation_euler(np.radians(turned)) @ np.array(guess.base_box.center)
+    base_center = rotation_euler(np.radians(turned)) @ np.array(guess.base_box.center)
     moving = [joint.name for joint in rigid.joints if joint.kind != "fixed"]
     file, listed = on_one_line(urdf.name), on_one_line(", ".join(moving))
     carrier = _carrier(rigid, link)
@@ -242,7 +242,7 @@ arm:
     # GUESS: held end at the origin of the last link, along its +z
     - robot: {name}.yaml
       on: {scalar(link)}
-      pose: {{rotation_deg: {number_list(turned)}, translation: {number_list(tuple(0.0 - held))}}}
+      pose: {{rotation_deg: {number_list(turned)}, translation: {number_list(tuple(0.0 - base_center))}}}
 {_FELT.format(joint=scalar(carrier)) if carrier else ""}
 keys:  # those of {name} are there, too
 {keys or "  {}"}
@@ -347,7 +347,7 @@ def _describe_result(name: str, made: MeshedPart, assumed: Guess, link: str, inl
     hangs = [f"  softsim up ./{name}/{name}_on_arm.yaml --watch  # it hangs on the arm's link {link}"]
     return [
         f"{name}/: {name}.yaml (scene), {name}.vtk ({made.report.nodes} nodes), test_{name}.py",
-        *(f"  {told}" for told in made.told),
+        *(f"  {remark}" for remark in made.told),
         *([f"  {askew}"] if assumed.tilt_deg else []),
         *(f"  {each}" for each in inlets),
         f"guessed: silicone, held at one end, {moved}; each guess is marked in the scene",

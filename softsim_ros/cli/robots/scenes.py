@@ -25,10 +25,10 @@ def run(arguments: argparse.Namespace) -> int:
         return _show(arguments.show)
     for kind in ("robots", "scenes"):
         print(f"{kind}:")
-        known = known_scenes(kind)
-        for name, file in known.items():
+        scenes = known_scenes(kind)
+        for name, file in scenes.items():
             print(f"  {name}" + (f"  {file}" if arguments.paths else ""))
-        if not known:
+        if not scenes:
             print("  none")
     roots = ", ".join(map(str, config_roots())) or "nowhere: set SOFTSIM_CONFIG_PATH to a configs folder"
     print(f"found in: {roots}")

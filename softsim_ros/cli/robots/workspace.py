@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({"robot": scene.name, **workspace.summary(), **_samples(workspace)}))
     else:
-        print("\n".join(_sentences(scene.name, workspace)))
+        print("\n".join(_report_lines(scene.name, workspace)))
     if arguments.out is not None:
         from softsim_ros.cli.robots.workspace_picture import draw
 
@@ -89,7 +89,7 @@ def _samples(workspace: Workspace) -> dict[str, object]:
     }
 
 
-def _sentences(robot: str, workspace: Workspace) -> list[str]:
+def _report_lines(robot: str, workspace: Workspace) -> list[str]:
     low, high = 1e3 * workspace.extents
     tilt_low, tilt_high = (math.degrees(1.0) * each for each in workspace.tilt_range)
     conditions = sorted(workspace.conditions.tolist())

@@ -48,11 +48,11 @@ def show_status(
     terminal = takes_escapes(sys.stdout)
     period = TERMINAL_PERIOD_S if terminal else LOG_PERIOD_S
     shown, due, nap = "", 0.0, threading.Event()
-    told = notice()
+    notice_text = notice()
     while not ending.asked:
-        if (said := notice()) != told:
+        if (said := notice()) != notice_text:
             print(f"\r\x1b[K{said}" if terminal else said, flush=True)
-            told = said
+            notice_text = said
         news, line = status_text(simulator, bridge, board)
         now = time.monotonic()
         if now >= due or (news != shown and not terminal):

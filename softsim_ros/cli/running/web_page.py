@@ -64,10 +64,10 @@ class WebPage:
             "lite": str(choice.lite).lower(),
             "no_token": str(choice.no_token).lower(),
         }
-        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+        parameter_words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
         module = "softsim_ros.nodes.viewer.viewer_node"
         self._process = start_process(
-            python_command(module, "--ros-args", "-r", f"__ns:=/{namespace}", *given),
+            python_command(module, "--ros-args", "-r", f"__ns:=/{namespace}", *parameter_words),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

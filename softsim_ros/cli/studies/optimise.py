@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from softsim_ros.cli.studies.sweep import Progress, configure_running, options, tell, wrong_numbers
+from softsim_ros.cli.studies.sweep import Progress, configure_running, options, print_summary, wrong_numbers
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         progress.end()
     if arguments.json:
-        told = {
+        result = {
             "store": str(store),
             "run": found.run,
             "objective": found.objective,
@@ -41,9 +41,9 @@ def run(arguments: argparse.Namespace) -> int:
             "new": found.summary.new,
             "counts": dict(found.summary.counts),
         }
-        print(json.dumps(told))
+        print(json.dumps(result))
         return 0
-    tell(found.summary, as_json=False)
+    print_summary(found.summary, as_json=False)
     units = {each.name: each.unit for each in prepared.study.variables}
     print(f"{found.generations} generations; {found.ended}")
     print(f"best is run {found.run}, objective {found.objective:.6g}:")

@@ -60,9 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report is not None:
         return _report(arguments)
     if arguments.study is None:
-        known = known_studies()
-        width = max(map(len, known), default=0)
-        for name, file in known.items():
+        studies = known_studies()
+        width = max(map(len, studies), default=0)
+        for name, file in studies.items():
             print(f"{name:<{width}}  {load_study(file).about}")
         return 0
     from softsim_core.lab.study import prepare_study, read_results, sweep, write_parquet
@@ -79,15 +79,15 @@ def run(arguments: argparse.Namespace) -> int:
         progress.end()
     if arguments.parquet is not None:
         write_parquet(read_results(store), arguments.parquet)
-    tell(summary, arguments.json)
+    print_summary(summary, arguments.json)
     return 0
 
 
 def wrong_numbers(arguments: argparse.Namespace) -> str | None:
     """Return which of the given numbers is invalid, as a message; None if all are valid."""
     for option, least in (("workers", 1), ("batch", 1), ("bags", 0)):
-        given = getattr(arguments, option)
-        if given is not None and given < least:
+        value = getattr(arguments, option)
+        if value is not None and value < least:
             return f"--{option} must be {least} or more"
     if arguments.workers is not None and arguments.scheduler is not None:
         return "give --workers or --scheduler, not both"
@@ -115,16 +115,16 @@ def options(arguments: argparse.Namespace, store: Path, progress: Progress) -> S
     return SweepOptions(where, progress, recorder, arguments.bags)
 
 
-def tell(summary: StudySummary, as_json: bool) -> None:
+def print_summary(summary: StudySummary, as_json: bool) -> None:
     """Print the summary of a study."""
     if as_json:
-        told = {
+        values = {
             "store": str(summary.folder),
             "runs": summary.runs,
             "new": summary.new,
             "counts": summary.counts,
         }
-        print(json.dumps(told))
+        print(json.dumps(values))
         return
     counted = ", ".join(f"{count} {word.replace('_', ' ')}" for word, count in summary.counts.items())
     print(f"{summary.folder}: {summary.runs} runs: {counted}; {summary.new} of them now")

@@ -163,8 +163,8 @@ def _install(arguments: argparse.Namespace) -> int:
         print("\n".join(first.output[-15:]), file=sys.stderr)
         print(f"softsim bench: the first start failed (exit code {code})", file=sys.stderr)
         return 1
-    sentences, missed = compare_with_targets(first.phases, first.factors)
-    print("\n".join(sentences))
+    lines, missed = compare_with_targets(first.phases, first.factors)
+    print("\n".join(lines))
     return 1 if arguments.check and missed else 0
 
 
@@ -174,7 +174,7 @@ def _rounds(arguments: argparse.Namespace) -> int:
 
 def _steps(arguments: argparse.Namespace, meshes: list[str], reference: Path) -> tuple[list[Record], int]:
     """Measure and print whole steps; return the records and the number of missed targets."""
-    from softsim_ros.benchmark import cases, judge, known_paths, measure, table
+    from softsim_ros.benchmark import cases, known_paths, measure, set_ratios, table
 
     paths = known_paths()
     if "numba" not in paths:
@@ -183,13 +183,13 @@ def _steps(arguments: argparse.Namespace, meshes: list[str], reference: Path) ->
     for group in cases(meshes, arguments.scene or SCENES, reference):
         _say(f"measuring {' and '.join(case.scene for case in group)} on {group[0].mesh} ...")
         records += measure(group, paths, _rounds(arguments))
-    judge(records)
+    set_ratios(records)
     print("\nwhole Simulation.step(), one dt; splu: one factorisation of the same step's matrix, same run;")
     print("reference: nodes and tets of the scene on the reference's mesh; of scipy: share of the SciPy path")
     print("\n".join(table(records)))
     missed = sum(record.missed for record in records)
-    judged = sum(record.ratio is not None for record in records)
-    print(f"{judged - missed} of {judged} targets met" if judged else "nothing to judge")
+    compared = sum(record.ratio is not None for record in records)
+    print(f"{compared - missed} of {compared} targets met" if compared else "nothing to judge")
     return records, missed
 
 
@@ -366,10 +366,10 @@ def _viewer(arguments: argparse.Namespace) -> int:
     return 1 if arguments.check and figures.missed else 0
 
 
-def _say(sentence: str) -> None:
-    print(sentence, file=sys.stderr, flush=True)
+def _say(message: str) -> None:
+    print(message, file=sys.stderr, flush=True)
 
 
-def _refuse(sentence: str) -> int:
-    _say(f"softsim bench: {sentence}")
+def _refuse(message: str) -> int:
+    _say(f"softsim bench: {message}")
     return EXIT_USAGE

@@ -55,7 +55,7 @@ def run_batch(arguments: argparse.Namespace, rounds: int) -> int:
         print("\n".join(cost_table(costs)))
     except ImportError as error:
         print(f"environments are not measured: {error}")
-    slow = describe_missed_targets(rates) + [each.sentence for each in costs if each.missed]
+    slow = describe_missed_targets(rates) + [each.report_line for each in costs if each.missed]
     print("\n".join(slow) if slow else "all targets met")
     try:
         if arguments.json:
@@ -66,5 +66,5 @@ def run_batch(arguments: argparse.Namespace, rounds: int) -> int:
     return 1 if arguments.check and slow else 0
 
 
-def _say(sentence: str) -> None:
-    print(sentence, file=sys.stderr, flush=True)
+def _say(message: str) -> None:
+    print(message, file=sys.stderr, flush=True)

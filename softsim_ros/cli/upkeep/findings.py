@@ -169,16 +169,16 @@ def board(port: str = "") -> list[Finding]:
     Args:
         port: Named by the user; empty searches.
     """
-    seen = sorted(info.device for info in list_ports.comports())
+    devices = sorted(info.device for info in list_ports.comports())
     try:
         found = find_port(port)
     except PortError as error:
         advice = "without a board everything runs on the virtual one: softsim up tripod"
-        return [Finding(Level.OK if not seen else Level.WARNING, "board", str(error), advice)]
+        return [Finding(Level.OK if not devices else Level.WARNING, "board", str(error), advice)]
     if not Path(found).exists():
         return [
             Finding(
-                Level.PROBLEM, "board", f"{found} does not exist; ports seen: {', '.join(seen) or 'none'}"
+                Level.PROBLEM, "board", f"{found} does not exist; ports seen: {', '.join(devices) or 'none'}"
             )
         ]
     if not os.access(found, os.R_OK | os.W_OK):

@@ -53,8 +53,8 @@ def _optional() -> list[Finding]:
     findings = []
     for name, offer in OPTIONAL.items():
         here = importlib.util.find_spec(name) is not None
-        told = f"here: {offer}" if here else f"not here (apt's ROS 2 has it); it brings {offer}"
-        findings.append(Finding(Level.OK, name, told))
+        text = f"here: {offer}" if here else f"not here (apt's ROS 2 has it); it brings {offer}"
+        findings.append(Finding(Level.OK, name, text))
     return findings
 
 
@@ -69,8 +69,8 @@ def mixture() -> list[Finding]:
 
 def reach() -> list[Finding]:
     """Check which computers can reach the nodes started here."""
-    wished, text = environment.requested_range(os.environ), environment.describe_range(os.environ)
-    if wished in ("SUBNET", "SYSTEM_DEFAULT") or os.environ.get(environment.PEERS):
+    requested, text = environment.requested_range(os.environ), environment.describe_range(os.environ)
+    if requested in ("SUBNET", "SYSTEM_DEFAULT") or os.environ.get(environment.PEERS):
         names = f"{environment.DISCOVERY_VARIABLE} and {environment.PEERS}"
         advice = f"unset {names} to keep the robot to this computer"
         return [Finding(Level.WARNING, "discovery", text, advice)]

@@ -249,10 +249,10 @@ def command(arguments: argparse.Namespace, root: Path) -> list[str]:
     return [*limit, *words, *rest]
 
 
-def _with_tests(given: Sequence[str], root: Path) -> tuple[list[str], bool]:
+def _with_tests(arguments: Sequence[str], root: Path) -> tuple[list[str], bool]:
     """Return the words with tests in place of paths of the product, and whether any word was a path."""
     words, has_paths, previous, root = list[str](), False, "", root.resolve()
-    for word in given:
+    for word in arguments:
         place = (root / word.partition("::")[0]).resolve()
         is_path = previous not in _TAKES_A_VALUE and root in place.parents and place.exists()
         path = place.relative_to(root).as_posix() if is_path else ""

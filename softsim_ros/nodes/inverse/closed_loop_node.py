@@ -315,11 +315,11 @@ class ClosedLoop(RobotNode):
             self.get_logger().info(f"measuring on {self._source} again")
             self._said = ""
 
-    def _say(self, sentence: str) -> None:
+    def _say(self, message: str) -> None:
         """Log a problem as a warning, once; the next good measurement ends it."""
         if not self._said:
-            self.get_logger().warning(sentence)
-        self._said = sentence
+            self.get_logger().warning(message)
+        self._said = message
 
     def _retune(self, _: frozenset[str], settings: LoopSettings) -> None:
         self._loop.controller.gains = settings.gains
@@ -372,8 +372,8 @@ class ClosedLoop(RobotNode):
                 values[f"{name}_x_rad"], values[f"{name}_y_rad"] = map(float, getattr(step, name))
             values["saturated"] = self._loop.controller.is_saturated
             values["time_s"] = step.time
-        level, sentence = (WARN, self._said) if self._enabled and self._said else (OK, state)
-        self._publish_health(level, sentence, values)
+        level, message = (WARN, self._said) if self._enabled and self._said else (OK, state)
+        self._publish_health(level, message, values)
 
 
 def _check(_: frozenset[str], settings: LoopSettings) -> None:

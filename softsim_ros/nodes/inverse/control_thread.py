@@ -122,7 +122,7 @@ class ControlStatus:
 
     Attributes:
         mode: "off", "on", or "holding" the command because the robot does not follow.
-        sentence: Message for the user; empty if there is none.
+        message: Message for the user; empty if there is none.
         fault: Whether control switched itself off.
         report: Report of the newest tick since it was enabled.
         measured: Whether a measured pose corrected the model in that tick.
@@ -132,7 +132,7 @@ class ControlStatus:
     """
 
     mode: Mode = "off"
-    sentence: str = ""
+    message: str = ""
     fault: bool = False
     report: InverseReport | None = None
     measured: bool = False
@@ -268,17 +268,17 @@ class ControlThread:
 
         self.call(change)
 
-    def set_foreign(self, sentence: str) -> None:
+    def set_foreign(self, message: str) -> None:
         """Switch off while the robot differs from the model; an empty `sentence` allows control again.
 
         Args:
-            sentence: Message that says how they differ.
+            message: Message that says how they differ.
         """
 
         def stay_off(_: InverseController) -> None:
-            self._foreign = sentence
-            if sentence and self._mode != "off":
-                self._end(f"inverse control is off: {sentence}")
+            self._foreign = message
+            if message and self._mode != "off":
+                self._end(f"inverse control is off: {message}")
 
         self.call(stay_off)
 
@@ -334,15 +334,15 @@ class ControlThread:
     def _fail(self, reason: str) -> None:
         self._end(f"inverse control is off: {reason}; enable it again to go on from there")
 
-    def _end(self, sentence: str) -> None:
-        self._stop(sentence)
-        self._ended(sentence)
+    def _end(self, message: str) -> None:
+        self._stop(message)
+        self._ended(message)
 
-    def _stop(self, sentence: str) -> None:
+    def _stop(self, message: str) -> None:
         self._mode = "off"
-        self._show(sentence)
+        self._show(message)
 
-    def _show(self, sentence: str = "", measured: bool = False) -> None:
+    def _show(self, message: str = "", measured: bool = False) -> None:
         now = time.monotonic()
         if self._mode != "off" and self._gate.passes(now):
             speed = self._meter.take(now)
@@ -350,8 +350,8 @@ class ControlThread:
         report = self._report if self._mode != "off" else None
         self.status = ControlStatus(
             mode=self._mode,
-            sentence=sentence or ("" if report is None else report.sentence),
-            fault=self._mode == "off" and bool(sentence),
+            message=message or ("" if report is None else report.sentence),
+            fault=self._mode == "off" and bool(message),
             report=report,
             measured=measured,
             rate=self._rate if self._mode != "off" else 0.0,

@@ -129,11 +129,11 @@ class InverseControl(RobotNode):
         if np.isfinite(message.data):
             self.control.plant = self.control.plant.with_base_shift(message.data)
 
-    def _on_other_robot(self, sentence: str) -> None:
+    def _on_other_robot(self, message: str) -> None:
         was_on = self._enabled
-        self.control.set_foreign(sentence)
+        self.control.set_foreign(message)
         if not was_on:  # otherwise the end of control is reported
-            self.get_logger().warning(sentence or "the simulator runs the robot of the model again")
+            self.get_logger().warning(message or "the simulator runs the robot of the model again")
         self._state_topics.refresh()
 
     def _on_effector(self, message: PoseStamped) -> None:
@@ -201,16 +201,16 @@ class InverseControl(RobotNode):
             self.control.tune(tuned)
         self.control.feedback = settings.feedback
 
-    def _report_end(self, sentence: str) -> None:
+    def _report_end(self, message: str) -> None:
         if self.context.ok() and not self._closed:
-            self.get_logger().error(sentence)
+            self.get_logger().error(message)
 
     def _report(self) -> None:
         control = self.control
-        level, sentence, values = health(
+        level, message, values = health(
             control.status, control.is_alive, control.feedback, self._commands.foreign
         )
-        self._publish_health(level, sentence, values)
+        self._publish_health(level, message, values)
 
 
 PROGRAM = Program(

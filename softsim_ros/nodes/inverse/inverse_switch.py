@@ -30,9 +30,9 @@ def health(
         foreign_commands: Number of commands that other nodes sent while control was on.
     """
     report = status.report
-    level, sentence = OK, status.sentence or status.mode
+    level, message = OK, status.message or status.mode
     if not alive:
-        level, sentence = ERROR, "the control thread has ended; restart the inverse controller"
+        level, message = ERROR, "the control thread has ended; restart the inverse controller"
     elif status.fault:
         level = ERROR
     elif status.mode == "holding" or (
@@ -55,7 +55,7 @@ def health(
         }
     values |= {f"mean_{stage}_ms": time_ms for stage, time_ms in status.stages_ms}
     values |= {"time_behind_s": status.late_s, "foreign_commands": foreign_commands}
-    return level, sentence, values
+    return level, message, values
 
 
 NAME = "inverse_controller"

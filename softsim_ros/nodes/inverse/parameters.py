@@ -116,5 +116,5 @@ class ControllerSettings(RobotSettings):
 
 def _list_shared_settings() -> list[str]:
     """Return the names of the settings of control that are parameters."""
-    known = {field.name for field in dataclasses.fields(InverseSettings)}
-    return [field.name for field in dataclasses.fields(ControllerSettings) if field.name in known]
+    names = {field.name for field in dataclasses.fields(InverseSettings)}
+    return [field.name for field in dataclasses.fields(ControllerSettings) if field.name in names]

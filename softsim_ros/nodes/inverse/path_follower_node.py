@@ -474,15 +474,15 @@ class PathFollower(RobotNode):
             "rounds": player.rounds,
             "inverse": "on" if self._inverse.is_on else "off or unknown",
         }
-        level, sentence = (WARN, self._problem) if self._problem else (OK, str(values["state"]))
-        self._publish_health(level, sentence, values)
+        level, message = (WARN, self._problem) if self._problem else (OK, str(values["state"]))
+        self._publish_health(level, message, values)
 
     def _now(self) -> float:
         return float(self._path_clock.now().nanoseconds) * 1e-9
 
-    def _warn(self, sentence: str) -> None:
-        self._problem = sentence
-        self.get_logger().warning(sentence)
+    def _warn(self, message: str) -> None:
+        self._problem = message
+        self.get_logger().warning(message)
 
 
 def _describe_start(path: EffectorPath) -> str:

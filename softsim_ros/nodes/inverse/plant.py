@@ -112,24 +112,24 @@ class SimulatedRobot:
         self._changed, self._refuse = changed, refuse
         self._generation = 0
         self._first: SceneDescription | None = None
-        self._sentence = ""
+        self._problem = ""
         node.create_subscription(String, "scene/structure", self._on_scene, LATCHED)
 
     def _on_scene(self, message: String) -> None:
         try:
-            told = read_scene_message(message.data)
+            scene = read_scene_message(message.data)
         except SoftSimError as error:
             self._refuse(str(error))
             return
-        if told.generation <= self._generation:
+        if scene.generation <= self._generation:
             return
-        self._generation = told.generation
-        mechanics = mechanics_of(told.robot)
+        self._generation = scene.generation
+        mechanics = mechanics_of(scene.robot)
         if self._first is None:
             self._first = mechanics
-        before, self._sentence = self._sentence, "" if mechanics == self._first else _other(told)
-        if self._sentence != before:
-            self._changed(self._sentence)
+        before, self._problem = self._problem, "" if mechanics == self._first else _other(scene)
+        if self._problem != before:
+            self._changed(self._problem)
 
 
 def mechanics_of(robot: RobotDescription) -> SceneDescription:
@@ -139,10 +139,10 @@ def mechanics_of(robot: RobotDescription) -> SceneDescription:
     return replace(alone, name="robot", bodies=bodies, contact=ContactSettings())
 
 
-def _other(told: SceneMessage) -> str:
-    source = told.robot.source
+def _other(scene: SceneMessage) -> str:
+    source = scene.robot.source
     return (
-        f"the simulator runs another robot now ({told.robot.name if source is None else source.stem}) than "
+        f"the simulator runs another robot now ({scene.robot.name if source is None else source.stem}) than "
         "the one that the model was made of; load that again, or start inverse control anew"
     )
 
@@ -231,10 +231,10 @@ def off_command(joints: Sequence[JointDescription], positions: Array, command: A
         command: Commanded, same shape and unit.
     """
     off = []
-    for joint, position, wanted in zip(joints, positions, command, strict=True):
+    for joint, position, goal in zip(joints, positions, command, strict=True):
         span = joint.limits.upper - joint.limits.lower
         reach = FOLLOWS_WITHIN * (span if math.isfinite(span) else 1.0)
-        if abs(position - wanted) > reach:
+        if abs(position - goal) > reach:
             off.append(joint.name)
     return off
 

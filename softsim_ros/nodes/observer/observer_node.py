@@ -118,8 +118,8 @@ class ObserverParameters(RobotSettings):
         Raises:
             SoftSimError: a value is not allowed.
         """
-        known = {field.name for field in dataclasses.fields(ObserverSettings)}
-        own = [field.name for field in dataclasses.fields(self) if field.name in known]
+        names = {field.name for field in dataclasses.fields(ObserverSettings)}
+        own = [field.name for field in dataclasses.fields(self) if field.name in names]
         return ObserverSettings(**{name: getattr(self, name) for name in own})
 
     @property
@@ -181,7 +181,7 @@ class ObserverNode(RobotNode):
         self._base_shift = values.base_shift
         self._joints: Array | None = None
         self._joints_at = self._applied_at = -np.inf
-        self._running, self._sentence = False, "waits for joint states"
+        self._running, self._message = False, "waits for joint states"
         self._measured: dict[str, object] = {}
         self._estimate: Estimate | None = None
         self._tick_ms = 0.0
@@ -303,15 +303,15 @@ class ObserverNode(RobotNode):
         except SolverDivergedError as error:
             self._stop(f"begins anew: {error}")
             return
-        if estimate.sentence and estimate.sentence != self._sentence:
+        if estimate.sentence and estimate.sentence != self._message:
             self.get_logger().warning(estimate.sentence, throttle_duration_sec=10.0)
-        self._estimate, self._sentence = estimate, estimate.sentence
+        self._estimate, self._message = estimate, estimate.sentence
         self._state_topics.refresh()
         self._publish(estimate)
         self._tick_ms += 0.05 * (1e3 * (time.monotonic() - begun) - self._tick_ms)
 
-    def _stop(self, sentence: str) -> None:
-        self._running, self._sentence = False, sentence
+    def _stop(self, message: str) -> None:
+        self._running, self._message = False, message
         self._measured.clear()
 
     def _publish(self, estimate: Estimate) -> None:
@@ -324,20 +324,20 @@ class ObserverNode(RobotNode):
             message.pose.covariance = estimate.effector_covariance.ravel()
             self._believed.publish(message)
         if estimate.touch is not None:
-            told = WrenchStamped(header=header(stamp, WORLD))
-            force, moment = told.wrench.force, told.wrench.torque
+            wrench = WrenchStamped(header=header(stamp, WORLD))
+            force, moment = wrench.wrench.force, wrench.wrench.torque
             force.x, force.y, force.z = map(float, estimate.touch.force)
             moment.x, moment.y, moment.z = map(float, estimate.touch.moment)
-            self._wrench.publish(told)
+            self._wrench.publish(wrench)
 
     def _report(self) -> None:
         estimate = self._estimate
         if self._running and self._deviation.get_subscription_count():
             values = self._observer.model.visual_values(self._observer.deviation())
             self._deviation.publish(Float32MultiArray(data=message_array(values, "f")))
-        values_told: dict[str, object] = {"verdict": self._verdict, "tick_ms": round(self._tick_ms, 2)}
+        details: dict[str, object] = {"verdict": self._verdict, "tick_ms": round(self._tick_ms, 2)}
         if self._running and estimate is not None:
-            values_told |= {
+            details |= {
                 "consistency": round(estimate.consistency, 3),
                 "coordinates_used": estimate.used,
                 "left_out": ", ".join(estimate.left_out),
@@ -345,9 +345,9 @@ class ObserverNode(RobotNode):
             }
             offsets = self._observer.state_estimate.mean[self._observer.unknowns.offsets]
             names = self._observer.model.joint_names
-            values_told |= {f"offset_{name}": float(x) for name, x in zip(names, offsets, strict=True)}
+            details |= {f"offset_{name}": float(x) for name, x in zip(names, offsets, strict=True)}
         well = self._verdict in ("good", "learning")
-        self._publish_health(OK if well else WARN, self._sentence or self._verdict, values_told)
+        self._publish_health(OK if well else WARN, self._message or self._verdict, details)
 
 
 class _Below:

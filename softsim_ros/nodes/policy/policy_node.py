@@ -167,11 +167,11 @@ class PolicyNode(RobotNode):
         self._thing = self._policy.check_robot(robot)
         self._robot_shift = self._policy.task.description().start_shift  # its episodes begin there
         task = self._policy.task
-        self._heard = LatestReadings(task.asks, task.goal_size)
+        self._latest = LatestReadings(task.asks, task.goal_size)
         self._timeout = values.measure_timeout
-        self._wanted, self._enabled, self._problem, self._said = values.enabled, False, "", ""
+        self._requested, self._enabled, self._problem, self._said = values.enabled, False, "", ""
         self._sent = 0
-        self._held = False
+        self._has_command = False
         self._other_robot = ""
         self._base_shift = self._robot_shift
         self._joint_reader = JointReader(robot.joints, self.refuse)
@@ -188,7 +188,7 @@ class PolicyNode(RobotNode):
         self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self._enabled))})
         self.get_logger().info(
             f"{self._policy.name} at {self._policy.rate:g} Hz for {robot.name}; "
-            + ("on as soon as everything is heard" if self._wanted else f"call {NODE_NAME}/enable")
+            + ("on as soon as every message has come" if self._requested else f"call {NODE_NAME}/enable")
         )
 
     def _subscribe(self, asks: Sequence[str], has_goal: bool) -> None:
@@ -213,7 +213,7 @@ class PolicyNode(RobotNode):
             CommandError: a value that the policy observes did not arrive recently, or another node drives the
                 robot.
         """
-        self._wanted = False
+        self._requested = False
         if not enabled:
             self._stop("")
             return "off: the command topic is free"
@@ -221,19 +221,19 @@ class PolicyNode(RobotNode):
             if obstacle := self._obstacle():
                 raise CommandError(f"not switched on: {obstacle}")
             self._begin_driving()
-        waits = "" if self._heard.has_goal else "; the robot stays where it is until a goal comes"
+        waits = "" if self._latest.has_goal else "; the robot stays where it is until a goal comes"
         return f"on: {self._policy.name} at {self._policy.rate:g} Hz{waits}"
 
     def _begin_driving(self) -> None:
-        self._heard.commands = self._heard.joint_positions.copy()
-        self._held = False
-        self._enabled, self._wanted, self._problem = True, False, ""
+        self._latest.commands = self._latest.joint_positions.copy()
+        self._has_command = False
+        self._enabled, self._requested, self._problem = True, False, ""
         self._state_topics.refresh()
 
-    def _stop(self, sentence: str) -> None:
-        self._enabled, self._problem = False, sentence
-        if sentence:
-            self.get_logger().error(sentence)
+    def _stop(self, message: str) -> None:
+        self._enabled, self._problem = False, message
+        if message:
+            self.get_logger().error(message)
         self._state_topics.refresh()
 
     def _obstacle(self) -> str:
@@ -258,7 +258,7 @@ class PolicyNode(RobotNode):
 
     def _unheard(self) -> str:
         """Return a message about values that did not arrive recently; an empty string if all did."""
-        missing = self._heard.missing(time.monotonic(), self._timeout)
+        missing = self._latest.missing(time.monotonic(), self._timeout)
         if missing:
             topics = ", ".join(dict.fromkeys(TOPIC_OF[name] for name in missing))
             return f"nothing was heard within {self._timeout:g} s on {topics}"
@@ -273,7 +273,7 @@ class PolicyNode(RobotNode):
             ("joint_efforts", self._joint_reader.efforts),
         ):
             found = read(message)
-            if found is not None and not self._heard.take(name, found, now):
+            if found is not None and not self._latest.take(name, found, now):
                 self.refuse(f"joint states with {name} that are not finite are not used")
 
     def _on_effector(self, message: PoseStamped) -> None:
@@ -282,12 +282,12 @@ class PolicyNode(RobotNode):
         except CommandError as error:
             self.refuse(str(error))
         else:
-            self._heard.take_pose(pose, time.monotonic())
+            self._latest.take_pose(pose, time.monotonic())
 
     def _on_imu(self, message: Imu) -> None:
         rate, force, now = message.angular_velocity, message.linear_acceleration, time.monotonic()
         for name, value in (("effector_rate", rate), ("effector_force", force)):
-            if not self._heard.take(name, np.array([value.x, value.y, value.z]), now):
+            if not self._latest.take(name, np.array([value.x, value.y, value.z]), now):
                 self.refuse("imu refused: it has a number that is not finite")
 
     def _on_bodies(self, message: PoseArray) -> None:
@@ -298,11 +298,11 @@ class PolicyNode(RobotNode):
             return
         if self._thing < len(message.poses):
             place = message.poses[self._thing].position
-            self._heard.take("thing_position", np.array([place.x, place.y, place.z]), time.monotonic())
+            self._latest.take("thing_position", np.array([place.x, place.y, place.z]), time.monotonic())
 
     def _on_goal(self, message: PoseStamped) -> None:
         try:
-            self._heard.aim(checked_pose(message, self._goal_frames, "goal").position)
+            self._latest.aim(checked_pose(message, self._goal_frames, "goal").position)
         except CommandError as error:
             self.refuse(str(error))
 
@@ -310,13 +310,13 @@ class PolicyNode(RobotNode):
         if np.isfinite(message.data):
             self._base_shift = message.data
 
-    def _on_other_robot(self, sentence: str) -> None:
-        self._other_robot = sentence
+    def _on_other_robot(self, message: str) -> None:
+        self._other_robot = message
 
     # --- time -----------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
-        if not (self._enabled or self._wanted):
+        if not (self._enabled or self._requested):
             return
         if self._enabled and (another := self._another()):
             self._stop(f"the policy is off: {another}; then call {NODE_NAME}/enable")
@@ -326,23 +326,25 @@ class PolicyNode(RobotNode):
         if not obstacle:
             if not self._enabled:
                 self._begin_driving()
-            if not self._heard.has_goal:
+            if not self._latest.has_goal:
                 return
             try:
-                self._heard.commands = self._policy.command(self._heard)
+                self._latest.commands = self._policy.command(self._latest)
             except PolicyError as error:
                 self._stop(f"the policy is off: {error}")
                 return
-            self._held = True
-        if self._enabled and self._held:  # without measurements, repeat the last command, so the servos stay
-            self._commands.publish(self._heard.commands[0])
+            self._has_command = True
+        if (
+            self._enabled and self._has_command
+        ):  # without measurements, repeat the last command, so the servos stay
+            self._commands.publish(self._latest.commands[0])
             self._sent += 1
 
-    def _say(self, sentence: str) -> None:
+    def _say(self, message: str) -> None:
         """Log a new obstacle as a warning, once; an empty message means that it is gone."""
-        if sentence and not self._said:
-            self.get_logger().warning(sentence)
-        self._said = sentence
+        if message and not self._said:
+            self.get_logger().warning(message)
+        self._said = message
 
     def _report(self) -> None:
         state = "waiting" if self._said else "on" if self._enabled else "off"

@@ -102,7 +102,7 @@ class CompiledLater:
                     self._logger.warning(f"the SciPy path continues: {error}")
 
     def _compile_kernels(self, words: list[str]) -> bool:
-        """Compile in a child process and wait for it.
+        """Compile the kernels of a scene in a child process and wait for its end.
 
         Return False if it failed, which is logged, or if `close` ended it.
         """

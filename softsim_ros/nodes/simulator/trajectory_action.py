@@ -49,7 +49,7 @@ class Outcome(NamedTuple):
     """How a goal ended, with a message about it."""
 
     end: End
-    sentence: str
+    message: str
 
 
 class Band(NamedTuple):
@@ -414,7 +414,7 @@ class _Server(ActionServer):
             handle.canceled()
         else:
             handle.abort()
-        return self.action_type.Result(error_code=self._codes[outcome.end], error_string=outcome.sentence)
+        return self.action_type.Result(error_code=self._codes[outcome.end], error_string=outcome.message)
 
 
 def _point(elapsed: float, positions: Array, velocities: Array) -> JointTrajectoryPoint:

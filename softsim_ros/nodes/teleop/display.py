@@ -100,12 +100,12 @@ def render(view: View, width: int, height: int) -> list[str]:
         (8, [""]),
         (6, _help_lines(view, width)),
     ]
-    kept = list(sections)
+    shown = list(sections)
     for _ in sections:
-        if sum(len(lines) for _, lines in kept) <= height:
+        if sum(len(lines) for _, lines in shown) <= height:
             break
-        kept.remove(max(kept, key=lambda section: section[0]))
-    lines = [line for _, section in kept for line in section]
+        shown.remove(max(shown, key=lambda section: section[0]))
+    lines = [line for _, section in shown for line in section]
     if not lines:  # even the joints do not fit
         lines = joints[1:]
     return [_fit(line, width) for line in lines[:height]]
@@ -181,9 +181,9 @@ def joint_rows(view: View, width: int) -> list[str]:
     commanded = state.commanded or (None,) * len(joints)
     measured = state.measured or (None,) * len(joints)
     within = commandable(state, view.robot).measured or measured
-    told = [joint.units for joint in joints]
-    positions = list(dict.fromkeys(each.position for each in told))
-    commands = list(dict.fromkeys(each.command for each in told))
+    joint_units = [joint.units for joint in joints]
+    positions = list(dict.fromkeys(each.position for each in joint_units))
+    commands = list(dict.fromkeys(each.command for each in joint_units))
     of_position, of_command = ("|".join(unit.si for unit in units) for units in (positions, commands))
     small_position, small_command = (
         "|".join(unit.shown for unit in units) for units in (positions, commands)
@@ -193,7 +193,7 @@ def joint_rows(view: View, width: int) -> list[str]:
     measured_column = [f"measured {of_position}"]
     small_column = [f"{small_position:>6}"]
     commanded_column, commanded_small = [f"command {of_command}"], [f"{small_command:>6}"]
-    for units, position, command in zip(told, measured, commanded, strict=True):
+    for units, position, command in zip(joint_units, measured, commanded, strict=True):
         measured_column.append(_si(units.position, position))
         small_column.append(_small(units.position, position))
         commanded_column.append(_si(units.command, command))

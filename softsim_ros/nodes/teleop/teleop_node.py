@@ -17,7 +17,7 @@ from softsim_ros.client import RobotClient, Warnings
 from softsim_ros.keys import Keyboard, KeyPress, KeySettings, requested_robot
 from softsim_ros.nodes.teleop.decoder import KeyDecoder
 from softsim_ros.nodes.teleop.display import View, frame, render
-from softsim_ros.nodes.teleop.terminal import HeldOutput, RawTerminal
+from softsim_ros.nodes.teleop.terminal import DeferredOutput, RawTerminal
 
 KEY_WAIT_S: Final = 0.04
 """Longest wait for a key in [s], hence the longest interval between callbacks."""
@@ -119,9 +119,9 @@ class Teleop(ClosableNode):
         """Set the message for the user."""
         self._message = message
 
-    def warn(self, sentence: str) -> None:
+    def warn(self, message: str) -> None:
         """Show a message of another node for a while, beside the answers to keys."""
-        self._warning, self._warned_at = sentence, time.monotonic()
+        self._warning, self._warned_at = message, time.monotonic()
 
     def handle_key(self, key: KeyPress, now: float) -> None:
         """Run the action of a key without blocking; `now` is a steady clock in [s]."""
@@ -154,7 +154,7 @@ def drive(node: Teleop) -> None:
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     try:
-        with HeldOutput(), RawTerminal(signals=()) as terminal:
+        with DeferredOutput(), RawTerminal(signals=()) as terminal:
             run_teleop(node, terminal, lambda: ready_callbacks(executor))
     finally:
         executor.shutdown(timeout_sec=0)

@@ -21,7 +21,7 @@ from softsim_node import takes_escapes
 _SHOWN_BYTES = 16_384
 
 
-class HeldOutput:
+class DeferredOutput:
     """Context manager that redirects standard output and error to a file while a display is on.
 
     It redirects those of the whole process. A stream that does not lead to a terminal is left alone. At the
@@ -33,7 +33,7 @@ class HeldOutput:
         self._file: IO[bytes] | None = None
         self._saved: dict[int, int] = {}
 
-    def __enter__(self) -> HeldOutput:
+    def __enter__(self) -> DeferredOutput:
         """Redirect standard output and error if they are a terminal."""
         descriptors = [descriptor for descriptor in (1, 2) if _is_terminal(descriptor)]
         if descriptors:
@@ -54,12 +54,12 @@ class HeldOutput:
         for descriptor, saved in self._saved.items():
             os.dup2(saved, descriptor)
             os.close(saved)
-        held = self._newest()
+        text = self._newest()
         self._file.close()
         self._file = None
-        if held:
+        if text:
             with suppress(OSError):  # the terminal may be gone
-                os.write(max(self._saved), held)
+                os.write(max(self._saved), text)
         self._saved.clear()
 
     def _newest(self) -> bytes:
