@@ -41,6 +41,7 @@ from .files import (
     write_file as write_file,
 )
 from .moved import (
+    FormerAttribute as FormerAttribute,
     FormerNames as FormerNames,
     find_former_names as find_former_names,
     keep_former_names as keep_former_names,

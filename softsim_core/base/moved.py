@@ -86,6 +86,30 @@ class _Moved:
         warnings.warn(message, DeprecationWarning, stacklevel=3)  # 3: the importing module
 
 
+class FormerAttribute:
+    """Attribute of a class by its former name, until release 0.3.0: to read it warns.
+
+    Args:
+        new: Name of the attribute now.
+    """
+
+    def __init__(self, new: str) -> None:
+        self._old, self._new = "", new
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._old = name
+
+    def __get__(self, instance: object, owner: type) -> Any:
+        if instance is None:
+            return self
+        message = (
+            f"{owner.__name__}.{self._old} is now {owner.__name__}.{self._new}; release 0.3.0 removes the "
+            "former name"
+        )
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        return getattr(instance, self._new)
+
+
 def keep_former_names(modules: Mapping[str, str]) -> None:
     """Let modules also be imported by their former names, until release 0.3.0.
 

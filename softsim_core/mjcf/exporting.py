@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from softsim_core.base import Array, MjcfError
+from softsim_core.base import Array, FormerAttribute, MjcfError
 from softsim_core.mjcf.reading import ConversionNotes
 from softsim_core.physics.actuation.cable import CableDescription, cable_points
 from softsim_core.physics.fem.materials import rest_stiffness
@@ -335,11 +335,12 @@ class ExportedModel:
 
     Attributes:
         text: The MJCF document.
-        told: Messages on parts that MuJoCo does not support or treats differently.
+        remarks: Messages on parts that MuJoCo does not support or treats differently.
     """
 
     text: str
-    told: tuple[str, ...]
+    remarks: tuple[str, ...]
+    told = FormerAttribute("remarks")
 
 
 def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> ExportedModel:

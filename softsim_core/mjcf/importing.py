@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from softsim_core.base import MeshError, MeshFile, MjcfError, SceneError, write_file
+from softsim_core.base import FormerAttribute, MeshError, MeshFile, MjcfError, SceneError, write_file
 from softsim_core.mjcf.carriers import carriers, vector
 from softsim_core.mjcf.flexes import SoftBody, cables, soft_bodies
 from softsim_core.mjcf.geoms import rigid_bodies
@@ -128,14 +128,15 @@ class ImportedScene:
     Attributes:
         scene: The scene; its soft bodies have their meshes as arrays.
         surfaces: Contents of the mesh files of its rigid bodies, by file name.
-        told: Messages on parts that were not imported or changed.
+        remarks: Messages on parts that were not imported or changed.
         flexes: Vertices of each soft body in MuJoCo by name, as a slice of all of them.
         free: Names of the free rigid bodies, with their names in MuJoCo.
     """
 
     scene: SceneDescription
     surfaces: Mapping[str, SurfaceMesh]
-    told: tuple[str, ...]
+    remarks: tuple[str, ...]
+    told = FormerAttribute("remarks")
     flexes: Mapping[str, slice]
     free: Mapping[str, str]
 
@@ -183,7 +184,7 @@ def _convert_model(loaded: CompiledModel, law: str | None) -> ImportedScene:
     return ImportedScene(
         scene=scene,
         surfaces={f"{each.description.name}.stl": each.surface for each in rigid if each.surface},
-        told=(*loaded.notes.lines, *remaining(loaded.source)),
+        remarks=(*loaded.notes.lines, *remaining(loaded.source)),
         flexes={
             each.body.name: slice(int(starts[each.flex]), int(starts[each.flex] + m.flex_vertnum[each.flex]))
             for each in soft
@@ -247,6 +248,6 @@ def write_imported(imported: ImportedScene, folder: str | Path, origin: str) -> 
 
 def _head(imported: ImportedScene, origin: str) -> str:
     lines = [f"{imported.scene.name}: made of {origin} (MuJoCo). SI units (m, kg, s, Pa)."]
-    if imported.told:
-        lines += ["Not taken over, or otherwise than there:", *(f"  {note}" for note in imported.told)]
+    if imported.remarks:
+        lines += ["Not taken over, or otherwise than there:", *(f"  {note}" for note in imported.remarks)]
     return comment(*lines)

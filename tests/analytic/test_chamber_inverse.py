@@ -97,6 +97,6 @@ def test_a_goal_is_reached_in_real_time(control: str) -> None:
         report = controller.tick()
         if report.status == "reached":
             break
-    assert report.status == "reached", report.sentence
+    assert report.status == "reached", report.message
     assert report.residual_m < 1e-4
     assert report.sensitivity_age == 0

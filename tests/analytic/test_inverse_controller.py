@@ -117,7 +117,7 @@ def test_goals_out_of_reach_in_a_row(standing: tuple[InverseController, bytes], 
         if report.status == "unreachable":
             assert not report.reachable
             said = f"{away:.0f}" if away >= 1000.0 else f"{away:.3g}"
-            assert report.sentence.startswith(f"unreachable, {said} mm away")
+            assert report.message.startswith(f"unreachable, {said} mm away")
 
 
 def test_a_reachable_goal(controller: InverseController) -> None:
@@ -127,7 +127,7 @@ def test_a_reachable_goal(controller: InverseController) -> None:
     assert seen == {"moving", "reached"}
     assert report.residual_m < 1e-6
     assert report.reachable
-    assert report.sentence.startswith("at the goal, ")
+    assert report.message.startswith("at the goal, ")
     assert 0.0 < report.qp_ms < report.tick_ms
 
 
@@ -136,7 +136,7 @@ def test_starts_from_the_present_joints_and_ramps() -> None:
     joints = np.array([-1.2, -0.7, -1.4])
     controller.start(joints, SHIFT)
     report = controller.tick()
-    assert (report.status, report.sentence) == ("idle", "no goal, holding")
+    assert (report.status, report.message) == ("idle", "no goal, holding")
     np.testing.assert_array_equal(report.command, joints)
     controller.set_goal(ahead(controller, z=0.02))
     report = controller.tick()
@@ -223,8 +223,8 @@ def test_other_tasks_settle_and_speak_in_their_units(kind: str) -> None:
         report = controller.tick()
         moved, before = np.abs(report.command - before).max(), report.command
     assert moved < 1e-6
-    assert " deg away" in report.sentence
-    assert (" mm " in report.sentence) == (kind != "orientation")
+    assert " deg away" in report.message
+    assert (" mm " in report.message) == (kind != "orientation")
     if kind == "height_tilt":
         assert report.status == "reached"
         assert report.residual_m < 1e-6
@@ -246,12 +246,12 @@ def test_an_old_sensitivity_is_told_with_its_age(
         patched.setattr("softsim_core.control.inverse.controller.sensitivity_of", none_exists)
         reports = [controller.tick() for _ in range(3)]
     assert [report.sensitivity_age for report in reports] == [1, 2, 3]
-    assert reports[0].sentence.endswith("; the sensitivity is 1 tick old, as none exists at this pose")
-    assert reports[2].sentence.endswith("; the sensitivity is 3 ticks old, as none exists at this pose")
+    assert reports[0].message.endswith("; the sensitivity is 1 tick old, as none exists at this pose")
+    assert reports[2].message.endswith("; the sensitivity is 3 ticks old, as none exists at this pose")
     assert all(report.status in ("moving", "reached") for report in reports)
     fresh = controller.tick()
     assert fresh.sensitivity_age == 0
-    assert "sensitivity" not in fresh.sentence
+    assert "sensitivity" not in fresh.message
     controller.set_goal(None)
     assert controller.tick().sensitivity_age == 0
 
@@ -351,7 +351,7 @@ def test_without_feedback_the_error_is_reported() -> None:
     assert error > 5e-4
     assert report.residual_m == pytest.approx(error, rel=1e-3)
     assert report.mismatch_m == pytest.approx(error, rel=1e-2)  # the model itself is at the goal
-    assert "off the measured pose" in report.sentence
+    assert "off the measured pose" in report.message
 
 
 @pytest.mark.slow

@@ -197,7 +197,7 @@ def test_a_model_that_is_wrong_is_called_so() -> None:
             seen[name] = np.asarray(seen[name]) + np.array([0.0, 0.0, 0.004])
         found = bench.step(bench.joints, seen)
     assert found.verdict == "wrong"
-    assert found.sentence
+    assert found.message
 
 
 def test_a_marker_beside_every_body_is_refused() -> None:

@@ -178,7 +178,7 @@ def test_a_delay_is_found(tmp_path: Path) -> None:
     result = compare_session(in_time(tmp_path, 0.013), ringing())
     assert result.alignment is not None
     assert result.alignment.delay == pytest.approx(0.013, abs=1e-3)
-    assert result.of(result.judged).rms < 0.1 * result.of(result.judged, raw=True).rms
+    assert result.of(result.evaluated).rms < 0.1 * result.of(result.evaluated, raw=True).rms
 
 
 def test_no_row_is_judged_by_a_delay_that_it_has_told(

@@ -58,22 +58,22 @@ def beside(folder: Path, late: float, every: int = 1) -> SessionResult:
 
 def test_the_same_motion_comes_out(tmp_path: Path) -> None:
     result = beside(tmp_path, 0.0)
-    assert result.of(result.judged, raw=True).count == 120
-    assert result.of(result.judged, raw=True).max < 1e-8
+    assert result.of(result.evaluated, raw=True).count == 120
+    assert result.of(result.evaluated, raw=True).max < 1e-8
     assert result.alignment is not None
     assert abs(result.alignment.delay) < 1e-4
 
 
 def test_rows_may_be_rarer_than_steps(tmp_path: Path) -> None:
     result = beside(tmp_path, 0.0, every=5)
-    assert result.of(result.judged, raw=True).count == 24
-    assert result.of(result.judged, raw=True).max < 1e-8  # commands change at rows that are left
+    assert result.of(result.evaluated, raw=True).count == 24
+    assert result.of(result.evaluated, raw=True).max < 1e-8  # commands change at rows that are left
 
 
 def test_a_late_sensor_is_found_late(tmp_path: Path) -> None:
     result = beside(tmp_path, 0.02)
     assert result.alignment is not None
     assert result.alignment.delay == pytest.approx(0.02, abs=2e-4)
-    assert result.of(result.judged).max < 0.05 * result.of(result.judged, raw=True).max
+    assert result.of(result.evaluated).max < 0.05 * result.of(result.evaluated, raw=True).max
     (measured, model) = result.rest_values()["tracker"]
     assert np.abs(measured - model).max() < 1e-5

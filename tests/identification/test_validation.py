@@ -63,8 +63,8 @@ def test_hidden_frame_and_point_are_found(tmp_path: Path) -> None:
     # the data's frame is the robot's, turned and shifted, and the fit leads back
     assert np.abs(result.alignment.rotation - TURN.T).max() < 1e-6
     assert np.abs(result.alignment.place(SHIFT)).max() < 1e-6
-    assert result.of(result.judged).max < 1e-7
-    assert result.of(result.judged, raw=True).mean > 0.05
+    assert result.of(result.evaluated).max < 1e-7
+    assert result.of(result.evaluated, raw=True).mean > 0.05
     assert not result.warnings
 
 
@@ -74,7 +74,7 @@ def test_noise_is_left_and_the_point_is_as_sure_as_told(tmp_path: Path) -> None:
     away = np.abs(result.alignment.points - POINT)
     assert (away < 4.0 * result.alignment.point_errors).all()
     expected = np.sqrt(3.0) * 3e-4 * np.sqrt(1.0 - 9.0 / (3 * 24))
-    assert result.of(result.judged).rms == pytest.approx(expected, rel=0.2)
+    assert result.of(result.evaluated).rms == pytest.approx(expected, rel=0.2)
 
 
 def test_suspect_rows_neither_fit_nor_count(tmp_path: Path) -> None:
@@ -86,8 +86,8 @@ def test_suspect_rows_neither_fit_nor_count(tmp_path: Path) -> None:
     lines[4] = ",".join(["500.0", *lines[4].split(",")[1:]])
     (folder / "poses.csv").write_text("\n".join(lines))
     result = beside(folder)
-    assert result.of(result.judged).count == len(bad) - 2
-    assert result.of(result.judged).max < 1e-7
+    assert result.of(result.evaluated).count == len(bad) - 2
+    assert result.of(result.evaluated).max < 1e-7
     assert result.of(~result.session.used).max > 0.1
 
 
@@ -101,7 +101,7 @@ def test_held_out_rows_judge_and_do_not_fit(tmp_path: Path) -> None:
     (folder / "poses.csv").write_text("\n".join(lines))
     result = beside(folder)
     assert result.of(result.session.fitting).max < 1e-7
-    assert (result.of(result.judged).count, result.of(result.judged).max) == (
+    assert (result.of(result.evaluated).count, result.of(result.evaluated).max) == (
         6,
         pytest.approx(5e-3, rel=1e-4),
     )
@@ -121,8 +121,8 @@ def test_rows_without_equilibrium_have_no_error(tmp_path: Path) -> None:
     positions = np.where(known[:, None], poses.positions, np.nan)[:, None]
     prediction = Prediction(positions, poses.rotations[:, None], known)
     result = compare_session(load_session(data, data.description.sessions[0]), prediction)
-    assert result.of(result.judged).count == 23
-    assert result.of(result.judged).max < 1e-7
+    assert result.of(result.evaluated).count == 23
+    assert result.of(result.evaluated).max < 1e-7
     assert result.warnings == ("1 of 24 rows have no equilibrium of the model, and have no error",)
 
 
@@ -197,7 +197,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path: Path) -> None:
     result = compare_session(session, found)
     assert result.stopped
     assert result.warnings[0] == "9 of 24 rows were not replayed, and have no error"
-    assert result.of(result.judged).count == 15
+    assert result.of(result.evaluated).count == 15
 
 
 @pytest.mark.parametrize("fails", [1, 2, 99])

@@ -55,6 +55,6 @@ def test_damage_is_mended_or_told(base: int, tmp_path: Path) -> None:
             continue
         mended += 1
         assert result.volume > 0.0
-        assert is_closed(result.surface.triangles) or any("touches itself" in told for told in result.told)
+        assert is_closed(result.surface.triangles) or any("touches itself" in told for told in result.remarks)
     assert 8 <= mended <= 36
     assert all("\n" not in refusal and len(refusal) < 500 for refusal in refusals)

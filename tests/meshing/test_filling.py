@@ -119,7 +119,7 @@ def test_the_same_file_and_options_give_the_same_bytes(tmp_path: Path, cache: Pa
     first = mesh_part(part, COARSE)
     elsewhere = write(tmp_path / "cache", BAR)
     again = mesh_part(elsewhere, replace(COARSE, time_limit=30.0))
-    assert (first.known, again.known) == (False, True)
+    assert (first.from_cache, again.from_cache) == (False, True)
     one, other = (write_tets(tmp_path / f"{k}.vtk", made.mesh) for k, made in enumerate((first, again)))
     assert one.read_bytes() == other.read_bytes()
     assert replace(again.report, warnings=()) == replace(first.report, warnings=())
@@ -127,9 +127,9 @@ def test_the_same_file_and_options_give_the_same_bytes(tmp_path: Path, cache: Pa
     named = [each.replace(str(elsewhere), str(part)) for each in again.report.warnings]
     assert named == list(first.report.warnings)
     (kept,) = cache.glob("*.vtk")
-    assert not mesh_part(part, replace(COARSE, size=9e-3)).known
+    assert not mesh_part(part, replace(COARSE, size=9e-3)).from_cache
     kept.write_bytes(kept.read_bytes()[:500])  # a damaged one is made anew
-    assert not mesh_part(part, COARSE).known
+    assert not mesh_part(part, COARSE).from_cache
     assert [file.name for file in cache.iterdir() if file.name.startswith(".")] == []
 
 
@@ -139,7 +139,7 @@ def test_without_a_cache_it_goes_on_and_says_so(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     made = mesh_part(write(tmp_path, box()), COARSE)
-    assert "cache cannot be written" in made.told[-1]
+    assert "cache cannot be written" in made.remarks[-1]
 
 
 @mesher
@@ -173,7 +173,7 @@ def test_where_even_long_edges_leave_too_many_nodes_the_mesh_is_made_coarser(tmp
     assert asked[0] is False
     assert asked[-1] is True
     refined = mesh_part(write(tmp_path, box()), MeshingOptions(nodes=30), fill=fill)
-    assert "64 nodes are the nearest to 30" in refined.told[-1]
+    assert "64 nodes are the nearest to 30" in refined.remarks[-1]
 
 
 @mesher
@@ -191,7 +191,7 @@ def test_walls_thinner_than_the_deviation_are_not_lost_in_silence(tmp_path: Path
 def test_a_part_that_touches_itself_is_one_piece(tmp_path: Path) -> None:
     made = mesh_part(write(tmp_path, pinched_ring()), COARSE)
     assert made.report.volume == pytest.approx(7 * 125e-9, rel=5e-3)
-    assert any("touches itself" in told for told in made.told)
+    assert any("touches itself" in told for told in made.remarks)
 
 
 def by(made: TetMesh):  # a mesher that makes this

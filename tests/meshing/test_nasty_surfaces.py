@@ -338,7 +338,7 @@ def test_a_surface_is_repaired_with_a_word_or_refused_in_a_sentence(name: str, t
         assert len(text) < 500
         return
     result = mended(case, tmp_path)
-    told = "; ".join(result.told)
+    told = "; ".join(result.remarks)
     assert re.search(case.word, told), told
     if not case.word:
         assert told == ""
@@ -363,7 +363,7 @@ def test_very_fine_surfaces_become_coarser(refinements: int, tmp_path: Path) -> 
     fine = ball(10.0, refinements)
     result = mended(Mended(fine, 0.0), tmp_path)
     assert len(result.surface.triangles) <= 40_000
-    assert f"triangles for its {len(fine[1])}" in "; ".join(result.told)
+    assert f"triangles for its {len(fine[1])}" in "; ".join(result.remarks)
     assert 1e9 * result.volume == pytest.approx(4000.0 / 3.0 * math.pi, rel=1e-3)
     radii = 1e3 * np.linalg.norm(result.surface.points, axis=1)
     assert np.abs(radii - 10.0).max() < 0.01

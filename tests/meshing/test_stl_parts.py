@@ -28,7 +28,7 @@ def test_the_files_are_what_the_script_writes(tmp_path: Path, monkeypatch: pytes
 @pytest.mark.parametrize("name", ["fin_ray_finger", "bellows", "lattice_gripper"])
 def test_a_part_is_sound_and_stands_on_the_ground(name: str) -> None:
     part = repair_part(read_part(PARTS / f"{name}.stl"))
-    assert part.told == (("1 hollow inside",) if name == "bellows" else ())
+    assert part.remarks == (("1 hollow inside",) if name == "bellows" else ())
     assert not part.crosses
     assert part.surface.points[:, 2].min() == 0.0
 

@@ -252,7 +252,7 @@ def test_what_mujoco_has_nothing_for_is_refused() -> None:
 def test_what_the_model_lacks_is_told(name: str, line: str) -> None:
     scene = load_scene(name).scene
     scene = replace(scene, bodies=tuple(replace(each, order=1) for each in scene.bodies))
-    assert any(line in told for told in export_mjcf(scene).told), export_mjcf(scene).told
+    assert any(line in told for told in export_mjcf(scene).remarks), export_mjcf(scene).remarks
 
 
 @pytest.mark.parametrize("name", ["tripod", "cable_finger", "gripper_step_4", "tripod_ball", "objects"])

@@ -131,7 +131,7 @@ def test_links_that_cross_at_the_start_do_not_touch(tmp_path: Path) -> None:
     <body name="ball" pos="0 0.3 0"><freejoint/><geom name="ball" size="0.02"/></body>
     </worldbody></mujoco>"""
     made = imported(tmp_path, text)
-    assert any("crosses link at the start: the two do not touch here" in told for told in made.told)
+    assert any("crosses link at the start: the two do not touch here" in told for told in made.remarks)
     groups = {each.name: set(each.groups) for each in made.scene.collisions}
     assert groups["post"] & groups["link"]
     assert not groups["post"] & groups["ball"]
@@ -159,14 +159,14 @@ def test_links_that_cross_at_the_start_do_not_touch(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_not_taken_over_is_told(mixed: tuple[ImportedScene, Path], line: str) -> None:
-    assert any(told.startswith(line) for told in mixed[0].told), mixed[0].told
+    assert any(told.startswith(line) for told in mixed[0].remarks), mixed[0].remarks
 
 
 def test_nothing_else_is_told_of_a_model_that_is_taken_over_whole(tmp_path: Path) -> None:
     text = """<mujoco><option timestep="0.01"/><worldbody>
     <flexcomp name="f" type="grid" dim="3" count="3 3 3" spacing="1 1 1" mass="1" radius="0.01">
     <elasticity young="1e5" poisson="0.3"/><pin id="0"/></flexcomp></worldbody></mujoco>"""
-    assert imported(tmp_path, text, LAW).told == ()
+    assert imported(tmp_path, text, LAW).remarks == ()
 
 
 def test_everything_starts_and_falls_where_it_does_in_mujoco(
@@ -249,7 +249,7 @@ CHAIN = """
 def test_a_soft_body_on_a_chain_of_springs_bends_it_alike(tmp_path: Path) -> None:
     made = imported(tmp_path, CHAIN, LAW)
     assert made.scene.attachments[0].to == "b"
-    assert "flex beam: its 9 pinned vertices on b have 0.02 kg here, in MuJoCo none" in made.told
+    assert "flex beam: its 9 pinned vertices on b have 0.02 kg here, in MuJoCo none" in made.remarks
     simulation = Simulation(load_scene(write_imported(made, tmp_path / "to", "model.xml")), backend="scipy")
     theirs = MujocoRun(tmp_path / "model.xml")
     for _ in range(300):
@@ -279,7 +279,7 @@ def test_a_flex_of_few_nodes_keeps_its_mass_and_pins(dof: str, total: float, tmp
     else:  # the four corners at x = -1.5 hold that face
         x = body.mesh.points[:, 0]
         assert np.array_equal(fixed, np.flatnonzero(np.isclose(x, x.min())))
-        assert any("softer than in MuJoCo" in told for told in made.told)
+        assert any("softer than in MuJoCo" in told for told in made.remarks)
 
 
 @pytest.mark.slow

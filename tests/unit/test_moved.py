@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import importlib.util
 import re
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import pytest
 from faces import face
@@ -19,6 +21,7 @@ import softsim_node
 import softsim_ros
 from softsim_core import MOVED
 from softsim_core.base import FormerNames, find_former_names
+from softsim_core.lab.meshing import MeshedPart
 from softsim_core.physics import sensing
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -165,3 +168,15 @@ def test_a_name_that_nothing_had_is_not_found() -> None:
     for name in ("softsim_core.nothing", "softsim_core.mesh.nothing", "softsim_core.contact.crossing"):
         with pytest.raises(ModuleNotFoundError, match=name):
             importlib.import_module(name)
+
+
+def test_a_former_name_of_an_attribute_gives_its_value_and_warns() -> None:
+    nothing: Any = None
+    part = MeshedPart(nothing, nothing, nothing, 0.01, 0.0, ("two holes closed",), True)
+    with pytest.warns(
+        DeprecationWarning, match=r"MeshedPart\.told is now MeshedPart\.remarks; release 0\.3\.0"
+    ):
+        assert part.told == ("two holes closed",)
+    with pytest.warns(DeprecationWarning, match=r"MeshedPart\.known is now MeshedPart\.from_cache"):
+        assert part.known
+    assert {"told", "known"}.isdisjoint(each.name for each in dataclasses.fields(MeshedPart))

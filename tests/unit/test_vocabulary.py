@@ -26,32 +26,33 @@ RETIRED_NOUNS = ("known", "given", "keep", "keeps")
 """Words that are no name alone; a name may contain them beside a noun or as a verb: `known_names`."""
 
 RESULT = "attribute of a released result, which programs read"
+FORMER = "former name of a released attribute, which warns"
 OWN_ACTUATOR = "attribute that actuators of users set: the number of internal states"
 HELD_OUT = "term of the field: rows that are held out of a fit; key of the data set's file"
 
 ALLOWED = {
     "softsim_core.base.errors.given": "argument of ArrayError, which programs may create",
-    "softsim_core.control.inverse.controller.sentence": RESULT,
-    "softsim_core.control.observer.settings.sentence": RESULT,
+    "softsim_core.control.inverse.controller.sentence": FORMER,
+    "softsim_core.control.observer.settings.sentence": FORMER,
     "softsim_core.lab.identification.description.held_out_share": HELD_OUT,
     "softsim_core.lab.identification.session.held_out": HELD_OUT,
-    "softsim_core.lab.identification.session.judged": RESULT,
+    "softsim_core.lab.identification.session.judged": FORMER,
     "softsim_core.lab.identification.validation.given": "keyword argument of validate_session",
     "softsim_core.lab.identification.validation.held_out": HELD_OUT,
-    "softsim_core.lab.identification.validation.judged": RESULT,
-    "softsim_core.lab.identification.validation.known": RESULT,
+    "softsim_core.lab.identification.validation.judged": FORMER,
+    "softsim_core.lab.identification.validation.known": FORMER,
     "softsim_core.lab.learning.episodes._wanted": "key of a saved state",
-    "softsim_core.lab.meshing.meshing.known": RESULT,
-    "softsim_core.lab.meshing.meshing.told": RESULT,
-    "softsim_core.lab.meshing.part.told": RESULT,
-    "softsim_core.lab.meshing.repair.told": RESULT,
+    "softsim_core.lab.meshing.meshing.known": FORMER,
+    "softsim_core.lab.meshing.meshing.told": FORMER,
+    "softsim_core.lab.meshing.part.told": FORMER,
+    "softsim_core.lab.meshing.repair.told": FORMER,
     "softsim_core.lab.study.cluster.told": "keyword argument of Where, a callback of the caller",
-    "softsim_core.mjcf.exporting.told": RESULT,
-    "softsim_core.mjcf.importing.told": RESULT,
+    "softsim_core.mjcf.exporting.told": FORMER,
+    "softsim_core.mjcf.importing.told": FORMER,
     "softsim_core.physics.actuation.actuators.keeps": OWN_ACTUATOR,
     "softsim_core.physics.actuation.chamber.chamber.keeps": OWN_ACTUATOR,
     "softsim_ros.cli.measurements.validate_report.held_out": HELD_OUT,
-    "softsim_ros.client.joints.obey": "former name of a released method; it warns",
+    "softsim_ros.client.joints.obey": FORMER,
     "softsim_ros.client.joints.sentence": RESULT,
     "softsim_ros.client.services.sentence": RESULT,
     "softsim_ros.client.state.heard_goal": RESULT,

@@ -26,6 +26,7 @@ from softsim_core.base import (
     Array,
     CommandError,
     FactorisationError,
+    FormerAttribute,
     NotConvergedError,
     SolverDivergedError,
     degrees,
@@ -101,7 +102,7 @@ class InverseReport:
         sensitivity_age: Consecutive ticks, including this one, in which the sensitivity could not be computed
             and the previous one was used (there is none near a branch of equilibria); 0: it is up to date.
         qp_ms, tick_ms: Time of the program (build, solve, check) and of the whole tick in [ms].
-        sentence: Status message for a person.
+        message: Status message for a person.
     """
 
     command: Array
@@ -117,7 +118,8 @@ class InverseReport:
     sensitivity_age: int
     qp_ms: float
     tick_ms: float
-    sentence: str
+    message: str
+    sentence = FormerAttribute("message")
 
 
 class InverseController:

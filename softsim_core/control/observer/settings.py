@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Literal, TypeAlias
 
-from softsim_core.base import Array, FieldError
+from softsim_core.base import Array, FieldError, FormerAttribute
 from softsim_core.physics.mechanics import Pose
 
 Verdict: TypeAlias = Literal["alone", "learning", "good", "wrong"]
@@ -36,7 +36,7 @@ class Estimate:
         touch: The contact; None: none was detected.
         verdict: "alone": nothing is measured; "learning"; "good"; "wrong": the model or the stated noise of
             the sensors is wrong.
-        sentence: Message that says why it is wrong; else empty.
+        message: Message that says why it is wrong; else empty.
         consistency: Mean squared innovation of the window in units of its expected value: 1 if the model is
             consistent.
         used: Number of coordinates used in this step.
@@ -47,7 +47,8 @@ class Estimate:
     effector_covariance: Array
     touch: Touch | None
     verdict: Verdict
-    sentence: str
+    message: str
+    sentence = FormerAttribute("message")
     consistency: float
     used: int
     left_out: tuple[str, ...]

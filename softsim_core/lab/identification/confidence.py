@@ -223,7 +223,7 @@ def cross_validated(result: Calibration, count: int = 5, seed: int = 0, done: Do
         predictions = problem.misfit.replay_sessions(problem.values(part))
         for session, whole, of, prediction in zip(training, sessions, fold_of, predictions, strict=True):
             compare = compare_session(session, prediction)
-            errors, solved = compare.fitted_errors(), compare.known
+            errors, solved = compare.fitted_errors(), compare.predicted
             fitted[session.name].append(mean_distance(errors[session.fitting & solved]))
             left_out[session.name].append(mean_distance(errors[whole.fitting & (of == fold) & solved]))
         if done is not None:

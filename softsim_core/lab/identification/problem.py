@@ -142,7 +142,7 @@ class Misfit:
         for session, prediction in zip(chosen, predictions, strict=True):
             result = compare_session(session, prediction)
             rows = session.fitting
-            solved = rows & result.known
+            solved = rows & result.predicted
             if solved.sum() < (1.0 - LOST) * rows.sum():
                 return self._penalise_session(session, int(solved.sum()), values, chosen)
             fitted = result.fitted_errors()

@@ -6,7 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softsim_core.base import Array, BoolArray, DataError, IndexArray, degrees, known_names, listing
+from softsim_core.base import (
+    Array,
+    BoolArray,
+    DataError,
+    FormerAttribute,
+    IndexArray,
+    degrees,
+    known_names,
+    listing,
+)
 from softsim_core.lab.identification.description import (
     FrameDescription,
     SensorDescription,
@@ -53,8 +62,10 @@ class Session:
         """Fitted rows: training rows that are used, shape (k,)."""
         return self.used & self.training
 
+    judged = FormerAttribute("evaluated")
+
     @property
-    def judged(self) -> BoolArray:
+    def evaluated(self) -> BoolArray:
         """Evaluated rows: the held-out ones, or all where none are held out, shape (k,)."""
         held_out = self.used & ~self.training
         return held_out if held_out.any() else self.used

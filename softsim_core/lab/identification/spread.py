@@ -150,7 +150,7 @@ class PriorConflict:
         parameter: Index of the parameter.
         name: Name of the parameter.
         mean, deviation: Mean and standard deviation of the prior.
-        told, error: Estimate from the rows without the prior, and its standard error.
+        from_rows, error: Estimate from the rows without the prior, and its standard error.
         chance: Probability that rows are so far from a prior that is right.
     """
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from softsim_core.base import Array, BoolArray, DataError, listing
+from softsim_core.base import Array, BoolArray, DataError, FormerAttribute, listing
 from softsim_core.lab.identification.alignment import (
     Alignment,
     align,
@@ -61,7 +61,7 @@ class SessionResult:
 
     Attributes:
         session: The measurements.
-        known: Rows with a prediction of the model, shape (k,).
+        predicted: Rows with a prediction of the model, shape (k,).
         alignment: Frame and points, fitted to the training rows as described; None: there is no model.
         raw: Model minus measurement in [m] with frame and points as described, shape (k, s, 3).
         aligned: The same with the alignment; where no rows are held out, the delay of each time span is
@@ -73,7 +73,7 @@ class SessionResult:
     """
 
     session: Session
-    known: BoolArray
+    predicted: BoolArray
     alignment: Alignment | None
     raw: Array
     aligned: Array
@@ -81,11 +81,12 @@ class SessionResult:
     others: dict[str, OtherErrors]
     warnings: tuple[str, ...]
     stopped: bool
+    judged, known = FormerAttribute("evaluated"), FormerAttribute("predicted")
 
     @property
-    def judged(self) -> BoolArray:
+    def evaluated(self) -> BoolArray:
         """Evaluated rows, shape (k,)."""
-        return self.session.judged & self.known
+        return self.session.evaluated & self.predicted
 
     def fitted_errors(self) -> Array:
         """Return the errors that a calibration minimises in [m], shape (k, s, 3).
@@ -98,7 +99,7 @@ class SessionResult:
         time, times = self.session.description.time, self.session.times
         if time is None or times is None or time.release == "known":
             return self.aligned
-        released = release_errors(times, self.positions, self.aligned, self.session.fitting & self.known)
+        released = release_errors(times, self.positions, self.aligned, self.session.fitting & self.predicted)
         if released is None:
             raise DataError(
                 f"session {self.session.name}",
@@ -110,26 +111,27 @@ class SessionResult:
 
     def of(self, rows: BoolArray, raw: bool = False) -> Measures:
         """Return statistics over some rows (k,) and all sensors."""
-        return measures((self.raw if raw else self.aligned)[rows & self.known])
+        return measures((self.raw if raw else self.aligned)[rows & self.predicted])
 
     @property
     def regions(self) -> dict[str, tuple[float, float, Measures]]:
         """Statistics in thirds of the workspace; see by_region."""
-        errors, where = self.aligned[self.judged], self.positions[self.judged] - self.aligned[self.judged]
+        rows = self.evaluated
+        errors, where = self.aligned[rows], self.positions[rows] - self.aligned[rows]
         return by_region(errors.reshape(-1, 3), where.reshape(-1, 3))
 
     @property
     def beyond(self) -> list[str]:
         """Messages for exceeded limits of the session; none where there is no model."""
         limits = self.session.description.limits
-        return [] if self.alignment is None else self.of(self.judged).beyond(limits)
+        return [] if self.alignment is None else self.of(self.evaluated).beyond(limits)
 
     def rest_values(self) -> dict[str, tuple[Array, Array]]:
         """Return each sensor's final position in a replay in time, measured and of the model, (3,) in [m]."""
         times = self.session.times
-        if times is None or self.alignment is None or not self.judged.any():
+        if times is None or self.alignment is None or not self.evaluated.any():
             return {}
-        rows = self.judged & (times > times[self.judged].max() - AT_REST)
+        rows = self.evaluated & (times > times[self.evaluated].max() - AT_REST)
         model = self.positions[rows].mean(axis=0)
         measured = model - self.aligned[rows].mean(axis=0)
         names = self.session.description.sensor_names
@@ -140,7 +142,7 @@ class SessionResult:
         times = self.session.times
         if times is None or self.alignment is None:
             return {}
-        rows, ringings = self.judged, {}
+        rows, ringings = self.evaluated, {}
         for s, name in enumerate(self.session.description.sensor_names):
             model = self.positions[rows, s]
             measured, simulated = (
@@ -199,7 +201,7 @@ def _by_other_rows(result: SessionResult, prediction: Prediction) -> SessionResu
     """
     session, time = result.session, result.session.description.time
     held_out = session.used & ~session.training
-    rows = np.flatnonzero(session.fitting & result.known)
+    rows = np.flatnonzero(session.fitting & result.predicted)
     if time is None or not time.most_delay or held_out.any() or result.stopped or len(rows) < 2 * SPANS:
         return result
     aligned, positions = result.aligned.copy(), result.positions.copy()
@@ -355,7 +357,7 @@ def _others(session: Session) -> dict[str, OtherErrors]:
 
 def summary(results: Sequence[SessionResult]) -> Measures:
     """Return statistics over the evaluated rows of all sessions."""
-    return measures(np.concatenate([each.aligned[each.judged].reshape(-1, 3) for each in results]))
+    return measures(np.concatenate([each.aligned[each.evaluated].reshape(-1, 3) for each in results]))
 
 
 def plain(name: str, model: str | None, results: Sequence[SessionResult]) -> dict[str, Any]:
@@ -382,13 +384,13 @@ def _session(result: SessionResult) -> dict[str, Any]:
     if result.alignment is not None:
         held_out = session.used & ~session.training
         report = {
-            "raw": result.of(result.judged, raw=True).plain(),
-            "aligned": result.of(result.judged).plain(),
+            "raw": result.of(result.evaluated, raw=True).plain(),
+            "aligned": result.of(result.evaluated).plain(),
             "training": result.of(session.fitting).plain(),
             "held_out": result.of(held_out).plain() if held_out.any() else None,
             "suspect": result.of(~session.used).plain() if session.times is None else None,
             "sensors": {
-                sensor: measures(result.aligned[result.judged, s]).plain()
+                sensor: measures(result.aligned[result.evaluated, s]).plain()
                 for s, sensor in enumerate(session.description.sensor_names)
             },
             "regions": {
@@ -415,8 +417,8 @@ def _session(result: SessionResult) -> dict[str, Any]:
         **report,
         "others": {
             other: {
-                "raw": measures(errors.raw[session.judged]).plain(),
-                "framed": measures(errors.aligned[session.judged]).plain(),
+                "raw": measures(errors.raw[session.evaluated]).plain(),
+                "framed": measures(errors.aligned[session.evaluated]).plain(),
             }
             for other, errors in result.others.items()
         },
@@ -430,7 +432,7 @@ def _each_row(result: SessionResult) -> list[dict[str, Any]]:
     commands = {name: session.table.numbers(name).tolist() for name in (columns.columns if columns else ())}
     rows = []
     for k, line in enumerate(session.table.lines):
-        solved = bool(result.known[k])
+        solved = bool(result.predicted[k])
         rows.append(
             {
                 "line": int(line),
@@ -500,7 +502,7 @@ def given_alignment(alignments: dict[str, Alignment], session: Session) -> Align
 
 def worst(result: SessionResult, count: int) -> list[tuple[int, int, Array]]:
     """Return the largest errors of the evaluated rows: row, sensor and error (3,) in [m], largest first."""
-    lengths = np.where(result.judged[:, None], np.linalg.norm(result.aligned, axis=2), -1.0)
-    order = np.argsort(lengths, axis=None)[::-1][: min(count, int(result.judged.sum()) * lengths.shape[1])]
+    lengths = np.where(result.evaluated[:, None], np.linalg.norm(result.aligned, axis=2), -1.0)
+    order = np.argsort(lengths, axis=None)[::-1][: min(count, int(result.evaluated.sum()) * lengths.shape[1])]
     rows, sensors = np.unravel_index(order, lengths.shape)
     return [(int(k), int(s), result.aligned[k, s]) for k, s in zip(rows, sensors, strict=True)]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base import MeshError
+from softsim_core.base import FormerAttribute, MeshError
 from softsim_core.lab.meshing.filling import (
     Filling,
     fill_surface,
@@ -84,8 +84,8 @@ class MeshedPart:
         report: Quality figures of the mesh.
         edge: Requested length of edges in [m].
         distance: Largest distance between the mesh's boundary and the surface in [m].
-        told: Messages about repairs and unusual properties.
-        known: Whether it was taken from the cache.
+        remarks: Messages about repairs and unusual properties.
+        from_cache: Whether it was taken from the cache.
     """
 
     mesh: TetMesh
@@ -93,8 +93,9 @@ class MeshedPart:
     report: MeshReport
     edge: float
     distance: float
-    told: tuple[str, ...]
-    known: bool
+    remarks: tuple[str, ...]
+    from_cache: bool
+    told, known = FormerAttribute("remarks"), FormerAttribute("from_cache")
 
     @property
     def volume_error(self) -> float | None:
@@ -126,7 +127,7 @@ def mesh_part(
     part = read_part(path, options.unit)
     count = len(part.surface.triangles)
     progress(f"looking at {count} triangles, {part.unit.size(np.ptp(part.surface.points, axis=0))}")
-    for doubt in part.told:
+    for doubt in part.remarks:
         progress(doubt)
     source = repair_part(part, options.hole, options.largest, simplify_surface)
     settings = asdict(replace(options, time_limit=0.0))
@@ -142,27 +143,27 @@ def mesh_part(
         result = _check_mesh(part, source, mesh, edge, options)
         if not store_mesh(key, mesh, edge):
             remark = "the cache cannot be written: the next run makes another mesh"
-            result = replace(result, told=(*result.told, remark))
+            result = replace(result, remarks=(*result.remarks, remark))
         return result
     progress("taking the mesh that was made before of the same file and options")
     mesh, edge = made
-    return replace(_check_mesh(part, source, replace(mesh, name=str(path)), edge, options), known=True)
+    return replace(_check_mesh(part, source, replace(mesh, name=str(path)), edge, options), from_cache=True)
 
 
 def _plug_cavities(part: Part, source: RepairedSurface, options: MeshingOptions) -> RepairedSurface:
     """Return a part with the openings of its cavities closed by plugs."""
-    unit, remarks = source.unit, list(source.told)
+    unit, remarks = source.unit, list(source.remarks)
     openings = open_hollows(source.surface)
     if not openings:
         raise MeshError(
             part.surface.name, "no hollow with a narrow opening was found that a plug could close"
         )
     for each in openings:
-        cut = replace(part, surface=without_channel(source.surface, each), told=())
+        cut = replace(part, surface=without_channel(source.surface, each), remarks=())
         source = repair_part(cut, float("inf"), options.largest)
         remarks.append(f"plugged the opening of {unit.length(each.width)} at {unit.place(each.place)}")
     remarks.append(f"{source.cavities} closed hollow{'s' * (source.cavities != 1)} now")
-    return replace(source, told=tuple(remarks))
+    return replace(source, remarks=tuple(remarks))
 
 
 def _check(options: MeshingOptions) -> None:
@@ -211,7 +212,7 @@ def _check_mesh(
 
     Straight edges cannot invert a quadratic cell with the corners of a valid linear one.
     """
-    name, unit, remarks = part.surface.name, source.unit, list(source.told)
+    name, unit, remarks = part.surface.name, source.unit, list(source.remarks)
     mesh = replace(mesh, name=name)
     report = check_tets(mesh)
     parts = pieces(mesh)
@@ -253,7 +254,7 @@ def _check_mesh(
             f"{report.nodes} nodes are the nearest to {requested} that were found"
             + (f": more deviation from the surface than {unit.length(allowed)} allows fewer" if more else "")
         )
-    return replace(result, told=tuple(remarks))
+    return replace(result, remarks=tuple(remarks))
 
 
 def _deviation(source: RepairedSurface, options: MeshingOptions) -> float:

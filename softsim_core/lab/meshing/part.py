@@ -13,7 +13,16 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from softsim_core.base import MILLIMETRE, Array, BoolArray, IndexArray, MeshError, Placement, known_names
+from softsim_core.base import (
+    MILLIMETRE,
+    Array,
+    BoolArray,
+    FormerAttribute,
+    IndexArray,
+    MeshError,
+    Placement,
+    known_names,
+)
 from softsim_core.lab.meshing.topology import shells
 from softsim_core.physics.contact import crossings
 from softsim_core.physics.mesh import SurfaceMesh, enclosed_volume, encloses, read_surface, triangle_normals
@@ -218,12 +227,13 @@ class Part:
     Attributes:
         surface: Triangles in [m] without changes, named after the file.
         unit: The file's unit.
-        told: Messages about unusual properties.
+        remarks: Messages about unusual properties.
     """
 
     surface: SurfaceMesh
     unit: Unit
-    told: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    told = FormerAttribute("remarks")
 
 
 def unit(name: str) -> Unit:

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from softsim_core.base import Array, BoolArray, IndexArray, MeshError
+from softsim_core.base import Array, BoolArray, FormerAttribute, IndexArray, MeshError
 from softsim_core.lab.meshing.part import SPECK, Nesting, Part, Unit, determine_nesting
 from softsim_core.lab.meshing.topology import Edges, areas, edges_of, shells, touching_points, turned_alike
 from softsim_core.physics.mesh import SurfaceMesh
@@ -147,7 +147,7 @@ class RepairedSurface:
     Attributes:
         surface: In [m], solids outward, cavities into the cavity.
         unit: Unit of its file.
-        told: Messages about repairs and unusual properties, in order.
+        remarks: Messages about repairs and unusual properties, in order.
         volume: Volume inside in [m^3], without cavities.
         crosses: Whether it intersects itself: then the volume counts overlaps twice.
         cavities: Number of cavities.
@@ -155,7 +155,8 @@ class RepairedSurface:
 
     surface: SurfaceMesh
     unit: Unit
-    told: tuple[str, ...]
+    remarks: tuple[str, ...]
+    told = FormerAttribute("remarks")
     volume: float
     crosses: bool
     cavities: int
@@ -183,7 +184,7 @@ def repair_part(
             encloses nothing; says where, in the file's unit.
     """
     name, unit = part.surface.name, part.unit
-    points, remarks = part.surface.points, list(part.told)
+    points, remarks = part.surface.points, list(part.remarks)
     size = np.ptp(points, axis=0)
     points, triangles, words = _clean(points, part.surface.triangles, WELD * float(np.linalg.norm(size)))
     remarks += words
@@ -210,12 +211,12 @@ def repair_part(
             points, triangles, _ = _clean(fewer.points, fewer.triangles, 0.0)
             triangles, _, _ = turned_alike(triangles)
             points, triangles, _ = _close_holes(points, triangles, float("inf"), name, unit)
-    return _bodies(points, triangles, replace(part, told=tuple(remarks)), largest)
+    return _bodies(points, triangles, replace(part, remarks=tuple(remarks)), largest)
 
 
 def _bodies(points: Array, triangles: IndexArray, part: Part, largest: bool) -> RepairedSurface:
     """Select the shells to use and determine their nesting."""
-    name, unit, remarks = part.surface.name, part.unit, list(part.told)
+    name, unit, remarks = part.surface.name, part.unit, list(part.remarks)
     found = determine_nesting(points, triangles)
     boxes = _diagonals(points, found)
     usable = boxes > SPECK * boxes.max()

@@ -188,7 +188,7 @@ def compare_model(file: Path, laws: Sequence[str], seconds: float, rounds: int) 
     )
     first = ours[0].simulation
     return ModelComparison(
-        file, theirs.version, theirs.dt, seconds, *_sizes(first), rows, warned, scenes[0].told
+        file, theirs.version, theirs.dt, seconds, *_sizes(first), rows, warned, scenes[0].remarks
     )
 
 

@@ -44,15 +44,15 @@ def report_lines(
 def _text_table(results: Sequence[SessionResult], asked: Sequence[SessionResult]) -> list[str]:
     rows: list[tuple[str, ...]] = [HEAD]
     for each in results:
-        name, evaluated = each.session.name, each.judged
+        name, evaluated = each.session.name, each.evaluated
         if each.alignment is not None:
             rows.append((name, *_cells(each.of(evaluated), each.of(evaluated, raw=True))))
         for other, errors in each.others.items():
-            session_rows = each.session.judged
+            session_rows = each.session.evaluated
             found = measures(errors.aligned[session_rows]), measures(errors.raw[session_rows])
             rows.append((f"{name}, {other} *", *_cells(*found)))
     if len(asked) > 1:
-        raw = measures(np.concatenate([each.raw[each.judged].reshape(-1, 3) for each in asked]))
+        raw = measures(np.concatenate([each.raw[each.evaluated].reshape(-1, 3) for each in asked]))
         rows.append(("all", *_cells(summary(asked), raw)))
     widths = [max(len(row[k]) for row in rows) for k in range(len(HEAD))]
     lines = [
@@ -104,7 +104,7 @@ def _details(result: SessionResult) -> list[str]:
         rows.append(("delay", f"{1e3 * alignment.delay:.1f} ms"))
     if len(description.sensors) > 1:
         for s, name in enumerate(description.sensor_names):
-            found = measures(result.aligned[result.judged, s])
+            found = measures(result.aligned[result.evaluated, s])
             rows.append(
                 (f"sensor {name}", f"mean {_mm(found.mean)}, rms {_mm(found.rms)}, max {_mm(found.max)}")
             )
@@ -357,16 +357,16 @@ def _html_table(results: Sequence[SessionResult], asked: Sequence[SessionResult]
     head = ("session", "errors", "raw mean", "mean", "rms", "p95", "max", "")
     rows = []
     for each in results:
-        name, evaluated = each.session.name, each.judged
+        name, evaluated = each.session.name, each.evaluated
         if each.alignment is not None:
             verdict = "; ".join(each.beyond)
             rows.append(_row(name, each.of(evaluated), each.of(evaluated, raw=True), verdict))
         for other, errors in each.others.items():
-            counted = each.session.judged
+            counted = each.session.evaluated
             found = measures(errors.aligned[counted]), measures(errors.raw[counted])
             rows.append(_row(f"{name}, {other} *", *found, ""))
     if len(asked) > 1:
-        raw = measures(np.concatenate([each.raw[each.judged].reshape(-1, 3) for each in asked]))
+        raw = measures(np.concatenate([each.raw[each.evaluated].reshape(-1, 3) for each in asked]))
         rows.append(_row("all", summary(asked), raw, ""))
     cells = "".join(f"<th>{name}" for name in head)
     caption = "Errors in mm, model minus measurement, aligned as described; raw: with nothing fitted."
@@ -385,7 +385,7 @@ def _points(result: SessionResult) -> dict[str, Any]:
     """Return the data that the page draws of a session, in mm."""
     session = result.session
     assert result.alignment is not None
-    rows, sensors = np.nonzero(np.repeat(result.judged[:, None], result.aligned.shape[1], axis=1))
+    rows, sensors = np.nonzero(np.repeat(result.evaluated[:, None], result.aligned.shape[1], axis=1))
     errors = 1e3 * result.aligned[rows, sensors]
     lengths = np.linalg.norm(errors, axis=1)
     names = session.description.sensor_names

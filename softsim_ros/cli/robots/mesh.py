@@ -137,14 +137,14 @@ def report_lines(made: MeshedPart, files: list[Path], seconds: float | None) -> 
     cells = "linear" if made.mesh.order == 1 else "quadratic"
     cubic = unit.metres**3
     rows = [("surface", f"{len(source.surface.triangles)} triangles, {unit.size(size)}")]
-    rows += [("", remark) for remark in made.told]
+    rows += [("", remark) for remark in made.remarks]
     shortest, longest, requested = map(unit.length, (report.min_edge, report.max_edge, made.edge))
     off = "the surface overlaps itself" if error is None else f"{100.0 * error:+.2f} % of the surface's"
     angles = f"{report.min_dihedral_deg:.1f} to {report.max_dihedral_deg:.1f} degrees (70.5 is regular)"
     rows += [
         (
             "mesh",
-            f"{report.nodes} nodes, {report.elements} {cells} tetrahedra" + ", made before" * made.known,
+            f"{report.nodes} nodes, {report.elements} {cells} tetrahedra" + ", made before" * made.from_cache,
         ),
         ("edges", f"{shortest} to {longest}, wished {requested}"),
         ("angles", angles),
@@ -176,7 +176,7 @@ def plain(made: MeshedPart, files: list[Path], seconds: float | None) -> dict[st
         "files": [str(file) for file in files],
         "surface_triangles": len(source.surface.triangles),
         "size_m": (source.surface.points.max(axis=0) - source.surface.points.min(axis=0)).tolist(),
-        "told": list(made.told),
+        "told": list(made.remarks),
         "cavities": source.cavities,
         "nodes": report.nodes,
         "elements": report.elements,
@@ -190,5 +190,5 @@ def plain(made: MeshedPart, files: list[Path], seconds: float | None) -> dict[st
         "surface_volume_m3": None if source.crosses else source.volume,
         "largest_distance_m": made.distance,
         "step_s": seconds,
-        "from_cache": made.known,
+        "from_cache": made.from_cache,
     }

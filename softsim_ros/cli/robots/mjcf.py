@@ -80,7 +80,7 @@ def _import(arguments: argparse.Namespace) -> int:
         f"{len(scene.collisions)} surfaces that touch"
     )
     print(f"{file}: {counts}")
-    print("\n".join(f"  {remark}" for remark in imported.told))
+    print("\n".join(f"  {remark}" for remark in imported.remarks))
     print(f"next: softsim up ./{file}")
     return 0
 
@@ -98,7 +98,7 @@ def _export(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise MjcfError(file, f"cannot be written: {error.strerror or error}") from error
     print(f"{file}: MuJoCo model of {scene.name}")
-    print("\n".join(f"  {remark}" for remark in made.told))
+    print("\n".join(f"  {remark}" for remark in made.remarks))
     return 0
 
 

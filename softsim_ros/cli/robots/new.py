@@ -347,7 +347,7 @@ def _describe_result(name: str, made: MeshedPart, assumed: Guess, link: str, inl
     hangs = [f"  softsim up ./{name}/{name}_on_arm.yaml --watch  # it hangs on the arm's link {link}"]
     return [
         f"{name}/: {name}.yaml (scene), {name}.vtk ({made.report.nodes} nodes), test_{name}.py",
-        *(f"  {remark}" for remark in made.told),
+        *(f"  {remark}" for remark in made.remarks),
         *([f"  {askew}"] if assumed.tilt_deg else []),
         *(f"  {each}" for each in inlets),
         f"guessed: silicone, held at one end, {moved}; each guess is marked in the scene",

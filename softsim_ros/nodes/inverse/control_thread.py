@@ -350,7 +350,7 @@ class ControlThread:
         report = self._report if self._mode != "off" else None
         self.status = ControlStatus(
             mode=self._mode,
-            message=message or ("" if report is None else report.sentence),
+            message=message or ("" if report is None else report.message),
             fault=self._mode == "off" and bool(message),
             report=report,
             measured=measured,

@@ -303,9 +303,9 @@ class ObserverNode(RobotNode):
         except SolverDivergedError as error:
             self._stop(f"begins anew: {error}")
             return
-        if estimate.sentence and estimate.sentence != self._message:
-            self.get_logger().warning(estimate.sentence, throttle_duration_sec=10.0)
-        self._estimate, self._message = estimate, estimate.sentence
+        if estimate.message and estimate.message != self._message:
+            self.get_logger().warning(estimate.message, throttle_duration_sec=10.0)
+        self._estimate, self._message = estimate, estimate.message
         self._state_topics.refresh()
         self._publish(estimate)
         self._tick_ms += 0.05 * (1e3 * (time.monotonic() - begun) - self._tick_ms)
