@@ -47,12 +47,11 @@ NAMED = {r"chambers/[^/]+": "chambers/JOINT", r"sensors/[^/]+": "sensors/NAME"}
 
 HEAD = """# Topics, services, parameters
 
-Made by [ros_reference.py](ros_reference.py), which starts each node and asks it. What the topics carry and
-what the services do is told in [interfaces.md](interfaces.md). Names stand in the robot's namespace
-(`/tripod`) unless they begin with `/`. *Latched*: the newest message also reaches those who come later.
-Every node has ROS's own services of parameters besides, `/rosout` and `/parameter_events`. Topics of
-tf2_msgs, and the services and actions of simulation_interfaces and control_msgs, are there with apt's ROS 2
-alone.
+[ros_reference.py](ros_reference.py) writes this page: it starts each node and reads its topics, services
+and parameters from the graph. [interfaces.md](interfaces.md) describes what they carry and do. Names without
+a leading `/` are relative to the robot's namespace (`/tripod`). *Latched*: a late subscriber also receives
+the newest message. Every node also has ROS's parameter services, `/rosout` and `/parameter_events`. Topics of
+tf2_msgs, and the services and actions of simulation_interfaces and control_msgs, exist only with apt's ROS 2.
 """
 
 
@@ -86,7 +85,7 @@ def rows(node: Any) -> Iterator[Row]:
             name = re.sub(pattern, word, name)
         return name
 
-    for kind, ends in (("sends", node.publishers), ("hears", node.subscriptions)):
+    for kind, ends in (("publishes", node.publishers), ("subscribes", node.subscriptions)):
         for end in ends:
             if end.topic_name not in EVERY_NODE:
                 yield Row(kind, short(end.topic_name), _type(end.msg_type), quality(end.qos_profile))

@@ -63,7 +63,7 @@ class Show(Protocol):
         ...
 
     def begin(self, done: Done) -> None:
-        """Send the plan."""
+        """Send the plan to the robot; `done` receives the outcome of the request."""
         ...
 
     def report_results(self) -> tuple[list[str], bool]:

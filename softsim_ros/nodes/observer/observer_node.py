@@ -73,7 +73,7 @@ class ObserverParameters(RobotSettings):
     )
     base_shift: float = parameter(
         0.0,
-        "Shift of the joint bases where no simulator tells it on base_shift: how the robot is mounted",
+        "Shift of the joint bases if no simulator publishes base_shift: how the robot is mounted",
         unit="m",
         within=(-1.0, 1.0),
         fixed=True,

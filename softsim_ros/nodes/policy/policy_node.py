@@ -38,7 +38,7 @@ class PolicyParameters(RobotSettings):
     """Values of the parameters."""
 
     policy: str = parameter("", "ONNX file of the policy", fixed=True)
-    enabled: bool = parameter(False, "Switch it on as soon as all that it looks at was heard", fixed=True)
+    enabled: bool = parameter(False, "Switch it on as soon as each of its inputs has arrived", fixed=True)
     measure_timeout: float = parameter(
         0.2,
         "What is older is not used: the command stays what it was",
@@ -363,7 +363,7 @@ PROGRAM = Program(
     name="policy",
     about="Drives a robot by a trained policy in an ONNX file.",
     settings=(PolicyParameters(), FrameSettings()),
-    more="What it hears besides joint states depends on the policy's task: effector_pose, effector_goal, imu,"
+    more="What it subscribes to besides joint states depends on the policy's task: effector_pose, effector_goal, imu,"
     " bodies/poses.",
 )
 

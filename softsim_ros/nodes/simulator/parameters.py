@@ -32,7 +32,7 @@ class SceneSettings(RobotSettings):
     )
     overrides: str = parameter(
         "",
-        "Values laid over the scene's file, as YAML text: 'gravity: [0, 0, -1.6]'; it begins anew with them",
+        "Values laid over the scene's file, as YAML text: 'gravity: [0, 0, -1.6]'; the scene restarts with them",
     )
     allow_code: str = parameter(
         "",
@@ -69,7 +69,7 @@ class SimulatorSettings(SceneSettings):
         "Let others propose changes of the scene's file, apply and save them; see docs/edit.md",
         fixed=True,
     )
-    watch: bool = parameter(False, "Load the scene anew whenever one of its files is saved", fixed=True)
+    watch: bool = parameter(False, "Reload the scene whenever one of its files is saved", fixed=True)
     publish_clock: bool = parameter(False, "Send simulated time on /clock and stamp with it", fixed=True)
     speed: float = parameter(
         1.0,
