@@ -337,5 +337,5 @@ def _ending_quietly() -> Iterator[None]:
 def _warn_orphan(node: RunnableNode) -> None:
     if ending.is_orphan and rclpy.utilities.ok():
         node.get_logger().warning(
-            f"the program that started this one has ended, so does this; {OUTLIVE}=1 lets it go on"
+            f"the program that started this one has ended, so does this; {OUTLIVE}=1 lets it continue"
         )

@@ -47,7 +47,7 @@ class Names:
         self._used: set[str] = set()
 
     def new(self, proposed: str, otherwise: str) -> str:
-        """Return a new name similar to the wished one, or to the other if that is empty."""
+        """Return a new name similar to the requested one, or to the other if that is empty."""
         clean = re.sub(r"\W+", "_", proposed, flags=re.ASCII).strip("_") or otherwise
         clean = clean if clean[0].isalpha() else f"{otherwise}_{clean}"
         name, number = clean, 2

@@ -115,7 +115,7 @@ SAMPLE_S = 0.25
 COLD, LEAST = 2, 8
 """Untimed steps after each restart, and the smallest number of timed ones.
 
-After a restart the contact search starts anew.
+After a restart the contact search starts again.
 """
 PER_CORE, TWO_WORKERS = 0.90, 1.8
 """Targets: rate per core over the rate of a single run, and rate of two workers over that of one."""

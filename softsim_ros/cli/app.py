@@ -104,7 +104,7 @@ COMMANDS = {
     ),
     "calibrate": Command(
         "measurements.calibrate",
-        "find parameters of a model from measurements, and what they do not tell",
+        "find parameters of a model from measurements, and what they do not determine",
     ),
     "sweep": Command("studies.sweep", "run a scene many times with values that vary; draw the results"),
     "optimise": Command(
@@ -130,7 +130,7 @@ GROUPS = {
 
 EXIT_CODES = {
     0: "done",
-    1: "refused or failed, said in a sentence",
+    1: "refused or failed, with one message",
     2: "wrong usage",
     124: "a time limit was reached (softsim test)",
     130: "interrupted before it was done (Ctrl-C)",

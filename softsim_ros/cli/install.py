@@ -125,7 +125,7 @@ class Stages:
     """Shows stages as they run, and writes everything that the programs print to a log file."""
 
     def __init__(self, log: Path, total: int) -> None:
-        """Show `total` stages; create `log` anew."""
+        """Show `total` stages; create a new `log`."""
         self.log, self.total, self.number = log, total, 0
         self.terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
         self.log.write_text("", encoding="utf-8")
@@ -376,7 +376,7 @@ def install(root: Path, home: Path, stamp: str) -> None:
     """Bring the environment to `stamp`; do nothing if another process has just done it.
 
     If creating the environment fails or is interrupted, none is left. If changing it fails, the next start
-    creates it anew.
+    creates it again.
 
     Raises:
         InstallError: with a message on what to do.

@@ -123,7 +123,7 @@ def refusal_to_move(state: RobotState, now: float) -> str:
         return "nothing moved: no joint_states received yet; is the simulator running?"
     if not state.is_fresh(now):
         if state.paused:
-            return "nothing moved: the simulation is paused; press the pause key again to go on"
+            return "nothing moved: the simulation is paused; press the pause key again to continue"
         return (
             f"nothing moved: no joint_states for {now - state.measured_at:.0f} s; is the simulator running?"
         )

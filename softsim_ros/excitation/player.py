@@ -228,7 +228,7 @@ class Player:
         if self._foreign:
             raise ExcitationError(
                 "another node commands the joints (position_controller/commands); a robot that is measured "
-                "must be moved by nobody else"
+                "must not be moved by another program"
             )
         for each in self._readings:
             if silence_s(each) > SILENT_S:

@@ -130,8 +130,8 @@ def subscribe_sensors(
     sensors = [_subscribe_sensor(node, each) for each in choices] if choices else _find_sensors(node, unknown)
     if all(each.kind == IMU for each in sensors):
         raise ExcitationError(
-            f"{listing(each.topic for each in sensors)}: an IMU tells no place; name a topic of PoseStamped "
-            "or PoseArray, too"
+            f"{listing(each.topic for each in sensors)}: an IMU measures no position; name a topic of "
+            "PoseStamped or PoseArray, too"
         )
     names = [described.name for each in sensors for described in each.described]
     if len(set(names)) < len(names):
@@ -178,7 +178,7 @@ def _subscribe_sensor(node: Node, choice: SensorChoice) -> Sensor:
     while not (infos := node.get_publishers_info_by_topic(full)):
         if time.monotonic() > end:
             raise ExcitationError(
-                f"nobody publishes {full} within {FOUND_WITHIN_S:g} s; start the sensor's driver, or name "
+                f"no node publishes {full} within {FOUND_WITHIN_S:g} s; start the sensor's driver, or name "
                 "another topic with --sensor (softsim topics lists them)"
             )
         time.sleep(0.05)

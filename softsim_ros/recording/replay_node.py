@@ -222,7 +222,7 @@ class Replay(ClosableNode):
             first = self._senders[self._topics[0]]
             if not self._serve(executor, LISTENER_DEADLINE_S, lambda: first.get_subscription_count() > 0):
                 raise RecordingError(
-                    f"nobody listens to {first.topic_name}; start the robot: softsim up {self._bag.robot}"
+                    f"no node subscribes to {first.topic_name}; start the robot: softsim up {self._bag.robot}"
                 )
         else:
             self._serve(executor, DISCOVERY_S)

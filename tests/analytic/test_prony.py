@@ -174,7 +174,7 @@ def test_terms_are_tuned_while_it_runs() -> None:
     [
         (
             {"law": "corotational_qr", "young_modulus": 1e5, "poisson_ratio": 0.3},
-            "does not tell shear from volume",
+            "does not separate shear from volume",
         ),
         ({"law": "yeoh", "c1": 1e4, "prony": ((0.6, 1.0), (0.5, 1.0))}, "prony_share_2 must be < 0.4"),
         ({"law": "yeoh", "c1": 1e4, "prony": ((0.6, 0.0),)}, "prony_time_1 must be > 0 s"),

@@ -60,7 +60,9 @@ def test_every_topic_and_service_of_the_nodes_is_explained() -> None:
         page.read_text(encoding="utf-8") for page in DOCS.glob("*.md") if page.stem != "ros_reference"
     )
     rows = re.findall(
-        r"^\| (?:(?:publishes|subscribes) \| )?`([^`]+)` \| \w+/\w+ \|", (DOCS / "ros_reference.md").read_text(), re.M
+        r"^\| (?:(?:publishes|subscribes) \| )?`([^`]+)` \| \w+/\w+ \|",
+        (DOCS / "ros_reference.md").read_text(),
+        re.M,
     )
     assert len(rows) > 60
     for name in rows:

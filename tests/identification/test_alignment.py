@@ -93,8 +93,8 @@ def test_a_point_alone_is_found_where_the_frame_is_known() -> None:
     ("change", "sentence"),
     [
         ("line", "it: the measured points lie on a line, about which a frame is free to turn"),
-        ("two", "it: 2 rows cannot tell a frame; measure 3 or more"),
-        ("three", "it: 3 rows cannot tell the 9 numbers of frame and sensor points"),
+        ("two", "it: 2 rows cannot determine a frame; measure 3 or more"),
+        ("three", "it: 3 rows cannot determine the 9 numbers of frame and sensor points"),
         (
             "level",
             "it: the rows do not tell frame and sensor point apart: what the sensor sits on hardly tilts",

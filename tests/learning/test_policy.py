@@ -64,7 +64,7 @@ def test_a_policy_tells_its_task_robot_rate_and_units() -> None:
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"softsim_task": ""}, "does not tell its task"),
+        ({"softsim_task": ""}, "does not name its task"),
         ({"softsim_task": "TripodDance-v0"}, "TripodDance-v0"),
         ({"softsim_rate_hz": "50"}, "softsim_rate_hz is 50, and TripodReach-v0 of this version wants 25"),
         ({"softsim_robot": "emio"}, "softsim_robot is emio"),

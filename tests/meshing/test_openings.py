@@ -60,7 +60,7 @@ def test_the_inlet_is_named_in_the_unit_of_the_file(tmp_path: Path) -> None:
     (note,) = inlet_notes(repair_part(read_part(write(tmp_path, bottle(3.0)))))
     assert note.startswith("a hollow of about 36 cm^3 is open to the outside, about 5.8")
     assert "an air chamber needs a closed hollow" in note
-    assert "make the robot anew with --plug, or close the opening in CAD with a plug" in note
+    assert "make the robot again with --plug, or close the opening in CAD with a plug" in note
 
 
 def test_the_scene_says_so_where_it_guesses_a_cable(tmp_path: Path) -> None:

@@ -178,7 +178,7 @@ def test_a_cancelled_goal_stops_where_it_is(arm: Arm) -> None:
     status, _, sentence = sent.end()
     assert (status, sentence) == (
         GoalStatus.STATUS_CANCELED,
-        "goal given up: it was cancelled; the joints stay where they were told",
+        "goal abandoned: it was cancelled; the joints stay at their last commands",
     )
     stands(arm)
 
@@ -224,7 +224,7 @@ def test_what_takes_the_joints_ends_the_goal_in_a_sentence(
     interrupt(arm)
     status, code, sentence = sent.end()
     assert (status, code) == (GoalStatus.STATUS_ABORTED, arm.kind.Result.INVALID_GOAL)
-    assert sentence == f"goal given up: {reason}; the joints stay where they were told"
+    assert sentence == f"goal abandoned: {reason}; the joints stay at their last commands"
 
 
 def test_a_new_goal_takes_over_and_reaches_its_end(arm: Arm) -> None:
@@ -276,7 +276,7 @@ def test_the_bridge_s_e_stop_ends_a_goal_and_holds_off_others(
     bridge = start_process("servo_bridge.nodes.bridge_node", "--ros-args", *parameter_words(**values))
     sent = arm.start_long()
     assert arm.robot.client.call(Trigger, "servo_bridge/e_stop").success
-    assert "goal given up: the e-stop was pressed" in sent.end()[2]
+    assert "goal abandoned: the e-stop was pressed" in sent.end()[2]
     stands(arm)
     assert not arm.send(arm.goal([(0.3, [-0.5] * 3)])).accepted
     assert arm.robot.process.says("call servo_bridge/clear_e_stop")

@@ -159,7 +159,7 @@ def test_a_trajectory_begins_at_its_stamp_and_keeps_its_velocities(
         (9, way_point(1.0, positions=[-1.0]), "s ago and is over"),
         (2**31 - 1, way_point(1.0, positions=[-1.0]), "allowed are 3600"),
         (0, way_point(1.0, positions=[-1.0], velocities=[1.0]), "last way point must be 0"),
-        (0, way_point(1.0, positions=[-1.0], effort=[1.0]), "efforts are not obeyed"),
+        (0, way_point(1.0, positions=[-1.0], effort=[1.0]), "efforts are not supported"),
         (0, way_point(1.0, positions=[-1.0], accelerations=[1.0]), "accelerations need velocities"),
     ],
 )

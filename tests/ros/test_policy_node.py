@@ -152,7 +152,7 @@ def test_it_stays_off_until_all_is_heard_and_holds_when_it_is_not(
     start_policy: Callable[..., Bench], spin_until: Any
 ) -> None:
     bench = start_policy(speaks=False, measure_timeout=1.0)
-    missing = "not switched on: nothing was heard within 1 s on joint_states, effector_pose"
+    missing = "not switched on: nothing arrived within 1 s on joint_states, effector_pose"
     assert bench.enable() == (False, missing)
     bench.speaks, bench.joints = True, [math.nan, -1.0, -1.0]
     assert spin_until(lambda: bench.enable()[1].endswith("on joint_states"))
@@ -162,7 +162,7 @@ def test_it_stays_off_until_all_is_heard_and_holds_when_it_is_not(
     bench.aim(GOAL)
     assert spin_until(lambda: len(bench.commands) >= 3)
     bench.place = [math.nan] * 3  # the camera sees nothing any more
-    assert spin_until(lambda: bench.node._said.startswith("waiting: nothing was heard"))
+    assert spin_until(lambda: bench.node._said.startswith("waiting: nothing arrived"))
     bench.commands.clear()
     assert spin_until(lambda: len(bench.commands) > 10)  # the servos are told to stay
     assert len({tuple(each.data) for each in bench.commands}) == 1

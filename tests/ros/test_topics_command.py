@@ -78,7 +78,7 @@ def test_silence_says_where_it_listened(topics: Topics, ros_domain: int) -> None
     assert f"domain {ros_domain}, discovery range LOCALHOST" in shown
     code, _, refused = topics("--echo", "/nothing", "--wait", "0.5")
     assert code == 1
-    assert "nobody publishes /nothing" in refused
+    assert "no node publishes /nothing" in refused
     assert "Traceback" not in refused
 
 

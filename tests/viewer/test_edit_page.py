@@ -239,7 +239,7 @@ def test_a_finger_is_built_by_the_mouse_saved_and_started_again(
             assert editor.until(lambda done=done: editor.newest.undoable == done), f"{editor.history}"
         assert editor.newest.robot == built
         # applied: it runs, and obeys
-        editor.ask("Apply", "applied: the scene begins anew")
+        editor.ask("Apply", "applied: the scene restarts")
         assert editor.until(lambda: list(editor.states[-1].name) == ["cable"])
         finger.publish("position_controller/commands", Float64MultiArray(data=[0.004]))
         assert editor.until(lambda: editor.states[-1].effort[0] > 0.01)

@@ -111,7 +111,7 @@ def test_one_command_one_address_one_robot(
         assert len(page.vertices("/bodies/silicone")) > 1000
         page.close()
         os.kill(child_that_runs("viewer_node", process.pid), signal.SIGKILL)
-        assert spin_until(lambda: "the web page has ended, the robot goes on" in log.read_text() or over())
+        assert spin_until(lambda: "the web page has ended, the robot continues" in log.read_text() or over())
         process.send_signal(signal.SIGINT)
         assert process.wait(DEADLINE_S) == 0
         assert len(re.findall(r"http://\S+", log.read_text())) == 1

@@ -231,7 +231,7 @@ class Observer:
 
         Raises:
             CommandError: wrong length or not finite; nothing is changed.
-            SolverDivergedError: the model diverged; it stays in its last state, and `start` begins anew.
+            SolverDivergedError: the model diverged; it stays in its last state, and `start` begins again.
             SceneError: no sensor of such a name; nothing is changed.
         """
         if unknown := [name for name in measured if name not in self.sensors]:

@@ -183,7 +183,8 @@ def rigid_frame(model: Array, measured: Array, what: str) -> tuple[Array, Array]
         DataError: fewer than three points, all on a line, or mirrored.
     """
     if len(model) < 3:
-        raise DataError(what, "", f"{len(model)} rows cannot tell a frame; measure 3 or more, off one line")
+        few = len(model)
+        raise DataError(what, "", f"{few} rows cannot determine a frame; measure 3 or more off one line")
     centre, other = model.mean(axis=0), measured.mean(axis=0)
     for points, whose in ((measured - other, "measured"), (model - centre, "simulated")):
         extents = np.linalg.svd(points, compute_uv=False)
@@ -245,7 +246,7 @@ def _refine_alignment(
         raise DataError(
             what,
             "",
-            f"{count} rows cannot tell the {numbers} numbers of frame and sensor points; measure more",
+            f"{count} rows cannot determine the {numbers} numbers of frame and sensor points; measure more",
         )
     now, size = start, float(np.sqrt(((measured - measured.mean(axis=(0, 1))) ** 2).sum(-1).mean()))
     slopes = np.zeros((count, sensors, 3, numbers))

@@ -299,7 +299,7 @@ def load_policy(file: str | PathLike[str]) -> Policy:
     name = metadata.get(f"{_ABOUT}task", "")
     if name not in TASKS:
         tasks = listing(TASKS)
-        what = f"its task is {name[:80]!r}" if name else f"it does not tell its task ({_ABOUT}task)"
+        what = f"its task is {name[:80]!r}" if name else f"it does not name its task ({_ABOUT}task)"
         raise PolicyError(path, f"{what}; known: {tasks}; see policy_metadata in docs/learning.md")
     expected = policy_metadata(name)
     for key, value in expected.items():

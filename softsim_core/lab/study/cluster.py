@@ -221,7 +221,7 @@ class Engine:
     def _gone(self) -> StudyError:
         where = self._where.scheduler or "on this machine"
         return StudyError(
-            f"the Dask scheduler {where} went away; what was done is kept, and the same command goes on "
+            f"the Dask scheduler {where} went away; what was done is kept, and the same command continues "
             "when it is back"
         )
 

@@ -243,7 +243,8 @@ class Store:
             self._write_if_complete(block)
         except OSError as error:
             raise StudyError(
-                f"{self.folder} cannot be written ({error.strerror}); make room, and the same command goes on"
+                f"{self.folder} cannot be written ({error.strerror}); make room, and the same command "
+                "continues"
             ) from error
 
     def _take(self, row: dict[str, Any]) -> None:

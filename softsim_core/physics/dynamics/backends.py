@@ -64,6 +64,6 @@ def make_stepper(
     return ScipyStepper(model, actuators, chosen)
 
 
-@cache  # once per process; Python's own filter starts anew whenever warnings are caught
+@cache  # once per process; Python's own filter starts again whenever warnings are caught
 def _say_that_the_slower_step_runs(reason: str) -> None:
     warnings.warn(f"the slower NumPy + SciPy step runs: {reason}", stacklevel=4)

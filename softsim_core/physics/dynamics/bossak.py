@@ -185,7 +185,7 @@ class BossakStepper(StepperAround):
         return any(state.extra[name].any() for name in (ACCELERATION, REDUCED_ACCELERATION))
 
     def forget_acceleration(self, state: State) -> None:
-        """Discard the accelerations after an impact: the next step starts anew."""
+        """Discard the accelerations after an impact: the next step starts again."""
         state.extra[ACCELERATION][:] = state.extra[REDUCED_ACCELERATION][:] = 0.0
 
     def take_back(self, state: State, before: State) -> None:

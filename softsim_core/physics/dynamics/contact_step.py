@@ -43,7 +43,7 @@ MOST_ROUNDS = 10
 """Largest number of contact solutions per pass where the response to forces is approximate."""
 
 _SHORT = 0.95
-"""Share of the motion up to the first passing at which contacts are linearised anew."""
+"""Share of the motion up to the first passing at which contacts are linearised again."""
 _FreeMotion = IteratedFreeMotion | BossakFreeMotion
 _NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
 

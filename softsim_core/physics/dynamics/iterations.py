@@ -25,7 +25,7 @@ v_k = (x_k - x) / h, the next one solves for y = v^+ - v_k, about x_k:
 .. math:: ((1 + h r_M) M + h (h + r_K) K(x_k))\, y = h f(x_k) - M (v_k - v) - h\, r_M M v_k - h\, r_K K v_k .
 
 This is a step of the same stepper from x_k at rest under additional forces, so that contacts, actuators and
-the stress that cells take from the last linear solve are handled as in any step. Contacts are solved anew in
+the stress that cells take from the last linear solve are handled as in any step. Contacts are solved again in
 each iteration. The error of an iteration is about the square of the previous one, in [m] per size of the
 body; with stiffness-proportional damping, whose K follows x without a derivative, it is a share of the
 previous one that grows with r_K / h.
@@ -279,7 +279,7 @@ class IteratedStepper(StepperAround):
     def _strain_rates(self, reached: State) -> Array:
         """Return velocities (n, 3) in [m/s] over the step, without the rigid motion of the bodies."""
         begun = self.before.positions
-        if reached.base_shift[0] != self.before.base_shift[0]:  # bases are placed anew, not moved
+        if reached.base_shift[0] != self.before.base_shift[0]:  # bases are placed again, not moved
             trial = self._trial
             trial.copy_from(self.before)
             trial.base_shift[:] = reached.base_shift

@@ -77,7 +77,7 @@ class CompileProcess:
             process.communicate()
 
     def forget(self) -> None:
-        """Start anew in a forked process: the compiling process belongs to its parent."""
+        """Start again in a forked process: the compiling process belongs to its parent."""
         self._one_at_a_time, self._process = Lock(), None
 
     def _answer(self, request: bytes) -> bool:

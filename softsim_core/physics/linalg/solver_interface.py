@@ -99,7 +99,7 @@ def spread_of(rows: Rows) -> Array:
 
 
 class Factoriser:
-    """Factoriser of sparse matrices with one solver; it plans anew only when the pattern changes.
+    """Factoriser of sparse matrices with one solver; it plans again only when the pattern changes.
 
     Args:
         solver: The linear solver.

@@ -142,8 +142,8 @@ def _hangs(model: Model, nodes: IndexArray, joints: Sequence[int], owner: str) -
         return False
     if (region == FIXED).any() or model.spring[nodes].any() or holding.difference(joints):
         raise SceneError(
-            f"{owner} is held elsewhere, too, so its motion does not tell what the joint does to it; choose "
-            "another joint"
+            f"{owner} is held elsewhere, too, so its motion does not determine what the joint does to it; "
+            "choose another joint"
         )
     return True
 

@@ -338,7 +338,7 @@ def _coupling(
     for group in chosen:
         if group.element.mass_matrix is None:
             raise SceneError(
-                f"body {bodies[group.body[0]].name}: element {group.element.name} tells no mass_matrix, "
+                f"body {bodies[group.body[0]].name}: element {group.element.name} has no mass_matrix, "
                 "which mass_distribution consistent needs; set it to volume"
             )
     return mass_coupling(chosen, [density[group.body] for group in chosen], bodies[-1].nodes.stop)

@@ -103,7 +103,7 @@ class Share:
         self._failed.difference_update(chosen)
 
     def rebuild(self, k: int, robot: RobotDescription) -> None:
-        """Rebuild a copy from a scene that differs only in numbers; the copy starts anew.
+        """Rebuild a copy from a scene that differs only in numbers; the copy starts again.
 
         Raises:
             BatchError: the scene differs in more than numbers; the copy is not changed.
@@ -300,7 +300,7 @@ class Batch:
         self._clear_failures(numbers)
 
     def rebuild(self, number: int, scene: SceneDescription | RobotDescription) -> None:
-        """Rebuild a copy from a scene that differs only in numbers, such as masses; it starts anew.
+        """Rebuild a copy from a scene that differs only in numbers, such as masses; it starts again.
 
         The copy is built again, and reuses the existing plans where all positions and cells are equal.
         Materials and damping can be changed without a rebuild, by `call(number, "set_material", ...)`.
@@ -438,7 +438,7 @@ class _Worker:
         return answer
 
     def _gone(self) -> BatchError:
-        return BatchError("a worker process of the batch has ended; make the batch anew")
+        return BatchError("a worker process of the batch has ended; create a new batch")
 
     def close(self) -> None:
         """End the process."""

@@ -144,7 +144,7 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
         if not ending.asked:
             rows = [row[0] for row in topic_rows(node)]
             hint = known_names(topic, rows, lists_all="softsim topics")
-            print(f"softsim topics: nobody publishes {topic} in {where()}; {hint}", file=sys.stderr)
+            print(f"softsim topics: no node publishes {topic} in {where()}; {hint}", file=sys.stderr)
         return 1
     topic, infos = found
     type_name = infos[0].topic_type
@@ -165,7 +165,7 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
 def _find_publishers(node: Node, topic: str, wait_s: float) -> tuple[str, list[Any]] | None:
     """Return the full name of a topic and its publishers.
 
-    Return None if nobody publishes it within the wait in [s].
+    Return None if no node publishes it within the wait in [s].
     """
     deadline = time.monotonic() + wait_s
     while not ending.asked:

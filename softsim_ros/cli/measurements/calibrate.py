@@ -62,12 +62,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="YAML",
         help="write what is left open, as a distribution that sweeps and learning draw from",
     )
-    parser.add_argument("--folds", type=int, metavar="K", help="tell the error of rows left out, in K folds")
+    parser.add_argument("--folds", type=int, metavar="K", help="report errors of rows left out, in K folds")
     parser.add_argument(
-        "--profile", action="store_true", help="tell intervals by profile likelihood, some 8 replays for each"
+        "--profile", action="store_true", help="intervals by profile likelihood, some 8 replays for each"
     )
     parser.add_argument(
-        "--suggest", type=int, metavar="N", help="tell N poses whose measurement would tell most"
+        "--suggest",
+        type=int,
+        metavar="N",
+        help="suggest N poses to measure that would narrow the intervals most",
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 

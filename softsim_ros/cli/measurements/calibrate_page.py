@@ -48,7 +48,7 @@ def page(robot: str, result: Calibration, further: RequestedResults) -> str:
         "<p>Line: what was allowed; dark part: 95 % interval, wider where neighbouring rows err alike; "
         "ring: where the search began.</p>",
         f"<h2>Correlations</h2>{_correlations(result)}",
-        "<p>Near 1 or -1 both are told together only: one makes up for another value of the other.</p>",
+        "<p>Near 1 or -1 only their combination is determined: one compensates the other.</p>",
         f"<h2>Sessions</h2>{_sessions(result, further)}",
         f"<details open><summary>In words</summary><pre>{escape(text)}</pre></details>",
     ]

@@ -95,7 +95,7 @@ def report_lines(result: Calibration) -> list[str]:
     if len(result.endings) > 1:
         lines.append(describe_endings(result))
     lines += [
-        f"{one} and {other} are told together only: correlation {value:+.2f}"
+        f"only the combination of {one} and {other} is determined: correlation {value:+.2f}"
         for one, other, value in together(result)
     ]
     lines += [
@@ -115,7 +115,7 @@ def describe_neighbours(result: Calibration) -> list[str]:
         return []
     widths = zip(result.names, result.half_widths, strict=True)
     each = ", ".join(f"{name} +- {value:.3g}" for name, value in widths)
-    return [f"neighbouring rows err alike, so intervals are wider than told above: {each}"]
+    return [f"neighbouring rows err alike, so intervals are wider than reported above: {each}"]
 
 
 def describe_priors(result: Calibration) -> list[str]:
@@ -144,7 +144,7 @@ def verdict(result: Calibration, k: int) -> str:
     if result.stopped:
         return ""
     if not result.found[k]:
-        return "NOT FOUND: these rows do not tell it"
+        return "NOT FOUND: these rows do not determine it"
     return "at its bound" if result.at_bounds[k] else ""
 
 

@@ -178,7 +178,7 @@ def _measure_robot(
     player.begin(sensors)
     unknown = {*arguments.unknown, *([] if _in_robot(sensors, node.get_namespace()) else ["frame"])}
     if "frame" in unknown and "ring_down" in settings.kinds:
-        _say("ring_down is left out: on one line no sensor tells the frame in which it measures")
+        _say("ring_down is left out: on one line no sensor determines the frame in which it measures")
         settings = replace(settings, kinds=tuple(each for each in settings.kinds if each != "ring_down"))
     looks = Looks(
         settle_s=arguments.settle,

@@ -18,7 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--loop", action="store_true", help="again and again, until Ctrl-C")
     parser.add_argument("--start", type=float, default=0.0, metavar="S", help="leave out the first seconds")
     parser.add_argument("--namespace", metavar="NAME", help="replay into another namespace")
-    parser.epilog = "Pause and go on: service NAMESPACE/replay/pause. Change the speed: its parameter speed."
+    parser.epilog = "Pause and continue: service NAMESPACE/replay/pause. Speed: its parameter speed."
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -42,8 +42,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--unit", choices=tuple(UNITS), default="mm", help="unit of the file, and of lengths (mm)"
     )
     size = parser.add_mutually_exclusive_group()
-    size.add_argument("--size", type=float, metavar="L", help="wished length of edges")
-    size.add_argument("--nodes", type=int, metavar="N", help="wished number of nodes (1000)")
+    size.add_argument("--size", type=float, metavar="L", help="requested length of edges")
+    size.add_argument("--nodes", type=int, metavar="N", help="requested number of nodes (1000)")
     parser.add_argument("--order", type=int, choices=(1, 2), default=1, help="2: quadratic elements (1)")
     parser.add_argument(
         "--holes",
@@ -146,7 +146,7 @@ def report_lines(made: MeshedPart, files: list[Path], seconds: float | None) -> 
             "mesh",
             f"{report.nodes} nodes, {report.elements} {cells} tetrahedra" + ", made before" * made.from_cache,
         ),
-        ("edges", f"{shortest} to {longest}, wished {requested}"),
+        ("edges", f"{shortest} to {longest}, requested {requested}"),
         ("angles", angles),
         (
             "shapes",

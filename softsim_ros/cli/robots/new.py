@@ -79,7 +79,7 @@ joints:
 attachments:
   # GUESS: held at {at}: all nodes in this box
   - {{name: base, body: part, to: world, box: {_box(guess.base_box)}}}
-  # the tip, whose pose is told on a topic and moved by inverse control
+  # the tip, whose pose is published on a topic and moved by inverse control
   - name: tip
     body: part
     to: free
@@ -146,7 +146,7 @@ def test_text(name: str, made: MeshedPart, guess: Guess) -> str:
     """Return a pytest test of that scene."""
     pulled = 8000.0 if made.source.cavities == 1 else 0.06 * guess.length
     return f'''\
-"""{name} comes to rest under its own weight, stays where it is held, and moves when it is told to."""
+"""{name} comes to rest under its own weight, stays where it is held, and moves when it is commanded."""
 
 from pathlib import Path
 
@@ -322,7 +322,7 @@ def inlet_notes(source: RepairedSurface) -> list[str]:
     return [
         f"a hollow of about {1e6 * each.volume:.2g} cm^3 is open to the outside, about "
         f"{source.unit.length(each.width)} wide at {source.unit.place(each.place)}: an air chamber needs a "
-        "closed hollow. To drive it by air, make the robot anew with --plug, or close the opening in CAD "
+        "closed hollow. To drive it by air, make the robot again with --plug, or close the opening in CAD "
         "with a plug (the hose is not modelled)"
         for each in open_hollows(source.surface)
     ]

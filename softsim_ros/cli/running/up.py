@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="driven by a trained policy (ONNX) as soon as the robot stands at its start (key A)",
     )
     parser.add_argument(
-        "--watch", action="store_true", help="load the scene anew whenever one of its files is saved"
+        "--watch", action="store_true", help="reload the scene whenever one of its files is saved"
     )
     parser.add_argument(
         "--allow-code",

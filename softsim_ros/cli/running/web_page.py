@@ -103,7 +103,7 @@ class WebPage:
         if not self._address:
             return f"no web page: {self._last}"
         if self._process is not None and self._process.poll() is not None:
-            return f"the web page has ended, the robot goes on; another page: {self._again}"
+            return f"the web page has ended, the robot continues; another page: {self._again}"
         return f"open {self._address} in a browser"
 
     def __enter__(self) -> WebPage:

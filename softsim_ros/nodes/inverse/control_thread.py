@@ -105,8 +105,8 @@ class CommandsOut:
         if data not in tuple(self._own) and self._is_on():
             self.foreign += 1
             self._refuse(
-                f"somebody else writes {TOPIC} while {self._writer} is on: one writer at a time; stop it, or "
-                f"disable {self._writer}"
+                f"another program writes {TOPIC} while {self._writer} is on: one writer at a time; stop "
+                f"it, or disable {self._writer}"
             )
 
 
@@ -269,7 +269,7 @@ class ControlThread:
         self.call(change)
 
     def set_foreign(self, message: str) -> None:
-        """Switch off while the robot differs from the model; an empty `sentence` allows control again.
+        """Switch off while the robot differs from the model; an empty `message` allows control again.
 
         Args:
             message: Message that says how they differ.
@@ -314,7 +314,7 @@ class ControlThread:
         trouble = self._following.trouble(plant, self._command, now)
         if bool(trouble) != (self._mode == "holding"):
             self._mode = "holding" if trouble else "on"
-            self._warn(trouble or "the robot follows again: inverse control goes on")
+            self._warn(trouble or "the robot follows again: inverse control continues")
         measured = plant.measured_pose(self.feedback, self._model_pose(), now)
         if not trouble:
             with self._goal_lock:
@@ -332,7 +332,7 @@ class ControlThread:
         return None if self._report is None else self._report.model_pose
 
     def _fail(self, reason: str) -> None:
-        self._end(f"inverse control is off: {reason}; enable it again to go on from there")
+        self._end(f"inverse control is off: {reason}; enable it again to continue from there")
 
     def _end(self, message: str) -> None:
         self._stop(message)

@@ -274,7 +274,7 @@ class PathFollower(RobotNode):
         if not self._inverse.is_there and not self._inverse.is_on:
             self._begin_path(path)
             if self._live.values.enable_inverse:
-                self._warn(f"nobody serves {self._inverse.service}: the goals are given all the same")
+                self._warn(f"no node serves {self._inverse.service}: the goals are sent all the same")
             return _describe_start(path)
         task = self._task()
         if task:
@@ -359,7 +359,7 @@ class PathFollower(RobotNode):
         if self._live.values.start_from == "measured" and self._find_file(self._file).suffix == ".json":
             if self._measured is None:
                 raise CommandError(
-                    "no effector_pose was heard yet; start the simulator, or set start_from to rest"
+                    "no effector_pose has arrived yet; start the simulator, or set start_from to rest"
                 )
             start = self._measured
         return read_path(self._find_file(self._file), start)

@@ -143,7 +143,7 @@ def _other(scene: SceneMessage) -> str:
     source = scene.robot.source
     return (
         f"the simulator runs another robot now ({scene.robot.name if source is None else source.stem}) than "
-        "the one that the model was made of; load that again, or start inverse control anew"
+        "the one that the model was made of; load that again, or restart inverse control"
     )
 
 

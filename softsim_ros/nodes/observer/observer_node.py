@@ -284,7 +284,7 @@ class ObserverNode(RobotNode):
 
     def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._running = False
-        response.success, response.message = True, "what was learned is forgotten; the observer begins anew"
+        response.success, response.message = True, "what was learned is forgotten; the observer restarts"
         return response
 
     # --- time -----------------------------------------------------------------------------------------
@@ -301,7 +301,7 @@ class ObserverNode(RobotNode):
                 self._running = True
             estimate = self._observer.step(self._joints, measured, self._base_shift)
         except SolverDivergedError as error:
-            self._stop(f"begins anew: {error}")
+            self._stop(f"restarts: {error}")
             return
         if estimate.message and estimate.message != self._message:
             self.get_logger().warning(estimate.message, throttle_duration_sec=10.0)

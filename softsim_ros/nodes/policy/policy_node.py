@@ -261,7 +261,7 @@ class PolicyNode(RobotNode):
         missing = self._latest.missing(time.monotonic(), self._timeout)
         if missing:
             topics = ", ".join(dict.fromkeys(TOPIC_OF[name] for name in missing))
-            return f"nothing was heard within {self._timeout:g} s on {topics}"
+            return f"nothing arrived within {self._timeout:g} s on {topics}"
         return ""
 
     # --- messages -------------------------------------------------------------------------------------
@@ -363,8 +363,8 @@ PROGRAM = Program(
     name="policy",
     about="Drives a robot by a trained policy in an ONNX file.",
     settings=(PolicyParameters(), FrameSettings()),
-    more="What it subscribes to besides joint states depends on the policy's task: effector_pose, effector_goal, imu,"
-    " bodies/poses.",
+    more="What it subscribes to besides joint states depends on the policy's task: effector_pose, "
+    "effector_goal, imu, bodies/poses.",
 )
 
 

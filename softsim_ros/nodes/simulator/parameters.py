@@ -32,7 +32,8 @@ class SceneSettings(RobotSettings):
     )
     overrides: str = parameter(
         "",
-        "Values laid over the scene's file, as YAML text: 'gravity: [0, 0, -1.6]'; the scene restarts with them",
+        "Values laid over the scene's file, as YAML text: 'gravity: [0, 0, -1.6]'; the scene restarts with "
+        "them",
     )
     allow_code: str = parameter(
         "",

@@ -246,7 +246,7 @@ class SceneEditing:
             raise SceneError(f"not applied: {reason(error)}") from error
         self._running.go_on_with(built)
         self._runs = text
-        return "applied: the scene begins anew as it is proposed"
+        return "applied: the scene restarts as proposed"
 
     def scene_replaced(self) -> None:
         """Update the document after another scene, or the same one reloaded, has started to run."""
@@ -255,7 +255,7 @@ class SceneEditing:
             return
         if files.scene.source is None or files.scene.source != self._source:
             self._document = None
-            self._publish_proposal("another scene runs; begin anew to edit it")
+            self._publish_proposal("another scene runs; begin again to edit it")
         elif files.text is None:
             self._publish_proposal(self._done(self._follow))
 

@@ -200,7 +200,7 @@ class SceneFiles:
             ConfigError: any problem in the files or in the overrides, as a message.
         """
         if self._source is None:
-            raise SceneError(f"{self._name} came from no file and cannot be loaded anew; restart its program")
+            raise SceneError(f"{self._name} came from no file and cannot be reloaded; restart its program")
         self._loaded = self._last_stamps = stamps(self._files)
         for module in _modules_beside(self._source):
             sys.modules.pop(module, None)

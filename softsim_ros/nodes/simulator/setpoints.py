@@ -107,7 +107,7 @@ def trajectory_command(message: JointTrajectoryMessage, joints: Sequence[str]) -
         )
     if any(says_something(point.effort) for point in message.points):
         raise CommandError(
-            "trajectory refused: efforts are not obeyed; leave them empty, or fill them with NaN or 0; "
+            "trajectory refused: efforts are not supported; leave them empty, or fill them with NaN or 0; "
             "nothing was moved"
         )
     for index, point in enumerate(message.points):

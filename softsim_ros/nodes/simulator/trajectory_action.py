@@ -94,7 +94,8 @@ class FollowedGoal:
 
     def give_up(self, reason: str) -> None:
         """Report that the trajectory ended early."""
-        self.on_end(Outcome(End.GIVEN_UP, f"goal given up: {reason}; the joints stay where they were told"))
+        message = f"goal abandoned: {reason}; the joints stay at their last commands"
+        self.on_end(Outcome(End.GIVEN_UP, message))
 
     def outcome_of(self, progress: Progress) -> Outcome | None:
         """Return how the goal ends with this step; None if it continues."""
@@ -144,7 +145,7 @@ def followed_goal(goal: Any, trajectory: JointTrajectory, joints: Sequence[Joint
             met.
     """
     if goal.multi_dof_trajectory.joint_names or goal.multi_dof_trajectory.points:
-        raise _refusal_of("multi_dof_trajectory is not obeyed; leave it empty")
+        raise _refusal_of("multi_dof_trajectory is not supported; leave it empty")
     if goal.component_path_tolerance or goal.component_goal_tolerance:
         raise _refusal_of(
             "component tolerances belong to joints of several degrees of freedom; leave them empty"

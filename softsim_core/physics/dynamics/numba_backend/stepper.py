@@ -52,7 +52,7 @@ MANY = 2000
 """Number of free nodes above which iteration is considered: with fewer, a factor stays in the cache."""
 
 CROSSING = 250.0
-"""Flops per number of a factor above which reading it ten times is faster than computing it anew.
+"""Flops per number of a factor above which reading it ten times is faster than computing it again.
 
 Measured with some 25 Gflop/s, 10 GB/s and eight iterations per step.
 """
@@ -115,7 +115,7 @@ class NumbaStepper:
             first use.
         touching: Whether steps have contacts, which need many solutions each.
         like: Stepper of another copy of the scene: its plan and its buffers are reused, so only one of the
-            two may be in a step at a time. If None, or if its pattern differs, the plan is made anew.
+            two may be in a step at a time. If None, or if its pattern differs, the plan is made again.
         threads: Threads of a step of a large mesh; None: see linalg.threads.usable_threads. The result does
             not depend on their number.
     """

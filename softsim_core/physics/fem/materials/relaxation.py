@@ -47,7 +47,7 @@ class Relaxing(VolumetricMaterial):
 
     def __init__(self, law: Material, terms: int) -> None:
         if not isinstance(law, VolumetricMaterial):
-            raise MaterialError("prony", terms, f"cannot be: {law.name} does not tell shear from volume")
+            raise MaterialError("prony", terms, f"cannot be: {law.name} does not separate shear from volume")
         self.law: VolumetricMaterial = law
         self.terms, self._own = terms, len(law.parameters)
         self.name = f"{law.name} with {terms} Prony terms"
