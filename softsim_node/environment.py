@@ -186,8 +186,8 @@ def prepare_environment() -> None:
 def limit_blas_threads(environment: MutableMapping[str, str]) -> None:
     """Limit OpenBLAS to one thread, unless the user has set a number; call it before NumPy is imported.
 
-    The dense systems of a robot are too small to be divided among threads. OpenBLAS's threads spin while they
-    wait: a third of the processor time of a fleet whose kernels are not compiled yet.
+    The dense systems of a robot are too small to be divided among threads, and OpenBLAS's threads spin while
+    they wait: they were a third of the samples in a profile of the whole test suite.
 
     Args:
         environment: Changed in place, usually os.environ: child processes inherit the limit.
