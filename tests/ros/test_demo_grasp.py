@@ -33,7 +33,7 @@ def test_the_cube_is_lifted_held_and_put_down(ros_domain: int, capfd: pytest.Cap
         ({}, True),
         ({"lift": 0.019}, False),
         ({"slip": 0.0021}, False),
-        ({"held": 4.0}, False),
+        ({"hold_time": 4.0}, False),
         ({"returned": 0.01}, False),
         ({"slip": float("nan")}, False),
     ],
@@ -41,7 +41,7 @@ def test_the_cube_is_lifted_held_and_put_down(ros_domain: int, capfd: pytest.Cap
 def test_what_counts_as_a_grasp(changed: dict[str, float], passes: bool) -> None:
     from softsim_ros.cli.demos import GraspResult
 
-    good = GraspResult(lift=0.03, slip=0.001, held=5.5, returned=0.001, tension=2.0)
+    good = GraspResult(lift=0.03, slip=0.001, hold_time=5.5, returned=0.001, tension=2.0)
     assert replace(good, **changed).passed is passes
 
 

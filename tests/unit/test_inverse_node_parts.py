@@ -133,9 +133,9 @@ def test_the_parameters_begin_as_the_robots_file_says_and_lie_over_it() -> None:
 
 def test_the_report_says_off_holding_and_fault() -> None:
     assert health(ControlStatus(), True, "none", 0)[:2] == (OK, "off")
-    holding = ControlStatus(mode="holding", sentence="holding: no joint states")
+    holding = ControlStatus(mode="holding", message="holding: no joint states")
     assert health(holding, True, "none", 0)[:2] == (WARN, "holding: no joint states")
-    fault = ControlStatus(sentence="inverse control is off: why", fault=True)
+    fault = ControlStatus(message="inverse control is off: why", fault=True)
     assert health(fault, True, "none", 0)[:2] == (ERROR, "inverse control is off: why")
     assert health(ControlStatus(), False, "none", 0)[0] == ERROR
     assert health(ControlStatus(), True, "imu", 7)[2]["foreign_commands"] == 7
