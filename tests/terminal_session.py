@@ -23,11 +23,17 @@ from waiting import BUILD_S
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
+_ENTERED, _LEFT = "\x1b[?1049h", "\x1b[?1049l"
+"""What a display writes when it takes the terminal and when it gives it back."""
+
 _SEQUENCE = re.compile(r"\x1b\[[0-?]*[ -/]*[@-~]")
 
 
 class TerminalSession:
     """Starts a program as the leader of a session whose controlling terminal is a new pseudo-terminal.
+
+    A teleop that is stopped discards the keys that it has not read when it continues. They are typed once it
+    shows its display again, as a user would type them again.
 
     Args:
         command: Program and arguments.
@@ -47,6 +53,9 @@ class TerminalSession:
         self.resize(*size)
         self.modes_before = termios.tcgetattr(self._slave)
         self.output = ""
+        self._typed = self._held = b""
+        self._stopped_at = -1
+        self._typing = threading.Lock()
         self._closed = threading.Event()
         search_path = os.pathsep.join(filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")]))
         self.process = subprocess.Popen(
@@ -72,6 +81,8 @@ class TerminalSession:
 
     def _read(self) -> None:
         while not self._closed.is_set():
+            with self._typing:
+                self._follow_stops()
             if select.select([self._master], [], [], 0.05)[0] and not self._take():
                 return
 
@@ -82,6 +93,28 @@ class TerminalSession:
         except OSError:
             return False
         return True
+
+    def _follow_stops(self) -> None:
+        """Hold the keys of a stopped display; type them when it has been entered again."""
+        if self.is_stopped:
+            if _ENTERED in self.output[self._stopped_at :]:
+                os.write(self._master, self._held)
+                self._stopped_at, self._held = -1, b""
+        elif self._has_stopped() and self.output.rfind(_ENTERED) > self.output.rfind(_LEFT):
+            unread = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))[0]
+            self._stopped_at, self._held = len(self.output), self._typed[len(self._typed) - unread :]
+
+    def _has_stopped(self) -> bool:
+        """Whether the program has been stopped since the last call."""
+        try:
+            return os.waitid(os.P_PID, self.process.pid, os.WSTOPPED | os.WNOHANG) is not None
+        except ChildProcessError:  # it has ended
+            return False
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether the display's program was stopped and has not entered the display again."""
+        return self._stopped_at >= 0
 
     @property
     def text(self) -> str:
@@ -104,7 +137,13 @@ class TerminalSession:
 
     def type(self, keys: bytes) -> None:
         """Type keys."""
-        os.write(self._master, keys)
+        with self._typing:
+            self._follow_stops()
+            if self.is_stopped:
+                self._held += keys
+                return
+            self._typed += keys
+            os.write(self._master, keys)
 
     def wait_for(self, wanted: str, where: str = "screen") -> None:
         """Wait until a text is on the screen (`where` = "text" or "output": was written at all)."""

@@ -36,6 +36,7 @@ from softsim_ros.client.state import (
 from softsim_ros.messages import time_message
 
 INVERSE_OWNS = "nothing moved: inverse control drives the joints; press its key again to take over"
+NOT_RECEIVED = "nothing moved: no simulator or bridge receives position_controller/commands (yet); try again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,6 +256,8 @@ class Joints:
         """Publish the command for a request, within the limits; report the motion or the refusal."""
         now = time.monotonic()
         decision = decide(self._snapshot.state, self._snapshot.robot, request, now)
+        if decision.values is not None and not self.are_commanded:
+            decision = Decision(self._snapshot.state, NOT_RECEIVED, None)
         self._snapshot.put(decision.state)
         self._snapshot.say(decision.sentence)
         if decision.values is not None:
@@ -314,6 +317,11 @@ class Joints:
     def are_followed(self) -> bool:
         """Whether a node follows trajectories."""
         return bool(self._trajectories.get_subscription_count() > 0)
+
+    @property
+    def are_commanded(self) -> bool:
+        """Whether another node receives commands; what is published before that is lost."""
+        return bool(self._commands.get_subscription_count() > 1)  # the first is our own
 
     def are_there(self) -> bool:
         """Return whether the joints have reached the newest command."""

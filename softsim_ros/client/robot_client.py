@@ -260,11 +260,11 @@ def connect(
 
 
 def _wait_for_robot(session: RobotSession, node: ClosableNode, within_s: float) -> None:
-    """Wait for joint states and, if there is a simulator, for its state, services and limits."""
+    """Wait for joint states and, if there is a simulator, until it can be commanded and called."""
 
     def is_whole(state: RobotState) -> bool:
         has_states = state.measured is not None and bool(state.simulator) and state.enforce_limits is not None
-        return has_states and session.client.simulator.is_whole
+        return has_states and session.client.joints.are_commanded and session.client.simulator.is_whole
 
     first = min(within_s, SIMULATOR_WITHIN_S)
     with suppress(ClientError):

@@ -60,6 +60,10 @@ class Robot:
             self.received.append(tuple(message.data))
             self._changed.notify_all()
 
+    def is_found_by(self, session: TerminalSession, key: bytes) -> bool:
+        """Type a key until its command comes: nothing is commanded before both have found each other."""
+        return any(self.obeys(session, key) for _ in range(int(DEADLINE_S)))
+
     def obeys(self, session: TerminalSession, key: bytes) -> bool:
         """Type a key; whether a command comes within a second."""
         session.type(key)
@@ -105,8 +109,7 @@ def running(ros_domain: int) -> Iterator[tuple[Robot, TerminalSession]]:
     """One robot and one teleop for the tests of the module; Ctrl+C ends it."""
     with running_robot() as peer, TerminalSession(TELEOP) as session:
         session.wait_for("simulator: running")
-        # What is sent before the two have found each other both ways is lost: press until a command has come.
-        assert any(peer.obeys(session, b"q") for _ in range(int(DEADLINE_S))), session.screen
+        assert peer.is_found_by(session, b"q"), session.screen
         yield peer, session
         session.type(b"\x03")
         quits_cleanly(session)
@@ -219,8 +222,8 @@ def test_another_namespace_by_remapping_and_a_closed_window_ends_it() -> None:
     ):
         session.wait_for("topics in /left_hand")
         session.wait_for("simulator: running")
-        session.type(b"q")
-        assert robot.wait_for_commands(1) == [pytest.approx((-3.14 / 3,) * 3)]
+        assert robot.is_found_by(session, b"q"), session.screen
+        assert robot.received[0] == pytest.approx((-3.14 / 3,) * 3)
         session.hang_up()
         assert session.wait() == 0
 
@@ -239,9 +242,11 @@ def test_another_robot_by_its_file_and_a_signal_ends_it_cleanly(tmp_path: Path) 
         with TerminalSession([*TELEOP, "--ros-args", "-p", f"robot:={file}"]) as session:
             session.wait_for("topics in /pusher")
             session.wait_for("simulator: running")
+            assert robot.is_found_by(session, b"o"), session.screen
+            session.wait_for("> pose out")
             session.type(b"\x1b[A")
-            assert robot.wait_for_commands(1)[0] == pytest.approx((0.003,))
-            session.wait_for("> rail to 0.0030 m (3.0 mm)")
+            session.wait_for("> rail to 0.0170 m (17.0 mm)")
+            assert session.wait_until(lambda: robot.received[-1] == pytest.approx((0.017,)))
             session.signal(signal.SIGTERM)
             quits_cleanly(session)
 

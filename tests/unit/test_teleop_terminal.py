@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -158,3 +159,16 @@ def test_output_of_others_waits_for_the_end_of_the_display() -> None:
         assert session.wait() == 0
         after = session.text[session.text.index("shown") :].split("\r\n")
         assert after == ["shown", "held line", "from a child", "after", ""]
+
+
+def test_keys_of_a_stopped_program_are_typed_again_once() -> None:
+    with python(USES_TERMINAL) as session:
+        session.wait_for("redraw", "text")
+        session.signal(signal.SIGSTOP)
+        session.type(b"q")
+        assert session.wait_until(lambda: session.is_stopped)
+        session.type(b"r")
+        session.signal(signal.SIGCONT)
+        assert session.wait_until(lambda: "".join(re.findall("got ([0-9a-f]+)", session.text)) == "7172")
+        session.type(b"x")
+        assert session.wait() == 0
