@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-sys.path.append(str(Path(__file__).parent))  # tests may import `terminal_session`
+sys.path += [str(Path(__file__).parent), str(REPOSITORY)]  # tests may import `terminal_session`, `benchmarks`
 
 from node_processes import private_ros  # noqa: E402 (found by the line above)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from source_trees import tree_of
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
+PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "benchmarks")
 
 
 @cache

@@ -40,6 +40,11 @@ from .files import (
     sync_tree as sync_tree,
     write_file as write_file,
 )
+from .machine import (
+    describe_machine as describe_machine,
+    limit_threads as limit_threads,
+    version_of as version_of,
+)
 from .moved import (
     FormerAttribute as FormerAttribute,
     FormerNames as FormerNames,
@@ -59,6 +64,12 @@ from .processes import (
     run_process as run_process,
     start_process as start_process,
     use_safe_path as use_safe_path,
+)
+from .timing import (
+    Contender as Contender,
+    no_garbage_collection as no_garbage_collection,
+    restart_every as restart_every,
+    take_turns as take_turns,
 )
 from .units import (
     ANGLE as ANGLE,

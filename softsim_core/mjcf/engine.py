@@ -86,7 +86,15 @@ class MujocoRun:
 
     Raises:
         MjcfError: MuJoCo is not installed, or rejects the model.
+
+    Attributes:
+        name: Name of the engine in comparisons.
+        rests: Whether its bodies come to rest.
+        method: How it computes a step.
     """
+
+    name = "mujoco"
+    rests = True
 
     def __init__(self, model: Path | str) -> None:
         name = model if isinstance(model, Path) else "the document"
@@ -100,6 +108,8 @@ class MujocoRun:
         self.version = mujoco_version()
         self._mujoco = mujoco
         self._step = mujoco.mj_step
+        most = int(self.model.opt.iterations)
+        self.method = f"Saint Venant-Kirchhoff, integrator {self.integrator}, at most {most} iterations"
         self.restart()
 
     @property

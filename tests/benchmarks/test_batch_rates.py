@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.benchmark import (
+from benchmarks import (
     BatchRate,
     EnvironmentCost,
     copies,

@@ -13,20 +13,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softsim_core import Simulation
-from softsim_ros.benchmark import (
+from benchmarks import (
     ALL,
     LIMIT_MS,
     LIMITS,
+    SCENES,
     TOUCHING,
     Case,
-    Contender,
     Record,
     TouchingScene,
     can_control,
     default_reference_dir,
     describe,
-    limit_threads,
     measure_rubber,
     measure_sensors,
     measured_scenes as cases,
@@ -35,9 +33,9 @@ from softsim_ros.benchmark import (
     sensor_table,
     set_ratios,
     table,
-    take_turns,
 )
-from softsim_ros.cli.upkeep import SCENES
+from softsim_core import Simulation
+from softsim_core.base import Contender, limit_threads, take_turns
 
 KEYS = ("scene", "mesh", "path", "nodes", "elements", "min_ms", "median_ms", "splu_min_ms")
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -202,7 +200,7 @@ def test_contenders_take_turns() -> None:
 
 def test_thread_limit_is_asked_before_numpy_is_loaded() -> None:
     code = (
-        "import os, sys; import softsim_ros.cli.upkeep.bench as bench; assert 'numpy' not in sys.modules; "
+        "import os, sys; import benchmarks.command as bench; assert 'numpy' not in sys.modules; "
         "assert bench.limit_threads(os.environ); assert os.environ['OPENBLAS_NUM_THREADS'] == '1'"
     )
     subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True, timeout=300)
@@ -219,7 +217,7 @@ def low_case() -> Case:
 @pytest.mark.parametrize("package", ["pydrake", "mujoco"])
 def test_other_engines_find_our_sag(package: str) -> None:
     pytest.importorskip(package, reason=f"{package} is not installed: pip install 'softsim[peers]'")
-    from softsim_ros.benchmark.peers import compare
+    from benchmarks.peers import compare
 
     records, _ = compare(low_case(), rounds=1)
     sags = [each.extras for each in records if each.path == package.removeprefix("py")]
@@ -232,9 +230,9 @@ def test_other_engines_find_our_sag(package: str) -> None:
 @pytest.mark.numba
 def test_growing_bodies_are_compared_without_waiting_for_rest() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'softsim[mjcf]'")
+    from benchmarks import clamped_scene, mesh_of, peer_table
+    from benchmarks.peers import compare
     from softsim_core.scene import RobotDescription
-    from softsim_ros.benchmark import clamped_scene, mesh_of, peer_table
-    from softsim_ros.benchmark.peers import compare
 
     scene = RobotDescription(scene=clamped_scene(mesh_of("silicone", "1k")))
     records, _ = compare(Case("scaling", "silicone 1k", scene), rounds=1, to_rest=False)
@@ -248,8 +246,8 @@ def test_growing_bodies_are_compared_without_waiting_for_rest() -> None:
 @pytest.mark.slow
 def test_drake_finds_exactly_our_sag_with_its_masses() -> None:
     pytest.importorskip("pydrake", reason="pydrake is not installed: pip install 'softsim[peers]'")
+    from benchmarks.peers import DrakeBody, clamped_body
     from softsim_core import Simulation
-    from softsim_ros.benchmark.peers import DrakeBody, clamped_body
 
     case = low_case()
     body = clamped_body(case.description)
@@ -265,7 +263,7 @@ def test_drake_finds_exactly_our_sag_with_its_masses() -> None:
 
 
 def test_missing_engines_say_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    from softsim_ros.benchmark.peers import comparison
+    from benchmarks.peers import comparison
 
     monkeypatch.setitem(sys.modules, "pydrake", None)
     monkeypatch.setitem(sys.modules, "mujoco", None)

@@ -8,7 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.benchmark import SIZES, Scale, mesh_of, scaling_table, write_json
+from benchmarks import (
+    SIZES,
+    Scale,
+    mesh_of,
+    scaling_table,
+    write_json,
+)
 
 MEASURED = Scale("box", "1k", 1000, 4374, 0.1, 8.0, 6.0, 0, 2, 5.0, 1.6, 60.0, 200_000, 6e7, 150.0)
 
@@ -34,7 +40,7 @@ def test_meshes_grow_with_their_names(shape: str) -> None:
 @pytest.mark.numba
 def test_one_mesh_is_measured_in_its_own_process() -> None:
     pytest.importorskip("numba")
-    from softsim_ros.benchmark import measure_scaling
+    from benchmarks import measure_scaling
 
     (scale,) = measure_scaling(["1k"], ["silicone"])
     assert scale.splu_ms is not None

@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import pytest
 
+from benchmarks import resident_mb
 from servo_bridge.driver import byte_to_width
 from servo_bridge.emulator import EmulatedBoard
 from servo_bridge.protocols import frames
-from softsim_ros.benchmark import resident_mb
 
 pytestmark = pytest.mark.usefixtures("emulator")
 

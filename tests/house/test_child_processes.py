@@ -10,7 +10,10 @@ from pathlib import Path
 from source_trees import tree_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SOURCES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "docs", "examples", "build_backend")
+SOURCES = (
+    "softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "benchmarks", "docs", "examples",
+    "build_backend",
+)  # fmt: skip
 
 STARTERS = {
     "subprocess": {"Popen", "run", "call", "check_call", "check_output", "getoutput", "getstatusoutput"},

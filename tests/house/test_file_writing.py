@@ -10,7 +10,7 @@ import pytest
 from source_trees import tree_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
+PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "benchmarks")
 
 ELSEWHERE = {
     "softsim_core/base/files.py": "the one place; lock files, whose content stays",

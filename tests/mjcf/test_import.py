@@ -286,7 +286,7 @@ def test_a_flex_of_few_nodes_keeps_its_mass_and_pins(dof: str, total: float, tmp
 @pytest.mark.parametrize("name", ["cantilever", "hanging_block", "servo_beam"])
 def test_shipped_models_sag_alike_with_the_same_law(name: str) -> None:
     """At equal elements: MuJoCo's law within 0.2 %, ours by default within 3 % where strain is small."""
-    from softsim_ros.benchmark.peers import compare_model
+    from softsim_ros.cli.robots import compare_model
 
     found = compare_model(config_file(f"mjcf/{name}.xml"), ("corotational", LAW), 2.0, 1)
     theirs, usual, same = ({**row.sags} for row in found.rows)

@@ -6,8 +6,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from benchmarks import (
+    ABOVE_RAD,
+    BELOW_RAD,
+    measure_bridge,
+)
 from softsim_core import load_scene
-from softsim_ros.benchmark import ABOVE_RAD, BELOW_RAD, measure_bridge
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

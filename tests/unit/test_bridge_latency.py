@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks import (
+    BridgeFigures,
+    Crossing,
+    latencies,
+)
 from servo_bridge.emulator import ReceivedPacket
-from softsim_ros.benchmark import BridgeFigures, Crossing, latencies
 
 
 def packets(*rows: tuple[float, int]) -> list[ReceivedPacket]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.cli.upkeep import Finding, Level, doctor, findings, ros_findings
+from softsim_ros.cli.upkeep import Finding, Level, doctor
 
 
 def report(port: str = "") -> int:
@@ -59,7 +59,7 @@ def test_a_check_that_fails_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_named_port_that_is_not_there(tmp_path: Path) -> None:
-    (finding,) = findings.board(str(tmp_path / "ttyACM9"))
+    (finding,) = doctor.check_board(str(tmp_path / "ttyACM9"))
     assert finding.level is Level.PROBLEM
     assert "does not exist" in finding.text
 
@@ -68,7 +68,7 @@ def test_a_named_port_that_is_not_there(tmp_path: Path) -> None:
 def test_a_port_without_permission(tmp_path: Path) -> None:
     port = tmp_path / "ttyACM0"
     port.touch(mode=0)
-    (finding,) = findings.board(str(port))
+    (finding,) = doctor.check_board(str(port))
     assert "usermod -aG dialout" in finding.advice
 
 
@@ -76,7 +76,7 @@ def test_configs_are_missed_and_bad_robots_are_named(tmp_path: Path, monkeypatch
     (tmp_path / "robots").mkdir()
     (tmp_path / "robots" / "crooked.yaml").write_text("name: crooked\nbodys: []\n")
     monkeypatch.setenv("SOFTSIM_CONFIG_PATH", str(tmp_path))
-    found = findings.configs()
+    found = doctor.check_configs()
     assert found[0].level is Level.OK
     assert str(tmp_path) in found[0].text
     assert any(each.subject == "robot crooked" and each.level is Level.PROBLEM for each in found)
@@ -84,35 +84,35 @@ def test_configs_are_missed_and_bad_robots_are_named(tmp_path: Path, monkeypatch
 
 def test_an_open_network_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOFTSIM_DISCOVERY_RANGE", "SUBNET")
-    assert ros_findings.reach()[0].level is Level.WARNING
+    assert doctor.check_reach()[0].level is Level.WARNING
     monkeypatch.delenv("SOFTSIM_DISCOVERY_RANGE")
-    assert ros_findings.reach()[0].level is Level.OK
+    assert doctor.check_reach()[0].level is Level.OK
 
 
 def test_logs_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     blocked = tmp_path / "file"
     blocked.touch()
     monkeypatch.setenv("ROS_LOG_DIR", str(blocked / "log"))
-    assert ros_findings.log_folder()[0].level is Level.PROBLEM
+    assert doctor.check_log_folder()[0].level is Level.PROBLEM
 
 
 def test_what_only_a_board_needs_is_no_fault_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
-    (finding,) = findings.flashing()
+    (finding,) = doctor.check_flashing()
     assert finding.level is Level.OK
     assert "apt install avrdude" in finding.advice
-    monkeypatch.setattr(findings, "why_missing", lambda: "libsimavr is missing; install it")
-    (finding,) = findings.emulated_board()
+    monkeypatch.setattr(doctor, "why_missing", lambda: "libsimavr is missing; install it")
+    (finding,) = doctor.check_emulated_board()
     assert finding.level is Level.OK
     assert "install it" in finding.text
 
 
 def test_what_is_lost_without_each_optional_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    installed = {finding.subject: finding.level for finding in findings.optional_packages()}
+    installed = {finding.subject: finding.level for finding in doctor.check_optional_packages()}
     mesh = {"pytetwild", "fast-simplification"}
     assert set(installed) == {"c3d", "daqp", "viser", "rosbags", "matplotlib", "urdfdom_py", "xacro"} | mesh
-    monkeypatch.setattr(findings.importlib.util, "find_spec", lambda name: None)
-    missing = {finding.subject: finding for finding in findings.optional_packages()}
+    monkeypatch.setattr(doctor.importlib.util, "find_spec", lambda name: None)
+    missing = {finding.subject: finding for finding in doctor.check_optional_packages()}
     assert all(finding.level is Level.WARNING for finding in missing.values())
     for package, lost in (("daqp", "inverse control"), ("viser", "web page"), ("rosbags", "record, replay")):
         assert f"without it no {lost}" in missing[package].text

@@ -17,7 +17,7 @@ import pytest
 from faces import REPOSITORY, face, home, modules, packages
 from source_trees import tree_of
 
-PRODUCT = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
+PRODUCT = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "benchmarks")
 IMPORT = re.compile(rf"from ((?:{'|'.join(PRODUCT)})(?:\.\w+)*) import (\([^()]*\)|[\w ,]+)")
 MOST_FILES_OF_A_MOVE = 3
 

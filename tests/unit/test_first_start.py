@@ -8,7 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from softsim_ros.benchmark import KERNELS, MOTION, FirstStart, compare_with_targets
+from benchmarks import (
+    KERNELS,
+    MOTION,
+    FirstStart,
+    compare_with_targets,
+)
 
 SCRIPT = """#!/bin/sh
 echo "[1/4] Making a Python 3.12.1 environment in /x/venv: done in 3 s"

@@ -18,7 +18,7 @@ from source_trees import tree_of
 from softsim_core.scene import RobotDescription
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
+PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "benchmarks")
 
 ROS = (
     "rclpy",
@@ -43,10 +43,11 @@ ROS = (
 )
 
 FORBIDDEN = {
-    "softsim_core": ("softsim_node", "softsim_ros", "servo_bridge", "serial", "rich", *ROS),
-    "softsim_node": ("softsim_ros", "servo_bridge"),
-    "servo_bridge": ("softsim_ros",),
-    "softsim_ros": (),
+    "softsim_core": ("softsim_node", "softsim_ros", "servo_bridge", "benchmarks", "serial", "rich", *ROS),
+    "softsim_node": ("softsim_ros", "servo_bridge", "benchmarks"),
+    "servo_bridge": ("softsim_ros", "benchmarks"),
+    "softsim_ros": ("benchmarks",),
+    "benchmarks": (),
 }
 """What a package may not import."""
 
@@ -90,7 +91,7 @@ LAYERS = (
 """Packages of softsim_core, lowest first; the last ones run whole simulations."""
 
 
-INTERFACES = ("cli", "keys", "nodes.teleop", "nodes.viewer", "benchmark", "recording")
+INTERFACES = ("cli", "keys", "nodes.teleop", "nodes.viewer", "recording")
 """What drives a robot or looks at it, for a person."""
 
 NODES_KNOW = {

@@ -11,7 +11,7 @@ import pytest
 from faces import REPOSITORY
 from source_trees import tree_of
 
-PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
+PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge", "benchmarks")
 """Packages whose names are checked."""
 
 RETIRED = (

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from softsim_core.base import MjcfError, write_file
 
 if TYPE_CHECKING:
-    from softsim_ros.benchmark.peers import ModelComparison
+    from softsim_ros.cli.robots.mjcf_comparison import ModelComparison
 
 SECONDS, ROUNDS = 3.0, 20
 MUJOCO_LAW = "saint_venant_kirchhoff"
@@ -103,8 +103,8 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from softsim_ros.benchmark import describe_machine
-    from softsim_ros.benchmark.peers import LAWS, compare_model
+    from softsim_core.base import describe_machine
+    from softsim_ros.cli.robots.mjcf_comparison import LAWS, compare_model
 
     laws = tuple(dict.fromkeys(arguments.law or LAWS))
     found = compare_model(arguments.model, laws, arguments.seconds, arguments.rounds)

@@ -1,5 +1,4 @@
-from .bench import SCENES as SCENES
-from .findings import (
+from .doctor import (
     Finding as Finding,
     Level as Level,
 )

@@ -88,7 +88,7 @@ TESTS: Mapping[str, str] = {
         "house/launch ros unit/layout unit/messages* unit/moved unit/optional_messages unit/qos "
         "unit/transforms unit/urdf unit/work_queue"
     ),
-    "softsim_ros/benchmark": "benchmarks unit/bridge_latency unit/first_start",
+    "benchmarks": "benchmarks ros/bridge_benchmark unit/bridge_latency unit/first_start",
     "softsim_ros/cli": (
         "house/bad_networks house/launcher house/hosted_ci ros/topics* ros/up unit/cli* unit/extras "
         "unit/web_page"

@@ -16,6 +16,7 @@ from typing import Any
 
 from softsim_core import Simulation, load_scene
 from softsim_core.base import SoftSimError, python_command, run_process, start_process
+from softsim_ros.cli.running import NODES
 
 MEMORY_LIMIT_MB = 400.0
 """Largest resident memory of the simulator process on the mid mesh, in [MB]."""
@@ -28,7 +29,8 @@ START_DEADLINE_S = 180.0  # kernels may have to be compiled
 RUN_DEADLINE_S = 120.0
 END_DEADLINE_S = 20.0
 SETTLED_STEPS = 200
-NODE_MODULE = "softsim_ros.nodes.simulator.simulator_node"
+NODE_MODULE = NODES["simulator"].module
+CHECKOUT = Path(__file__).resolve().parents[1]
 
 
 class ProcessError(SoftSimError, RuntimeError):
@@ -66,6 +68,17 @@ def resident_mb(pid: int | str) -> float:
     return 0.0
 
 
+def run_measurement(module: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run a module of this folder, which is not installed, in a process of its own; return its output."""
+    search_path = os.pathsep.join(filter(None, (str(CHECKOUT), os.environ.get("PYTHONPATH"))))
+    return run_process(
+        python_command(module, *words),
+        {**os.environ, "PYTHONPATH": search_path},
+        capture_output=True,
+        text=True,
+    )
+
+
 def measure_process(robot: str = "tripod_mid", steps: int = STEPS) -> ProcessFigures:
     """Run the simulator node with every topic subscribed; without ROS, a plain Simulation in its own process.
 
@@ -81,8 +94,7 @@ def measure_process(robot: str = "tripod_mid", steps: int = STEPS) -> ProcessFig
 
 
 def _plain(robot: str, steps: int) -> ProcessFigures:
-    command = python_command("softsim_ros.benchmark.process", robot, str(steps))
-    child = run_process(command, capture_output=True, text=True)
+    child = run_measurement("benchmarks.process", robot, str(steps))
     if child.returncode != 0:
         raise ProcessError(f"the simulation process failed: {child.stderr.strip()[-400:]}")
     return ProcessFigures("Simulation in a process without ROS", steps, float(child.stdout))

@@ -8,18 +8,41 @@ from functools import partial
 
 import numpy as np
 
+from benchmarks import FALL_STEPS, STEPS_A_TURN, Case, Record, known_paths
+from benchmarks.peers.body import ClampedBody, Engine, PeerMissingError, clamped_body
+from benchmarks.peers.drake_body import DrakeBody
 from softsim_core import Simulation
-from softsim_core.base import Array
+from softsim_core.base import Array, Contender, MjcfError, restart_every, take_turns
+from softsim_core.mjcf import ITERATIONS, MujocoRun, export_mjcf
 from softsim_core.scene import RobotDescription
-from softsim_ros.benchmark import FALL_STEPS, STEPS_A_TURN, Case, Contender, Record, known_paths, take_turns
-from softsim_ros.benchmark.peers.body import ClampedBody, Engine, PeerMissingError, clamped_body
-from softsim_ros.benchmark.peers.drake_body import DrakeBody
-from softsim_ros.benchmark.peers.mujoco_flex import DEFAULT_ITERATIONS, MujocoFlex
 
 SETTLING_S = 3.0
 """Simulated time after which the undamped body rests: implicit Euler steps of 0.01 s damp it."""
 
 STEPS_A_TURN_OF_PEERS = 2
+
+DEFAULT_ITERATIONS = 100
+"""MuJoCo's own limit; it warns that the clamped body's solve has not converged within it."""
+
+
+class MujocoFlex(MujocoRun):
+    """The clamped body in MuJoCo, written as a flex by our own MJCF export.
+
+    Args:
+        body: What to simulate.
+        iterations: Maximum number of iterations of a step's solve.
+
+    Raises:
+        PeerMissingError: MuJoCo is not installed or has no integrator `discrete`.
+    """
+
+    def __init__(self, body: ClampedBody, iterations: int = ITERATIONS) -> None:
+        try:
+            super().__init__(export_mjcf(body.scene, iterations).text)
+        except MjcfError as error:
+            raise PeerMissingError(f"MuJoCo is not measured: {error.reason}") from error
+        self.name = "mujoco" if iterations > DEFAULT_ITERATIONS else "mujoco_unconverged"
+
 
 ENGINES: tuple[Callable[[ClampedBody], Engine], ...] = (
     DrakeBody,
@@ -27,22 +50,6 @@ ENGINES: tuple[Callable[[ClampedBody], Engine], ...] = (
     MujocoFlex,
     partial(MujocoFlex, iterations=DEFAULT_ITERATIONS),
 )
-
-
-def falling_anew(restart: Callable[[], None], turns: int) -> Callable[[], None]:
-    """Return a function that restarts an engine before every `turns`-th turn.
-
-    An engine that iterates has little to do once the body rests, so a timed body must fall.
-    """
-    turn = 0
-
-    def prepare() -> None:
-        nonlocal turn
-        if turn % turns == 0:
-            restart()
-        turn += 1
-
-    return prepare
 
 
 class OurBody:
@@ -96,7 +103,7 @@ def compare(case: Case, rounds: int, to_rest: bool = True) -> tuple[list[Record]
     ours = OurBody(case.description)
     calls = [STEPS_A_TURN[known_paths()[0]], *[STEPS_A_TURN_OF_PEERS] * len(engines)]
     contenders = [
-        Contender(each.name, each.advance, steps, falling_anew(each.restart, max(1, FALL_STEPS // steps)))
+        Contender(each.name, each.advance, steps, restart_every(max(1, FALL_STEPS // steps), each.restart))
         for each, steps in zip((ours, *engines), calls, strict=True)
     ]
     times = take_turns(contenders, rounds)

@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.records import align_columns
 from softsim_core import Simulation
-from softsim_core.base import Array
+from softsim_core.base import Array, no_garbage_collection
 from softsim_core.physics.sensing import SimulatedSensorDescription
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_ros.benchmark.records import align_columns
-from softsim_ros.benchmark.timing import no_garbage_collection
 
 SCENE = "sensed_finger"
 LIMIT_MS = 0.5

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+from benchmarks.measured_scenes import CLAMPED_MS, LIMITS
 from softsim_core.base import write_file
-from softsim_ros.benchmark.measured_scenes import CLAMPED_MS, LIMITS
 
 _SILICONE = {"low": (235, 579), "mid": (781, 2684), "high": (1455, 5221)}
 _FINGER = (158, 389)

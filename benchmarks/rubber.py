@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.records import align_columns
+from benchmarks.steps import COMMAND_SPREAD, Factorisation
 from softsim_core import Simulation
+from softsim_core.base import Contender, take_turns
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_ros.benchmark.records import align_columns
-from softsim_ros.benchmark.steps import COMMAND_SPREAD, Factorisation
-from softsim_ros.benchmark.timing import Contender, take_turns
 
 QUADRATIC = {"cantilever_quadratic": 0.9, "tripod_quadratic": 2.0, "cable_finger_quadratic": 1.0}
 """Scenes with quadratic cells, and the longest step in [ms] on an otherwise idle machine."""

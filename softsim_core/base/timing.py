@@ -10,7 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
-from softsim_core.base import Array
+from softsim_core.base.arrays import Array
 
 
 def nothing() -> None:
@@ -71,3 +71,19 @@ def take_turns(contenders: Sequence[Contender], rounds: int) -> dict[str, Array]
                     contender.call()
                     times[contender.name][turn * contender.calls + sample] = 1e3 * (perf_counter() - started)
     return times
+
+
+def restart_every(turns: int, restart: Callable[[], None]) -> Callable[[], None]:
+    """Return a function for `Contender.prepare` that restarts an engine before every `turns`-th turn.
+
+    An engine that iterates has little to do once the body rests, so a timed body must fall.
+    """
+    turn = 0
+
+    def prepare() -> None:
+        nonlocal turn
+        if turn % turns == 0:
+            restart()
+        turn += 1
+
+    return prepare

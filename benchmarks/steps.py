@@ -11,17 +11,16 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
+from benchmarks.measured_scenes import TOUCHING, Case, TouchingScene
+from benchmarks.records import Record
 from softsim_core import Simulation
-from softsim_core.base import Array
+from softsim_core.base import Array, Contender, take_turns
 from softsim_core.control.inverse import InverseController
 from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.dynamics import ScipyStepper, Unknowns
 from softsim_core.physics.linalg import factorise_matrix
 from softsim_core.physics.mechanics import Control, Pose
 from softsim_core.scene import RobotDescription
-from softsim_ros.benchmark.measured_scenes import TOUCHING, Case, TouchingScene
-from softsim_ros.benchmark.records import Record
-from softsim_ros.benchmark.timing import Contender, take_turns
 
 GOAL_SPREAD = 0.004
 """Half the range in [m] around the effector's position in the start pose from which goals are drawn."""

@@ -18,10 +18,7 @@ from typing import IO, Final
 
 import numpy as np
 
-from softsim_core.base import Placement, open_in_place, python_command, start_process, write_file
-from softsim_core.physics.mesh import SurfaceMesh, read_surface, write_surface
-from softsim_core.scene.io import config_file, find_config
-from softsim_ros.benchmark.process import (
+from benchmarks.process import (
     NODE_MODULE,
     Listener,
     ProcessError,
@@ -29,11 +26,15 @@ from softsim_ros.benchmark.process import (
     resident_mb,
     wait_for_steps,
 )
+from softsim_core.base import Placement, open_in_place, python_command, start_process, write_file
+from softsim_core.physics.mesh import SurfaceMesh, read_surface, write_surface
+from softsim_core.scene.io import config_file, find_config
+from softsim_ros.cli.running import NODES
 
 ROBOT: Final = "tripod"
 """Name of the simulated robot, and its namespace."""
 
-VIEWER_MODULE: Final = "softsim_ros.nodes.viewer.viewer_node"
+VIEWER_MODULE: Final = NODES["viewer"].module
 CORE_SHARE_LIMIT: Final = 0.10
 """Largest fraction of a core that the viewer may need with one browser at 30 frames per second."""
 

@@ -11,12 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core import Simulation
-from softsim_core.base import Array, MjcfError
-from softsim_core.mjcf import ImportedScene, import_mjcf, write_imported
+from softsim_core.base import Array, Contender, MjcfError, restart_every, take_turns
+from softsim_core.mjcf import ImportedScene, MujocoRun, import_mjcf, write_imported
 from softsim_core.scene import load_scene
-from softsim_ros.benchmark import Contender, known_paths, take_turns
-from softsim_ros.benchmark.peers.comparison import falling_anew
-from softsim_ros.benchmark.peers.mujoco_flex import MujocoEngine
 
 LAWS = ("corotational", "saint_venant_kirchhoff")
 """Our default law, which is compiled, and the law that MuJoCo uses."""
@@ -94,7 +91,7 @@ class _Ours:
     """A MuJoCo model imported as a scene of ours, with its soft vertices and free rigid bodies."""
 
     def __init__(self, imported: ImportedScene, file: Path, law: str) -> None:
-        self.simulation = Simulation(load_scene(file), backend=known_paths()[0])
+        self.simulation = Simulation(load_scene(file))
         self.name, self.rests = f"ours, {law}", True
         self.method = "one exact factorisation a step"
         self.version = ""
@@ -121,7 +118,7 @@ class _Ours:
         return np.array([poses[k].position for k in self._rigid]).reshape(-1, 3)
 
 
-class _Theirs(MujocoEngine):
+class _Theirs(MujocoRun):
     """The same model in MuJoCo, with the same methods."""
 
     def __init__(self, imported: ImportedScene, file: Path) -> None:
@@ -169,7 +166,7 @@ def compare_model(file: Path, laws: Sequence[str], seconds: float, rounds: int) 
     found = [_run(engine, seconds, theirs.dt) for engine in engines]
     warned = theirs.warnings
     contenders = [
-        Contender(each.name, each.advance, STEPS_A_TURN, falling_anew(each.restart, TURNS_A_FALL))
+        Contender(each.name, each.advance, STEPS_A_TURN, restart_every(TURNS_A_FALL, each.restart))
         for each in engines
     ]
     times = take_turns(contenders, rounds)

@@ -17,6 +17,9 @@ from time import perf_counter, process_time
 
 import numpy as np
 
+from benchmarks.process import run_measurement
+from benchmarks.records import align_columns
+from benchmarks.steps import step_matrix
 from softsim_core import (
     AttachmentDescription,
     BodyDescription,
@@ -28,12 +31,9 @@ from softsim_core import (
     TetMesh,
     box_mesh,
 )
-from softsim_core.base import python_command, run_process
 from softsim_core.physics.linalg import factorise_matrix
 from softsim_core.physics.mechanics import Model
 from softsim_core.robots import tripod_mesh
-from softsim_ros.benchmark.records import align_columns
-from softsim_ros.benchmark.steps import step_matrix
 
 SIZES = ("1k", "3k", "10k", "30k", "50k")
 QUICK_SIZES = ("1k", "3k")
@@ -210,8 +210,7 @@ def measure_scaling(sizes: Iterable[str], shapes: Iterable[str] = SHAPES) -> Ite
     chosen = tuple(sizes)
     for shape in shapes:
         for size in chosen:
-            command = python_command("softsim_ros.benchmark.scaling", shape, size)
-            child = run_process(command, capture_output=True, text=True)
+            child = run_measurement("benchmarks.scaling", shape, size)
             if child.returncode != 0:
                 raise ScalingError(f"measuring {shape} {size} failed: {child.stderr.strip()[-200:]}")
             yield Scale(**json.loads(child.stdout))

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base import Array, install_command
+from benchmarks.peers.body import ClampedBody, PeerMissingError
+from softsim_core.base import Array, install_command, version_of
 from softsim_core.physics.mesh import TetMesh, write_tets
-from softsim_ros.benchmark import version_of
-from softsim_ros.benchmark.peers.body import ClampedBody, PeerMissingError
 
 
 class DrakeBody:

@@ -12,14 +12,13 @@ from time import perf_counter
 
 import numpy as np
 
+from benchmarks.measured_scenes import TOUCHING, TouchingScene, describe
+from benchmarks.peers import clamped_body
+from benchmarks.records import align_columns
 from softsim_core import Batch, Simulation
-from softsim_core.base import MjcfError, install_command
+from softsim_core.base import MjcfError, install_command, no_garbage_collection
 from softsim_core.mjcf import MujocoRun, export_mjcf
 from softsim_core.scene import RobotDescription
-from softsim_ros.benchmark.measured_scenes import TOUCHING, TouchingScene, describe
-from softsim_ros.benchmark.peers import clamped_body
-from softsim_ros.benchmark.records import align_columns
-from softsim_ros.benchmark.timing import no_garbage_collection
 
 LIMIT = 0.10
 """Largest fraction of the time outside the physics at 64 copies."""

@@ -6,10 +6,10 @@ from .bridge import (
     latencies as latencies,
     measure_bridge as measure_bridge,
 )
+from .command import (
+    SCENES as SCENES,
+)
 from .copies import (
-    COUNTS as COUNTS,
-    QUICK_COUNTS as QUICK_COUNTS,
-    WORKERS as WORKERS,
     BatchRate as BatchRate,
     EnvironmentCost as EnvironmentCost,
     cost_table as cost_table,
@@ -17,36 +17,23 @@ from .copies import (
     measure_copies as measure_copies,
     measure_environments as measure_environments,
     measure_peer as measure_peer,
-    peer_missing as peer_missing,
     rate_table as rate_table,
 )
 from .first_start import (
-    INSTALL_WITHIN_S as INSTALL_WITHIN_S,
     KERNELS as KERNELS,
     MOTION as MOTION,
     FirstStart as FirstStart,
     compare_with_targets as compare_with_targets,
 )
-from .machine import (
-    describe_machine as describe_machine,
-    limit_threads as limit_threads,
-    version_of as version_of,
-)
 from .measured_scenes import (
     LIMITS as LIMITS,
-    MESHES as MESHES,
     TOUCHING as TOUCHING,
     Case as Case,
     TouchingScene as TouchingScene,
-    available_meshes as available_meshes,
-    cases as cases,
     default_reference_dir as default_reference_dir,
     describe as describe,
 )
 from .process import (
-    MEMORY_LIMIT_MB as MEMORY_LIMIT_MB,
-    PUBLISH_LIMIT_MS as PUBLISH_LIMIT_MS,
-    measure_process as measure_process,
     resident_mb as resident_mb,
 )
 from .records import (
@@ -58,18 +45,12 @@ from .records import (
     write_json as write_json,
 )
 from .rubber import (
-    RubberTime as RubberTime,
     measure_rubber as measure_rubber,
     rubber_table as rubber_table,
 )
 from .scaling import (
-    PEER_ROUNDS as PEER_ROUNDS,
-    PEER_SIZES as PEER_SIZES,
-    QUICK_SIZES as QUICK_SIZES,
-    SHAPES as SHAPES,
     SIZES as SIZES,
     Scale as Scale,
-    ScalingError as ScalingError,
     clamped_scene as clamped_scene,
     measure_scaling as measure_scaling,
     mesh_of as mesh_of,
@@ -78,8 +59,6 @@ from .scaling import (
 from .sensing import (
     ALL as ALL,
     LIMIT_MS as LIMIT_MS,
-    SCENE as SCENE,
-    SensorTime as SensorTime,
     measure_sensors as measure_sensors,
     sensor_table as sensor_table,
 )
@@ -88,10 +67,4 @@ from .steps import (
     STEPS_A_TURN as STEPS_A_TURN,
     can_control as can_control,
     known_paths as known_paths,
-    measure as measure,
 )
-from .timing import (
-    Contender as Contender,
-    take_turns as take_turns,
-)
-from .viewer import measure_viewer as measure_viewer

@@ -27,6 +27,7 @@ from servo_bridge.emulator import ReceivedPacket, VirtualBoard
 from softsim_core import load_scene
 from softsim_core.base import Array, SoftSimError, python_command, start_process
 from softsim_core.scene import RobotDescription, ServoCalibration
+from softsim_ros.cli.running import NODES
 
 LATENCY_LIMIT_MS = 25.0
 """Largest 99th percentile from topic to last byte at 50 Hz, in [ms]: one period and the transport time."""
@@ -169,8 +170,8 @@ def _programs(robot: str, port: str, source: str) -> list[list[str]]:
     ros = ["--ros-args", "-r", f"__ns:=/{NAMESPACE}", "-p", f"robot:={robot}"]
     bridge = [f"port:={port}", f"source:={source}", "open_wait_s:=0.0", "autostart:=activate"]
     return [
-        ["softsim_ros.nodes.simulator.simulator_node", *ros],
-        ["servo_bridge.nodes.bridge_node", *ros, *(word for setting in bridge for word in ("-p", setting))],
+        [NODES["simulator"].module, *ros],
+        [NODES["servo_bridge"].module, *ros, *(word for setting in bridge for word in ("-p", setting))],
     ]
 
 
