@@ -1,14 +1,12 @@
-from .folder import (
+from .layouts import (
     CONTROLLER as CONTROLLER,
     GOAL_TIME as GOAL_TIME,
     GOAL_TOLERANCE as GOAL_TOLERANCE,
+    SHOWN as SHOWN,
     companions as companions,
     controllers as controllers,
-    write_folder as write_folder,
-)
-from .layouts import (
-    SHOWN as SHOWN,
     rviz_config as rviz_config,
+    write_folder as write_folder,
 )
 from .links import (
     Link as Link,

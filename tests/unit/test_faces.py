@@ -233,11 +233,8 @@ ALONE = {
     "softsim_core.base.program_starter": "runs a program of ours in another process",
     "softsim_core.lab.learning.registration": "only where Gymnasium is installed",
     "softsim_core.mjcf.probe": "runs in a process that a broken model may end",
-    "softsim_core.physics.contact.warmup": "the kernels of contact that are compiled ahead",
-    "softsim_core.physics.mesh.follower": "points that follow a body, embedded once",
     "softsim_core.robots.tentacle_mesh": "a generator, run as a program",
     "softsim_core.simulation.batch.worker": "runs in the processes of a batch",
-    "softsim_ros.recording.svg": "drawings of a report's page",
     **{f"{package}.executables": "entry points of ros2 run" for package in ("servo_bridge", "softsim_ros")},
 }
 """Small modules with at most one importer that are neither a law nor a command, and why they are modules."""

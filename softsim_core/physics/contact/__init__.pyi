@@ -12,10 +12,6 @@ from .linearised import (
     LinearisedContacts as LinearisedContacts,
     linearise as linearise,
 )
-from .overlap import (
-    first_overlap as first_overlap,
-    touching as touching,
-)
 from .settings import (
     ContactLimits as ContactLimits,
     ContactSettings as ContactSettings,
@@ -28,7 +24,8 @@ from .surfaces import (
     CollisionSurface as CollisionSurface,
     check_surface as check_surface,
     crossings as crossings,
+    first_overlap as first_overlap,
     may_meet as may_meet,
     surfaces_cross as surfaces_cross,
+    touching as touching,
 )
-from .warmup import warm_up_contact as warm_up_contact

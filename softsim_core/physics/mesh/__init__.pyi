@@ -7,18 +7,11 @@ from .checks import (
 )
 from .embedding import (
     Embedding as Embedding,
+    SurfaceFollower as SurfaceFollower,
     embed as embed,
     place as place,
     rotation_matrix as rotation_matrix,
 )
-from .faces import (
-    boundary_faces as boundary_faces,
-    cavities as cavities,
-    encloses as encloses,
-    flip_faces as flip_faces,
-    triangles_of as triangles_of,
-)
-from .follower import SurfaceFollower as SurfaceFollower
 from .formats import merge_corners as merge_corners
 from .generators import (
     box_mesh as box_mesh,
@@ -55,12 +48,17 @@ from .shapes import (
 )
 from .surface import (
     boundary as boundary,
+    boundary_faces as boundary_faces,
     boundary_surface as boundary_surface,
+    cavities as cavities,
     closest_point as closest_point,
     enclosed_volume as enclosed_volume,
+    encloses as encloses,
     euler_number as euler_number,
+    flip_faces as flip_faces,
     is_closed as is_closed,
     triangle_normals as triangle_normals,
+    triangles_of as triangles_of,
     vertex_normals as vertex_normals,
 )
 from .types import (

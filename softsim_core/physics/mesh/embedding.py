@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from softsim_core.base import Array, IndexArray, MeshError, radians
-from softsim_core.physics.mesh.types import TetMesh, subdivide_mesh
+from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh, subdivide_mesh
 
 _ON_FACE = 1.0e-5  # in element heights: a point on a face stays inside when rounded to float32
 
@@ -151,3 +152,37 @@ def _cosine_sine(angle_deg: float) -> tuple[float, float]:
         return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[round(quarter) % 4]
     angle = radians(angle_deg)
     return float(np.cos(angle)), float(np.sin(angle))
+
+
+class SurfaceFollower:
+    """Surfaces bound to nodes.
+
+    Args:
+        parts: For each body its surface at rest, its embedding, and the number of the body's first node.
+        count: Number of nodes of all bodies, n.
+
+    Attributes:
+        triangles: Vertex indices of all surfaces, shape (k, 3).
+        rest_points: Vertices at rest in [m], shape (p, 3).
+    """
+
+    def __init__(self, parts: Sequence[tuple[SurfaceMesh, Embedding, int]], count: int) -> None:
+        starts = np.cumsum([0] + [len(surface.points) for surface, _, _ in parts])
+        self.triangles: IndexArray = np.concatenate(
+            [np.zeros((0, 3), np.int64)]
+            + [surface.triangles + start for (surface, _, _), start in zip(parts, starts, strict=False)]
+        )
+        self.rest_points: Array = np.concatenate(
+            [np.zeros((0, 3))] + [surface.points for surface, _, _ in parts]
+        )
+        nodes = [np.zeros((0, 4), np.int64)] + [embedding.nodes + first for _, embedding, first in parts]
+        weights = [np.zeros((0, 4))] + [embedding.weights for _, embedding, _ in parts]
+        points = len(self.rest_points)
+        self._weights = csr_array(
+            (np.concatenate(weights).ravel(), np.concatenate(nodes).ravel(), 4 * np.arange(points + 1)),
+            shape=(points, count),
+        )
+
+    def follow(self, nodal: Array) -> Array:
+        """Return nodal values (n,) or vectors (n, 3) interpolated at the vertices, shape (p,) or (p, 3)."""
+        return np.asarray(self._weights @ nodal)

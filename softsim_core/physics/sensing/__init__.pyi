@@ -17,11 +17,6 @@ from .imu import (
     inertial as inertial,
 )
 from .markers import MarkersDescription as MarkersDescription
-from .registry import (
-    register_sensor as register_sensor,
-    sensor_kind as sensor_kind,
-    sensor_kinds as sensor_kinds,
-)
 from .sensor import (
     Place as Place,
     Sensor as Sensor,
@@ -30,6 +25,9 @@ from .sensor import (
 from .sensors import (
     SensorReading as SensorReading,
     Sensors as Sensors,
+    register_sensor as register_sensor,
+    sensor_kind as sensor_kind,
+    sensor_kinds as sensor_kinds,
 )
 from .strain import StrainSensorDescription as StrainSensorDescription
 from .tactile import (

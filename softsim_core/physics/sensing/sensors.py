@@ -1,14 +1,22 @@
-"""All sensors of a scene: their latest samples and sample times."""
+"""The sensors of a scene with their latest samples, and the registered kinds of sensors."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from softsim_core.base import Array, SceneError, known_names
-from softsim_core.physics.sensing.description import SimulatedSensorDescription
+from softsim_core.base import Array, Registry, SceneError, known_names
+from softsim_core.physics.sensing.actuators import CABLE_SENSOR, CHAMBER_SENSOR
+from softsim_core.physics.sensing.description import Scenery, SensorKind, SimulatedSensorDescription
+from softsim_core.physics.sensing.force_torque import FORCE_TORQUE
+from softsim_core.physics.sensing.imu import IMU
+from softsim_core.physics.sensing.markers import MARKERS
 from softsim_core.physics.sensing.sensor import SampleNoise, Sensor, StepObservation
+from softsim_core.physics.sensing.strain import STRAIN
+from softsim_core.physics.sensing.tactile import TACTILE
+from softsim_core.physics.sensing.wrench import WRENCH
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,3 +78,42 @@ class Sensors:
 
     def __len__(self) -> int:
         return len(self._built)
+
+
+_kinds: Registry[SensorKind] = Registry(
+    "sensor kind", WRENCH, FORCE_TORQUE, TACTILE, STRAIN, IMU, MARKERS, CABLE_SENSOR, CHAMBER_SENSOR
+)
+
+
+def register_sensor(
+    description: type[SimulatedSensorDescription], build: Callable[[Any, Scenery], Sensor]
+) -> None:
+    """Register a kind of sensor under the `kind` of its description.
+
+    Args:
+        description: A frozen dataclass derived from SimulatedSensorDescription; scene files give its fields.
+        build: Returns the sensor of a description and the scenery.
+
+    Raises:
+        SceneError: the name is empty or a kind of the package.
+    """
+    if not isinstance(description.kind, str) or not description.kind.isidentifier():
+        raise SceneError(
+            f"sensor kind {description.__name__} refused: give it `kind: ClassVar[str]`, a word of letters, "
+            "digits and underscores"
+        )
+    _kinds.register(SensorKind(description, build))
+
+
+def sensor_kinds() -> tuple[str, ...]:
+    """Return the names of all kinds."""
+    return _kinds.names()
+
+
+def sensor_kind(name: str) -> SensorKind:
+    """Return the kind with a name.
+
+    Raises:
+        SceneError: no kind has it.
+    """
+    return _kinds.get(name)

@@ -1,7 +1,7 @@
-from .calibrate_page import page as page
 from .calibrate_report import (
     RequestedResults as RequestedResults,
     describe_endings as describe_endings,
+    page as page,
     plain as plain,
     report_lines as report_lines,
 )

@@ -21,6 +21,7 @@ from softsim_ros.cli.measurements.calibrate_report import (
     report_lines,
     write_distribution,
     write_overlay,
+    write_page,
 )
 from softsim_ros.cli.measurements.validate import EXIT_INTERRUPTED
 
@@ -118,9 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
         command += [] if arguments.data is None else ["--data", str(arguments.data)]
         print(f"robot: {arguments.out}; judge it: {shlex.join(command)}", file=sys.stderr)
     if arguments.report is not None:
-        from softsim_ros.cli.measurements import calibrate_page
-
-        calibrate_page.write(arguments.report, robot, result, further)
+        write_page(arguments.report, robot, result, further)
     if arguments.distribution is not None and not result.stopped:
         write_distribution(arguments.distribution, robot, result)
     return EXIT_INTERRUPTED if result.stopped else 0

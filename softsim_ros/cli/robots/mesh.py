@@ -10,9 +10,12 @@ import sys
 import warnings
 from pathlib import Path
 
+import numpy as np
+
 from softsim_core.base import MeshError, install_command
 from softsim_core.lab.meshing import UNITS, MeshedPart, MeshingOptions, mesh_part
-from softsim_core.physics.mesh import write_tets
+from softsim_core.physics.mesh import boundary_surface, dihedral_angles_deg, write_tets
+from softsim_ros import save_figure
 
 WRITTEN = (".vtk", ".msh")
 _LENGTHS = ("size", "holes", "deviation")
@@ -107,8 +110,6 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print("\n".join(report_lines(made, files, seconds)))
     if arguments.picture is not None:
-        from softsim_ros.cli.robots.mesh_picture import draw
-
         draw(made, arguments.picture)
         print(f"picture: {arguments.picture}", file=sys.stderr)
     return 0
@@ -192,3 +193,32 @@ def plain(made: MeshedPart, files: list[Path], seconds: float | None) -> dict[st
         "step_s": seconds,
         "from_cache": made.from_cache,
     }
+
+
+def draw(made: MeshedPart, file: Path) -> None:
+    """Draw the boundary in the file's unit, and a histogram of dihedral angles."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    skin, unit = boundary_surface(made.mesh), made.source.unit
+    points = skin.points / unit.metres
+    figure = plt.figure(figsize=(11.0, 5.5))
+    try:
+        body = figure.add_subplot(1, 2, 1, projection="3d")
+        body.plot_trisurf(
+            *points.T, triangles=skin.triangles, color="#f2c27a", edgecolor="#7a5a20", linewidth=0.2
+        )
+        body.set_box_aspect(np.maximum(np.ptp(points, axis=0), 1e-9))
+        body.set(xlabel=f"x [{unit.name}]", ylabel=f"y [{unit.name}]", zlabel=f"z [{unit.name}]")
+        body.set_title(f"{made.report.nodes} nodes, {made.report.elements} tetrahedra")
+        angles = figure.add_subplot(1, 2, 2)
+        angles.hist(
+            dihedral_angles_deg(made.mesh.points, made.mesh.tets[:, :4]).reshape(-1), 60, color="#4a7ba6"
+        )
+        angles.set(xlabel="dihedral angle [deg]", ylabel="how many", xlim=(0.0, 180.0))
+        angles.set_title(f"{made.report.min_dihedral_deg:.1f} to {made.report.max_dihedral_deg:.1f} degrees")
+        save_figure(figure, file)
+    finally:
+        plt.close(figure)

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import fcntl
 import os
 import re
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
+from softsim_core.base import SoftSimError, open_lock, runtime_folder
 from softsim_node import takes_escapes
 
 VIRTUAL, EMULATED, SEARCH = "virtual", "emulated", "auto"
@@ -79,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from softsim_core.scene import load_scene
     from softsim_node import environment
-    from softsim_ros.cli.running.one_at_a_time import only_one
+    from softsim_ros.cli.running.up import only_one
     from softsim_ros.cli.running.web_page import PageChoice, WebPage
 
     scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
@@ -101,8 +105,11 @@ def run(arguments: argparse.Namespace) -> int:
         if not arguments.no_viewer:
             choice = PageChoice(arguments.host, arguments.port, arguments.lite, arguments.no_token)
             page = stack.enter_context(WebPage(scene.name, namespace, choice))
-        from softsim_ros.cli.running.boards import BoardChoice, BoardKind  # the nodes, half a second to load
-        from softsim_ros.cli.running.bring_up import run_bring_up
+        from softsim_ros.cli.running.bring_up import (  # the nodes, half a second to load
+            BoardChoice,
+            BoardKind,
+            run_bring_up,
+        )
 
         named = {VIRTUAL: BoardKind.VIRTUAL, EMULATED: BoardKind.EMULATED}.get(
             arguments.board, BoardKind.REAL
@@ -137,3 +144,38 @@ def _robot_on_mesh(robot: str, level: str | None) -> str:
     if level is None or (level == "low" and f"{robot}_low" not in known_scenes()):
         return robot
     return f"{robot}_{level}"
+
+
+class AlreadyUpError(SoftSimError, RuntimeError):
+    """Another `softsim up` serves the same namespace."""
+
+
+def lock_file(namespace: str) -> Path:
+    """Return the lock file of a namespace in this process's ROS domain."""
+    domain = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
+    return runtime_folder() / f"softsim-{os.getuid()}-domain-{domain}-{namespace.replace('/', '.')}.lock"
+
+
+@contextlib.contextmanager
+def only_one(namespace: str) -> Iterator[None]:
+    """Lock the namespace for the `with` block; the system releases it even after kill -9.
+
+    Raises:
+        AlreadyUpError: another process has locked it; carries its process id.
+        RuntimeFolderError: there is no private folder for the lock.
+    """
+    file = lock_file(namespace)
+    with open_lock(file) as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = lock.read(20).strip()
+            holder = holder if holder.isdecimal() else "unknown"
+            raise AlreadyUpError(
+                f"/{namespace} is up already (process {holder}); end that one first, or start this one under "
+                f"another name: softsim up ROBOT --namespace {namespace}_2"
+            ) from None
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}\n")
+        lock.flush()
+        yield

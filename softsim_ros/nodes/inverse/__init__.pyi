@@ -30,11 +30,9 @@ from .plant import (
     SILENT_AFTER_S as SILENT_AFTER_S,
     Plant as Plant,
     SimulatedRobot as SimulatedRobot,
-    checked_pose as checked_pose,
-    unit_quaternion as unit_quaternion,
-)
-from .robot import (
     check_frame as check_frame,
+    checked_pose as checked_pose,
     effector_rest as effector_rest,
+    unit_quaternion as unit_quaternion,
     world_frames as world_frames,
 )

@@ -37,8 +37,7 @@ from softsim_ros.messages import OK, WARN, pose_stamped
 from softsim_ros.nodes.inverse import plant
 from softsim_ros.nodes.inverse.inverse_switch import InverseSwitch
 from softsim_ros.nodes.inverse.path_follower_node import LEAVE
-from softsim_ros.nodes.inverse.plant import checked_pose
-from softsim_ros.nodes.inverse.robot import check_frame, effector_rest, world_frames
+from softsim_ros.nodes.inverse.plant import check_frame, checked_pose, effector_rest, world_frames
 
 MEASURES: Final = ("imu", "effector_pose")
 TASKS: Final = ("height_tilt", "orientation", "pose", LEAVE)

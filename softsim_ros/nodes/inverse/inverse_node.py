@@ -36,8 +36,13 @@ from softsim_ros.nodes.inverse import plant
 from softsim_ros.nodes.inverse.control_thread import CommandsOut, ControlThread
 from softsim_ros.nodes.inverse.inverse_switch import health
 from softsim_ros.nodes.inverse.parameters import ControllerSettings
-from softsim_ros.nodes.inverse.plant import SILENT_AFTER_S, SimulatedRobot, checked_pose, unit_quaternion
-from softsim_ros.nodes.inverse.robot import world_frames
+from softsim_ros.nodes.inverse.plant import (
+    SILENT_AFTER_S,
+    SimulatedRobot,
+    checked_pose,
+    unit_quaternion,
+    world_frames,
+)
 from softsim_ros.nodes.simulator import RateGate
 
 NODE_NAME = "inverse_controller"

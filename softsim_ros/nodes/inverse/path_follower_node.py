@@ -45,8 +45,7 @@ from softsim_ros.messages import OK, WARN, pose_stamped
 from softsim_ros.nodes.inverse import plant
 from softsim_ros.nodes.inverse.inverse_switch import InverseSwitch
 from softsim_ros.nodes.inverse.parameters import TASKS
-from softsim_ros.nodes.inverse.plant import FARTHEST_M
-from softsim_ros.nodes.inverse.robot import check_frame, effector_rest
+from softsim_ros.nodes.inverse.plant import FARTHEST_M, check_frame, effector_rest
 
 STARTS: Final = ("rest", "measured")
 AUTO: Final = "auto"

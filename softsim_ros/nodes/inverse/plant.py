@@ -1,4 +1,4 @@
-"""State of the controlled robot as its topics report it, and checks of pose messages."""
+"""State of the controlled robot as its topics report it, its frames, and checks of pose messages."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_core.base import Array, CommandError, SoftSimError, listing
+from softsim_core.base import Array, CommandError, SceneError, SoftSimError, listing
 from softsim_core.physics.contact import ContactSettings
 from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
 from softsim_core.scene import JointDescription, RobotDescription, SceneDescription
+from softsim_core.scene.building import with_rest_frames
 from softsim_core.scene.io import shorten
-from softsim_node import LATCHED
+from softsim_node import LATCHED, WORLD, RobotFrames
 from softsim_ros.messages import SceneMessage, read_scene_message
 
 
@@ -245,3 +246,33 @@ def _with_tilt(model: Pose, measured: Array) -> Pose:
     error = rotation_log(rotation_of(measured) @ rotation.T)
     error[2] = 0.0
     return Pose(model.position, quaternion_of(rotation_exp(error) @ rotation))
+
+
+def effector_rest(robot: RobotDescription) -> Array:
+    """Return the position of the effector in [m] on the robot at rest, shape (3,).
+
+    Raises:
+        SceneError: the robot has no effector.
+    """
+    for attachment in with_rest_frames(robot.scene).attachments:
+        if attachment.name == robot.scene.effector and attachment.frame is not None:
+            return np.array(attachment.frame.translation)
+    raise SceneError(f"{robot.name} has no effector: add `effector: NAME` of a free attachment to its file")
+
+
+def world_frames(frames: RobotFrames) -> tuple[str, str]:
+    """Return the allowed frames of goals: the world, and the robot's base, which is at the world's origin."""
+    return (WORLD, frames.base)
+
+
+def check_frame(what: str, frame: str, frames: RobotFrames) -> None:
+    """Refuse a message in a frame that is not one of `world_frames`.
+
+    Raises:
+        CommandError: lists the allowed frames.
+    """
+    allowed = world_frames(frames)
+    if frame not in allowed:
+        raise CommandError(
+            f"{what} refused: unknown frame_id {shorten(frame)!r}; allowed: {listing(allowed)}"
+        )

@@ -47,6 +47,11 @@ from .scene_topics import (
     index_array as index_array,
     structure as structure,
 )
+from .services import (
+    SnapshotFolder as SnapshotFolder,
+    default_folder as default_folder,
+    default_name as default_name,
+)
 from .setpoints import (
     Commanded as Commanded,
     Progress as Progress,
@@ -55,11 +60,6 @@ from .simulator_node import (
     Simulator as Simulator,
     health as health,
     main as main,
-)
-from .snapshot_folder import (
-    SnapshotFolder as SnapshotFolder,
-    default_folder as default_folder,
-    default_name as default_name,
 )
 from .trajectory_action import (
     End as End,

@@ -15,7 +15,7 @@ from softsim_core.scene import RobotDescription
 from softsim_core.simulation import Simulation
 from softsim_node import ParameterError, ParameterInfo, check_value, declare_value, error_message, parameter
 from softsim_ros import RobotSettings
-from softsim_ros.nodes.simulator.snapshot_folder import default_folder
+from softsim_ros.nodes.simulator.services import default_folder
 
 BACKENDS = ("auto", "numba", "scipy")
 OUT_OF_RANGE = ("clamp", "refuse")

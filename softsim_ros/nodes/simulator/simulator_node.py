@@ -53,8 +53,7 @@ from softsim_ros.nodes.simulator.scene_files import (
     SceneFiles,
     reason,
 )
-from softsim_ros.nodes.simulator.services import RunServices, SnapshotServices
-from softsim_ros.nodes.simulator.snapshot_folder import SnapshotFolder, default_name
+from softsim_ros.nodes.simulator.services import RunServices, SnapshotFolder, SnapshotServices, default_name
 from softsim_ros.nodes.simulator.spawning import Spawner, Spawnings
 from softsim_ros.nodes.simulator.standard_services import StandardServices
 

@@ -1,13 +1,11 @@
-from .builder import (
-    CABLE as CABLE,
-    cable_points as cable_points,
-)
 from .cables import (
+    CABLE as CABLE,
     IN_BODY as IN_BODY,
     IN_WORLD as IN_WORLD,
     CableArrays as CableArrays,
     Cables as Cables,
     CableView as CableView,
+    cable_points as cable_points,
     line_stiffness as line_stiffness,
 )
 from .description import (
