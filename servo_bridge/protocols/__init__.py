@@ -1,4 +1,4 @@
-"""Protocols of boards: the seam to a board of one's own.
+"""Protocols of boards: the extension point for a board of one's own.
 
 Derive a class from `BoardProtocol` and `register` it in the robot's Python file; name it in the robot's board
 settings (`BoardDescription(protocol=...)`) or in the bridge's parameter `protocol`.

@@ -241,7 +241,7 @@ ALONE = {
 
 
 def test_no_small_module_stands_alone() -> None:
-    """A file with one importer belongs into that file, but for seams, commands and programs of their own."""
+    """A file with one importer belongs into that file, but for extension points, commands and programs."""
     importers: dict[str, set[Path]] = {}
     for file in sources():
         if file.relative_to(REPOSITORY).parts[0] in PRODUCT and file.suffix == ".py":
@@ -256,5 +256,5 @@ def test_no_small_module_stands_alone() -> None:
             )
             if lines < LEAST_LINES and len(importers.get(f"{package}.{name}", ())) < 2:
                 alone.add(f"{package}.{name}")
-    seams = ("softsim_core.physics.fem.materials.", "softsim_ros.cli.")
-    assert {name for name in alone if not name.startswith(seams)} == set(ALONE)
+    extension_points = ("softsim_core.physics.fem.materials.", "softsim_ros.cli.")
+    assert {name for name in alone if not name.startswith(extension_points)} == set(ALONE)

@@ -183,8 +183,8 @@ def rigid_frame(model: Array, measured: Array, what: str) -> tuple[Array, Array]
         DataError: fewer than three points, all on a line, or mirrored.
     """
     if len(model) < 3:
-        few = len(model)
-        raise DataError(what, "", f"{few} rows cannot determine a frame; measure 3 or more off one line")
+        count = len(model)
+        raise DataError(what, "", f"{count} rows cannot determine a frame; measure 3 or more off one line")
     centre, other = model.mean(axis=0), measured.mean(axis=0)
     for points, whose in ((measured - other, "measured"), (model - centre, "simulated")):
         extents = np.linalg.svd(points, compute_uv=False)

@@ -258,12 +258,12 @@ class Policy:
         Raises:
             PolicyError: other joints, commands beyond their limits, no effector, or no such rigid body.
         """
-        own = self.task.description()
-        own_joints, joints = _joints(own), _joints(robot)
-        if joints != own_joints:
+        trained_robot = self.task.description()
+        trained_joints, joints = _joints(trained_robot), _joints(robot)
+        if joints != trained_joints:
             raise PolicyError(
                 self._file,
-                f"it drives {own.name} with the joints {listing(own_joints)}; "
+                f"it drives {trained_robot.name} with the joints {listing(trained_joints)}; "
                 f"{robot.name} has {listing(joints)}",
             )
         for joint, low, high in zip(robot.joints, self.task.low, self.task.high, strict=True):

@@ -136,15 +136,15 @@ def _to_minimum(
     moved = False
     while active.any():
         rest = gap[active] + compliance[np.ix_(active, ~active)] @ forces[~active]
-        goal = forces.copy()
-        goal[active] = -_solve_positive(compliance[np.ix_(active, active)], rest)
-        change, bound = goal - forces, np.clip(goal, lower, upper)
-        beyond = np.flatnonzero(bound != goal)
+        trial = forces.copy()
+        trial[active] = -_solve_positive(compliance[np.ix_(active, active)], rest)
+        change, bound = trial - forces, np.clip(trial, lower, upper)
+        beyond = np.flatnonzero(bound != trial)
         shares = (bound - forces)[beyond] / change[beyond]
         part = float(shares.min(initial=1.0))
         moved = moved or (part > 0.0 and bool(change.any()))
         if not len(beyond):
-            forces[:] = goal
+            forces[:] = trial
             break
         first = beyond[int(np.argmin(shares))]
         forces[active] = np.clip(forces + part * change, lower, upper)[active]
