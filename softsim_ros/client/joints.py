@@ -36,7 +36,7 @@ from softsim_ros.client.state import (
 from softsim_ros.messages import time_message
 
 INVERSE_OWNS = "nothing moved: inverse control drives the joints; press its key again to take over"
-NOT_RECEIVED = "nothing moved: no simulator or bridge receives position_controller/commands (yet); try again"
+NOT_RECEIVED = "nothing moved: no node receives position_controller/commands yet"
 
 
 @dataclass(frozen=True, slots=True)

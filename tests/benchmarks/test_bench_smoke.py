@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
@@ -35,7 +36,7 @@ from benchmarks import (
     table,
 )
 from softsim_core import Simulation
-from softsim_core.base import Contender, limit_threads, take_turns
+from softsim_core.base import Contender, SoftSimError, limit_threads, take_turns
 
 KEYS = ("scene", "mesh", "path", "nodes", "elements", "min_ms", "median_ms", "splu_min_ms")
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -127,6 +128,16 @@ def test_the_grasp_is_measured_while_fingers_touch_the_cube(reference_dir: Path)
         for k in (1, 2, 3):
             pair = {names.index("cube"), names.index(f"finger_{k}")}
             assert sum(f for f, (a, b) in zip(forces, contacts.pairs, strict=True) if {a, b} == pair) > 0.1
+
+
+def test_without_a_checkout_the_command_says_where_it_runs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from softsim_ros.cli.upkeep import bench
+
+    monkeypatch.setattr(bench, "__file__", str(tmp_path / "softsim_ros" / "cli" / "upkeep" / "bench.py"))
+    with pytest.raises(SoftSimError, match=r"run \./softsim bench in a checkout"):
+        bench.configure(argparse.ArgumentParser())
 
 
 def test_the_command_knows_the_scenes_that_are_measured() -> None:

@@ -40,16 +40,21 @@ TELEOP = [sys.executable, "-m", "softsim_ros.nodes.teleop.teleop_node"]
 class Robot:
     """A robot of ideal servos: each command is reached at once and published as joint_states at 50 Hz."""
 
-    def __init__(self, context: Context, namespace: str, joints: list[str]) -> None:
+    def __init__(self, context: Context, namespace: str, joints: list[str], receives: bool = True) -> None:
         self.node = Node("robot", context=context, namespace=namespace)
         self.joints, self.positions = joints, list(START)
         self.received: list[tuple[float, ...]] = []
         self._changed = threading.Condition()
         self._states = self.node.create_publisher(JointState, "joint_states", 10)
+        if receives:
+            self.receive()
+        self.node.create_timer(0.02, self._publish)
+
+    def receive(self) -> None:
+        """Subscribe to commands."""
         self.node.create_subscription(
             Float64MultiArray, "position_controller/commands", self._on_command, QoSProfile(depth=1)
         )
-        self.node.create_timer(0.02, self._publish)
 
     def _publish(self) -> None:
         self._states.publish(JointState(name=self.joints, position=self.positions))
@@ -78,10 +83,12 @@ class Robot:
 
 
 @contextmanager
-def running_robot(namespace: str = "tripod", joints: list[str] = JOINTS) -> Iterator[Robot]:
+def running_robot(
+    namespace: str = "tripod", joints: list[str] = JOINTS, receives: bool = True
+) -> Iterator[Robot]:
     context = Context()
     context.init()
-    robot = Robot(context, namespace, joints)
+    robot = Robot(context, namespace, joints, receives)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(robot.node)
     stop = threading.Event()
@@ -226,6 +233,22 @@ def test_another_namespace_by_remapping_and_a_closed_window_ends_it() -> None:
         assert robot.received[0] == pytest.approx((-3.14 / 3,) * 3)
         session.hang_up()
         assert session.wait() == 0
+
+
+@pytest.mark.slow
+def test_a_command_that_nobody_receives_is_refused_with_a_message() -> None:
+    with (
+        running_robot("deaf_hand", receives=False) as robot,
+        TerminalSession([*TELEOP, "--ros-args", "-r", "__ns:=/deaf_hand"]) as session,
+    ):
+        session.wait_for("simulator: running")
+        session.type(b"q")
+        session.wait_for("> nothing moved: no node receives position_controller/commands yet")
+        robot.receive()
+        assert robot.is_found_by(session, b"q"), session.screen
+        session.wait_for("> pose mid")
+        session.type(b"\x03")
+        quits_cleanly(session)
 
 
 @pytest.mark.slow
