@@ -199,6 +199,14 @@ def compare(robot: ElementTree.Element, place: str, tree: dict[str, str], latest
 
 
 def test_nothing_of_a_robot_lies_outside_its_namespace(tripods: object, client: Client) -> None:
+    parts = itertools.product(PLACES, ("simulator", "servo_bridge", "servo_bridge_e_stop"))
+    wanted = sorted(f"/{place}/{name}" for place, name in parts)
+
+    def nodes() -> list[str]:
+        found = client.node.get_node_names_and_namespaces()
+        return sorted({f"{space}/{name}" for name, space in found if name != "client"})
+
+    assert spin_until(lambda: nodes() == wanted), nodes()
     shared = {"/diagnostics", "/tf", "/tf_static", "/rosout", "/parameter_events"}
     names = [name for name, _ in client.node.get_topic_names_and_types()]
     names += [
@@ -206,7 +214,3 @@ def test_nothing_of_a_robot_lies_outside_its_namespace(tripods: object, client: 
     ]
     outside = {name for name in names if not name.startswith(tuple(f"/{place}/" for place in PLACES))}
     assert outside <= shared, outside - shared
-    nodes = client.node.get_node_names_and_namespaces()
-    found = [f"{space}/{name}" for name, space in nodes if name != "client"]
-    parts = itertools.product(PLACES, ("simulator", "servo_bridge", "servo_bridge_e_stop"))
-    assert sorted(set(found)) == sorted(f"/{place}/{name}" for place, name in parts)
