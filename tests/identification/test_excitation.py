@@ -71,6 +71,13 @@ def test_a_way_is_as_quick_as_its_limits_allow(seed: int) -> None:
     assert max(used.max(), pushed.max()) == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_chirp_of_quick_joints_uses_its_range_and_no_more() -> None:
+    one = np.ones(2)
+    commands = chirp(MotionLimits(0.0 * one, -one, one, 1e4 * one, 1e7 * one), ExcitationSettings()).commands
+    assert np.abs(commands).max(axis=0) == pytest.approx(one, abs=0.02)
+    assert np.abs(commands).max() <= 1.0 + 1e-12
+
+
 def test_a_chirp_goes_through_its_frequencies_and_a_ring_down_ends_still() -> None:
     room = motion_limits_of(load_scene("tripod"), 0.5)
     swings = chirp(room, ExcitationSettings(chirp_s=20.0, lowest_hz=0.5, highest_hz=4.0)).commands[:, 1]
