@@ -63,6 +63,29 @@ def test_both_back_ends_swing_alike() -> None:
     np.testing.assert_allclose(fast.velocities, readable.velocities, rtol=0.0, atol=1e-10)
 
 
+def test_a_driven_joint_has_the_speed_of_its_commands() -> None:
+    built = build(replace(with_method(machine(), SMOOTH), dt=0.002))
+
+    def euler(model: Model) -> Any:
+        return make_stepper(model, "scipy")
+
+    stepper, state, model = (
+        BossakStepper(euler(built.model), euler, 0.8),
+        built.model.rest_state(),
+        built.model,
+    )
+    driven = np.setdiff1d(np.arange(len(model.joints)), model.compliant_joints)
+    assert len(model.frame_names) > 0
+    assert len(driven) > 1
+    begin = state.joint_positions.copy()
+    for step in range(1, 5):
+        before, targets = state.joint_positions.copy(), begin + 1e-4 * step**2 * np.arange(1.0, 5.0)
+        stepper.step(state, Control(targets, np.zeros_like(model.rest)), built.parameters)
+        speeds = (state.joint_positions - before)[driven] / model.dt
+        reduced = state.reduced_velocities[6 * len(model.frame_names) + driven]
+        np.testing.assert_allclose(reduced, speeds, rtol=1e-12)
+
+
 def beam(method: str, dt: float, **settings: Any) -> SceneDescription:
     """A clamped one of 7 Hz that falls from straight."""
     bar = body(box_mesh((0.1, 0.02, 0.02), (8, 2, 2)), young_modulus=8e4, poisson_ratio=0.3)
