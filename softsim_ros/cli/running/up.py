@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import fcntl
 import os
 import re
 import sys
@@ -164,6 +163,8 @@ def only_one(namespace: str) -> Iterator[None]:
         AlreadyUpError: another process has locked it; carries its process id.
         RuntimeFolderError: there is no private folder for the lock.
     """
+    import fcntl  # not on every system whose users ask for --help
+
     file = lock_file(namespace)
     with open_lock(file) as lock:
         try:
