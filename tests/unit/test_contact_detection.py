@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from softsim_core.physics.contact import CollisionSurface, ContactSettings, Detector, Proximities
+from softsim_core.physics.contact.detection import measured_gaps
 from softsim_core.physics.mesh import boundary_surface, box_mesh
 
 SETTINGS = ContactSettings(alarm_distance=0.004, contact_distance=0.001).limits()
@@ -133,6 +134,35 @@ def test_a_ball_on_a_cube(centre, distance: float, normal, ball_first: bool) -> 
     assert near.distance.tolist() == [pytest.approx(distance, abs=1e-12)]
     outward = np.array(normal) / np.linalg.norm(normal)
     np.testing.assert_allclose(near.normal[0], outward if ball_first else -outward, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_gap_of_features_is_the_distance_that_was_found_and_follows_them(seed: int) -> None:
+    """Balls, faces, corners and edges: what a contact lost within a step is measured by."""
+    random = np.random.default_rng(seed)
+    scene = Scene()
+    scene.box((0.04, 0.04, 0.04), (0.0, 0.0, 0.0))
+    scene.box((0.02, 0.06, 0.02), (0.0, 0.0, 0.0305))  # across the first one: edges cross
+    scene.ball(0.005, (0.0, 0.0, -0.026))
+    first, second = random.uniform(0.003, 0.006, 2)
+    scene.ball(first, (0.03, 0.0, 0.0))
+    scene.ball(second, (0.03, first + second + random.uniform(-0.001, 0.003), 0.0))
+    detector, points = Detector(tuple(scene.surfaces), scene.points, SETTINGS), scene.points
+    radius = np.zeros(len(points))
+    for surface in scene.surfaces:
+        radius[surface.vertices] = surface.radius
+    contacts = detector.detect(points, REACH)
+    assert len(np.unique(contacts.pair, axis=0)) >= 3
+    nothing = contacts.select(np.zeros(0, dtype=np.int64))
+    gaps, others = measured_gaps(contacts, nothing, points, radius, REACH)
+    np.testing.assert_allclose(gaps, contacts.distance, rtol=0.0, atol=1e-12)
+    assert len(others.key) == 0
+    balls = np.flatnonzero((radius[contacts.a[:, 0]] > 0.0) & (radius[contacts.b[:, 0]] > 0.0))
+    far = points.copy()
+    far[-1] += (0.0, 0.02, 0.0)  # beyond reach
+    gaps, _ = measured_gaps(contacts, detector.detect(far, REACH), far, radius, REACH)
+    apart = np.linalg.norm(far[-1] - far[-2]) - first - second
+    np.testing.assert_allclose(gaps[balls], apart, rtol=0.0, atol=1e-12)
 
 
 def test_balls_touch_balls() -> None:
