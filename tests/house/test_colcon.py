@@ -40,7 +40,7 @@ def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     else:
         skipped = shutil.ignore_patterns("__pycache__", "build", "install", "log", ".venv")
         packages = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
-        for name in ("ros2_ws", *packages, "configs", "examples", "tests"):
+        for name in ("ros2_ws", *packages, "benchmarks", "configs", "examples", "tests"):
             shutil.copytree(REPOSITORY / name, checkout / name, symlinks=True, ignore=skipped)
         shutil.copy(REPOSITORY / "pyproject.toml", checkout)
     mode = ["--symlink-install"] if request.param == "symlinked" else []
