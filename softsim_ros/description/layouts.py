@@ -1,4 +1,4 @@
-"""Layouts for RViz and Foxglove.
+"""Files for other programs: layouts for RViz and Foxglove, parameters of ros2_control.
 
 Topics are relative: RViz runs in the robot's namespace.
 """
@@ -19,6 +19,16 @@ from softsim_node import WORLD, prefix_of
 from softsim_ros import chambers_of
 from softsim_ros.description.links import links_of
 from softsim_ros.description.urdf_model import control_topics, urdf
+
+CONTROLLER: Final = "joint_trajectory_controller"
+UPDATE_RATE: Final = 100
+"""Update rate of the controller manager in [Hz]."""
+
+GOAL_TOLERANCE: Final = 0.02
+"""Largest final distance of a joint from its goal, in [rad] or [m]; the silicone pulls on it."""
+
+GOAL_TIME: Final = 0.0
+"""How long after the end of a trajectory its joints may take to arrive, in [s]; 0: as long as it takes."""
 
 
 class LayoutTopic(NamedTuple):
@@ -187,17 +197,6 @@ def _pressures(robot: RobotDescription, start: str) -> dict[str, Any]:
 
 def _plot(title: str, paths: list[dict[str, Any]]) -> dict[str, Any]:
     return {"title": title, "paths": paths, "showLegend": True, "followingViewWidth": 20}
-
-
-CONTROLLER: Final = "joint_trajectory_controller"
-UPDATE_RATE: Final = 100
-"""Update rate of the controller manager in [Hz]."""
-
-GOAL_TOLERANCE: Final = 0.02
-"""Largest final distance of a joint from its goal, in [rad] or [m]; the silicone pulls on it."""
-
-GOAL_TIME: Final = 0.0
-"""How long after the end of a trajectory its joints may take to arrive, in [s]; 0: as long as it takes."""
 
 
 def controllers(robot: RobotDescription, namespace: str) -> str:

@@ -7,7 +7,6 @@ from .bag_writer import (
 from .curves import (
     Chart as Chart,
     Curve as Curve,
-    draw as draw,
 )
 from .errors import (
     BagError as BagError,
@@ -25,7 +24,8 @@ from .replay_node import (
     Replay as Replay,
     ReplayClock as ReplayClock,
 )
-from .report_page import html_replay as html_replay, report as report
+from .replay_page import html_replay as html_replay
+from .report_page import report as report
 from .run_bag import RunBags as RunBags
 from .surface_frames import (
     SURFACE as SURFACE,
@@ -33,6 +33,7 @@ from .surface_frames import (
     mesh_frames as mesh_frames,
     write_vtu_series as write_vtu_series,
 )
+from .svg import draw as draw
 from .tables import (
     read_bag as read_bag,
     register as register,

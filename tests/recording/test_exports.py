@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,11 +15,14 @@ import pytest
 pytest.importorskip("rosbags")
 
 from bag_rows import rows, write
+from waiting import DEADLINE_S
 
 from softsim_ros.cli import main
 from softsim_ros.recording import Bag, mesh_frames
 
 pytestmark = pytest.mark.ros
+
+REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 def table(file: Path) -> list[dict[str, str]]:
@@ -121,3 +126,13 @@ def test_points_of_the_scene_before_are_not_joined_by_the_triangles_of_the_next(
     writer.close()
     with Bag(tmp_path / "bag") as bag:
         assert [(len(each.points), each.cells.max()) for each in mesh_frames(bag)] == [(4, 3), (3, 2)]
+
+
+def test_a_report_needs_neither_the_web_page_nor_matplotlib_to_begin() -> None:
+    """Both are optional: without them the report says what it leaves out."""
+    code = (
+        "import sys\n"
+        "for name in ('viser', 'matplotlib'): sys.modules[name] = None\n"
+        "import softsim_ros.recording.report_page\n"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True, timeout=DEADLINE_S)

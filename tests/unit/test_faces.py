@@ -232,6 +232,7 @@ LEAST_LINES = 80
 ALONE = {
     "softsim_core.base.program_starter": "runs a program of ours in another process",
     "softsim_core.lab.learning.registration": "only where Gymnasium is installed",
+    "softsim_ros.recording.svg": "drawings of a report's page",
     "softsim_core.mjcf.probe": "runs in a process that a broken model may end",
     "softsim_core.robots.tentacle_mesh": "a generator, run as a program",
     "softsim_core.simulation.batch.worker": "runs in the processes of a batch",

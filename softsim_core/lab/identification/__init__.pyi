@@ -30,6 +30,7 @@ from .description import (
     AlignmentDescription as AlignmentDescription,
     CommandColumns as CommandColumns,
     DataFolder as DataFolder,
+    DataSet as DataSet,
     DataSetDescription as DataSetDescription,
     ErrorLimits as ErrorLimits,
     FrameDescription as FrameDescription,
@@ -38,6 +39,8 @@ from .description import (
     SessionDescription as SessionDescription,
     SplitDescription as SplitDescription,
     TimeColumn as TimeColumn,
+    known_data_sets as known_data_sets,
+    load_data_set as load_data_set,
 )
 from .error_measures import (
     Measures as Measures,
@@ -64,11 +67,6 @@ from .expressions import (
     evaluate_expression as evaluate_expression,
     names_in as names_in,
     replace_expressions as replace_expressions,
-)
-from .files import (
-    DataSet as DataSet,
-    known_data_sets as known_data_sets,
-    load_data_set as load_data_set,
 )
 from .fitting import (
     QUANTILE as QUANTILE,

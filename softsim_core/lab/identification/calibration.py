@@ -22,9 +22,14 @@ from softsim_core.base import (
     need_positive,
     write_file,
 )
-from softsim_core.lab.identification.description import DataSetDescription
+from softsim_core.lab.identification.description import (
+    DESCRIPTION,
+    DataSet,
+    DataSetDescription,
+    known_data_sets,
+    load_data_set,
+)
 from softsim_core.lab.identification.expressions import names_in
-from softsim_core.lab.identification.files import DESCRIPTION, DataSet, known_data_sets, load_data_set
 from softsim_core.lab.identification.session import Session, load_session
 from softsim_core.scene import RobotDescription
 from softsim_core.scene.io import comment, read_extended, structure_description

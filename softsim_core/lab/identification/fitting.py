@@ -23,9 +23,9 @@ from scipy.stats import qmc, t
 
 from softsim_core.base import Array, BoolArray, DataError, SceneError
 from softsim_core.lab.identification.calibration import CalibrationDescription, calibration_sessions
+from softsim_core.lab.identification.description import DataSet
 from softsim_core.lab.identification.error_measures import PointLoss
 from softsim_core.lab.identification.expressions import replace_expressions
-from softsim_core.lab.identification.files import DataSet
 from softsim_core.lab.identification.problem import Misfit, Problem, Progress
 from softsim_core.lab.identification.spread import PriorConflict, Spread, conflicting_prior, spread_of
 

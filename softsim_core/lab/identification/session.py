@@ -17,12 +17,12 @@ from softsim_core.base import (
     listing,
 )
 from softsim_core.lab.identification.description import (
+    DataSet,
     FrameDescription,
     SensorDescription,
     SessionDescription,
     SplitDescription,
 )
-from softsim_core.lab.identification.files import DataSet
 from softsim_core.lab.identification.tables import Table, read_table
 from softsim_core.scene import JointDescription, RobotDescription
 

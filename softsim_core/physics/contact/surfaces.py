@@ -22,6 +22,12 @@ _SHIFTS = 3.0e-5 * np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (1
 touch; they are oblique, so that none moves an edge exactly through another one.
 """
 
+_TOUCH = 1.0e-7
+"""Share of the smaller surface's size up to which an overlap counts as touching."""
+_WINDING_CHUNK = 1 << 18
+_WITHIN = 1.0e-5
+"""Depth of the probes behind a surface's triangles, as a share of their size."""
+
 
 def surfaces_cross(first: Array, second: Array) -> bool:
     """Return whether two surfaces cross, and still cross after a small shift in any direction.
@@ -211,13 +217,6 @@ def check_surface(
             "convex hull, or leave the body out of `collisions` (an arm: `touch: false`)",
             stacklevel=3,
         )
-
-
-_TOUCH = 1.0e-7
-"""Share of the smaller surface's size up to which an overlap counts as touching."""
-_WINDING_CHUNK = 1 << 18
-_WITHIN = 1.0e-5
-"""Depth of the probes behind a surface's triangles, as a share of their size."""
 
 
 def first_overlap(

@@ -19,14 +19,12 @@ from .cells import (
 )
 from .group import (
     ElementGroup as ElementGroup,
+    MassCoupling as MassCoupling,
     element_group as element_group,
     empty_group as empty_group,
     fibre_group as fibre_group,
     layer_group as layer_group,
     locking_warning as locking_warning,
-)
-from .mass import (
-    MassCoupling as MassCoupling,
     mass_coupling as mass_coupling,
     volume_shares as volume_shares,
 )

@@ -1,6 +1,6 @@
-"""Points that follow a tetrahedral mesh, and the placement of points.
+"""Points and surfaces that follow a tetrahedral mesh, and the placement of points.
 
-In a quadratic cell they follow one of the eight linear tetrahedra between its nodes, see mesh.quadratic.
+In a quadratic cell they follow one of the eight linear tetrahedra between its nodes, see `subdivide_mesh`.
 """
 
 from __future__ import annotations

@@ -240,9 +240,6 @@ def _beside(robot: str, file: Path) -> str:
     return os.path.relpath(find_config(robot), file.absolute().parent)
 
 
-if TYPE_CHECKING:
-    from softsim_core.lab.identification import Calibration
-
 WIDE, HIGH = 240, 18
 """Size of a parameter's bar in pixels."""
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softsim_core.base import ConfigError, install_command
-from softsim_core.control.inverse import Workspace
 from softsim_node import takes_escapes
 from softsim_ros import save_figure
 

@@ -82,7 +82,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     from softsim_core.scene import load_scene
     from softsim_node import environment
-    from softsim_ros.cli.running.up import only_one
     from softsim_ros.cli.running.web_page import PageChoice, WebPage
 
     scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
