@@ -211,7 +211,8 @@ def test_contenders_take_turns() -> None:
 
 def test_thread_limit_is_asked_before_numpy_is_loaded() -> None:
     code = (
-        "import os, sys; import benchmarks.command as bench; assert 'numpy' not in sys.modules; "
+        f"import os, sys; sys.path.append({str(REPOSITORY)!r}); "
+        "import benchmarks.command as bench; assert 'numpy' not in sys.modules; "
         "assert bench.limit_threads(os.environ); assert os.environ['OPENBLAS_NUM_THREADS'] == '1'"
     )
     subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True, timeout=300)
