@@ -7,6 +7,7 @@ from .bag_writer import (
 from .curves import (
     Chart as Chart,
     Curve as Curve,
+    charts as charts,
 )
 from .errors import (
     BagError as BagError,

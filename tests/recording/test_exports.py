@@ -128,6 +128,20 @@ def test_points_of_the_scene_before_are_not_joined_by_the_triangles_of_the_next(
         assert [(len(each.points), each.cells.max()) for each in mesh_frames(bag)] == [(4, 3), (3, 2)]
 
 
+def test_the_curves_of_a_report_run_over_the_seconds_of_the_bag(robot_bag: Path) -> None:
+    pytest.importorskip("matplotlib")
+    from softsim_ros.recording import charts
+
+    with Bag(robot_bag) as bag:
+        found = charts(bag, None)
+        stamps = [stamp for stamp, _ in bag.messages("/tripod/effector_pose")]
+        expected = 1e-9 * (np.array(stamps) - bag.begin_ns)
+    times = {chart.title: curve.times for chart in found for curve in chart.curves if curve.name == "x"}
+    assert len(times) == 1
+    np.testing.assert_allclose(*times.values(), expected)
+    assert 0.1 < expected[-1] < 10.0
+
+
 def test_a_report_needs_neither_the_web_page_nor_matplotlib_to_begin() -> None:
     """Both are optional: without them the report says what it leaves out."""
     code = (

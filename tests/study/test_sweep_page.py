@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from headless_browser import chromium_path
 
 from softsim_core.base import StudyError
 from softsim_core.lab.study import StudyResults, response_surface
-from softsim_ros.cli.studies import page, write
+from softsim_ros.cli.studies import page, sweep, write
 
 
 def results(runs: int = 30, failed: int = 2) -> StudyResults:
@@ -102,3 +103,17 @@ def test_a_browser_draws_it_without_an_error(tmp_path: Path) -> None:
         assert 0 < kept < 28
         browser.close()
     assert told == []
+
+
+def test_the_progress_line_fills_with_the_runs_that_are_done(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = SimpleNamespace(monotonic=lambda: clock.now)
+    monkeypatch.setattr(sweep, "time", clock)
+    progress = sweep.Progress()
+    for clock.now, done in ((1.0, 0), (61.0, 4)):  # a log has a line each minute
+        progress(done, done // 4, 8)
+    assert (
+        f"[{10 * '#'}{10 * '.'}] 4/8 runs, 1 failed, 0.1 per second, 1 min 0 s to go"
+        in capfd.readouterr().err
+    )

@@ -10,7 +10,7 @@ import pytest
 from small_scenes import body, slab
 
 from softsim_core import Simulation
-from softsim_core.base import Array, IndexArray, MeshFile, Placement, SoftSimError
+from softsim_core.base import Array, Box, IndexArray, MeshFile, Placement, SoftSimError
 from softsim_core.physics.actuation.cable import CableDescription
 from softsim_core.physics.contact import ContactSettings
 from softsim_core.physics.mesh import Shape, SurfaceMesh, box_mesh, box_surface, write_surface
@@ -134,3 +134,17 @@ def test_a_cable_of_one_point_is_refused() -> None:
 def test_a_cable_whose_points_coincide_is_refused() -> None:
     said = sentence_of(lambda: Simulation(cable_scene((0.01, 0.0, 0.0), (0.01, 0.0, 0.0))))
     assert "tendon" in said
+
+
+def test_boxes_of_a_skin_without_a_triangle_are_refused() -> None:
+    far = Box(size=(0.01, 0.01, 0.01), center=(1.0, 0.0, 0.0))
+    skin = CollisionDescription(name="skin", body="body", boxes=(far,))
+    described = SceneDescription(
+        name="far",
+        bodies=(body(box_mesh((0.02, 0.02, 0.02), (1, 1, 1))),),
+        attachments=(slab("base", "world", 0.0),),
+        collisions=(skin,),
+    )
+    said = sentence_of(lambda: Simulation(described))
+    assert "skin" in said
+    assert "inside its boxes" in said
