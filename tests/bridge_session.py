@@ -61,13 +61,11 @@ class BridgeHere:
 
     Args:
         client: Its context is the bridge's.
-        written: What was written to standard error since the last call.
+        log: The file that standard error goes to.
         parameters: The bridge's; it follows commands unless they say otherwise.
     """
 
-    def __init__(
-        self, client: BridgeClient, written: Callable[[], str], parameters: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, client: BridgeClient, log: Path, parameters: Mapping[str, Any]) -> None:
         from rclpy.parameter import Parameter
 
         from servo_bridge.nodes import ServoBridge
@@ -76,7 +74,7 @@ class BridgeHere:
         values = {"source": "commands"} | {
             name: str(value) if isinstance(value, Path) else value for name, value in parameters.items()
         }
-        self._written, self._output = written, ""
+        self._log = log
         self.node = ServoBridge(
             context=client.context,
             namespace=NAMESPACE,
@@ -88,8 +86,7 @@ class BridgeHere:
     @property
     def output(self) -> str:
         """What was logged so far."""
-        self._output += self._written()
-        return self._output
+        return self._log.read_text(errors="replace")
 
     def says(self, text: str) -> bool:
         """Whether it logs `text` before the deadline (or has)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,27 +35,52 @@ def board(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[VirtualBoa
         yield virtual
 
 
+class ErrorLog:
+    """A file for standard error; reading it loses nothing, whoever is writing.
+
+    `capfd.readouterr` empties its file after reading, and loses a line that is written in between.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._before = os.dup(2)
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+
+    def follow(self) -> None:
+        """Send standard error here, until pytest redirects it for the next phase of the test."""
+        os.dup2(self._descriptor, 2)
+
+    def close(self) -> None:
+        """Send standard error where it went before, and show there what came meanwhile."""
+        os.dup2(self._before, 2)
+        os.close(self._before)
+        os.close(self._descriptor)
+        sys.stderr.write(self.path.read_text(errors="replace"))
+
+
 @pytest.fixture
 def start_bridge(
-    client: BridgeClient, board: VirtualBoard, capfd: pytest.CaptureFixture[str]
+    client: BridgeClient, board: VirtualBoard, tmp_path: Path
 ) -> Iterator[Callable[..., BridgeHere]]:
     """Starts the bridge in this process, on the virtual board.
 
     Keywords are parameters (quiet time 0, source commands).
     """
+    log = ErrorLog(tmp_path / "standard_error")
     bridges: list[BridgeHere] = []
 
     def starter(**parameters: Any) -> BridgeHere:
         values = {"port": board.port, "open_wait_s": 0.0} | parameters
-        bridges.append(BridgeHere(client, lambda: capfd.readouterr().err, values))
+        log.follow()
+        bridges.append(BridgeHere(client, log.path, values))
         return bridges[-1]
 
     yield starter
+    log.follow()
     for bridge in bridges:
         bridge.end()
-        output = bridge.output
-        sys.stderr.write(output)  # pytest shows it where the test failed
-        assert "Traceback" not in output
+    log.close()
+    assert "Traceback" not in log.path.read_text(errors="replace")
 
 
 @pytest.fixture
