@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from softsim_core.physics.actuation.chamber import ChamberDescription
 from softsim_core.scene import JointDescription
 
 LONGEST_NAME: Final = 60
@@ -33,7 +32,7 @@ def topic_words(names: Sequence[str], kind: str) -> list[str]:
 
 def chambers_of(joints: Sequence[JointDescription]) -> dict[int, str]:
     """Return the topic of each chamber among a robot's joints, by the joint's number."""
-    chambers = [index for index, joint in enumerate(joints) if isinstance(joint.actuator, ChamberDescription)]
+    chambers = [k for k, joint in enumerate(joints) if joint.actuator is not None and joint.actuator.gas]
     topics = chamber_topics([joints[index].name for index in chambers])
     return dict(zip(chambers, topics, strict=True))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from softsim_core.base import Array, FormerAttribute, MjcfError
 from softsim_core.mjcf.reading import ConversionNotes
-from softsim_core.physics.actuation.cable import CableDescription, cable_points
+from softsim_core.physics.actuation import Route
 from softsim_core.physics.fem.materials import rest_stiffness
 from softsim_core.physics.mechanics import FIXED, FREE, Model, quaternion_of
 from softsim_core.physics.mesh import RodMesh
@@ -138,20 +138,20 @@ def add_servos(draft: Draft) -> None:
                 draft.notes.say(f"joint {joint.name}", f"set its control to {joint.rest:g}, where it starts")
             if any(joint.base.rotation_deg) or joint.limits.speed < math.inf:
                 draft.notes.say(f"joint {joint.name}", "has no limit of speed in the model")
-        elif not isinstance(joint.actuator, CableDescription):
+        elif joint.actuator is None or joint.actuator.route is None:
             draft.notes.say(f"joint {joint.name}", f"kind {joint.kind}: MuJoCo has nothing for it")
 
 
 def add_cables(draft: Draft) -> None:
     """Add a tendon through the points of each cable, with its actuator."""
     for joint in draft.scene.joints:
-        if isinstance(joint.actuator, CableDescription):
-            _add_cable(draft, joint, joint.actuator)
+        if joint.actuator is not None and (route := joint.actuator.route) is not None:
+            _add_cable(draft, joint, route)
 
 
-def _add_cable(draft: Draft, joint: JointDescription, cable: CableDescription) -> None:
+def _add_cable(draft: Draft, joint: JointDescription, cable: Route) -> None:
     body = next(k for k, each in enumerate(draft.scene.bodies) if each.name == cable.body)
-    points = cable_points(cable, draft.built.bodies[body].solid)
+    points = cable.points(draft.built.bodies[body].solid)
     tendon = add(draft.section("tendon"), "spatial", name=joint.name)
     places: list[tuple[Array, str]] = [(point, _owner(draft, body, point)) for point in points]
     if cable.pull_point is not None:
@@ -162,9 +162,9 @@ def _add_cable(draft: Draft, joint: JointDescription, cable: CableDescription) -
     draft.notes.say(f"cable {joint.name}", "its points sit on the nearest nodes in the model")
     if not cable.pull_only:
         draft.notes.say(f"cable {joint.name}", "pushes, too: in the model it pulls only")
-    most = cable.max_tension or 1e6
+    most = cable.largest_force or 1e6
     section = draft.section("actuator")
-    if cable.control == "force":
+    if joint.by_effort:
         add(
             section,
             "motor",

@@ -14,18 +14,7 @@ from std_msgs.msg import Float64, Float64MultiArray, Header, MultiArrayDimension
 
 from softsim_core.base import Array
 from softsim_core.physics.dynamics import ContactReport
-from softsim_core.physics.sensing import (
-    CableSensorDescription,
-    ChamberSensorDescription,
-    ForceTorqueDescription,
-    ImuDescription,
-    MarkersDescription,
-    SensorReading,
-    SimulatedSensorDescription,
-    StrainSensorDescription,
-    TactileArrayDescription,
-    WrenchSensorDescription,
-)
+from softsim_core.physics.sensing import Output, Quantity, SensorReading, SimulatedSensorDescription
 from softsim_ros.messages.states import header, joint_state, message_array, pose
 
 _NUMBERS = (
@@ -101,27 +90,28 @@ def read_step_profile(message: Float64MultiArray) -> tuple[tuple[str, ...], Arra
 UPRIGHT: Final = (0.0, 0.0, 0.0, 1.0)
 TACTILE_ENCODING: Final = "32FC1"
 
-Write: TypeAlias = Callable[[Header, SensorReading], Any]
+Write: TypeAlias = Callable[[Header, Array, Output], Any]
+"""Writes a message of a header, the numbers of an output, and the output."""
 
 
 class SensorMessage(NamedTuple):
-    """A message that a kind of sensor publishes: topic suffix, type, and the function that writes it."""
+    """A message about an output of a sensor: the text behind its topic, its type, and the writer."""
 
     below: str
     message: type
-    write: Write
+    write: Callable[[Header, SensorReading], Any]
 
 
-def wrench(header: Header, reading: SensorReading) -> WrenchStamped:
+def wrench(header: Header, value: Array, _: Output) -> WrenchStamped:
     """Return force in [N] and moment in [N m] in the frame of the header."""
     message = WrenchStamped(header=header)
-    message.wrench.force, message.wrench.torque = _vectors(reading.value)
+    message.wrench.force, message.wrench.torque = _vectors(value)
     return message
 
 
-def tactile_image(header: Header, reading: SensorReading) -> Image:
+def tactile_image(header: Header, value: Array, _: Output) -> Image:
     """Return pressures in [Pa] as an image with one float32 channel and a row for each row of the grid."""
-    rows, columns = reading.value.shape
+    rows, columns = value.shape
     return Image(
         header=header,
         height=rows,
@@ -129,7 +119,7 @@ def tactile_image(header: Header, reading: SensorReading) -> Image:
         encoding=TACTILE_ENCODING,
         is_bigendian=0,
         step=4 * columns,
-        data=message_array(reading.value.astype("<f4"), "B"),
+        data=message_array(value.astype("<f4"), "B"),
     )
 
 
@@ -138,83 +128,79 @@ def read_tactile_image(message: Image) -> Array:
     return np.frombuffer(message.data, dtype="<f4").reshape(message.height, message.width).astype(float)
 
 
-def imu(header: Header, reading: SensorReading) -> Imu:
+def imu(header: Header, value: Array, output: Output) -> Imu:
     """Return specific force, angular rate and orientation with their noise variances.
 
     The first orientation covariance is -1 if there is no orientation.
     """
-    described = reading.description
-    assert isinstance(described, ImuDescription)
+    force, rate, *orientation = output.deviations
     message = Imu(header=header)
-    message.linear_acceleration, message.angular_velocity = _vectors(reading.value[:6])
-    message.linear_acceleration_covariance[0:9:4] = [described.accelerometer_noise**2] * 3
-    message.angular_velocity_covariance[0:9:4] = [described.gyroscope_noise**2] * 3
-    if described.orientation_noise is None:
+    message.linear_acceleration, message.angular_velocity = _vectors(value[:6])
+    message.linear_acceleration_covariance[0:9:4] = [force**2] * 3
+    message.angular_velocity_covariance[0:9:4] = [rate**2] * 3
+    if not orientation:
         message.orientation_covariance[0] = -1.0
     else:
-        message.orientation_covariance[0:9:4] = [described.orientation_noise**2] * 3
+        message.orientation_covariance[0:9:4] = [orientation[0] ** 2] * 3
         turn = message.orientation
-        turn.x, turn.y, turn.z, turn.w = reading.value[6:].tolist()
+        turn.x, turn.y, turn.z, turn.w = value[6:].tolist()
     return message
 
 
-def marker_poses(header: Header, reading: SensorReading) -> PoseArray:
+def marker_poses(header: Header, value: Array, _: Output) -> PoseArray:
     """Return positions of markers in [m] with identity rotation; NaN for a marker that is not visible."""
-    return PoseArray(header=header, poses=[pose(place, UPRIGHT) for place in reading.value.tolist()])
+    return PoseArray(header=header, poses=[pose(place, UPRIGHT) for place in value.tolist()])
 
 
-def number(_: Header, reading: SensorReading) -> Float64:
+def number(_: Header, value: Array, __: Output) -> Float64:
     """Return one number."""
-    return Float64(data=float(reading.value))
+    return Float64(data=float(value))
 
 
-def cable_state(header: Header, reading: SensorReading) -> JointState:
-    """Return length in [m] as position and tension in [N] as effort of the cable's joint."""
-    described = reading.description
-    assert isinstance(described, CableSensorDescription)
-    length, tension = reading.value
-    return joint_state(header.stamp, header.frame_id, [described.joint], [length], [], [tension])
+def joint(header: Header, value: Array, output: Output) -> JointState:
+    """Return position and effort of a joint, such as length in [m] and tension in [N] of a cable."""
+    position, effort = value
+    return joint_state(header.stamp, header.frame_id, [output.joint], [position], [], [effort])
 
 
-def chamber_pressure(atmosphere: float, header: Header, reading: SensorReading) -> FluidPressure:
-    """Return absolute pressure in [Pa] with its noise variance; `atmosphere` is the surrounding pressure."""
-    described = reading.description
-    assert isinstance(described, ChamberSensorDescription)
-    pressure, variance = atmosphere + float(reading.value[1]), described.pressure_noise**2
-    return FluidPressure(header=header, fluid_pressure=pressure, variance=variance)
+def pressure(header: Header, value: Array, output: Output) -> FluidPressure:
+    """Return an absolute pressure in [Pa] with its noise variance."""
+    (deviation,) = output.deviations
+    return FluidPressure(header=header, fluid_pressure=float(value), variance=deviation**2)
 
 
-def chamber_volume(_: Header, reading: SensorReading) -> Float64:
-    """Return volume in [m^3]."""
-    return Float64(data=float(reading.value[0]))
+def numbers(_: Header, value: Array, __: Output) -> Float64MultiArray:
+    """Return all numbers, row by row."""
+    return Float64MultiArray(data=message_array(value, "d"))
 
 
-def numbers(_: Header, reading: SensorReading) -> Float64MultiArray:
-    """Return all numbers, row by row; used for kinds of sensors that a user has added."""
-    return Float64MultiArray(data=message_array(reading.value, "d"))
-
-
-KINDS: Final[dict[type[SimulatedSensorDescription], tuple[SensorMessage, ...]]] = {
-    WrenchSensorDescription: (SensorMessage("", WrenchStamped, wrench),),
-    ForceTorqueDescription: (SensorMessage("", WrenchStamped, wrench),),
-    TactileArrayDescription: (SensorMessage("", Image, tactile_image),),
-    StrainSensorDescription: (SensorMessage("", Float64, number),),
-    ImuDescription: (SensorMessage("", Imu, imu),),
-    MarkersDescription: (SensorMessage("", PoseArray, marker_poses),),
-    CableSensorDescription: (SensorMessage("", JointState, cable_state),),
+MESSAGES: Final[dict[Quantity, tuple[type, Write]]] = {
+    Quantity.WRENCH: (WrenchStamped, wrench),
+    Quantity.PRESSURES: (Image, tactile_image),
+    Quantity.INERTIAL: (Imu, imu),
+    Quantity.POINTS: (PoseArray, marker_poses),
+    Quantity.NUMBER: (Float64, number),
+    Quantity.JOINT: (JointState, joint),
+    Quantity.PRESSURE: (FluidPressure, pressure),
+    Quantity.NUMBERS: (Float64MultiArray, numbers),
 }
-"""Messages of the sensor kinds of this package; for chambers see `messages_of`, for others `numbers`."""
+"""Message type of each quantity, and its writer."""
 
 
 def messages_of(described: SimulatedSensorDescription, atmosphere: float) -> tuple[SensorMessage, ...]:
     """Return the messages of a sensor; `atmosphere` is the absolute pressure of the air in [Pa]."""
-    if isinstance(described, ChamberSensorDescription):
+    return tuple(_sensor_message(output, atmosphere) for output in described.outputs)
 
-        def pressure(header: Header, reading: SensorReading) -> FluidPressure:
-            return chamber_pressure(atmosphere, header, reading)
 
-        return SensorMessage("", FluidPressure, pressure), SensorMessage("/volume", Float64, chamber_volume)
-    return KINDS.get(type(described), (SensorMessage("", Float64MultiArray, numbers),))
+def _sensor_message(output: Output, atmosphere: float) -> SensorMessage:
+    message, write = MESSAGES[output.quantity]
+    base = atmosphere if output.quantity is Quantity.PRESSURE else 0.0
+
+    def write_reading(header: Header, reading: SensorReading) -> Any:
+        value = np.asarray(reading.value[output.part])
+        return write(header, base + value if base else value, output)
+
+    return SensorMessage(output.below, message, write_reading)
 
 
 def _vectors(value: Array) -> tuple[Vector3, Vector3]:

@@ -9,7 +9,6 @@ import pytest
 
 from softsim_core import Simulation, load_scene
 from softsim_core.base import ConfigError, Placement, SceneError
-from softsim_core.physics.actuation.cable import cable_points
 from softsim_core.physics.mesh import Shape
 from softsim_core.robots import cable_finger, cable_gripper, rigid_thing
 from softsim_core.scene import Scene
@@ -125,7 +124,7 @@ def test_a_cable_point_far_outside_is_refused_by_name_place_and_distance() -> No
     robot = scene_of(cable_finger("finger", collides=False)).describe()
     cable = robot.joints[0].actuator
     assert cable is not None
-    points = cable_points(cable)
+    points = cable.points_in()
     assert points.shape == (13, 3)
     text = (
         "name: own\nextends: {}\njoints: [{{name: cable, cable: {{points: [[0.0, 0.0, 0.1], [0, 0, 0]]}}}}]"

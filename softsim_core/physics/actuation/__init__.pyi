@@ -12,8 +12,11 @@ from .actuators import (
 from .building import (
     ActuatorDescription as ActuatorDescription,
     ActuatorKind as ActuatorKind,
+    EditedNumber as EditedNumber,
+    Gas as Gas,
     Placed as Placed,
     Points as Points,
+    Route as Route,
     Surroundings as Surroundings,
 )
 from .joint_drive import drive_stiffness as drive_stiffness

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base import SHORTENING, Array, IndexArray, JointUnits, SceneError
+from softsim_core.base import SHORTENING, Array, IndexArray, JointUnits, SceneError, Vector
 from softsim_core.physics.actuation.actuators import Actuator, ActuatorGroup, PlainGroup
 from softsim_core.physics.mechanics import Model
 from softsim_core.physics.mesh import TetMesh, boundary, closest_point, embed
@@ -20,6 +20,56 @@ BESIDE_CELLS: Final = 0.5
 
 NEAR: Final = 1.0
 """Largest distance outside a body, in heights of a cell, of a point that is bound to the nearest body."""
+
+
+class Gas(NamedTuple):
+    """Gas in an actuator: bounds of its gauge pressure, and the absolute pressure around it, in [Pa]."""
+
+    lowest: float
+    highest: float
+    atmosphere: float
+
+
+class Route(NamedTuple):
+    """The way of an actuator through points of a body, as a cable has it.
+
+    Editors move its points, exporters draw it. Its kind has the keys `points`, `placement` and `pull_point`
+    in scene files.
+
+    Attributes:
+        body: Name of the deformable body that carries the points.
+        points: Returns them in the world in [m], shape (k, 3), at the start; takes the body's mesh, which
+            only points that are named there need.
+        pull_point: Where it leaves the robot, in the world in [m]; None: at its first point.
+        pull_on: Name of the joint that carries that point; None: the world.
+        placed: Whether the points are given in a frame of their own.
+        pull_only: Whether it can go slack.
+        largest_force: Largest tension in [N]; None: not limited.
+        rest_length: Length in [m] at coordinate 0; None: that at the start.
+    """
+
+    body: str
+    points: Callable[[TetMesh | None], Array]
+    pull_point: Vector | None = None
+    pull_on: str | None = None
+    placed: bool = False
+    pull_only: bool = True
+    largest_force: float | None = None
+    rest_length: float | None = None
+
+
+class EditedNumber(NamedTuple):
+    """A number in a joint's entry that an editor offers.
+
+    Attributes:
+        label: Its name and the unit in which it is shown.
+        per_si: Shown units per SI unit.
+        keys: Keys to it in the joint's entry in a scene file.
+    """
+
+    label: str
+    per_si: float
+    keys: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +95,33 @@ class ActuatorDescription:
     def by_effort(self) -> bool:
         """Whether commands are efforts instead of positions."""
         return False
+
+    @property
+    def gas(self) -> Gas | None:
+        """The gas in it; None: there is none."""
+        return None
+
+    @property
+    def route(self) -> Route | None:
+        """Its way through points of a body; None: it has none."""
+        return None
+
+    @property
+    def edited_numbers(self) -> tuple[EditedNumber, ...]:
+        """The numbers of its joint that an editor offers."""
+        return ()
+
+    def enclosed_nodes(self, joint: str, mesh: TetMesh) -> IndexArray | None:
+        """Return the nodes of its body's mesh around the hollow that it fills; None: it fills none.
+
+        Args:
+            joint: Name of its joint, for messages.
+            mesh: Mesh of its body.
+
+        Raises:
+            SceneError: the mesh has no such hollow.
+        """
+        return None
 
     def carriers(self) -> dict[str, str | None]:
         """Return the names of joints that carry a part of it, by field."""

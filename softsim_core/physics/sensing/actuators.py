@@ -11,6 +11,8 @@ from softsim_core.base import Array
 from softsim_core.physics.actuation.cable import CableView
 from softsim_core.physics.actuation.chamber import ChamberView
 from softsim_core.physics.sensing.description import (
+    Output,
+    Quantity,
     Reference,
     Scenery,
     SensorKind,
@@ -46,6 +48,11 @@ class CableSensorDescription(SimulatedSensorDescription):
     def references(self) -> tuple[Reference, ...]:
         """Return the cable's joint, the only part of the scene that the sensor names."""
         return (Reference("joint", self.joint, "cable"),)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """Length and tension, as position and effort of the cable's joint."""
+        return (Output(Quantity.JOINT, joint=self.joint),)
 
 
 class ActuatorSensor(Sensor):
@@ -110,6 +117,12 @@ class ChamberSensorDescription(SimulatedSensorDescription):
     def references(self) -> tuple[Reference, ...]:
         """Return the chamber's joint, the only part of the scene that the sensor names."""
         return (Reference("joint", self.joint, "chamber"),)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """The pressure, and the volume below it."""
+        pressure = Output(Quantity.PRESSURE, part=1, deviations=(self.pressure_noise,), joint=self.joint)
+        return pressure, Output(Quantity.NUMBER, "/volume", part=0)
 
 
 def _chamber_sensor(described: ChamberSensorDescription, scenery: Scenery) -> ActuatorSensor:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
+from types import EllipsisType
 from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, FieldError, SceneError, Vector, known_names, need_finite
+from softsim_core.base import Array, FieldError, Placement, SceneError, Vector, known_names, need_finite
 from softsim_core.physics.actuation import ActuatorView, Surroundings
 from softsim_core.physics.contact import CollisionSurface
 from softsim_core.physics.sensing.sensor import Place, Sensor
@@ -31,6 +33,57 @@ class Reference(NamedTuple):
     field: str
     name: str
     among: str
+
+
+class Quantity(Enum):
+    """What an output of a sensor is; whoever sends or shows it chooses the form by this.
+
+    Attributes:
+        WRENCH: Force in [N] and moment in [N m], shape (6,).
+        PRESSURES: Pressures of a grid of cells in [Pa], shape (rows, columns).
+        INERTIAL: Specific force in [m/s^2] and angular rate in [rad/s], shape (6,); or followed by an
+            orientation in the world as a quaternion (x, y, z, w), shape (10,).
+        POINTS: Positions in the world in [m], NaN where not seen, shape (k, 3).
+        NUMBER: One number.
+        JOINT: Position and effort of a joint, in its units, shape (2,).
+        PRESSURE: Gauge pressure in [Pa].
+        NUMBERS: Anything else.
+    """
+
+    WRENCH = "wrench"
+    PRESSURES = "pressures"
+    INERTIAL = "inertial"
+    POINTS = "points"
+    NUMBER = "number"
+    JOINT = "joint"
+    PRESSURE = "pressure"
+    NUMBERS = "numbers"
+
+
+class Output(NamedTuple):
+    """A part of a sensor's samples that is sent and shown by itself.
+
+    Attributes:
+        quantity: What it is.
+        below: Text behind the sensor's topic, such as "/volume"; empty for one output at least.
+        part: Index of its numbers in a sample; ...: all of them.
+        deviations: Standard deviations of its noise: of specific force, angular rate and, if it has one,
+            orientation; of a pressure; empty where no message has a place for them.
+        joint: Name of the joint that it belongs to; empty: none.
+    """
+
+    quantity: Quantity
+    below: str = ""
+    part: int | EllipsisType = ...
+    deviations: tuple[float, ...] = ()
+    joint: str = ""
+
+
+class Mount(NamedTuple):
+    """Where a sensor with a frame of its own sits: the frame that carries it, and its pose there."""
+
+    on: str
+    pose: Placement
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,6 +126,21 @@ class SimulatedSensorDescription:
     def references(self) -> tuple[Reference, ...]:
         """Return the parts of the scene that the sensor names."""
         return ()
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """What is sent and shown of its samples; by default all numbers, row by row."""
+        return (Output(Quantity.NUMBERS),)
+
+    @property
+    def mount(self) -> Mount | None:
+        """Its own frame, in whose axes it measures; None: it has none."""
+        return None
+
+    @property
+    def axes(self) -> str:
+        """Name of the frame in whose axes it measures if it has no mount; empty: the robot's base."""
+        return ""
 
     def need_noise(self, **deviations: float) -> None:
         """Refuse standard deviations that are negative or not finite, given by the names of their fields."""

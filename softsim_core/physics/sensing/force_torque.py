@@ -24,6 +24,9 @@ from softsim_core.base import LOCAL, Array, IndexArray, Placement, SceneError, V
 from softsim_core.physics.mechanics import FIXED, FREE, Carrier, Model, cross
 from softsim_core.physics.sensing.description import (
     PLACE,
+    Mount,
+    Output,
+    Quantity,
     Reference,
     Scenery,
     SensorKind,
@@ -62,6 +65,16 @@ class ForceTorqueDescription(SimulatedSensorDescription):
     def references(self) -> tuple[Reference, ...]:
         """Return the frame that carries the sensor."""
         return (Reference("on", self.on, PLACE),)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """The wrench."""
+        return (Output(Quantity.WRENCH),)
+
+    @property
+    def mount(self) -> Mount:
+        """Its own frame."""
+        return Mount(self.on, self.pose)
 
 
 class ForceTorqueSensor(Sensor):

@@ -21,6 +21,9 @@ from softsim_core.base import LOCAL, Array, Placement, Vector
 from softsim_core.physics.mechanics import quaternion_of, rotation_exp, rotation_of
 from softsim_core.physics.sensing.description import (
     PLACE,
+    Mount,
+    Output,
+    Quantity,
     Reference,
     Scenery,
     SensorKind,
@@ -69,6 +72,17 @@ class ImuDescription(SimulatedSensorDescription):
     def references(self) -> tuple[Reference, ...]:
         """Return the frame that carries the sensor."""
         return (Reference("on", self.on, PLACE),)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """Specific force, angular rate and, if it is measured, orientation."""
+        deviations = self.accelerometer_noise, self.gyroscope_noise, self.orientation_noise
+        return (Output(Quantity.INERTIAL, deviations=tuple(each for each in deviations if each is not None)),)
+
+    @property
+    def mount(self) -> Mount:
+        """Its own frame."""
+        return Mount(self.on, self.pose)
 
 
 def inertial(

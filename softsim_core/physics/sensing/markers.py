@@ -11,6 +11,8 @@ from softsim_core.base import POINT, Array, FieldError, SceneError, Vector, need
 from softsim_core.physics.actuation import Points
 from softsim_core.physics.sensing.description import (
     SOFT_BODY,
+    Output,
+    Quantity,
     Reference,
     Scenery,
     SensorKind,
@@ -63,6 +65,16 @@ class MarkersDescription(SimulatedSensorDescription):
     def references(self) -> tuple[Reference, ...]:
         """Return the deformable body that carries the markers, if one is named."""
         return () if self.body is None else (Reference("body", self.body, SOFT_BODY),)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """The positions of the markers."""
+        return (Output(Quantity.POINTS),)
+
+    @property
+    def axes(self) -> str:
+        """Name of the world."""
+        return "world"
 
 
 class Markers(Sensor):

@@ -11,6 +11,8 @@ from softsim_core.base import POINT, Array, FieldError, Vector, need_finite
 from softsim_core.physics.actuation import Points
 from softsim_core.physics.sensing.description import (
     SOFT_BODY,
+    Output,
+    Quantity,
     Reference,
     Scenery,
     SensorKind,
@@ -53,6 +55,11 @@ class StrainSensorDescription(SimulatedSensorDescription):
     def references(self) -> tuple[Reference, ...]:
         """Return the deformable body that carries the points."""
         return (Reference("body", self.body, SOFT_BODY),)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """The strain."""
+        return (Output(Quantity.NUMBER),)
 
 
 class StrainSensor(Sensor):

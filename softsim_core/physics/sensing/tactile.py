@@ -24,6 +24,8 @@ from softsim_core.physics.dynamics import ContactReport
 from softsim_core.physics.mechanics import rotation_euler
 from softsim_core.physics.sensing.description import (
     ANY_BODY,
+    Output,
+    Quantity,
     Reference,
     Scenery,
     SensorKind,
@@ -169,6 +171,11 @@ class TactileArrayDescription(SimulatedSensorDescription):
     def references(self) -> tuple[Reference, ...]:
         """Return the body that carries the array."""
         return (Reference("body", self.body, ANY_BODY),)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """The pressures of the cells."""
+        return (Output(Quantity.PRESSURES),)
 
 
 class TactileArray(Sensor):

@@ -12,6 +12,8 @@ from softsim_core.physics.mechanics import cross
 from softsim_core.physics.sensing.description import (
     ANY_BODY,
     PLACE,
+    Output,
+    Quantity,
     Reference,
     Scenery,
     SensorKind,
@@ -54,6 +56,16 @@ class WrenchSensorDescription(SimulatedSensorDescription):
         """Return the touched body, the other body if one is named, and the frame of the wrench."""
         others = () if self.other is None else (Reference("other", self.other, ANY_BODY),)
         return (Reference("body", self.body, ANY_BODY), *others, Reference("on", self.on, PLACE))
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """The wrench."""
+        return (Output(Quantity.WRENCH),)
+
+    @property
+    def axes(self) -> str:
+        """Name of the frame of the wrench."""
+        return self.on
 
 
 class WrenchSensor(Sensor):

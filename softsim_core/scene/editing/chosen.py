@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base import Array, IndexArray, SceneError, SoftSimError, listing
-from softsim_core.physics.actuation.chamber import ChamberDescription, closed_hollow
+from softsim_core.base import Array, IndexArray, SceneError, SoftSimError
 from softsim_core.physics.mechanics import rotation_euler
 from softsim_core.physics.mesh import TetMesh
 from softsim_core.scene import (
@@ -91,8 +90,8 @@ def chosen_by(scene: SceneDescription, shapes: RestShapes) -> list[Chosen]:
             find = partial(_touching, body, collision.boxes, collision.faces)
             found.append(_choose_nodes(f"collisions/{collision.name}", body, find))
     for joint in scene.joints:
-        if isinstance(joint.actuator, ChamberDescription):
-            body = shapes.body(bodies[joint.actuator.body])
+        if joint.actuator is not None and joint.actuator.gas is not None:
+            body = shapes.body(bodies[next(filter(None, joint.actuator.bodies().values()))])
             found.append(_choose_nodes(f"joints/{joint.name}", body, partial(_hollow, body, joint)))
     return found
 
@@ -152,15 +151,11 @@ def _touching(body: Body, boxes: Any, faces: str | None) -> IndexArray:
 
 def _hollow(body: Body, joint: JointDescription) -> IndexArray:
     """Return the nodes around a chamber."""
-    described, mesh = joint.actuator, body.mesh
-    assert isinstance(described, ChamberDescription)
-    if not isinstance(mesh, TetMesh):
+    assert joint.actuator is not None
+    if not isinstance(body.mesh, TetMesh):
         raise SceneError(f"body {body.name} is a rod, which has no hollow")
-    if described.surface is None:
-        return np.unique(closed_hollow(joint.name, described, mesh))
-    if described.surface not in mesh.surfaces:
-        raise SceneError(f"its mesh has no surface {described.surface!r}; it has {listing(mesh.surfaces)}")
-    return np.unique(mesh.surfaces[described.surface])
+    nodes = joint.actuator.enclosed_nodes(joint.name, body.mesh)
+    return np.zeros(0, np.int64) if nodes is None else nodes
 
 
 def _on_a_line(points: Array) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from softsim_core.base import Array, Box, Placement, SceneError, Sphere, Vector
-from softsim_core.physics.actuation.cable import CableDescription, cable_points
+from softsim_core.physics.actuation import Route
 from softsim_core.physics.mechanics import rotation_euler
 from softsim_core.scene import RobotDescription, SceneDescription, nodes_in
 from softsim_core.scene.editing.edits import Edit, Put, Remove
@@ -232,10 +232,10 @@ def add_mass(robot: RobotDescription, body: str, shape: Box | Sphere, mass: floa
 
 def route(robot: RobotDescription, name: str, points: Sequence[Vector]) -> Edits:
     """Return the edits that set the points of a cable, in the world in [m]."""
-    cable = _cable(robot, name)
-    at = ("joints", Item(name), "cable")
+    kind, cable = _cable(robot, name)
+    at = ("joints", Item(name), kind)
     edits: list[Edit] = [Put((*at, "points"), [plain_vector(point) for point in points])]
-    if cable.placement != Placement():
+    if cable.placed:
         still = {"scale": 1.0, "rotation_deg": [0.0, 0.0, 0.0], "translation": [0.0, 0.0, 0.0]}
         edits.append(Put((*at, "placement"), still))
     return tuple(edits)
@@ -247,7 +247,7 @@ def routed_points(robot: RobotDescription, name: str) -> list[Vector]:
     Raises:
         SceneError: it is no cable, or its file cannot be read.
     """
-    return [(float(x), float(y), float(z)) for x, y, z in cable_points(_cable(robot, name))]
+    return [(float(x), float(y), float(z)) for x, y, z in _cable(robot, name)[1].points(None)]
 
 
 def remove(robot: RobotDescription, part: str) -> Edits:
@@ -303,10 +303,11 @@ def _remove_joint(robot: RobotDescription, name: str) -> Edits:
     return tuple(edits)
 
 
-def _cable(robot: RobotDescription, name: str) -> CableDescription:
+def _cable(robot: RobotDescription, name: str) -> tuple[str, Route]:
+    """Return the kind and the route of a joint."""
     for joint in robot.joints:
-        if joint.name == name and isinstance(joint.actuator, CableDescription):
-            return joint.actuator
+        if joint.name == name and joint.actuator is not None and joint.actuator.route is not None:
+            return joint.kind, joint.actuator.route
     raise SceneError(f"{name:.80} is no cable of this scene")
 
 

@@ -40,16 +40,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core.base import Array
 from softsim_core.physics.actuation import ActuatorView
-from softsim_core.physics.actuation.chamber import ATMOSPHERE, ChamberDescription
+from softsim_core.physics.actuation.chamber import ATMOSPHERE
 from softsim_core.physics.dynamics import StageShare, stage_tree
-from softsim_core.physics.sensing import (
-    ForceTorqueDescription,
-    ImuDescription,
-    SensorReading,
-    SimulatedSensorDescription,
-    WrenchSensorDescription,
-)
-from softsim_core.scene import RobotDescription
+from softsim_core.physics.sensing import SensorReading, SimulatedSensorDescription
+from softsim_core.scene import JointDescription, RobotDescription
 from softsim_core.simulation import Simulation
 from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY, WORLD, RobotFrames
 from softsim_ros import chambers_of, messages, optional_type, topic_words
@@ -246,9 +240,10 @@ def _chambers(simulation: Simulation) -> Iterator[tuple[int, ActuatorView, Array
     """
     described = {joint.name: joint.actuator for joint in simulation.robot.joints}
     for number, view in enumerate(simulation.actuators):
-        if isinstance(chamber := described[view.name], ChamberDescription):
-            most = chamber.max_pressure if math.isfinite(chamber.max_pressure) else chamber.atmosphere
-            yield number, view, pressure_colour(view.multiplier, chamber.min_pressure, most)
+        actuator = described[view.name]
+        if actuator is not None and (gas := actuator.gas) is not None:
+            most = gas.highest if math.isfinite(gas.highest) else gas.atmosphere
+            yield number, view, pressure_colour(view.multiplier, gas.lowest, most)
 
 
 def contact_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
@@ -329,9 +324,7 @@ class ChamberPublications:
         chambers = chambers_of(joints)
         self._joints = []
         for number in chambers:
-            chamber = joints[number].actuator
-            assert isinstance(chamber, ChamberDescription)
-            self._joints.append((number, chamber.atmosphere))
+            self._joints.append((number, atmosphere_of(joints[number])))
         topics = list(chambers.values())
         before, self._publishers = self._publishers, {}
         for topic in before.keys() - set(topics):
@@ -420,18 +413,21 @@ class SensorPublications:
             self._contacts.publish(contact_cloud(stamp, WORLD, simulation.contacts))
 
     def _frame(self, sensor: SimulatedSensorDescription, tree: FrameTree) -> str:
-        if isinstance(sensor, (ForceTorqueDescription, ImuDescription)):
+        if sensor.mount is not None:
             return tree.of_sensor(sensor.name)
-        if isinstance(sensor, WrenchSensorDescription):
-            return tree.of_place(sensor.on)
-        return WORLD if sensor.kind == "markers" else self._base
+        return tree.of_place(sensor.axes) if sensor.axes else self._base
 
 
 def _around(sensor: SimulatedSensorDescription, robot: RobotDescription) -> float:
     """Return the absolute pressure in [Pa] of the air around the joint that a sensor measures."""
-    name = getattr(sensor, "joint", None)
-    actuator = next((joint.actuator for joint in robot.joints if joint.name == name), None)
-    return actuator.atmosphere if isinstance(actuator, ChamberDescription) else ATMOSPHERE
+    names = {output.joint for output in sensor.outputs}
+    return next((atmosphere_of(joint) for joint in robot.joints if joint.name in names), ATMOSPHERE)
+
+
+def atmosphere_of(joint: JointDescription) -> float:
+    """Return the absolute pressure in [Pa] around a joint's actuator; the standard one if it has no gas."""
+    gas = None if joint.actuator is None else joint.actuator.gas
+    return ATMOSPHERE if gas is None else gas.atmosphere
 
 
 MARKER_PERIOD_S = 0.1

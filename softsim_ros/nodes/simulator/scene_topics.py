@@ -22,7 +22,7 @@ from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, String, UInt32Mu
 
 from softsim_core.base import Array
 from softsim_core.physics.mechanics import FIXED, quaternion_of, rotation_euler, rotation_of
-from softsim_core.physics.sensing import ForceTorqueDescription, ImuDescription
+from softsim_core.physics.sensing import Mount
 from softsim_core.scene.io import places_of, write_description
 from softsim_core.simulation import Simulation
 from softsim_node import BASE_LINK, LATCHED, WORLD, RobotFrames
@@ -62,11 +62,11 @@ class FrameTree:
 
         self._of_free = {link.part.partition("/")[2]: link.name for link in links if link.kind == "floating"}
         self._scene = simulation.scene
-        framed = (ForceTorqueDescription, ImuDescription)
-        units = [each for each in simulation.scene.sensors if isinstance(each, framed)]
         taken = names | set(self._objects.values())
         self._units = {
-            each.name: (each, f"{each.name}_sensor" if each.name in taken else each.name) for each in units
+            each.name: (each.mount, f"{each.name}_sensor" if each.name in taken else each.name)
+            for each in simulation.scene.sensors
+            if each.mount is not None
         }
 
     def of_sensor(self, name: str) -> str:
@@ -98,12 +98,10 @@ class FrameTree:
         links = [self._transform(stamp, link, *link.pose(0.0)) for link in self._still]
         return [base, *links, *(self._unit(stamp, unit, name) for unit, name in self._units.values())]
 
-    def _unit(
-        self, stamp: Time, unit: ForceTorqueDescription | ImuDescription, name: str
-    ) -> TransformStamped:
-        turn = quaternion_of(rotation_euler(np.radians(unit.pose.rotation_deg)))
-        parent, child = self.of_place(unit.on), self._frames.of(name)
-        return transform_stamped(stamp, parent, child, unit.pose.translation, turn)
+    def _unit(self, stamp: Time, mount: Mount, name: str) -> TransformStamped:
+        turn = quaternion_of(rotation_euler(np.radians(mount.pose.rotation_deg)))
+        parent, child = self.of_place(mount.on), self._frames.of(name)
+        return transform_stamped(stamp, parent, child, mount.pose.translation, turn)
 
     def moving(self, simulation: Simulation, stamp: Time) -> list[TransformStamped]:
         """Return the current transforms of moving links and rigid bodies."""

@@ -12,8 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from softsim_core.base import Array, Box, CommandError, SceneError, SoftSimError, Sphere
-from softsim_core.physics.actuation.cable import CableDescription
-from softsim_core.physics.actuation.chamber import ChamberDescription
+from softsim_core.physics.actuation import Route
 from softsim_core.scene import BodyDescription, JointDescription, RobotDescription
 from softsim_core.scene.editing import (
     Edit,
@@ -130,17 +129,12 @@ def _of_region(robot: RobotDescription, region: Region) -> Iterator[Field]:
 
 
 def _of_joint(joint: JointDescription) -> Iterator[Field]:
-    at: Steps = ("joints", Item(joint.name))
-    if isinstance(joint.actuator, CableDescription):
-        most = joint.actuator.max_tension
-        yield Field("Largest tension [N]", _text(most), _put_number(1.0, *at, "cable", "max_tension"))
-        if not joint.by_effort:
-            upper = _text(joint.limits.upper * MM)
-            yield Field("Shortened by at most [mm]", upper, _put_number(MM, *at, "limits", "upper"))
-    elif isinstance(joint.actuator, ChamberDescription) and joint.by_effort:
-        for label, key in (("Largest", "upper"), ("Smallest", "lower")):
-            text = _text(getattr(joint.limits, key) / KILO)
-            yield Field(f"{label} pressure [kPa]", text, _put_number(1.0 / KILO, *at, "limits", key))
+    for label, per_si, keys in () if joint.actuator is None else joint.actuator.edited_numbers:
+        value: Any = joint
+        for key in keys:
+            value = joint.actuator if key == joint.kind else getattr(value, key)
+        text = _text(None if value is None else value * per_si)
+        yield Field(label, text, _put_number(per_si, "joints", Item(joint.name), *keys))
 
 
 def _of_body(body: BodyDescription) -> Iterator[Field]:
@@ -276,7 +270,7 @@ class EditSession:
             return ()
         scene = robot.scene
         whole = [f"collisions/{each.name}" for each in scene.collisions if not each.boxes]
-        driven = [f"joints/{each.name}" for each in scene.joints if each.kind in ("cable", "chamber")]
+        driven = [f"joints/{each.name}" for each in scene.joints if each.actuator is not None]
         bodies = [f"bodies/{each.name}" for each in scene.bodies]
         return (*bodies, *self.regions, *driven, *whole)
 
@@ -300,9 +294,9 @@ class EditSession:
         return next((joint for joint in robot.joints if joint.name == name), None)
 
     @property
-    def _cable(self) -> CableDescription | None:
+    def _cable(self) -> Route | None:
         joint = self._joint
-        return joint.actuator if joint is not None and isinstance(joint.actuator, CableDescription) else None
+        return joint.actuator.route if joint is not None and joint.actuator is not None else None
 
     @property
     def first(self) -> int:
@@ -439,7 +433,7 @@ class EditSession:
             return ()
         at = _round_lengths(place, 0.1)
         if self.point < 0 and cable.pull_point is not None:
-            return (Put(("joints", Item(joint.name), "cable", "pull_point"), plain_vector(at)),)
+            return (Put(("joints", Item(joint.name), joint.kind, "pull_point"), plain_vector(at)),)
         points = self.route.copy()
         points[max(self.point, 0)] = at
         return route(robot, joint.name, points.tolist())

@@ -5,7 +5,6 @@ from .cables import (
     CableArrays as CableArrays,
     Cables as Cables,
     CableView as CableView,
-    cable_points as cable_points,
     line_stiffness as line_stiffness,
 )
 from .description import (

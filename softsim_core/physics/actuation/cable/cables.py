@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, BoolArray, IndexArray, SceneError, listing
+from softsim_core.base import Array, BoolArray, IndexArray, SceneError
 from softsim_core.physics.actuation import (
     Actuator,
     ActuatorKind,
@@ -26,9 +26,8 @@ from softsim_core.physics.actuation import (
     Surroundings,
     no_geometric_stiffness,
 )
-from softsim_core.physics.actuation.cable.description import CableDescription, read_cable_points
+from softsim_core.physics.actuation.cable.description import CableDescription
 from softsim_core.physics.mechanics import Model, Rows, State, Transmissions
-from softsim_core.physics.mesh import TetMesh, place
 
 IN_BODY, IN_WORLD = -2, -1
 """Carriers of a cable's points that no joint carries."""
@@ -412,7 +411,7 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
     descriptions: list[CableDescription] = [each.description for each in placed]
     for each, cable in zip(placed, descriptions, strict=True):
         bound = surroundings.bind(
-            f"cable {each.name}", cable.body, cable_points(cable, surroundings.meshes[cable.body])
+            f"cable {each.name}", cable.body, cable.points_in(surroundings.meshes[cable.body])
         )
         if cable.pull_point is not None:
             on = -1 if cable.pull_on is None else surroundings.joint(cable.pull_on)
@@ -448,41 +447,6 @@ def build_cables(placed: Sequence[Placed], surroundings: Surroundings) -> Cables
     defined = ~np.isnan(result.rest_length)
     result.rest_length[~defined] = lengths[~defined]
     return result
-
-
-def cable_points(cable: CableDescription, mesh: TetMesh | None = None) -> Array:
-    """Return the points of a cable in the world in [m], shape (k, 3), at the start of the scene.
-
-    Args:
-        cable: The cable.
-        mesh: Mesh of its body, for a cable that names a group of it.
-
-    Raises:
-        SceneError: the mesh has no such group.
-        ConfigError: a file of points cannot be read.
-    """
-    if cable.group is not None:
-        groups = {} if mesh is None else mesh.groups
-        if mesh is None or cable.group not in groups:
-            raise SceneError(
-                f"cable: the mesh of body {cable.body} has no group {cable.group!r}; its groups are "
-                f"{listing(groups)}"
-            )
-        return _chain_points(mesh.points[groups[cable.group]], np.array(cable.pull_point, dtype=float))
-    points = cable.points
-    read = np.array(points, dtype=float) if isinstance(points, tuple) else read_cable_points(points)
-    return place(read.reshape(-1, 3), cable.placement)
-
-
-def _chain_points(points: Array, start: Array) -> Array:
-    """Return points (k, 3) as a chain: the one nearest to `start`, then each time the nearest remaining."""
-    left, here, chain = points, start, []
-    while len(left):
-        nearest = int(np.argmin(np.linalg.norm(left - here, axis=1)))
-        here = left[nearest]
-        chain.append(here)
-        left = np.delete(left, nearest, axis=0)
-    return np.array(chain)
 
 
 CABLE: Final[ActuatorKind] = ActuatorKind("cable", CableDescription, build_cables)

@@ -23,10 +23,12 @@ from softsim_core.base import (
     Placement,
     SceneError,
     Vector,
+    listing,
     need_finite,
     need_positive,
 )
-from softsim_core.physics.actuation import ActuatorDescription
+from softsim_core.physics.actuation import ActuatorDescription, EditedNumber, Route
+from softsim_core.physics.mesh import TetMesh, place
 
 
 def read_cable_points(file: str | PathLike[str]) -> Array:
@@ -150,6 +152,49 @@ class CableDescription(ActuatorDescription):
         """Units of the cable's joint; commands are forces or shortenings, positions are shortenings."""
         return JointUnits(FORCE if self.by_effort else SHORTENING, SHORTENING, "N")
 
+    @property
+    def route(self) -> Route:
+        """Its way through points of its body."""
+        return Route(
+            body=self.body,
+            points=self.points_in,
+            pull_point=self.pull_point,
+            pull_on=self.pull_on,
+            placed=self.placement != Placement(),
+            pull_only=self.pull_only,
+            largest_force=self.max_tension,
+            rest_length=self.rest_length,
+        )
+
+    @property
+    def edited_numbers(self) -> tuple[EditedNumber, ...]:
+        """The largest tension, and the largest displacement if it is commanded."""
+        tension = EditedNumber("Largest tension [N]", 1.0, (self.kind, "max_tension"))
+        shortening = EditedNumber("Shortened by at most [mm]", 1e3, ("limits", "upper"))
+        return (tension,) if self.by_effort else (tension, shortening)
+
+    def points_in(self, mesh: TetMesh | None = None) -> Array:
+        """Return the points in the world in [m], shape (k, 3), at the start of the scene.
+
+        Args:
+            mesh: Mesh of the body, for a cable that names a group of it.
+
+        Raises:
+            SceneError: the mesh has no such group.
+            ConfigError: a file of points cannot be read.
+        """
+        if self.group is not None:
+            groups = {} if mesh is None else mesh.groups
+            if mesh is None or self.group not in groups:
+                raise SceneError(
+                    f"cable: the mesh of body {self.body} has no group {self.group!r}; its groups are "
+                    f"{listing(groups)}"
+                )
+            return _chain_points(mesh.points[groups[self.group]], np.array(self.pull_point, dtype=float))
+        points = self.points
+        read = np.array(points, dtype=float) if isinstance(points, tuple) else read_cable_points(points)
+        return place(read.reshape(-1, 3), self.placement)
+
     def bodies(self) -> dict[str, str | None]:
         """Return the name of the body that carries the cable, under the key `body`."""
         return {"body": self.body}
@@ -162,3 +207,14 @@ class CableDescription(ActuatorDescription):
         """Return the description with a pull point that is fixed in space moved onto a joint."""
         stands = self.pull_point is not None and self.pull_on is None
         return replace(self, pull_on=joint) if stands else self
+
+
+def _chain_points(points: Array, start: Array) -> Array:
+    """Return points (k, 3) as a chain: the one nearest to `start`, then each time the nearest remaining."""
+    left, here, chain = points, start, []
+    while len(left):
+        nearest = int(np.argmin(np.linalg.norm(left - here, axis=1)))
+        here = left[nearest]
+        chain.append(here)
+        left = np.delete(left, nearest, axis=0)
+    return np.array(chain)

@@ -1,7 +1,6 @@
 from .chamber import (
     Chamber as Chamber,
     ChamberView as ChamberView,
-    closed_hollow as closed_hollow,
 )
 from .chambers import (
     CHAMBER as CHAMBER,

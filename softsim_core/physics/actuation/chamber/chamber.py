@@ -48,9 +48,9 @@ from softsim_core.physics.actuation import (
     no_geometric_stiffness,
     pressed_blocks,
 )
-from softsim_core.physics.actuation.chamber.description import ChamberDescription
+from softsim_core.physics.actuation.chamber.description import ChamberDescription, closed_hollow
 from softsim_core.physics.mechanics import FIXED, Model, Rows, State
-from softsim_core.physics.mesh import TetMesh, boundary_faces, cavities, encloses, flip_faces
+from softsim_core.physics.mesh import boundary_faces, flip_faces
 
 FLAT = 0.02
 """Largest distance of a rim from its plane, as a share of its radius."""
@@ -79,38 +79,6 @@ def hollow_of(name: str, described: ChamberDescription, surroundings: Surroundin
         return _of_surface(name, described.surface, described.body, surroundings)
     faces = closed_hollow(name, described, mesh)
     return Hollow(faces, np.zeros((0, faces.shape[1], 3)))
-
-
-def closed_hollow(name: str, described: ChamberDescription, mesh: TetMesh) -> IndexArray:
-    """Return the faces of a chamber that its body's mesh encloses, shape (k, 3) or (k, 6).
-
-    Raises:
-        SceneError: there is none, or none around the point `inside`.
-    """
-    found = cavities(mesh)
-    if not found:
-        raise SceneError(
-            f"chamber {name}: body {described.body} encloses no hollow; a chamber needs one that its mesh "
-            "closes all around, or a named `surface` that ends at the world"
-        )
-    return _choose_cavities(name, described, mesh, found)
-
-
-def _choose_cavities(
-    name: str, described: ChamberDescription, mesh: TetMesh, found: list[IndexArray]
-) -> IndexArray:
-    """Return all cavities, or the one around the point `inside`."""
-    if described.inside is None:
-        return np.concatenate(found)
-    place = np.array(described.inside, dtype=float)
-    around = [faces for faces in found if encloses(mesh.points, faces, place)]
-    if not around:
-        middles = [mesh.points[np.unique(faces)].mean(axis=0).round(6).tolist() for faces in found]
-        raise SceneError(
-            f"chamber {name}: {place.tolist()} m lies in no hollow of body {described.body}; the middles of "
-            f"its hollows are {middles} m"
-        )
-    return around[0]
 
 
 def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) -> Hollow:

@@ -6,18 +6,23 @@ import math
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
+import numpy as np
+
 from softsim_core.base import (
     POINT,
     PRESSURE,
     VOLUME,
     FieldError,
+    IndexArray,
     JointUnits,
     SceneError,
     Vector,
+    listing,
     need_finite,
     need_positive,
 )
-from softsim_core.physics.actuation import ActuatorDescription
+from softsim_core.physics.actuation import ActuatorDescription, EditedNumber, Gas
+from softsim_core.physics.mesh import TetMesh, cavities, encloses
 
 ATMOSPHERE = 101_325.0
 """Absolute pressure of the ambient air in [Pa]: the standard atmosphere."""
@@ -101,6 +106,58 @@ class ChamberDescription(ActuatorDescription):
         """Whether commands are pressures instead of volumes."""
         return self.control == "pressure"
 
+    @property
+    def gas(self) -> Gas:
+        """Bounds of its pressure, and the pressure around it."""
+        return Gas(self.min_pressure, self.max_pressure, self.atmosphere)
+
+    @property
+    def edited_numbers(self) -> tuple[EditedNumber, ...]:
+        """The limits of commanded pressures."""
+        limits = ("Largest", "upper"), ("Smallest", "lower")
+        found = (EditedNumber(f"{label} pressure [kPa]", 1e-3, ("limits", key)) for label, key in limits)
+        return tuple(found) if self.by_effort else ()
+
+    def enclosed_nodes(self, joint: str, mesh: TetMesh) -> IndexArray:
+        """Return the nodes around the chamber, or those of the surface that it names."""
+        if self.surface is None:
+            return np.unique(closed_hollow(joint, self, mesh))
+        if self.surface not in mesh.surfaces:
+            raise SceneError(f"its mesh has no surface {self.surface!r}; it has {listing(mesh.surfaces)}")
+        return np.unique(mesh.surfaces[self.surface])
+
     def bodies(self) -> dict[str, str | None]:
         """Return the name of the body that encloses the chamber, under the key `body`."""
         return {"body": self.body}
+
+
+def closed_hollow(name: str, described: ChamberDescription, mesh: TetMesh) -> IndexArray:
+    """Return the faces of a chamber that its body's mesh encloses, shape (k, 3) or (k, 6).
+
+    Raises:
+        SceneError: there is none, or none around the point `inside`.
+    """
+    found = cavities(mesh)
+    if not found:
+        raise SceneError(
+            f"chamber {name}: body {described.body} encloses no hollow; a chamber needs one that its mesh "
+            "closes all around, or a named `surface` that ends at the world"
+        )
+    return _choose_cavities(name, described, mesh, found)
+
+
+def _choose_cavities(
+    name: str, described: ChamberDescription, mesh: TetMesh, found: list[IndexArray]
+) -> IndexArray:
+    """Return all cavities, or the one around the point `inside`."""
+    if described.inside is None:
+        return np.concatenate(found)
+    place = np.array(described.inside, dtype=float)
+    around = [faces for faces in found if encloses(mesh.points, faces, place)]
+    if not around:
+        middles = [mesh.points[np.unique(faces)].mean(axis=0).round(6).tolist() for faces in found]
+        raise SceneError(
+            f"chamber {name}: {place.tolist()} m lies in no hollow of body {described.body}; the middles of "
+            f"its hollows are {middles} m"
+        )
+    return around[0]
