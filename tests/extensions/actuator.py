@@ -11,7 +11,10 @@ from softsim_core.scene import load_scene
 SCENE = """
 extends: cable_finger
 name: winched
-joints: [{name: pull, kind: winch, winch: {body: finger, point: [0.0075, -0.1, 0.0075], winch: [0.0075, -0.1, 0.2], stiffness: 200.0}}]
+joints:
+  - name: pull
+    kind: winch
+    winch: {body: finger, point: [0.0075, -0.1, 0.0075], winch: [0.0075, -0.1, 0.2], stiffness: 200.0}
 poses: {start: [0.0], bent: [0.02]}
 keys: {}
 """

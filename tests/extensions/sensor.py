@@ -14,7 +14,8 @@ from softsim_ros.messages import messages_of
 with TemporaryDirectory() as folder:
     file = Path(folder, "felt.yaml")
     file.write_text(
-        "extends: cable_finger\nname: felt\nsensors: [{name: lowest, kind: height, body: finger, noise: 0.001}]\n"
+        "extends: cable_finger\nname: felt\n"
+        "sensors: [{name: lowest, kind: height, body: finger, noise: 0.001}]\n"
     )
     simulation = Simulation(load_scene(file))
 simulation.step()

@@ -139,9 +139,9 @@ def test_moving_markers_are_those_built_from_objects(scene: str) -> None:
         simulation.step()
     now = Time(sec=7, nanosec=8)
     for data, built in (
-        (cables.fill(now, cable_places(simulation)), cable_markers(simulation, now)),
+        (cables.fill(now, *cable_places(simulation)), cable_markers(simulation, now)),
         (chambers.fill(now, *chamber_places(simulation)), chamber_markers(simulation, now)),
-        (surfaces.fill(now, collision_places(simulation)), collision_markers(simulation, now)),
+        (surfaces.fill(now, *collision_places(simulation)), collision_markers(simulation, now)),
     ):
         sent = deserialize_message(serialize_message(built), MarkerArray)  # colours become float32
         assert deserialize_message(data, MarkerArray) == sent

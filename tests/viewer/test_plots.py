@@ -51,7 +51,7 @@ class Page:
 
     def add(self, *times: float) -> None:
         for now in times:
-            self._tab.add(now)
+            self._tab.sample(now)
 
     def times(self) -> list[float]:
         return self.gui.data("Joint positions [rad]")[0]

@@ -1,5 +1,7 @@
 """Topics that the simulator publishes from its physics thread, each at its own rate.
 
+`SCENE_TOPICS` and `STATE_TOPICS` list those with one message per scene or state; a new one is one more entry.
+
 `bodies/poses` (geometry_msgs/PoseArray, frame world, 60 Hz) has the poses of the rigid bodies in scene order;
 `bodies/topology` (visualization_msgs/MarkerArray, latched) their surfaces, one TRIANGLE_LIST a body, ns = its
 name, in its own frame on /tf. `cables` (MarkerArray, 30 Hz) has for every cable, by its number as id, ns
@@ -14,6 +16,11 @@ A joint's effort is the pressure relative to the surrounding air, while FluidPre
 atmospheric pressure of the scene is therefore added, the same at any height. The variance is 0, which means
 unknown.
 
+`scene/structure` (std_msgs/String, latched) is a JSON object, see scene_topics.structure; `mesh/tetrahedra`
+(std_msgs/UInt32MultiArray, latched) has the node indices of all elements; `mesh/nodes`
+(sensor_msgs/PointCloud2, 10 Hz) has the nodes in the format of mesh/points; `frames`
+(geometry_msgs/PoseArray) has the poses in `world` of the frames that the structure names, at 30 Hz.
+
 Each sensor publishes the standard message of its kind, see messages.sensors, once per sample, with the stamp
 of the step in which it was sampled. `contacts/points` (sensor_msgs/PointCloud2) has every contact of the
 step.
@@ -21,10 +28,12 @@ step.
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -32,10 +41,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseArray, PoseStamped, Vector3
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState, PointCloud2
 from shape_msgs.msg import Mesh
-from std_msgs.msg import ColorRGBA, Float64, String
+from std_msgs.msg import ColorRGBA, Float64, String, UInt32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core.base import Array
@@ -50,7 +60,7 @@ from softsim_ros import chambers_of, messages, optional_type, topic_words
 from softsim_ros.description import control_topics, urdf
 from softsim_ros.messages import SensorMessage, contact_cloud, format_value, header, messages_of
 from softsim_ros.nodes.simulator.monitor import RateGate, StageTime
-from softsim_ros.nodes.simulator.scene_topics import FrameTree, StructurePublications
+from softsim_ros.nodes.simulator.scene_topics import FrameTree, index_array, structure
 
 
 def stage_statistics(stamp: Time, robot: str, stages: Mapping[str, StageTime]) -> DiagnosticArray:
@@ -83,6 +93,7 @@ def _status(share: StageShare, robot: str, time: StageTime, whole: float) -> Dia
 
 
 POSES_PERIOD_S = 1.0 / 60.0
+NODES_PERIOD_S = 0.1
 MARKERS_PERIOD_S = 1.0 / 30.0
 COLLISIONS_PERIOD_S = 0.1
 FORCE_LENGTH = 0.02
@@ -104,61 +115,166 @@ _COLLISIONS = tuple(
 """Different colours for surfaces that lie side by side, such as a finger and its notch walls."""
 
 
-class ObjectPublications:
-    """Publishes rigid bodies, cables, chambers, contacts and collision surfaces, in the physics thread.
+@dataclass(frozen=True, slots=True)
+class ShownScene:
+    """A scene whose static part is published.
 
-    Args:
-        node: Owner of the publishers.
+    Attributes:
+        simulation: The scene.
+        tree: Its frames.
+        namespace: Namespace of the robot.
+        overrides: Text of the overrides of its file.
+        scenes: Names of the scenes that can be loaded in its place.
+        generation: Number that grows with every scene, across restarts too.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._poses = node.create_publisher(PoseArray, "bodies/poses", 5)
-        self._topology = node.create_publisher(MarkerArray, "bodies/topology", LATCHED)
-        self._cables = node.create_publisher(MarkerArray, "cables", 1)
-        self._chambers = node.create_publisher(MarkerArray, "chambers", 1)
-        self._contacts = node.create_publisher(MarkerArray, "contacts", 1)
-        self._collisions = node.create_publisher(MarkerArray, "collisions", 1)
-        self._poses_gate = RateGate(POSES_PERIOD_S)
-        self._cables_gate, self._chambers_gate, self._contacts_gate = (
-            RateGate(MARKERS_PERIOD_S) for _ in range(3)
-        )
-        self._collisions_gate = RateGate(COLLISIONS_PERIOD_S)
+    simulation: Simulation
+    tree: FrameTree
+    namespace: str
+    overrides: str
+    scenes: Sequence[str]
+    generation: int
 
-    def show_scene(self, simulation: Simulation, frame_of: Callable[[int, str], str]) -> None:
-        """Publish the static part of a scene.
 
-        Args:
-            simulation: The scene.
-            frame_of: Returns the frame of a rigid body by its number and name.
-        """
-        self._topology.publish(bodies_topology(simulation, frame_of))
-        now = Time()
-        self._moving_cables = messages.MovingMarkers(cable_markers(simulation, now).markers)
-        hollows = chamber_markers(simulation, now).markers
-        self._has_chambers, self._moving_chambers = bool(hollows), messages.MovingMarkers(hollows)
-        self._moving_collisions = messages.MovingMarkers(collision_markers(simulation, now).markers)
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A state to publish.
 
-    def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
-        """Publish what is due on topics with subscribers.
+    Attributes:
+        simulation: The state.
+        stamp: Time stamp of the messages.
+        now: Steady clock in [s].
+        whole: Whether to publish on all topics with subscribers now, whatever the rates.
+    """
 
-        Args:
-            simulation: State to publish.
-            stamp: Time stamp of the messages.
-            now: Steady clock in [s].
-            whole: Whether to publish on all topics with subscribers now, whatever the rates.
-        """
-        if _due(self._poses, self._poses_gate, now, whole) and simulation.rigid_bodies:
-            poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.rigid_poses]
-            self._poses.publish(PoseArray(header=messages.header(stamp, WORLD), poses=poses))
-        if _due(self._cables, self._cables_gate, now, whole) and (whole or simulation.actuators):
-            self._cables.publish(self._moving_cables.fill(stamp, cable_places(simulation)))
-        if _due(self._chambers, self._chambers_gate, now, whole) and (whole or self._has_chambers):
-            self._chambers.publish(self._moving_chambers.fill(stamp, *chamber_places(simulation)))
-        touches = whole or simulation.collision_surfaces  # otherwise the message would stay empty
-        if touches and _due(self._contacts, self._contacts_gate, now, whole):
-            self._contacts.publish(contact_markers(simulation, stamp))
-        if _due(self._collisions, self._collisions_gate, now, whole):
-            self._collisions.publish(self._moving_collisions.fill(stamp, collision_places(simulation)))
+    simulation: Simulation
+    stamp: Time
+    now: float
+    whole: bool
+
+
+class Publication(Protocol):
+    """What publishes on one or more topics; used from the thread that owns the simulation."""
+
+    def show_scene(self, shown: ShownScene) -> None:
+        """Publish the static part of the first scene, or of another one that replaces it."""
+
+    def publish(self, moment: Moment) -> None:
+        """Publish what is due."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneTopic:
+    """A latched topic with one message per scene.
+
+    Attributes:
+        name: Name in the robot's namespace.
+        message: Type of the message.
+        build: Returns the message of a scene.
+    """
+
+    name: str
+    message: type[Any]
+    build: Callable[[ShownScene], Any]
+
+
+class ScenePublication:
+    """Publishes a SceneTopic.
+
+    Args:
+        topic: The topic.
+        node: Owner of the publisher.
+    """
+
+    def __init__(self, topic: SceneTopic, node: Node) -> None:
+        self._build = topic.build
+        self._publisher = node.create_publisher(topic.message, topic.name, LATCHED)
+
+    def show_scene(self, shown: ShownScene) -> None:
+        """Publish the message of a scene."""
+        self._publisher.publish(self._build(shown))
+
+    def publish(self, moment: Moment) -> None:
+        """Do nothing: the message of the scene is still valid."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateTopic:
+    """A topic with messages of the state, at a limited rate and only while it has subscribers.
+
+    Attributes:
+        name: Name in the robot's namespace.
+        message: Type of the message.
+        period_s: Shortest mean time in [s] from one message to the next; 0: one for each step.
+        build: Returns the message of a state at a time; None: there is none.
+        moving: Returns points in [m] and colours of the markers that `build` returned for the scene, see
+            messages.MovingMarkers; without colours these stay. None: `build` returns each message.
+        concerns: Whether a scene has anything to show on it; if not, it is published only with all topics.
+        qos: Quality of service, or the length of the queue.
+    """
+
+    name: str
+    message: type[Any]
+    period_s: float
+    build: Callable[[Simulation, Time], Any]
+    moving: Callable[[Simulation], tuple[Sequence[Array], Sequence[Array]]] | None = None
+    concerns: Callable[[Simulation], bool] = lambda _: True
+    qos: QoSProfile | int = 1
+
+
+class StatePublication:
+    """Publishes a StateTopic.
+
+    Args:
+        topic: The topic.
+        node: Owner of the publisher.
+    """
+
+    def __init__(self, topic: StateTopic, node: Node) -> None:
+        self._topic, self._gate = topic, RateGate(topic.period_s)
+        self._publisher = node.create_publisher(topic.message, topic.name, topic.qos)
+
+    def show_scene(self, shown: ShownScene) -> None:
+        """Prepare the markers that move, if it has any."""
+        if self._topic.moving is not None:
+            markers = self._topic.build(shown.simulation, Time()).markers
+            self._markers = messages.MovingMarkers(markers)
+
+    def publish(self, moment: Moment) -> None:
+        """Publish the state if a message is due."""
+        topic, simulation = self._topic, moment.simulation
+        if not is_due(self._publisher, self._gate, moment):
+            return
+        if not (moment.whole or topic.concerns(simulation)):
+            return
+        if topic.moving is not None:
+            self._publisher.publish(self._markers.fill(moment.stamp, *topic.moving(simulation)))
+        elif (message := topic.build(simulation, moment.stamp)) is not None:
+            self._publisher.publish(message)
+
+
+def is_due(publisher: Publisher, gate: RateGate, moment: Moment) -> bool:
+    """Return whether a topic has subscribers, and its period is over or all topics are published."""
+    return publisher.get_subscription_count() > 0 and (gate.passes(moment.now) or moment.whole)
+
+
+def body_poses(simulation: Simulation, stamp: Time) -> PoseArray | None:
+    """Return the poses of the rigid bodies in scene order; None if there are none."""
+    if not simulation.rigid_bodies:
+        return None
+    poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.rigid_poses]
+    return PoseArray(header=header(stamp, WORLD), poses=poses)
+
+
+def frame_poses(simulation: Simulation, stamp: Time) -> PoseArray:
+    """Return the poses of the frames in the order of the scene's structure."""
+    poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.frames().values()]
+    return PoseArray(header=header(stamp, WORLD), poses=poses)
+
+
+def node_cloud(simulation: Simulation, stamp: Time) -> PointCloud2:
+    """Return the nodes of all bodies and the stress at each."""
+    return messages.point_cloud(stamp, WORLD, simulation.positions, simulation.von_mises())
 
 
 def bodies_topology(simulation: Simulation, frame_of: Callable[[int, str], str]) -> MarkerArray:
@@ -193,15 +309,15 @@ def cable_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def cable_places(simulation: Simulation) -> list[Array]:
-    """Return the points in [m] of the markers of `cable_markers`, see messages.MovingMarkers."""
+def cable_places(simulation: Simulation) -> tuple[list[Array], tuple[()]]:
+    """Return the points in [m] of the markers of `cable_markers`, whose colours stay."""
     places = []
     for cable in simulation.actuators:
         if not len(cable.points):
             continue
         outside = int(cable.pulled_from_outside)
         places += [cable.points, cable.points[outside:], *cable.points[:outside]]
-    return places
+    return places, ()
 
 
 def chamber_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
@@ -272,13 +388,14 @@ def collision_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def collision_places(simulation: Simulation) -> list[Array]:
-    """Return the points in [m] of the markers of `collision_markers`, see messages.MovingMarkers."""
+def collision_places(simulation: Simulation) -> tuple[list[Array], tuple[()]]:
+    """Return the points in [m] of the markers of `collision_markers`, whose colours stay."""
     points = simulation.collision_points
-    return [
+    places = [
         points[surface.vertices if surface.radius > 0.0 else surface.triangles.ravel()]
         for surface in simulation.collision_surfaces
     ]
+    return places, ()
 
 
 def _marker(stamp: Time, ns: str, number: int, kind: int, size: float, colour: ColorRGBA) -> Marker:
@@ -294,9 +411,70 @@ def _points(rows: Array) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in flat]
 
 
-def _due(publisher: Publisher, gate: RateGate, now: float, whole: bool) -> bool:
-    return publisher.get_subscription_count() > 0 and (gate.passes(now) or whole)
+SCENE_TOPICS: Final[Sequence[SceneTopic]] = (
+    SceneTopic(
+        "robot_description",
+        String,
+        lambda shown: String(data=urdf(shown.simulation.robot, topics=control_topics(shown.namespace))),
+    ),
+    SceneTopic(
+        "mesh/topology",
+        Mesh,
+        lambda shown: messages.topology(
+            shown.simulation.visual_rest_points, shown.simulation.visual_triangles
+        ),
+    ),
+    SceneTopic("mesh/tetrahedra", UInt32MultiArray, lambda shown: index_array(shown.simulation.tets)),
+    SceneTopic(
+        "scene/structure",
+        String,
+        lambda shown: String(
+            data=json.dumps(structure(shown.simulation, shown.overrides, shown.scenes, shown.generation))
+        ),
+    ),
+    SceneTopic(
+        "bodies/topology", MarkerArray, lambda shown: bodies_topology(shown.simulation, shown.tree.of_body)
+    ),
+)
+"""Topics with one message per scene, in the order in which they are published."""
 
+STATE_TOPICS: Final[Sequence[StateTopic]] = (
+    StateTopic("frames", PoseArray, MARKERS_PERIOD_S, frame_poses),
+    StateTopic("mesh/nodes", PointCloud2, NODES_PERIOD_S, node_cloud),
+    StateTopic("bodies/poses", PoseArray, POSES_PERIOD_S, body_poses, qos=5),
+    StateTopic(
+        "cables",
+        MarkerArray,
+        MARKERS_PERIOD_S,
+        cable_markers,
+        cable_places,
+        concerns=lambda simulation: bool(simulation.actuators),
+    ),
+    StateTopic(
+        "chambers",
+        MarkerArray,
+        MARKERS_PERIOD_S,
+        chamber_markers,
+        chamber_places,
+        concerns=lambda simulation: any(_chambers(simulation)),
+    ),
+    StateTopic(
+        "contacts",
+        MarkerArray,
+        MARKERS_PERIOD_S,
+        contact_markers,
+        concerns=lambda simulation: bool(simulation.collision_surfaces),
+    ),
+    StateTopic("collisions", MarkerArray, COLLISIONS_PERIOD_S, collision_markers, collision_places),
+    StateTopic(
+        "contacts/points",
+        PointCloud2,
+        0.0,
+        lambda simulation, stamp: contact_cloud(stamp, WORLD, simulation.contacts),
+        qos=NEWEST_ONLY,
+    ),
+)
+"""Topics with messages of the state, in the order in which they are published."""
 
 DEPTH: Final = 10
 
@@ -314,13 +492,13 @@ class ChamberPublications:
         self._publishers: dict[str, Publisher] = {}
         self._joints: list[tuple[int, float]] = []  # and the atmosphere in [Pa] around each
 
-    def show_scene(self, simulation: Simulation) -> None:
+    def show_scene(self, shown: ShownScene) -> None:
         """Create publishers for a scene's chambers and remove all others.
 
         A topic that stays keeps its publisher. No other callback of the node may run meanwhile: the calling
         callback waits until the physics has taken over the scene.
         """
-        joints = simulation.robot.joints
+        joints = shown.simulation.robot.joints
         chambers = chambers_of(joints)
         self._joints = []
         for number in chambers:
@@ -334,14 +512,14 @@ class ChamberPublications:
                 FluidPressure, topic, DEPTH
             )
 
-    def publish(self, simulation: Simulation, stamp: Time) -> None:
+    def publish(self, moment: Moment) -> None:
         """Publish all pressures."""
         if not self._joints:
             return
-        efforts = simulation.joint_efforts
+        efforts = moment.simulation.joint_efforts
         for (joint, around), publisher in zip(self._joints, self._publishers.values(), strict=True):
             pressure = around + float(efforts[joint])
-            publisher.publish(messages.fluid_pressure(stamp, self._frame, pressure))
+            publisher.publish(messages.fluid_pressure(moment.stamp, self._frame, pressure))
 
 
 class SensorPublications:
@@ -354,19 +532,19 @@ class SensorPublications:
 
     def __init__(self, node: Node, base: str) -> None:
         self._node, self._base = node, base
-        self._contacts = node.create_publisher(PointCloud2, "contacts/points", NEWEST_ONLY)
         self._publishers: dict[tuple[str, type], Publisher] = {}
         self._sensors: list[
             tuple[str, str, list[tuple[Publisher, SensorMessage]]]
         ] = []  # name, frame, topics
         self._sent: dict[str, SensorReading] = {}
 
-    def show_scene(self, simulation: Simulation, tree: FrameTree) -> None:
+    def show_scene(self, shown: ShownScene) -> None:
         """Create publishers for a scene's sensors and remove all others.
 
         A topic that stays keeps its publisher. No other callback of the node may run meanwhile: the calling
         callback waits until the physics has taken over the scene.
         """
+        simulation, tree = shown.simulation, shown.tree
         described = simulation.scene.sensors
         words = topic_words([each.name for each in described], "sensor")
         before, self._publishers, self._sent = self._publishers, {}, {}
@@ -397,20 +575,18 @@ class SensorPublications:
                 sends.append((publisher, sensor_message))
             self._sensors.append((sensor.name, self._frame(sensor, tree), sends))
 
-    def publish(self, simulation: Simulation, stamp: Time, whole: bool) -> None:
-        """Publish new samples on topics with subscribers; `whole` publishes all of them."""
+    def publish(self, moment: Moment) -> None:
+        """Publish new samples on topics with subscribers, or all of them with all topics."""
         for name, frame, sends in self._sensors:
-            reading = simulation.sensors[name]
-            if reading is self._sent.get(name) and not whole:
+            reading = moment.simulation.sensors[name]
+            if reading is self._sent.get(name) and not moment.whole:
                 continue
             self._sent[name] = reading
             header: Any = None
             for publisher, sensor_message in sends:
                 if publisher.get_subscription_count():
-                    header = header or messages.header(stamp, frame)
+                    header = header or messages.header(moment.stamp, frame)
                     publisher.publish(sensor_message.write(header, reading))
-        if self._contacts.get_subscription_count():
-            self._contacts.publish(contact_cloud(stamp, WORLD, simulation.contacts))
 
     def _frame(self, sensor: SimulatedSensorDescription, tree: FrameTree) -> str:
         if sensor.mount is not None:
@@ -464,7 +640,7 @@ class Publications:
     ) -> None:
         self._context, self._now = node.context, node.get_clock().now
         self._frames = frames
-        self._control = control_topics(node.get_namespace())
+        self._namespace, self._generation = node.get_namespace(), 0
         self.marker_stress = marker_stress
         self._mesh_gate: RateGate | None = None
         self.mesh_rate = mesh_rate
@@ -473,33 +649,31 @@ class Publications:
         if publish_clock:
             self._clock = node.create_publisher(Clock, "/clock", 1)
         self._joint_states = node.create_publisher(JointState, "joint_states", 10)
-        self._chambers = ChamberPublications(node, frames.base)
         self._effector_pose = node.create_publisher(PoseStamped, "effector_pose", 5)
         self._base_shift = node.create_publisher(Float64, "base_shift", LATCHED)
         self._shown_shift: float | None = None
         self._points = node.create_publisher(PointCloud2, "mesh/points", 1)
         self._marker = node.create_publisher(Marker, "mesh/marker", 1)
-        self._topology = node.create_publisher(Mesh, "mesh/topology", LATCHED)
         self._tf: Any | None = None
         self._create_tf(node)
-        self._description = node.create_publisher(String, "robot_description", LATCHED)
-        self._structure = StructurePublications(node)
-        self._objects = ObjectPublications(node)
-        self._sensors = SensorPublications(node, frames.base)
+        self._publications: list[Publication] = [
+            *(ScenePublication(topic, node) for topic in SCENE_TOPICS),
+            *(StatePublication(topic, node) for topic in STATE_TOPICS),
+            ChamberPublications(node, frames.base),
+            SensorPublications(node, frames.base),
+        ]
         self.show_scene(simulation, overrides, scenes)
 
     def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
         """Publish the static part of the first simulation, or of another one that replaces it."""
         self._tree = FrameTree(simulation, self._frames)
-        self._description.publish(String(data=urdf(simulation.robot, topics=self._control)))
         if self._tf is not None:
             self._tf_static.publish(self._make_tf(transforms=self._tree.still(self._now().to_msg())))
-        points, triangles = simulation.visual_rest_points, simulation.visual_triangles
-        self._topology.publish(messages.topology(points, triangles))
-        self._structure.show_scene(simulation, overrides, scenes)
-        self._objects.show_scene(simulation, self._tree.of_body)
-        self._chambers.show_scene(simulation)
-        self._sensors.show_scene(simulation, self._tree)
+        self._generation = max(self._generation + 1, time.time_ns())
+        shown = ShownScene(simulation, self._tree, self._namespace, overrides, scenes, self._generation)
+        for publication in self._publications:
+            publication.show_scene(shown)
+        triangles = simulation.visual_triangles
         self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None
 
     @property
@@ -536,6 +710,7 @@ class Publications:
 
     def _publish(self, simulation: Simulation, whole: bool) -> None:
         stamp, now = self.stamp(simulation), time.monotonic()
+        moment = Moment(simulation, stamp, now, whole)
         if self._publish_clock:
             self._clock.publish(messages.clock(simulation.time))
         self._joint_states.publish(
@@ -548,7 +723,6 @@ class Publications:
                 simulation.joint_efforts,
             )
         )
-        self._chambers.publish(simulation, stamp)
         if simulation.base_shift != self._shown_shift:
             self._shown_shift = simulation.base_shift
             self._base_shift.publish(Float64(data=self._shown_shift))
@@ -559,11 +733,10 @@ class Publications:
             )
         if self._tf is not None and (self._tf_gate.passes(now) or whole):
             self._tf.publish(self._make_tf(transforms=self._tree.moving(simulation, stamp)))
-        self._structure.publish(simulation, stamp, now, whole)
-        self._objects.publish(simulation, stamp, now, whole)
-        self._sensors.publish(simulation, stamp, whole)
-        points_due = self._mesh_gate is not None and _is_due(self._points, self._mesh_gate, now, whole)
-        marker_due = self._template is not None and _is_due(self._marker, self._marker_gate, now, whole)
+        for publication in self._publications:
+            publication.publish(moment)
+        points_due = self._mesh_gate is not None and is_due(self._points, self._mesh_gate, moment)
+        marker_due = self._template is not None and is_due(self._marker, self._marker_gate, moment)
         if points_due or marker_due:
             self._publish_mesh(simulation, stamp, points=points_due, marker=marker_due)
 
@@ -586,8 +759,3 @@ class Publications:
         self._make_tf: Callable[..., Any] = message_type
         self._tf = node.create_publisher(message_type, "/tf", 100)
         self._tf_static = node.create_publisher(message_type, "/tf_static", LATCHED)
-
-
-def _is_due(publisher: Any, gate: RateGate, now: float, whole: bool) -> bool:
-    """Return whether the topic has subscribers and its period is over."""
-    return publisher.get_subscription_count() > 0 and (gate.passes(now) or whole)

@@ -1,35 +1,24 @@
-"""Publish frames of the robot as transforms, and the structure of its scene as a message.
-
-Topics: `scene/structure` (std_msgs/String, latched) is a JSON object, see `structure`; `mesh/tetrahedra`
-(std_msgs/UInt32MultiArray, latched) has the node indices of all elements; `mesh/nodes`
-(sensor_msgs/PointCloud2, 10 Hz) has the nodes in the format of mesh/points; `frames`
-(geometry_msgs/PoseArray) has the poses in `world` of the frames that the structure names, at 30 Hz.
-"""
+"""Frames of the robot as transforms, and the structure of its scene as a message."""
 
 from __future__ import annotations
 
-import json
-import time
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseArray, TransformStamped
-from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, String, UInt32MultiArray
+from geometry_msgs.msg import TransformStamped
+from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, UInt32MultiArray
 
 from softsim_core.base import Array
 from softsim_core.physics.mechanics import FIXED, quaternion_of, rotation_euler, rotation_of
 from softsim_core.physics.sensing import Mount
 from softsim_core.scene.io import places_of, write_description
 from softsim_core.simulation import Simulation
-from softsim_node import BASE_LINK, LATCHED, WORLD, RobotFrames
+from softsim_node import BASE_LINK, WORLD, RobotFrames
 from softsim_ros import messages
 from softsim_ros.description import Link, links_of, moved_link
 from softsim_ros.messages import transform_stamped
-from softsim_ros.nodes.simulator.monitor import RateGate
 
 
 class FrameTree:
@@ -127,48 +116,6 @@ class FrameTree:
     def _transform(self, stamp: Time, link: Link, position: Array, rotation: Array) -> TransformStamped:
         parent, child = self._frames.of(link.parent), self._frames.of(link.name)
         return transform_stamped(stamp, parent, child, position, quaternion_of(rotation))
-
-
-NODES_PERIOD_S = 0.1
-FRAMES_PERIOD_S = 1.0 / 30.0
-
-
-class StructurePublications:
-    """Publishes the inner structure of a scene; used from the thread that owns the simulation.
-
-    Args:
-        node: Owner of the publishers.
-    """
-
-    def __init__(self, node: Node) -> None:
-        self._structure = node.create_publisher(String, "scene/structure", LATCHED)
-        self._tetrahedra = node.create_publisher(UInt32MultiArray, "mesh/tetrahedra", LATCHED)
-        self._nodes = node.create_publisher(PointCloud2, "mesh/nodes", 1)
-        self._frames = node.create_publisher(PoseArray, "frames", 1)
-        self._generation = 0
-        self._nodes_gate, self._frames_gate = RateGate(NODES_PERIOD_S), RateGate(FRAMES_PERIOD_S)
-
-    def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
-        """Publish the static part of a scene.
-
-        Args:
-            simulation: The scene.
-            overrides: Text of the overrides of its file.
-            scenes: Names of the scenes that can be loaded in its place.
-        """
-        self._generation = max(self._generation + 1, time.time_ns())
-        description = structure(simulation, overrides, scenes, self._generation)
-        self._tetrahedra.publish(index_array(simulation.tets))
-        self._structure.publish(String(data=json.dumps(description)))
-
-    def publish(self, simulation: Simulation, stamp: Time, now: float, whole: bool) -> None:
-        """Publish what is due; `now` is a steady clock in [s], `whole` publishes everything at once."""
-        if self._frames.get_subscription_count() and (self._frames_gate.passes(now) or whole):
-            poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.frames().values()]
-            self._frames.publish(PoseArray(header=messages.header(stamp, "world"), poses=poses))
-        if self._nodes.get_subscription_count() and (self._nodes_gate.passes(now) or whole):
-            stress = simulation.von_mises()
-            self._nodes.publish(messages.point_cloud(stamp, "world", simulation.positions, stress))
 
 
 def structure(

@@ -18,7 +18,7 @@ from softsim_core.scene.editing import Region
 from softsim_ros.client import Editing, Outcome
 from softsim_ros.messages import Proposal
 from softsim_ros.nodes.viewer.edit_session import CLICKS, EditSession, Field, drag_handle
-from softsim_ros.nodes.viewer.panel import Control, HtmlElement, Inbox
+from softsim_ros.nodes.viewer.panel import Control, HtmlElement, Inbox, Tab
 from softsim_ros.nodes.viewer.picture import Picture
 from softsim_ros.nodes.viewer.surface import MM, Part, box_lines, sphere_lines
 
@@ -367,7 +367,7 @@ NOTHING: Final = "(no part)"
 MOST_PROBLEMS: Final = 6
 
 
-class EditTab:
+class EditTab(Tab):
     """Controls of the edit mode.
 
     Args:

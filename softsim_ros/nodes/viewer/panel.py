@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
+from softsim_core.scene import RobotDescription
+
 
 class LastMessage:
     """The newest message for the user.
@@ -143,3 +145,16 @@ class HtmlElement:
         if content != self._content:
             self._content = content
             self._handle.content = content
+
+
+class Tab:
+    """A tab of the panel; it overrides what it needs."""
+
+    def refresh(self) -> None:
+        """Show the newest state; called a few times per second."""
+
+    def sample(self, now: float) -> None:
+        """Add a point to each of its curves at `now`, steady clock, in [s]."""
+
+    def show_scene(self, robot: RobotDescription) -> None:
+        """Show another scene, whose joints, keys and parameters have the same controls."""

@@ -1,4 +1,4 @@
-"""The panel of the page: state above, and the tabs Drive, View, Tune, Plots, Timing, Log, Scene."""
+"""The panel of the page: state above, and the tabs of `TABS`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from softsim_ros.client import (
 from softsim_ros.keys import Keyboard, KeyPress, key_table
 from softsim_ros.nodes.viewer import readings
 from softsim_ros.nodes.viewer.edit_mode import EditMode, EditTab
-from softsim_ros.nodes.viewer.panel import Control, HtmlElement, Inbox, LastMessage
+from softsim_ros.nodes.viewer.panel import Control, HtmlElement, Inbox, LastMessage, Tab
 from softsim_ros.nodes.viewer.parameters import KILO, Tunable, tunables
 from softsim_ros.nodes.viewer.part_tree import Part, PartPanel, PartTree, parts_of
 from softsim_ros.nodes.viewer.picture import Picture
@@ -142,7 +142,7 @@ class Hint:
             handle.remove()
 
 
-class DriveTab:
+class DriveTab(Tab):
     """Controls that drive the robot.
 
     Args:
@@ -208,7 +208,7 @@ SHOWN: Final = 60
 """Number of lines on the page."""
 
 
-class LogTab:
+class LogTab(Tab):
     """Lines of the log.
 
     Args:
@@ -250,7 +250,7 @@ def _row(line: LogLine) -> str:
     )
 
 
-class TuneTab:
+class TuneTab(Tab):
     """A control for each tunable parameter.
 
     Args:
@@ -302,7 +302,7 @@ UNCUT: Final = "nothing"
 AXES: Final = ("x", "y", "z")
 
 
-class ViewTab:
+class ViewTab(Tab):
     """Controls of the picture.
 
     Args:
@@ -426,7 +426,7 @@ def joint_at(path: str) -> str | None:
     return steps[2] if len(steps) > 2 and steps[1] == "joints" else None
 
 
-class SceneTab:
+class SceneTab(Tab):
     """Parts of the scene, and a choice of other scenes.
 
     Args:
@@ -453,9 +453,9 @@ class SceneTab:
         self._folder = gui.add_folder(None)
         self._content: list[Any] = []
         self._selected = picture.robot.name
-        self.show(picture.robot)
+        self.show_scene(picture.robot)
 
-    def show(self, robot: RobotDescription) -> None:
+    def show_scene(self, robot: RobotDescription) -> None:
         """Show another scene, or the same one with changes; the selected part stays if it still exists."""
         for handle in self._content:
             handle.remove()
@@ -528,7 +528,7 @@ class SceneTab:
         return f'{place} <a href="{link}">open in VS Code</a>'
 
 
-class PlotsTab:
+class PlotsTab(Tab):
     """Curves over simulated time.
 
     Args:
@@ -564,7 +564,7 @@ class PlotsTab:
         }
         self._added_at: float | None = None
 
-    def add(self, now: float) -> None:
+    def sample(self, now: float) -> None:
         """Add a point to each curve at `now`, steady clock, in [s]; none while simulated time is paused."""
         state, stages = self._state(), self._statistics.stages
         if self._axis.follow(state):
@@ -593,7 +593,7 @@ class PlotsTab:
             self._plots["factor"].add(now, (state.real_time_factor,))
 
 
-class TimingTab:
+class TimingTab(Tab):
     """Table of the stages, and profiler of single steps.
 
     Args:
@@ -647,6 +647,26 @@ class PageParts:
     is_local: bool
 
 
+TABS: Final[Mapping[str, Callable[[Any, Inbox, PageParts], Tab]]] = {
+    "Drive": lambda gui, inbox, page: DriveTab(
+        gui, inbox, page.picture.robot, page.client, page.keyboard, page.hint
+    ),
+    "View": lambda gui, inbox, page: ViewTab(gui, inbox, page.picture, page.mouse),
+    "Edit": lambda gui, inbox, page: EditTab(gui, inbox, page.edit),
+    "Tune": lambda gui, inbox, page: TuneTab(
+        gui, inbox, page.picture.robot, page.client.simulator.parameters
+    ),
+    "Plots": lambda gui, _, page: PlotsTab(
+        gui, page.picture.robot, lambda: page.client.state, page.statistics
+    ),
+    "Timing": lambda gui, inbox, page: TimingTab(gui, inbox, page.statistics),
+    "Log": lambda gui, _, page: LogTab(gui, page.log, page.page_message),
+    "Scene": lambda gui, inbox, page: SceneTab(
+        gui, inbox, page.picture, page.client.simulator, page.page_message.say, is_local=page.is_local
+    ),
+}
+"""The tabs in their order, each built inside itself from viser's controls and the objects behind the page."""
+
 BRIDGE_LAMPS: Final = {"init": AMBER, "no-comm": AMBER, "comm": GREEN, "changing": AMBER}
 
 NARROW: Final = """<style>
@@ -675,31 +695,17 @@ class Controls:
         self._status = HtmlElement(gui.add_html(""))
         self._lamps = HtmlElement(gui.add_html(""))
         self._message = HtmlElement(gui.add_html(""))
-        client, picture, robot = parts.client, parts.picture, parts.picture.robot
+        client = parts.client
         _add_run(gui, inbox, client.simulator)
         stop = gui.add_button("E-STOP", color="red", icon="hand-stop", hint="hold the servos still, latched")
         inbox.on_click(stop, client.bridge.e_stop)
         self._release = gui.add_button("Release e-stop", color="yellow", visible=False)
         inbox.on_click(self._release, client.bridge.clear_e_stop)
-        tabs = gui.add_tab_group()
-        with tabs.add_tab("Drive"):
-            self._drive = DriveTab(gui, inbox, robot, client, parts.keyboard, parts.hint)
-        with tabs.add_tab("View"):
-            self._view = ViewTab(gui, inbox, picture, parts.mouse)
-        with tabs.add_tab("Edit"):
-            self._edit = EditTab(gui, inbox, parts.edit)
-        with tabs.add_tab("Tune"):
-            TuneTab(gui, inbox, robot, client.simulator.parameters)
-        with tabs.add_tab("Plots"):
-            self.plots = PlotsTab(gui, robot, lambda: client.state, parts.statistics)
-        with tabs.add_tab("Timing"):
-            self._timing = TimingTab(gui, inbox, parts.statistics)
-        with tabs.add_tab("Log"):
-            self._log = LogTab(gui, parts.log, parts.page_message)
-        with tabs.add_tab("Scene"):
-            self.scene = SceneTab(
-                gui, inbox, picture, client.simulator, parts.page_message.say, is_local=parts.is_local
-            )
+        group = gui.add_tab_group()
+        self._tabs: list[Tab] = []
+        for name, build in TABS.items():
+            with group.add_tab(name):
+                self._tabs.append(build(gui, inbox, parts))
 
     def refresh(self) -> None:
         """Show the state; to be called a few times per second."""
@@ -711,12 +717,18 @@ class Controls:
         self._lamps.show(readings.lamps(_lamp_states(state)))
         if self._release.visible != state.e_stopped:
             self._release.visible = state.e_stopped
-        self._drive.refresh()
-        self._view.refresh()
-        self._edit.refresh()
-        self.scene.refresh()
-        self._timing.refresh()
-        self._log.refresh()
+        for tab in self._tabs:
+            tab.refresh()
+
+    def sample(self, now: float) -> None:
+        """Add a point to each curve of the tabs at `now`, steady clock, in [s]."""
+        for tab in self._tabs:
+            tab.sample(now)
+
+    def show_scene(self, robot: RobotDescription) -> None:
+        """Show another scene that has the same controls, see `have_same_controls`."""
+        for tab in self._tabs:
+            tab.show_scene(robot)
 
 
 def _lamp_states(state: RobotState) -> list[tuple[str, str]]:

@@ -132,7 +132,7 @@ class Viewer(ClosableNode):
             picture.build(robot)
             self.parts.edit.build()
             if self._controlled is not None and have_same_controls(self._controlled, robot):
-                self.controls.scene.show(robot)
+                self.controls.show_scene(robot)
             else:
                 self._inbox.turn_page()
                 self._server.gui.reset()
@@ -169,7 +169,7 @@ class Viewer(ClosableNode):
         if now >= self._next_plot:
             self._next_plot = now + PLOT_PERIOD_S
             with self.refusing("plot"):
-                self.controls.plots.add(now)
+                self.controls.sample(now)
         with self.refusing("pull"):
             self.parts.mouse.send(picture.stage.pull, picture.stage.surface.points, now)
 
