@@ -11,10 +11,12 @@ from softsim_core import Simulation
 from softsim_core.scene import load_scene
 from softsim_ros.messages import messages_of
 
+FINGER = Path("configs", "scenes", "cable_finger.yaml").resolve()
+
 with TemporaryDirectory() as folder:
     file = Path(folder, "felt.yaml")
     file.write_text(
-        "extends: cable_finger\nname: felt\n"
+        f"extends: {FINGER}\nname: felt\n"
         "sensors: [{name: lowest, kind: height, body: finger, noise: 0.001}]\n"
     )
     simulation = Simulation(load_scene(file))

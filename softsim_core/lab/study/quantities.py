@@ -17,14 +17,6 @@ from softsim_core.simulation import Simulation
 Read: TypeAlias = Callable[[Simulation], Array]
 AXES = ("x", "y", "z")
 
-FORMS = (
-    "effector.position, effector.displacement, effector.tilt, frame.NAME.position, body.NAME.displacement, "
-    "body.NAME.stress, body.NAME.centre, joint.NAME.position, joint.NAME.effort, rigid.NAME.position, "
-    "rigid.NAME.velocity, contact.force, contact.count, contact.gap, contact.NAME, sensor.NAME, "
-    "workspace.volume, python; after those of three numbers .x, .y or .z"
-)
-"""Values of the key `of`."""
-
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -62,7 +54,7 @@ def quantity(
     if find is None or bool(name) != (words[0] in _OF_NAMED):
         find, name = _WHOLE.get(words[0]), ".".join(words[1:])
     if find is None:
-        raise SceneError(f"quantity {description.name}: unknown {description.of!r}; known: {FORMS}")
+        raise SceneError(f"quantity {description.name}: unknown {description.of!r}; known: {_forms()}")
     found = find(simulation, name, description)
     if axis is None:
         return found
@@ -70,6 +62,13 @@ def quantity(
         raise SceneError(f"quantity {description.name}: {description.of} has no {AXES[axis]}; leave it out")
     read = found.read
     return Quantity(lambda running: np.asarray(read(running)[axis]), found.unit)
+
+
+def _forms() -> str:
+    """Return the known values of the key `of`."""
+    parts = [f"{kind}.NAME.{what}" if kind in _OF_NAMED else f"{kind}.{what}" for kind, what in _KINDS]
+    whole = [f"{kind}.NAME" for kind in _WHOLE]
+    return ", ".join([*parts, *whole, "python"]) + "; after those of three numbers .x, .y or .z"
 
 
 def _number_of(function: Read, description: QuantityDescription) -> Read:
