@@ -32,7 +32,9 @@ from .ports import (
     SerialTransport as SerialTransport,
     find_port as find_port,
     find_same_device as find_same_device,
+    open_transport as open_transport,
     opening_error_message as opening_error_message,
+    register_transport as register_transport,
     stable_name as stable_name,
     usb_identity as usb_identity,
 )

@@ -17,7 +17,7 @@ from typing import Literal, TypeAlias
 from servo_bridge import PortError, ProtocolError
 from servo_bridge.driver.board_port import BoardPort, PoselessPacket
 from servo_bridge.driver.link import BoardLink
-from servo_bridge.driver.ports import SerialTransport, Transport
+from servo_bridge.driver.ports import Opener, Transport, open_transport
 from servo_bridge.driver.safety import EStop, MotionSettings, ServoMotion, rest_angle, servo_limits
 from servo_bridge.driver.servo import within
 from servo_bridge.driver.takeover import BoardPose, Takeover
@@ -206,7 +206,7 @@ class ServoDriver(BoardPort):
         e_stop: EStop | None = None,
         clock: Callable[[], float] = steady_time,
         wait: Callable[[float], None] = time.sleep,
-        open_port: Callable[[str, int], Transport] = SerialTransport,
+        open_port: Opener = open_transport,
     ) -> None:
         if robot.board is None or not robot.board.servos:
             raise SceneError(

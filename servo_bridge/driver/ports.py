@@ -1,14 +1,15 @@
-"""Serial ports: find the one that the board is on, and open it for one user only."""
+"""Ports of boards: find the one that the board is on, and open it; serial ports for one user only."""
 
 from __future__ import annotations
 
 import errno
 import os
+import re
 import select
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import serial
 from serial.tools import list_ports
@@ -23,7 +24,11 @@ BRLTTY = "if it vanishes right after plugging in on Ubuntu, remove the package b
 
 
 class Transport(Protocol):
-    """An open port to a board; `SerialTransport` is one."""
+    """An open port to a board; `SerialTransport` is one, and `register_transport` adds other kinds.
+
+    Attributes:
+        port: Its name, for messages.
+    """
 
     port: str
 
@@ -152,6 +157,53 @@ class SerialTransport:
     def _describe_loss(self) -> str:
         message = f"port {self.port} vanished (board unplugged, or its USB supply failed); plug it in again"
         return f"{message}; {BRLTTY}" if _is_usb_adapter(self.port) else message
+
+
+Opener: TypeAlias = Callable[[str, int], Transport]
+"""Opens a port by its name and its bits per second; raises PortError if it cannot."""
+
+_openers: dict[str, Opener] = {}
+
+
+def register_transport(kind: str, opener: Opener) -> None:
+    """Register what opens the ports named "KIND:...", such as a CAN bus.
+
+    A kind that is registered again gets the new opener, since a scene that is loaded again registers again.
+
+    Args:
+        kind: Small letters, digits and _.
+        opener: Opens such a port.
+
+    Raises:
+        PortError: the kind cannot be used.
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", kind):
+        raise PortError("", f"kind of port {kind!r} cannot be used; give small letters, digits and _")
+    _openers[kind] = opener
+
+
+def open_transport(port: str, baud_rate: int) -> Transport:
+    """Open a port: a serial one, or one of a registered kind.
+
+    Args:
+        port: Name of a serial device, or "KIND:...".
+        baud_rate: Bits per second.
+
+    Raises:
+        PortError: the port cannot be opened; the message says why and what to do.
+    """
+    kind, colon, _ = port.partition(":")
+    opener = _openers.get(kind) if colon else None
+    if opener is not None:
+        return opener(port, baud_rate)
+    if colon and re.fullmatch(r"[a-z][a-z0-9_]*", kind) and not os.path.lexists(port):
+        kinds = listing(sorted(_openers)) or "none"
+        raise PortError(
+            port,
+            f"port {port} cannot be opened: {kind} is no known kind of port (known: serial devices, and of"
+            f" registered kinds {kinds}); the robot's Python file can register one",
+        )
+    return SerialTransport(port, baud_rate)
 
 
 def opening_error_message(port: str, error: BaseException) -> str:

@@ -7,14 +7,13 @@ import socket
 
 from softsim_core.scene import load_scene
 from softsim_node import ros_process
-from softsim_ros.nodes.viewer import ViewerSettings
-from softsim_ros.nodes.viewer.viewer_node import Viewer
+from softsim_ros.nodes.viewer import ViewerSettings, viewer_node
 
 with socket.socket() as free:
     free.bind(("127.0.0.1", 0))
     port = free.getsockname()[1]
 with ros_process(), contextlib.ExitStack() as stack:
-    viewer = Viewer(load_scene("cable_finger"), ViewerSettings(port=port))
+    viewer = viewer_node.Viewer(load_scene("cable_finger"), ViewerSettings(port=port))
     stack.callback(viewer.close)
     viewer.frame(1.0)
     (tab,) = (each for each in viewer.controls._tabs if type(each).__name__ == "ClockTab")

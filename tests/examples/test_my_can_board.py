@@ -1,0 +1,173 @@
+"""The example of a board on a CAN bus: driven on a virtual bus, within the robot's limits, and its faults."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from node_processes import spin_until as wait_until
+
+from servo_bridge import PortError
+from servo_bridge.driver import ServoDriver, angles_to_bytes, open_transport
+from softsim_core.base import CommandError
+from softsim_core.scene import load_scene
+
+pytest.importorskip("can")
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+PERIOD, SPEED = 0.02, 2.0
+
+
+class BoardHere:
+    """The board on a virtual bus of its own, until it ends.
+
+    Attributes:
+        poses: The bytes of every pose it received, oldest first.
+    """
+
+    def __init__(self, bus: str, number: int) -> None:
+        from virtual_can_board import run_board
+
+        self.poses: list[bytes] = []
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=run_board, args=(bus, self.poses, self._ended, number))
+        self._thread.start()
+
+    def end(self) -> None:
+        """Unplug it; a second call does nothing."""
+        self._ended.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def bus(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    return f"can:virtual:{request.node.name}"
+
+
+@pytest.fixture
+def board(bus: str) -> Iterator[BoardHere]:
+    load_scene(EXAMPLES / "my_can_board.py")  # registers the port and the protocol
+    made = BoardHere(bus, 7)
+    yield made
+    made.end()
+
+
+class Drive:
+    """A driver of the robot on a clock of the test's own."""
+
+    def __init__(self, bus: str) -> None:
+        self.now = 100.0
+        self.driver = ServoDriver(
+            load_scene(EXAMPLES / "my_can_board.py"), clock=lambda: self.now, wait=self._wait
+        )
+        self.driver.connect(bus, quiet_s=0.5)
+        assert wait_until(lambda: self.driver.link_state == "can_board")
+
+    def _wait(self, duration_s: float) -> None:
+        self.now += duration_s
+        if (self.driver.telemetry_age or 0.0) > 0.2:  # the board's clock is the wall's: let it speak in time
+            assert wait_until(lambda: self.driver.telemetry_age == 0.0)
+
+    def follow(self, command: Sequence[float], count: int) -> None:
+        """Send a command as often as its sender does, for some packets."""
+        for _ in range(count):
+            self.driver.command(command)
+            self._wait(PERIOD)
+            self.driver.tick()
+
+
+@pytest.mark.slow
+def test_it_runs_as_it_stands_and_is_short() -> None:
+    run = subprocess.run(
+        [sys.executable, str(EXAMPLES / "virtual_can_board.py")],
+        cwd=EXAMPLES.parent,
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith("can_board: ")
+    assert run.stdout.endswith("servos at (121, 99) degrees\n")
+    assert len((EXAMPLES / "my_can_board.py").read_text().splitlines()) <= 80
+
+
+def test_the_driver_keeps_speed_and_limits_and_holds_at_an_e_stop(bus: str, board: BoardHere) -> None:
+    drive = Drive(bus)
+    driver = drive.driver
+    driver.start()
+    drive.follow([-1.0, -9.0], 100)  # the second far beyond its limit of -1.5
+    reached = angles_to_bytes([-1.0, -1.5], driver.servos)
+    assert wait_until(lambda: board.poses and board.poses[-1] == bytes(reached))
+    degrees = [list(pose) for pose in board.poses]
+    steps = [abs(b - a) for before, after in pairwise(degrees) for a, b in zip(before, after, strict=True)]
+    assert max(steps) <= math.degrees(SPEED * PERIOD) + 1.0  # rounded at both ends
+    with pytest.raises(CommandError, match="nan"):
+        driver.command([math.nan, 0.0])
+
+    drive.follow([0.0, 0.0], 10)  # on the way back
+    driver.motion.e_stop.latch()
+    drive.follow([0.0, 0.0], 25)
+    assert wait_until(lambda: len(board.poses) == driver.counts.packets)
+    stopped = board.poses[-1]
+    assert bytes(reached) < stopped < bytes(angles_to_bytes([0.0, 0.0], driver.servos))
+    drive.follow([0.0, 0.0], 50)
+    assert wait_until(lambda: len(board.poses) == driver.counts.packets)
+    assert board.poses[-1] == stopped
+    driver.disconnect()
+
+
+def test_a_silent_board_is_lost_and_another_number_is_refused(bus: str, board: BoardHere) -> None:
+    drive = Drive(bus)
+    board.end()
+
+    def is_lost() -> bool:
+        drive.now += PERIOD
+        return refusal(drive).startswith(f"no telemetry from the board on {bus}")
+
+    assert wait_until(is_lost)
+    drive.driver.disconnect()
+
+    stranger = BoardHere(bus, 8)
+    try:
+        drive.driver.connect(bus, quiet_s=0.5, again=True)
+        assert wait_until(lambda: refusal(drive).startswith(f"another board is on {bus}"))
+        assert "number 08, not protocol can_board, number 07" in refusal(drive)
+        assert stranger.poses == []
+    finally:
+        drive.driver.disconnect()
+        stranger.end()
+
+
+def refusal(drive: Drive) -> str:
+    """What is wrong with the board now; empty if nothing is."""
+    try:
+        drive.driver.listen()
+    except PortError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("port", "words"),
+    [
+        ("can:nonsense:x", "the CAN bus can:nonsense:x failed"),
+        ("can", "port can does not exist"),
+        ("udp:localhost:5", "udp is no known kind of port"),
+        ("/dev/nothing:here", "port /dev/nothing:here does not exist"),
+    ],
+)
+def test_a_port_that_cannot_be_opened_says_why(port: str, words: str) -> None:
+    load_scene(EXAMPLES / "my_can_board.py")
+    opened: list[Any] = []
+    with pytest.raises(PortError, match=words):
+        opened.append(open_transport(port, 115_200))
+    assert opened == []
