@@ -123,7 +123,7 @@ def test_a_board_that_restarts_is_told_its_ranges_and_goes_on_where_it_stood(
     board.restart(cause=8)
     assert wait_until(lambda: link.board.counts.banners == banners + 1)
     assert wait_until(lambda: driver.link_state == "extended")
-    assert BoardFlags.WATCHDOG in flags(driver)
+    assert wait_until(lambda: BoardFlags.WATCHDOG in flags(driver))
     assert driver.tick() is None
     take_over(driver)
     assert driver.sent_bytes == (122, 122, 122)

@@ -155,10 +155,9 @@ def test_a_dead_line_to_the_board_is_noticed_although_telemetry_lives(
     assert wait_until(lambda: noticed() and (board.widths_us or (0.0,))[0] > 1400.0)
     board.model.deaf = False
     assert wait_until(lambda: not noticed())
-    widths = board.widths_us
-    assert widths is not None
     assert driver.link is not None
-    assert wait_until(lambda: driver.link.board.telemetry.widths_us == widths)  # type: ignore[union-attr]
+    at_board = lambda: driver.link.board.telemetry.widths_us == board.widths_us  # noqa: E731
+    assert wait_until(at_board)
     assert driver.applied_angles() == pytest.approx(driver.link.board.pose(), abs=math.radians(1.0))
     assert driver.counts.restarts == 1  # it never started anew: same port, same board
 

@@ -345,9 +345,9 @@ def test_a_bare_robot_is_driven_from_what_its_bridge_applied_and_an_interrupt_en
                 session.type(b"q")
                 assert board.wait_for(lambda b: b.servo_bytes == (119, 119, 119))
                 sent = len(board.packets)  # longer than the bridge's patience: 2.5 s at 50 Hz
-                held = range(117, 122)  # where packets leave late it swings by up to two degrees
-                assert board.wait_for(lambda b: len(b.packets) >= sent + 125 or b.servo_bytes[0] not in held)
-                assert board.servo_bytes == (119, 119, 119)
+                assert board.wait_for(lambda b: len(b.packets) >= sent + 125)
+                # a bridge that was paused meanwhile begins to go to rest, until it hears the next command
+                assert board.wait_for(lambda b: b.servo_bytes == (119, 119, 119))
                 session.type(b"\x1b[A")
                 assert board.wait_for(lambda b: b.servo_bytes[0] == 124)
                 session.signal(signal.SIGINT)
