@@ -100,6 +100,7 @@ def test_a_refusal_is_short_and_printable_whatever_the_names_are() -> None:
 def test_names_and_sentences_are_bounded() -> None:
     assert list_names([]) == "none"
     assert list_names(["servo_0", "servo_1"]) == "servo_0, servo_1"
+    assert list_names([str(number) for number in range(10)]) == "0, 1, 2, 3, 4, 5, 6, 7, 8, 9"
     assert list_names([str(number) for number in range(12)]) == "0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more"
     assert list_names(["a" * 100]) == "a" * 13 + "..."
     assert error_text("x\x1b[0m\n" * 1000).isprintable()

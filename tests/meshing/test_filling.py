@@ -305,14 +305,15 @@ def test_a_number_of_nodes_that_nobody_asked_for_is_met_roughly(
     assert len(made.mesh.points) == (729 if nodes is None else 1000)
 
 
-def test_a_size_that_cannot_be_had_gives_the_nearest() -> None:
+@pytest.mark.parametrize("longest", [0.05, 1.0])
+def test_a_size_that_cannot_be_had_gives_the_nearest(longest: float) -> None:
     """A mesh with 500 nodes however long its edges are: it is not asked for longer ones for ever."""
 
     def fill(edge: float) -> TetMesh:
-        assert edge <= 0.05
+        assert edge <= longest
         return TetMesh(np.zeros((500, 3)), np.zeros((1, 4), dtype=np.int64))
 
-    sized = with_nodes(fill, 1e-3, 0.05, 100)
+    sized = with_nodes(fill, 1e-3, longest, 100)
     assert (len(sized.mesh.points), sized.tries) == (500, 2)
 
 

@@ -69,3 +69,24 @@ def test_the_lattice_has_the_volume_of_its_struts() -> None:
         expected += layer * (high - low) * (1.0 - 0.35 * 0.5 * (low + high) / z[-1])
     part = repair_part(read_part(PARTS / "lattice_gripper.stl"))
     assert 1e9 * part.volume == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_blocks_of_a_ring_have_a_closed_surface_with_their_volume(seed: int) -> None:
+    full = np.random.default_rng(seed).random((12, 3, 4)) < 0.5
+    full[:, 1] = False  # blocks that meet in an edge only have none in common here
+    full[:, :, 1::2] = False
+    full[::3] = False
+
+    def corner(around: np.ndarray, outward: np.ndarray, up: np.ndarray) -> np.ndarray:
+        angle, radius = -2.0 * np.pi * around / 12.0, 5.0 + outward
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), up], axis=-1)
+
+    surface = stl_parts.blocks(full, corner, "ring", around=True)
+    edges = np.sort(surface.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+    inner, outer = 5.0 + np.arange(3), 6.0 + np.arange(3)
+    prism = 0.5 * math.sin(2.0 * math.pi / 12.0) * (outer**2 - inner**2)
+    corners = surface.points[surface.triangles]
+    volume = np.linalg.det(corners).sum() / 6.0
+    assert volume == pytest.approx((full * prism[:, None]).sum(), rel=1e-6)

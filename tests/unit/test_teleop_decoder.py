@@ -15,6 +15,7 @@ from softsim_ros.nodes.teleop import ESCAPE_TIMEOUT_S, KeyDecoder
 UP, CTRL_UP = KeyPress("up"), KeyPress("up", ctrl=True)
 
 KEYS = [
+    (b"\x1b[M\x80azq", [KeyPress("q")]),  # after a mouse report, whose first byte can be any
     # plain keys
     (b"a", [KeyPress("a")]),
     (b"A", [KeyPress("a")]),

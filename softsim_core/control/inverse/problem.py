@@ -136,11 +136,11 @@ class Limits:
     @classmethod
     def of(cls, scene: SceneDescription, settings: InverseSettings, period: float) -> Limits:
         """Return the joints' own limits, narrowed by the settings, for a step of `period` [s]."""
-        own = [joint.limits for joint in scene.joints]
-        lower = np.array([max(each.lower, _or(settings.lower, -np.inf)) for each in own])
-        upper = np.array([min(each.upper, _or(settings.upper, np.inf)) for each in own])
-        speed = np.array([min(each.speed, _or(settings.speed, np.inf)) for each in own])
-        torque = np.full(len(own), _or(settings.torque_limit, np.inf))
+        limits = [joint.limits for joint in scene.joints]
+        lower = np.array([max(each.lower, _or(settings.lower, -np.inf)) for each in limits])
+        upper = np.array([min(each.upper, _or(settings.upper, np.inf)) for each in limits])
+        speed = np.array([min(each.speed, _or(settings.speed, np.inf)) for each in limits])
+        torque = np.full(len(limits), _or(settings.torque_limit, np.inf))
         interval = lower, np.maximum(lower, upper)
         return cls(scene.joint_names, *interval, speed * period, torque, scales(scene))
 

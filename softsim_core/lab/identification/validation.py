@@ -195,9 +195,10 @@ def validate_session(
 
 
 def _by_other_rows(result: SessionResult, prediction: Prediction) -> SessionResult:
-    """Align each time span by the others, where a delay would otherwise be fitted to all rows.
+    """Return the errors of each time span with a delay that was fitted to the other spans.
 
-    A delay compensates for many errors of a model. Where rows are held out, they do not influence the delay.
+    A delay that is fitted to all rows hides many errors of a model. If the delay is not fitted, or rows are
+    held out, the result stays as it is.
     """
     session, time = result.session, result.session.description.time
     held_out = session.used & ~session.training

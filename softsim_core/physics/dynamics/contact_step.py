@@ -42,7 +42,7 @@ RUNAWAY_SIZES = 100.0
 MOST_ROUNDS = 10
 """Largest number of contact solutions per pass where the response to forces is approximate."""
 
-_SHORT = 0.95
+_BEFORE_PASSING = 0.95
 """Share of the motion up to the first passing at which contacts are linearised again."""
 _FreeMotion = IteratedFreeMotion | BossakFreeMotion
 _NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
@@ -219,7 +219,7 @@ class ContactStepper(StepperAround):
             earlier = np.union1d(earlier, touching.near.key)
             if count < MOST_PASSES:
                 share = margin[0]
-                place = end if share == 1.0 else collisions.between(start, end, _SHORT * share)
+                place = end if share == 1.0 else collisions.between(start, end, _BEFORE_PASSING * share)
                 slides = None if place is end else end.points - place.points
                 near = collisions.at(place, free, end)
         assert best is not None
@@ -237,7 +237,7 @@ class ContactStepper(StepperAround):
 
     def _cut(self, best: Pass, state: State, collisions: CollisionModel, start: Place) -> Pass:
         """Stop everything before something passes through a surface, with the velocities of the end."""
-        place = collisions.between(start, best.end._replace(state=state), _SHORT * best.margin[0])
+        place = collisions.between(start, best.end._replace(state=state), _BEFORE_PASSING * best.margin[0])
         for name in ("velocities", "reduced_velocities", "rigid_velocities"):
             setattr(place.state, name, getattr(state, name))
         state.buffer[:] = place.state.buffer

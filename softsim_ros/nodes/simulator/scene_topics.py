@@ -102,11 +102,11 @@ class FrameTree:
             if link.measured:
                 pose = measured[link.measured]
                 world[link.name] = pose.position, rotation_of(pose.quaternion_xyzw)
-                place = turn.T @ (pose.position - origin), turn.T @ world[link.name][1]
+                relative = turn.T @ (pose.position - origin), turn.T @ world[link.name][1]
             else:
-                place = link.pose(float(positions[self._joints[link.joint]]))
-                world[link.name] = origin + turn @ place[0], turn @ place[1]
-            transforms.append(self._transform(stamp, link, *place))
+                relative = link.pose(float(positions[self._joints[link.joint]]))
+                world[link.name] = origin + turn @ relative[0], turn @ relative[1]
+            transforms.append(self._transform(stamp, link, *relative))
         poses = simulation.rigid_poses if self._objects else ()
         for number, name in self._objects.items():
             pose, frame = poses[number], self._frames.of(name)
