@@ -351,7 +351,8 @@ def test_time_and_stages_are_told_and_the_slowest_step_is_found(driven: Driven) 
     page.click("Jump to the slowest step")
     assert driven.until(lambda: not follow.is_checked())
     slowest = looked_at()
-    page.set_number("Step shown", 3)
+    row = int(page.number("Step shown").input_value())  # often one of the first after a reset
+    page.set_number("Step shown", 3 if row != 3 else 4)
     assert driven.until(lambda: looked_at()[0] != slowest[0])
     assert looked_at()[1] <= slowest[1]
     earlier = looked_at()[0]
