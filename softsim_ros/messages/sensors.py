@@ -133,15 +133,15 @@ def imu(header: Header, value: Array, output: Output) -> Imu:
 
     The first orientation covariance is -1 if there is no orientation.
     """
-    force, rate, *orientation = output.deviations
+    force, rate, turning = (*output.deviations, 0.0, 0.0, 0.0)[:3]
     message = Imu(header=header)
     message.linear_acceleration, message.angular_velocity = _vectors(value[:6])
     message.linear_acceleration_covariance[0:9:4] = [force**2] * 3
     message.angular_velocity_covariance[0:9:4] = [rate**2] * 3
-    if not orientation:
+    if len(value) == 6:
         message.orientation_covariance[0] = -1.0
     else:
-        message.orientation_covariance[0:9:4] = [orientation[0] ** 2] * 3
+        message.orientation_covariance[0:9:4] = [turning**2] * 3
         turn = message.orientation
         turn.x, turn.y, turn.z, turn.w = value[6:].tolist()
     return message
@@ -165,7 +165,7 @@ def joint(header: Header, value: Array, output: Output) -> JointState:
 
 def pressure(header: Header, value: Array, output: Output) -> FluidPressure:
     """Return an absolute pressure in [Pa] with its noise variance."""
-    (deviation,) = output.deviations
+    deviation = next(iter(output.deviations), 0.0)
     return FluidPressure(header=header, fluid_pressure=float(value), variance=deviation**2)
 
 

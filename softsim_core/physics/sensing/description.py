@@ -68,7 +68,7 @@ class Output(NamedTuple):
         below: Text behind the sensor's topic, such as "/volume"; empty for one output at least.
         part: Index of its numbers in a sample; ...: all of them.
         deviations: Standard deviations of its noise: of specific force, angular rate and, if it has one,
-            orientation; of a pressure; empty where no message has a place for them.
+            orientation; of a pressure. Empty: unknown, or no message has a place for them.
         joint: Name of the joint that it belongs to; empty: none.
     """
 

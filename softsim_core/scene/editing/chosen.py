@@ -91,8 +91,9 @@ def chosen_by(scene: SceneDescription, shapes: RestShapes) -> list[Chosen]:
             found.append(_choose_nodes(f"collisions/{collision.name}", body, find))
     for joint in scene.joints:
         if joint.actuator is not None and joint.actuator.gas is not None:
-            body = shapes.body(bodies[next(filter(None, joint.actuator.bodies().values()))])
-            found.append(_choose_nodes(f"joints/{joint.name}", body, partial(_hollow, body, joint)))
+            for name in filter(None, joint.actuator.bodies().values()):
+                body = shapes.body(bodies[name])
+                found.append(_choose_nodes(f"joints/{joint.name}", body, partial(_hollow, body, joint)))
     return found
 
 
