@@ -49,6 +49,10 @@ class BridgeClient(Client):
 
         return str(self.call(GetState, "servo_bridge/get_state").current_state.label)
 
+    def reaches(self, label: str) -> bool:
+        """Whether the bridge comes into a state before the deadline; it changes after it has logged why."""
+        return spin_until(lambda: self.state() == label)
+
     def trigger(self, service: str) -> Any:
         """Call a std_srvs/Trigger service."""
         from std_srvs.srv import Trigger

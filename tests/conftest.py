@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,17 @@ SIGNALS = {
 }
 """What a program of the suite handles, and what Python does about it by itself."""
 
+REGISTRIES = {
+    "servo_bridge.driver.ports": "_openers",
+    "servo_bridge.protocols.registry": "_registered",
+    "softsim_core.lab.identification.tables": "READERS",
+    "softsim_core.physics.actuation.registry": "_kinds",
+    "softsim_core.physics.fem.elements.registry": "_ELEMENTS",
+    "softsim_core.physics.fem.materials.registry": "_MATERIALS",
+    "softsim_core.physics.linalg.solvers": "_solvers",
+    "softsim_core.physics.sensing.sensors": "_kinds",
+}
+"""Where users' own parts are registered, by module."""
 
 settings.register_profile("seeded", derandomize=True, deadline=None)
 settings.load_profile("seeded")  # each run draws the same examples on every machine, however slow it is
@@ -76,6 +88,28 @@ def signals_as_before() -> Iterator[None]:
         vars(used.ending).update(vars(used.Ending()))
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture(autouse=True)
+def registries_as_before() -> Iterator[None]:
+    """What a test registers, or a robot's file that it loads, is forgotten after it."""
+    registries = list(_registries())
+    before = [dict(each) for each in registries]
+    yield
+    for registry, content in zip(registries, before, strict=True):
+        registry.clear()
+        registry.update(content)
+
+
+def _registries() -> Iterator[dict[str, Any]]:
+    for module, name in REGISTRIES.items():
+        try:
+            registry = getattr(import_module(module), name)
+        except ModuleNotFoundError as error:  # the core is also tested without the others' libraries
+            if (error.name or "").startswith(("softsim", "servo_bridge")):
+                raise
+            continue
+        yield getattr(registry, "_registered", registry)
 
 
 @pytest.fixture(scope="session")

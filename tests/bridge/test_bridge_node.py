@@ -138,7 +138,7 @@ def test_wrong_commands_are_refused_whole_and_reported(
     assert board.wait_for(at(177, 121, 121))
     assert wait_until(lambda: values(diagnostics).get("commands clipped") == "1")
     assert values(diagnostics)["port"] == board.port
-    assert client.state() == "active"
+    assert client.reaches("active")
 
 
 def values(diagnostics: list[DiagnosticArray]) -> dict[str, str]:
@@ -224,7 +224,7 @@ def test_a_port_that_vanishes_is_reported_and_the_pose_taken_up_again(
     assert board.wait_for(at(64, 64, 64))
     board.unplug()
     assert bridge.says("vanished (board unplugged, or its USB supply failed); plug it in again")
-    assert wait_until(lambda: client.state() == "inactive")
+    assert client.reaches("inactive")
     assert wait_until(
         lambda: any(
             "does not exist" in item.message or "vanished" in item.message
@@ -237,7 +237,7 @@ def test_a_port_that_vanishes_is_reported_and_the_pose_taken_up_again(
     board.replug()
     assert board.wait_for(at(173, 173, 173))
     assert all(abs(value - 64) <= math.degrees(3.5) * 0.04 + 1.0 for value in board.packets[0].servo_bytes)
-    assert client.state() == "active"
+    assert client.reaches("active")
     assert wait_until(lambda: values(diagnostics).get("reconnects") == "1")
     assert "Traceback" not in bridge.output
 

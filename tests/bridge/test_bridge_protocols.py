@@ -82,7 +82,7 @@ def test_a_board_that_falls_silent_is_opened_again_and_the_pose_taken_up(
     assert board.wait_for(lambda b: b.is_open)
     assert board.wait_for(lambda b: len(b.packets) > 5)
     assert {packet.servo_bytes for packet in board.packets} == {(64, 64, 64)}
-    assert client.state() == "active"
+    assert client.reaches("active")
 
 
 @pytest.mark.slow

@@ -255,7 +255,7 @@ def test_an_overload_stops_the_bridge_with_a_sentence_until_the_supply_was_off(
     drive(client, board, stream, 0.5)
     bus.servos[2].fail(table.HardwareError.OVERLOAD)
     assert bridge.says("servo 2 (leg_2) has switched its torque off (overload)")
-    assert client.state() == "inactive"
+    assert client.reaches("inactive")
     for servo in bus.servos.values():
         servo.power_cycle()
     assert board.wait_for(lambda b: all(servo.torque for servo in bus.servos.values()))

@@ -117,7 +117,7 @@ def test_latched_while_the_port_is_gone_it_keeps_the_bridge_from_going_on(
     board.replug()
     assert bridge.says("is open again")
     assert bridge.says("the e-stop is latched; call ~/clear_e_stop first")
-    assert client.state() == "inactive"
+    assert client.reaches("inactive")
     assert board.accepted == before
 
 
