@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ def jittered(mesh: TetMesh, amount: float, seed: int) -> TetMesh:
     points = mesh.points.copy()
     inner = np.setdiff1d(np.arange(len(points)), boundary(mesh))
     points[inner] += rng.uniform(-amount, amount, (len(inner), 3))
-    return TetMesh(points, mesh.tets, mesh.name)
+    return replace(mesh, points=points)
 
 
 def body(
@@ -60,14 +61,14 @@ def scene(*bodies: BodyDescription, law: str = "polar", **fields: Any) -> SceneD
     return SceneDescription(name="test", solver=solver, bodies=bodies, **fields)
 
 
-def machine(law: str = "polar", **fields: Any) -> SceneDescription:
+def machine(law: str = "polar", hexahedra: bool = False, **fields: Any) -> SceneDescription:
     """Two bodies with everything that exists.
 
     A bridge held at one end, with a prescribed hinge, a compliant hinge and a free frame; a rod with a soft
     fixing, a prescribed slide and a compliant one.
     """
-    bridge = box_mesh((0.08, 0.02, 0.01), (8, 2, 1), (0.0, -0.01, 0.0), "bridge")
-    rod = box_mesh((0.04, 0.01, 0.01), (4, 1, 1), (0.0, 0.03, 0.0), "rod")
+    bridge = box_mesh((0.08, 0.02, 0.01), (8, 2, 1), (0.0, -0.01, 0.0), "bridge", hexahedra=hexahedra)
+    rod = box_mesh((0.04, 0.01, 0.01), (4, 1, 1), (0.0, 0.03, 0.0), "rod", hexahedra=hexahedra)
     joints = (
         JointDescription(
             name="hinge",

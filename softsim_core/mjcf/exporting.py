@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from softsim_core.base import Array, FormerAttribute, MjcfError
+from softsim_core.base import Array, FormerAttribute, MjcfError, listing
 from softsim_core.mjcf.reading import ConversionNotes
 from softsim_core.physics.actuation import Route
 from softsim_core.physics.fem.materials import rest_stiffness
@@ -388,8 +388,9 @@ def _check(built: BuiltScene, name: str) -> None:
     for body in built.bodies:
         if isinstance(body.mesh, RodMesh):
             raise MjcfError(name, f"body {body.name} is a rod, which no flex here stands for; leave it out")
-        if body.mesh.order == 2:
-            raise MjcfError(name, f"body {body.name} has quadratic cells, MuJoCo linear ones; set `order: 1`")
+        if any(cells.shape[1] != 4 for cells in body.cells):
+            kinds = listing(body.blocks)
+            raise MjcfError(name, f"body {body.name} has cells {kinds}, MuJoCo only tet4; set `order: 1`")
 
 
 def _note_differences(scene: SceneDescription, notes: ConversionNotes) -> None:
@@ -483,7 +484,7 @@ def _add_flex(draft: Draft, flexes: ElementTree.Element, b: int) -> None:
         rgba=words(description.colour),
         body=" ".join(owners),
         vertex=words(local),
-        element=words(body.cells[:, [0, 1, 3, 2]]),  # MuJoCo orders the corners the other way round
+        element=words(body.solid.tets[:, [0, 1, 3, 2]]),  # MuJoCo orders the corners the other way round
     )
     add(
         flex,

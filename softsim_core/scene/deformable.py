@@ -175,8 +175,8 @@ class BodyDescription:
         order: 2 puts a node on each edge of a linear mesh, 1 removes those of a quadratic one; None: as in
             the mesh.
         element: Name of the element of its cells, see fem.elements, with the same number of nodes; None: tet4
-            or tet10, or for a rod sections along it. With tet4 or tet10 the rod is a strip of tetrahedra of
-            the same shape.
+            or tet10, hex8 for hexahedra without an `order`, or for a rod sections along it. With tet4 or
+            tet10 the rod is a strip of tetrahedra of the same shape, and hexahedra are split.
     """
 
     name: str

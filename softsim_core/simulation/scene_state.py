@@ -453,7 +453,9 @@ def _surface_of(bodies: Sequence[Body], model: Model) -> SurfaceFollower:
 
 
 def _mean_of(bodies: Sequence[Body], model: Model) -> csr_array:
-    return mean_at_nodes([body.cells + body.nodes.start for body in bodies], len(model.rest))
+    return mean_at_nodes(
+        [cells + body.nodes.start for body in bodies for cells in body.cells], len(model.rest)
+    )
 
 
 def mean_at_nodes(elements: Sequence[IndexArray], count: int) -> csr_array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from surface_gaps import smallest_gap
 from softsim_core import Simulation
 from softsim_core.base import Array, MeshFile, Placement
 from softsim_core.physics.mechanics import rotation_euler, rotation_of
-from softsim_core.physics.mesh import Shape, TetMesh, box_mesh, box_surface, write_surface
+from softsim_core.physics.mesh import Shape, box_mesh, box_surface, write_surface
 from softsim_core.scene import BodyDescription, RigidBodyDescription
 
 Vector = tuple[float, float, float]
@@ -38,13 +39,13 @@ def turned(seed: int) -> Array:
 
 def soft(
     seed: int, height: float, young_modulus: float, size: Vector = CUBE, cells: Cells = (3, 3, 3),
-    name: str = "thing", mass: float = 0.05, aside: Spot = (0.0, 0.0),
+    name: str = "thing", mass: float = 0.05, aside: Spot = (0.0, 0.0), hexahedra: bool = False,
 ) -> BodyDescription:  # fmt: skip
     """A soft block at random orientation, its lowest corner `height` [m] above the floor."""
-    mesh = box_mesh(size, cells, tuple(-0.5 * each for each in size))
+    mesh = box_mesh(size, cells, tuple(-0.5 * each for each in size), name, hexahedra=hexahedra)
     points = mesh.points @ turned(seed).T
     points += [*aside, height - points[:, 2].min()]
-    return body(TetMesh(points, mesh.tets, name), name, young_modulus, 0.45, mass)
+    return body(replace(mesh, points=points), name, young_modulus, 0.45, mass)
 
 
 def rigid(
@@ -134,6 +135,14 @@ def test_no_cube_ever_sinks_in(kind: str, height: float, seeds: int) -> None:
 def test_neither_step_nor_friction_matter(kind: str, dt: float, friction: float) -> None:
     for seed in (200,):
         watch(dropped(kind, seed, 0.3, dt=dt, friction=friction), 0.3)
+
+
+@pytest.mark.parametrize("seed", [400, 401])
+def test_hexahedra_do_not_sink_in(seed: int, backend: str) -> None:
+    cube = soft(seed, 0.2, 3e4, hexahedra=True)
+    sim = Simulation(touching(FLOOR, soft=(cube,), backend=backend))
+    assert sim.model.element(0).name == "hex8"
+    assert watch(sim, 0.2) > DISTANCE - EXACT
 
 
 @pytest.mark.slow

@@ -231,7 +231,7 @@ def test_what_mujoco_has_nothing_for_is_refused() -> None:
     )
     with pytest.raises(MjcfError, match="body rod is a rod"):
         export_mjcf(SceneDescription(name="rods", bodies=(rod,)))
-    with pytest.raises(MjcfError, match="quadratic cells, MuJoCo linear ones; set `order: 1`"):
+    with pytest.raises(MjcfError, match="has cells tet10, MuJoCo only tet4; set `order: 1`"):
         export_mjcf(beam_scene(bodies=(replace(BEAM, order=2),)))
 
 

@@ -16,6 +16,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 FOLDER = REPOSITORY / "tests" / "extensions"
 MOST_FILES = {
     "actuator": 2,
+    "element": 2,
     "key": 2,
     "material": 2,
     "quantity": 1,

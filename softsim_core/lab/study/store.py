@@ -85,7 +85,8 @@ def _plain(data: Any) -> Any:
     if isinstance(data, list | tuple):
         return [_plain(each) for each in data]
     if isinstance(data, TetMesh):
-        return _digest(data.points.tobytes() + data.tets.tobytes())
+        cells = [data.tets, *(block.cells for block in data.blocks.values())]
+        return _digest(b"".join(each.tobytes() for each in (data.points, *cells)))
     if isinstance(data, np.ndarray):
         return _digest(data.tobytes())
     if isinstance(data, str) and data.startswith("/") and Path(data).is_file():

@@ -69,7 +69,7 @@ def cell_energy(group: ElementGroup, positions: Array, p: Array) -> Array:
     gradients, law, p = deformation_gradients(group, positions), mean_volume_law(group), p[:, None]
     if law is None:
         return np.asarray((group.weights * group.material.energy(gradients, p)).sum(axis=1))
-    at_points, on_mean = split_bulk(law, p)
+    at_points, on_mean = split_bulk(group, law, p)
     dilatation = law.dilatation(gradients)
     density = law.shear_energy(gradients, p) + 0.5 * at_points * dilatation**2
     mean = mean_over(group, dilatation)
@@ -136,7 +136,7 @@ def cell_stiffness(
             return _blocks_of_modes(group, modes)
         of = plain.distant_tangent if distant else plain.positive_tangent if positive else plain.tangent
         return _blocks(group, of(gradients, p))
-    at_points, on_mean = split_bulk(law, p)
+    at_points, on_mean = split_bulk(group, law, p)
     if moved is None:
         pressure = _pressure(group, law, gradients, p)
         at = law.positive_tangent_at if positive or distant else law.tangent_at
@@ -149,9 +149,9 @@ def cell_stiffness(
     return blocks + rank_one.reshape(m, a, 3, a, 3).swapaxes(2, 3)
 
 
-def split_bulk(law: VolumetricMaterial, p: Array) -> tuple[Array, Array]:
+def split_bulk(group: ElementGroup, law: VolumetricMaterial, p: Array) -> tuple[Array, Array]:
     """Return the bulk coefficients at the points and on the mean in [Pa] for parameters (..., k)."""
-    at_points = law.point_bulk(p)
+    at_points = law.point_bulk(p, group.element.point_ratio)
     return at_points, np.asarray(law.bulk(p) - at_points)
 
 
@@ -162,7 +162,7 @@ def mean_over(group: ElementGroup, at_points: Array) -> Array:
 
 def _pressure(group: ElementGroup, law: VolumetricMaterial, gradients: Array, p: Array) -> Array:
     """Return the pressure a_p theta + (a - a_p) mean(theta) in [Pa], shape (m, q)."""
-    at_points, on_mean = split_bulk(law, p)
+    at_points, on_mean = split_bulk(group, law, p)
     dilatation = law.dilatation(gradients)
     return np.asarray(at_points * dilatation + on_mean * mean_over(group, dilatation))
 
@@ -173,7 +173,7 @@ def _extrapolated_pressure(
     """Return the pressure before the displacement `moved` plus its first-order change in [Pa], (m, q)."""
     before = deformation_gradients(group, positions - moved)
     change = (law.dilatation_slope(before) * deformation_gradients(group, moved)).sum(axis=(-2, -1))
-    at_points, on_mean = split_bulk(law, p)
+    at_points, on_mean = split_bulk(group, law, p)
     return _pressure(group, law, before, p) + at_points * change + on_mean * mean_over(group, change)
 
 
@@ -190,7 +190,7 @@ def mean_volume_answer(group: ElementGroup, positions: Array, p: Array, velociti
         p = p[:, None]
         volume = _volume_gradient(group, law, deformation_gradients(group, positions))
         rate = (volume * velocities[group.cells]).sum(axis=(1, 2)) / group.volumes
-        answer = (split_bulk(law, p)[1][:, 0] * rate)[:, None, None] * volume
+        answer = (split_bulk(group, law, p)[1][:, 0] * rate)[:, None, None] * volume
         np.add.at(result, group.cells, answer)
     return result
 

@@ -15,11 +15,13 @@ from .embedding import (
 from .formats import merge_corners as merge_corners
 from .generators import (
     box_mesh as box_mesh,
+    cell_mesh as cell_mesh,
     extrude as extrude,
     flip_to_delaunay as flip_to_delaunay,
     orient_tets as orient_tets,
     smooth as smooth,
     stitch as stitch,
+    whole_cells as whole_cells,
 )
 from .readers import (
     read_surface as read_surface,
@@ -63,8 +65,10 @@ from .surface import (
 )
 from .types import (
     MIDDLES as MIDDLES,
+    TETRAHEDRA as TETRAHEDRA,
     SurfaceMesh as SurfaceMesh,
     TetMesh as TetMesh,
+    cell_middles as cell_middles,
     linear as linear,
     quadratic as quadratic,
     subdivide_mesh as subdivide_mesh,

@@ -145,6 +145,7 @@ def drop_unused_nodes(mesh: TetMesh) -> TetMesh:
         tets=number[mesh.tets],
         surfaces={name: faces for name, faces in surfaces.items() if len(faces)},
         groups={name: nodes for name, nodes in groups.items() if len(nodes)},
+        blocks={kind: replace(block, cells=number[block.cells]) for kind, block in mesh.blocks.items()},
     )
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, MeshError, unique_pairs
-from softsim_core.physics.mesh.types import TetMesh
+from softsim_core.physics.mesh.types import TETRAHEDRA, CellBlock, TetMesh
 
 FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
@@ -62,7 +63,7 @@ def split_cells(
             if apex is None:
                 apex = len(points) + len(centres)
                 centres.append(points[np.unique(cell)].mean(axis=0))
-            rows += [(*half, apex) for both in halves for half in both if apex not in half]
+            rows += [(apex, *half) for both in halves for half in both if apex not in half]
             owners += [number] * (len(rows) - len(owners))
         parts[kind] = (np.array(rows, dtype=np.int64).reshape(-1, 4), np.array(owners, dtype=np.int64))
     if centres:
@@ -70,6 +71,94 @@ def split_cells(
     for kind, (split, whole) in parts.items():
         _refuse_folded(points, split, whole, kind, cells[kind], file)
     return points, parts
+
+
+def cell_mesh(
+    points: Array,
+    tets: IndexArray,
+    cells: Mapping[str, IndexArray],
+    name: str | Path,
+    groups: Mapping[str, Mapping[str, IndexArray]] | None = None,
+) -> TetMesh:
+    """Return a mesh of cells of several kinds, which are also split into tetrahedra.
+
+    A cell that needs a new node at its centre, or has several corners in one node, is only tetrahedra.
+
+    Args:
+        points: Node positions in [m], shape (n, 3).
+        tets: Tetrahedra, shape (m, 4) or, without other cells, (m, 10); may be empty.
+        cells: Node indices by kind, a key of `FACES`, in VTK's order.
+        name: Name of the mesh, for messages.
+        groups: Cells by the name of their group and by their kind, as numbers among all of that kind.
+
+    Returns:
+        The mesh: the given tetrahedra, then those of the other cells.
+
+    Raises:
+        MeshError: see `split_cells`.
+    """
+    count, alone = len(points), len(tets)
+    parts: dict[str, tuple[IndexArray, IndexArray]] = {}
+    if cells:
+        points, parts = split_cells(points, tets, cells, Path(name))
+        tets = np.concatenate([tets, *(rows for rows, _ in parts.values())])
+    owners = dict.fromkeys(("tetra", "tetra10"), _owner(len(tets), 0, np.arange(alone)))
+    blocks, start = {}, alone
+    for kind, (rows, own) in parts.items():
+        owners[kind] = _owner(len(tets), start, own)
+        start += len(rows)
+        nodes = np.sort(cells[kind], axis=1)
+        whole = (nodes[:, 1:] != nodes[:, :-1]).all(axis=1)
+        whole[own[(rows >= count).any(axis=1)]] = False
+        if whole.any():
+            number = np.append(np.where(whole, np.cumsum(whole) - 1, -1), -1)
+            blocks[kind] = CellBlock(np.ascontiguousarray(cells[kind][whole]), number[owners[kind]])
+    named = {
+        group: np.flatnonzero(np.any([np.isin(owners[kind], found[kind]) for kind in found], axis=0))
+        for group, found in (groups or {}).items()
+    }
+    return TetMesh(points, np.ascontiguousarray(tets), str(name), cell_groups=named, blocks=blocks)
+
+
+def whole_cells(mesh: TetMesh, kinds: Collection[str]) -> tuple[dict[str, IndexArray], IndexArray]:
+    """Return the cells of a mesh by kind: those of some kinds whole, all others as tetrahedra.
+
+    If a quadrilateral face of a whole cell belonged to two tetrahedra of another one, they would not fit each
+    other; then all cells are tetrahedra.
+
+    Args:
+        mesh: The mesh.
+        kinds: Kinds of `mesh.blocks`.
+
+    Returns:
+        Nodes of the cells by kind, shapes (k, a), first of the tetrahedra ("tetra" or "tetra10"), if there
+        are any, and the cell that each tetrahedron of the mesh is or is a part of, counted through the kinds,
+        shape (m,).
+    """
+    whole = {kind: block for kind, block in mesh.blocks.items() if kind in kinds}
+    split = np.all([np.ones(len(mesh.tets), bool), *(block.owner < 0 for block in whole.values())], axis=0)
+    beside = {
+        tuple(face) for face in np.sort(mesh.tets[split][:, _TET_FACES].reshape(-1, 3), axis=1).tolist()
+    }
+    for kind, block in whole.items() if beside else ():
+        for face in FACES[kind]:
+            halves = [block.cells[:, np.delete(face, k)] for k in range(4)] if len(face) == 4 else []
+            if any(tuple(half) in beside for each in halves for half in np.sort(each, axis=1).tolist()):
+                return whole_cells(mesh, ())
+    cells = {TETRAHEDRA[mesh.order]: mesh.tets[split]} if split.any() else {}
+    cell_of_tet, count = np.cumsum(split) - 1, int(split.sum())
+    for kind, block in whole.items():
+        cells[kind] = block.cells
+        cell_of_tet = np.where(block.owner < 0, cell_of_tet, count + block.owner)
+        count += len(block.cells)
+    return cells, cell_of_tet
+
+
+def _owner(count: int, first: int, own: IndexArray) -> IndexArray:
+    """Return the cell of each of `count` tetrahedra: those of `own` from the first one on, else -1."""
+    owner = np.full(count, -1)
+    owner[first : first + len(own)] = own
+    return owner
 
 
 def _triangles(face: list[int], beside: set[tuple[int, ...]]) -> list[tuple[int, int, int]]:
@@ -250,11 +339,17 @@ def extrude(
     return solid, orient_tets(solid, np.concatenate(tets))
 
 
+_HEXAHEDRON = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
+"""Corners of a cell in VTK's order."""
+
+
 def box_mesh(
     lengths: Sequence[float],
     cells: Sequence[int],
     origin: Sequence[float] = (0.0, 0.0, 0.0),
     name: str = "box",
+    *,
+    hexahedra: bool = False,
 ) -> TetMesh:
     """Return a structured box: six tetrahedra per cell around a space diagonal (Kuhn).
 
@@ -267,6 +362,7 @@ def box_mesh(
         cells: Numbers of cells along x, y, z, >= 1.
         origin: Corner with the smallest coordinates in [m].
         name: Name of the mesh.
+        hexahedra: Hold the cells themselves, too, which bodies then consist of.
 
     Returns:
         Positively oriented mesh; node (i, j, k) has index (i (cells_y + 1) + j) (cells_z + 1) + k.
@@ -299,4 +395,9 @@ def box_mesh(
             corner[:, axis] += step[:, axis]
             corners.append(node[tuple(corner.T)])
         tets.append(np.column_stack(corners))
-    return TetMesh(points, orient_tets(points, np.stack(tets, axis=1).reshape(-1, 4)), name)
+    mesh = TetMesh(points, orient_tets(points, np.stack(tets, axis=1).reshape(-1, 4)), name)
+    if not hexahedra:
+        return mesh
+    corners = cell[:, None] + np.array(_HEXAHEDRON)
+    block = CellBlock(node[tuple(np.moveaxis(corners, 2, 0))], np.repeat(np.arange(len(cell)), 6))
+    return replace(mesh, blocks={"hexahedron": block})

@@ -29,7 +29,7 @@ from softsim_core.physics.mesh.formats import (
     parse_stl,
     read_vtu,
 )
-from softsim_core.physics.mesh.generators import FACES, split_cells
+from softsim_core.physics.mesh.generators import FACES, cell_mesh
 from softsim_core.physics.mesh.surface import boundary, triangle_normals
 from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh
 
@@ -109,7 +109,8 @@ class _Contents(NamedTuple):
 def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None) -> TetMesh:
     """Return the tetrahedra of a mesh file, linear or quadratic.
 
-    Linear hexahedra, wedges and pyramids are split into tetrahedra, see `split_cells`. Points, lines and
+    Linear hexahedra, wedges and pyramids are split into tetrahedra, see `split_cells`; the mesh also holds
+    them whole. Points, lines and
     faces are skipped. Nodes that no cell uses are dropped with a warning.
 
     Args:
@@ -159,21 +160,8 @@ def _tet_mesh(contents: _Contents, file: Path) -> TetMesh:
         check_arrays(points, block, block.shape[1], str(file), f"cells of kind {kind}")
     if len(tets):
         check_arrays(points, tets, corners, str(file))
-    owners = {"tetra": np.arange(len(tets)), "tetra10": np.arange(len(tets))}
-    first = {"tetra": 0, "tetra10": 0}
-    if blocks:
-        points, parts = split_cells(points, tets, blocks, file)
-        for kind, (rows, owner) in parts.items():
-            owners[kind], first[kind] = owner, len(tets)
-            tets = np.concatenate([tets, rows])
-    volumes = {
-        name: np.concatenate(
-            [first[kind] + np.flatnonzero(np.isin(owners[kind], numbers)) for kind, numbers in found.items()]
-        )
-        for name, found in cell_groups.items()
-    }
-    mesh = TetMesh(points, np.ascontiguousarray(tets), str(file), surfaces, groups, volumes)
-    return drop_unused_nodes(mesh)
+    mesh = cell_mesh(points, tets, blocks, file, cell_groups)
+    return drop_unused_nodes(replace(mesh, surfaces=surfaces, groups=groups))
 
 
 def read_surface(path: str | PathLike[str], placement: PlacementLike | None = None) -> SurfaceMesh:

@@ -1,6 +1,7 @@
-"""Meshes as immutable arrays in [m], of linear and quadratic tetrahedra.
+"""Meshes as immutable arrays in [m]: tetrahedra, linear or quadratic, and cells that are split into them.
 
-The nodes of a quadratic cell are in VTK's order: four corners, then the middles of `MIDDLES`.
+Surfaces, contact, embedding, checks and pictures work on tetrahedra. The nodes of a quadratic one are in
+VTK's order: four corners, then the middles of `MIDDLES`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellBlock:
+    """Cells of one kind, such as hexahedra, that a mesh also holds as tetrahedra.
+
+    Attributes:
+        cells: Node indices in VTK's order, shape (k, a).
+        owner: The cell that each tetrahedron of the mesh is a part of, -1: none of these; shape (m,).
+    """
+
+    cells: IndexArray
+    owner: IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +39,8 @@ class TetMesh:
         surfaces: Faces by their names in the file, as indices of their corners, shapes (k, 3).
         groups: Nodes by the names in the file of their points, lines, faces or cells.
         cell_groups: Cells by the names of volumes in the file: rows of `tets`, ascending.
+        blocks: Cells of other kinds by meshio's name ("hexahedron"), which some of the tetrahedra fill; an
+            element can take them whole, see `whole_cells`.
         around: Largest distance outside, in heights of a cell, of a point that an actuator binds to it.
     """
 
@@ -34,6 +50,7 @@ class TetMesh:
     surfaces: Mapping[str, IndexArray] = field(default_factory=dict)
     groups: Mapping[str, IndexArray] = field(default_factory=dict)
     cell_groups: Mapping[str, IndexArray] = field(default_factory=dict)
+    blocks: Mapping[str, CellBlock] = field(default_factory=dict)
     around: float = 0.02
 
     @property
@@ -56,6 +73,9 @@ class SurfaceMesh:
     triangles: IndexArray
     name: str = "surface"
 
+
+TETRAHEDRA = {1: "tetra", 2: "tetra10"}
+"""meshio's name of the tetrahedra of a mesh by its order."""
 
 MIDDLES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 """The two corners of the edge of each of the nodes 4 to 9."""
@@ -81,9 +101,10 @@ _DIAGONALS, _INNER = np.array(list(_AROUND)), _inner()
 
 
 def quadratic(mesh: TetMesh) -> TetMesh:
-    """Return the same cells with a node in the middle of each edge, after the existing nodes.
+    """Return the same tetrahedra with a node in the middle of each edge, after the existing nodes.
 
-    A new node is in the groups of both ends of its edge. A mesh of order 2 is returned unchanged.
+    Cells of other kinds are gone. A new node is in the groups of both ends of its edge. A mesh of order 2 is
+    returned unchanged.
     """
     if mesh.order == 2:
         return mesh
@@ -96,7 +117,7 @@ def quadratic(mesh: TetMesh) -> TetMesh:
         name: np.concatenate([own, len(mesh.points) + np.flatnonzero(np.isin(unique, own).all(axis=1))])
         for name, own in mesh.groups.items()
     }
-    return replace(mesh, points=points, tets=tets, groups=groups)
+    return replace(mesh, points=points, tets=tets, groups=groups, blocks={})
 
 
 def linear(mesh: TetMesh) -> TetMesh:
@@ -111,6 +132,12 @@ def linear(mesh: TetMesh) -> TetMesh:
         surfaces={name: np.searchsorted(used, faces) for name, faces in mesh.surfaces.items()},
         groups={name: np.flatnonzero(np.isin(used, own)) for name, own in mesh.groups.items()},
     )
+
+
+def cell_middles(points: Array, cells: IndexArray) -> Array:
+    """Return the mean of the corners of cells (k, a) in [m], shape (k, 3)."""
+    corners = 4 if cells.shape[1] == 10 else cells.shape[1]
+    return np.asarray(points[cells[:, :corners]].mean(axis=1))
 
 
 def subdivide_mesh(mesh: TetMesh) -> TetMesh:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from softsim_core.physics.mesh import (
     along_curve,
     boundary_faces,
     carried_axes,
+    cell_middles,
     place,
     rod_mesh,
     rotation_matrix,
@@ -57,6 +58,10 @@ class Body:
         unloaded: Positions of the nodes of its tetrahedra without load in [m], shape (n, 3); None: as in
             `mesh`.
         ends: Nodes of the ends of a slender body, with its own numbers; None: it has none.
+        blocks: Nodes of its cells by the name of their element, with its own node numbers, shapes (m, a);
+            none of a rod.
+        cell_of_tet: The cell, counted through `blocks`, that each tetrahedron of its mesh is or is a part of,
+            shape (t,).
     """
 
     name: str
@@ -68,11 +73,18 @@ class Body:
     sections: RodSections | None = None
     unloaded: Array | None = None
     ends: tuple[IndexArray, IndexArray] | None = None
+    blocks: Mapping[str, IndexArray] = field(default_factory=dict)
+    cell_of_tet: IndexArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
-    def cells(self) -> IndexArray:
-        """Nodes of its cells, with its own node numbers, shape (m, a)."""
-        return self.mesh.cells if isinstance(self.mesh, RodMesh) else self.mesh.tets
+    def cells(self) -> tuple[IndexArray, ...]:
+        """Nodes of its cells, with its own node numbers, shapes (m, a): of each block, or of a rod."""
+        return (self.mesh.cells,) if isinstance(self.mesh, RodMesh) else tuple(self.blocks.values())
+
+    @property
+    def cell_count(self) -> int:
+        """Number of its cells."""
+        return sum(map(len, self.cells))
 
     @property
     def outside(self) -> SurfaceMesh:
@@ -97,10 +109,12 @@ def material_parts(
 ) -> Iterator[tuple[str, MaterialDescription, IndexArray]]:
     """Yield owner in SceneDescription.materials, material and cells of the body, then of each of its regions.
 
+    Cells are counted through the body's blocks.
+
     Raises:
         SceneError: a region has no cell, shares one with another region, or leaves none to the body.
     """
-    owner = np.full(len(body.cells), -1)
+    owner = np.full(body.cell_count, -1)
     for k, region in enumerate(description.regions):
         inside = _cells_in(region, description, body)
         if len(inside) == 0:
@@ -134,10 +148,10 @@ def _cells_in(region: MaterialRegionDescription, description: BodyDescription, b
                 f"material region {region.name} of body {description.name}: its mesh has no group of volumes "
                 f"{region.group!r}; {known_names(region.group, groups, 'it has')}"
             )
-        return np.asarray(groups[region.group])
+        return np.unique(body.cell_of_tet[groups[region.group]])
     shape = region.box or region.sphere
     assert shape is not None  # checked by the description
-    return nodes_in(shape, body.mesh.points[body.cells[:, :4]].mean(axis=1))
+    return nodes_in(shape, np.concatenate([cell_middles(body.mesh.points, each) for each in body.cells]))
 
 
 class _Parts:
@@ -192,9 +206,10 @@ def reinforcements(
             if isinstance(each, LayerDescription):
                 group = _layer(each, description, body, b, number, rest)
                 mass += each.density * volume_shares(group, len(rest))
+                parts.add(group)
             else:
-                group = _fibres(each, description, b, number, filling, rest)
-            parts.add(group)
+                for group in _fibres(each, description, b, number, filling, rest):
+                    parts.add(group)
     return parts.join_groups(sum(len(group.cells) for group in filling)), mass
 
 
@@ -225,23 +240,27 @@ def _fibres(
     number: int,
     filling: Sequence[ElementGroup],
     rest: Array,
-) -> ElementGroup:
-    group = next(each for each in filling if (each.body == b).any())
-    own = np.flatnonzero(group.body == b)
-    region = fibres.box or fibres.sphere
-    if region is not None:
-        own = own[nodes_in(region, rest[group.cells[own]].mean(axis=1))]
-    if fibres.radii is not None:
-        distance = _distance(fibres, rest[group.cells[own]].mean(axis=1))
-        own = own[(fibres.radii[0] <= distance) & (distance <= fibres.radii[1])]
-    if not len(own):
+) -> list[ElementGroup]:
+    """Return the fibres in the cells of a body, a group for each element and law of these."""
+    found = []
+    for group in filling:
+        own = np.flatnonzero(group.body == b)
+        region = fibres.box or fibres.sphere
+        if region is not None:
+            own = own[nodes_in(region, rest[group.cells[own]].mean(axis=1))]
+        if fibres.radii is not None:
+            distance = _distance(fibres, rest[group.cells[own]].mean(axis=1))
+            own = own[(fibres.radii[0] <= distance) & (distance <= fibres.radii[1])]
+        if len(own):
+            part = group.part(own)
+            axes = _axes(_directions(fibres, description.name, part, rest))
+            found.append(fibre_group(part, FIBRES, rest, axes, np.full(len(own), number)))
+    if not found:
         raise SceneError(
             f"fibres {fibres.name} of body {description.name}: no cell of the body has its middle inside "
             "their region or radii; move or enlarge them"
         )
-    part = group.part(own)
-    axes = _axes(_directions(fibres, description.name, part, rest))
-    return fibre_group(part, FIBRES, rest, axes, np.full(len(own), number))
+    return found
 
 
 def _directions(fibres: FibresDescription, body: str, group: ElementGroup, rest: Array) -> Array:

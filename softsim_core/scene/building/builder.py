@@ -5,10 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from softsim_core.base import Array, IndexArray, MeshFile, Placement, SceneError, known_names
+from softsim_core.base import Array, IndexArray, MeshFile, Placement, SceneError, known_names, listing
 from softsim_core.physics.actuation import Actuators, Placed, Surroundings, actuator_kinds
 from softsim_core.physics.contact import CollisionModel, ContactLimits
 from softsim_core.physics.dynamics import torn_by_rough_steps
@@ -22,7 +23,7 @@ from softsim_core.physics.fem import (
     takes_found_stress,
     volume_shares,
 )
-from softsim_core.physics.fem.elements import element
+from softsim_core.physics.fem.elements import element, element_of_kind
 from softsim_core.physics.fem.materials import SECTION, Relaxing
 from softsim_core.physics.fem.rods import join_rods, rod_group
 from softsim_core.physics.mechanics import (
@@ -45,6 +46,7 @@ from softsim_core.physics.mechanics import (
     step_stress_name,
 )
 from softsim_core.physics.mesh import (
+    TETRAHEDRA,
     RodMesh,
     SurfaceMesh,
     TetMesh,
@@ -58,6 +60,7 @@ from softsim_core.physics.mesh import (
     read_surface,
     read_tets,
     rod_surface,
+    whole_cells,
 )
 from softsim_core.physics.sensing import Place, Scenery, Sensors, sensor_kind
 from softsim_core.scene import (
@@ -98,10 +101,6 @@ def actuators(scene: SceneDescription, model: Model, bodies: tuple[Body, ...]) -
         if placed:
             groups.append(kind.build(placed, around))
     return Actuators(groups)
-
-
-ELEMENT_OF_NODES = {4: "tet4", 10: "tet10"}
-"""Default element of bodies, by the number of nodes per cell of their mesh."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,12 +244,8 @@ def _same_mesh(one: BodyDescription, other: BodyDescription) -> bool:
     """Return whether two bodies have the same name and mesh file; arrays and rods are not compared."""
     if not (isinstance(one.mesh, MeshFile) and isinstance(other.mesh, MeshFile)):
         return False
-    return (one.name, one.mesh, one.surface, one.order) == (
-        other.name,
-        other.mesh,
-        other.surface,
-        other.order,
-    )
+    names = ("name", "mesh", "surface", "order", "element")
+    return all(getattr(one, name) == getattr(other, name) for name in names)
 
 
 def _rod(description: BodyDescription, start: int) -> Body:
@@ -288,7 +283,57 @@ def _tetrahedra(description: BodyDescription, start: int) -> Body:
         surface = read_surface(description.surface.file, description.surface.placement)
     nodes = slice(start, start + len(mesh.points))
     embedding = embed(surface.points, mesh)
-    return Body(description.name, nodes, mesh, triangles + start, surface, embedding, None, unloaded, ends)
+    return Body(
+        description.name,
+        nodes,
+        mesh,
+        triangles + start,
+        surface,
+        embedding,
+        unloaded=unloaded,
+        ends=ends,
+        **_cells(description, mesh),
+    )
+
+
+def _cells(description: BodyDescription, mesh: TetMesh) -> dict[str, Any]:
+    """Return `blocks` and `cell_of_tet` of a body.
+
+    Cells stay whole if an element fills their kind, unless the body names an element of tetrahedra or an
+    order.
+
+    Raises:
+        SceneError: the body's element fits none of its cells.
+    """
+    tetrahedra = TETRAHEDRA[mesh.order]
+    nodes = {tetrahedra: mesh.tets.shape[1]} | {
+        kind: block.cells.shape[1] for kind, block in mesh.blocks.items()
+    }
+    elements = {kind: found for kind in nodes if (found := element_of_kind(kind))}
+    fitting: list[str] = []
+    if description.element is not None:
+        chosen = element(description.element)
+        fitting = [kind for kind, count in nodes.items() if count == len(chosen.reference)]
+        if not fitting:
+            raise SceneError(
+                f"body {description.name}: the element {chosen.name} has {len(chosen.reference)} nodes, and "
+                f"the cells of its mesh have {listing(sorted(set(nodes.values())))}; choose another element "
+                "or mesh"
+            )
+        elements |= dict.fromkeys(fitting, chosen)
+    in_tetrahedra = description.order is not None or tetrahedra in fitting
+    fillable = () if in_tetrahedra else tuple(elements)
+    cells, cell_of_tet = whole_cells(mesh, fillable)
+    if split := [kind for kind in mesh.blocks if kind in fillable and kind not in cells]:
+        warnings.warn(
+            f"body {description.name}: cells of kind {listing(split)} share faces with cells that are split"
+            " into tetrahedra, and are split, too; export a mesh of one kind to have them whole",
+            stacklevel=6,
+        )
+    return {
+        "blocks": {elements[kind].name: own for kind, own in cells.items()},
+        "cell_of_tet": cell_of_tet,
+    }
 
 
 def _masses(scene: SceneDescription, bodies: tuple[Body, ...], groups: tuple[ElementGroup, ...]) -> Array:
@@ -348,31 +393,30 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementG
     """Return the cells of all bodies, one group for each pair of element and law that occurs."""
     unloaded = [body.mesh.points if body.unloaded is None else body.unloaded for body in bodies]
     points = np.concatenate([np.zeros((0, 3)), *unloaded])
-    ends = np.cumsum([len(body.cells) for body in bodies])
+    ends = np.cumsum([body.cell_count for body in bodies])
     owners = [owner for owner, _ in scene.materials]
     laws = scene.laws
-    members: dict[tuple[str, str], list[tuple[int, int, IndexArray]]] = {}
+    members: dict[tuple[str, str], list[tuple[int, int, IndexArray, IndexArray]]] = {}
     for b, description in enumerate(scene.bodies):
         if description.is_rod:
             continue
-        nodes = bodies[b].cells.shape[1]
-        cell = element(description.element or ELEMENT_OF_NODES[nodes])
-        if len(cell.reference) != nodes:
-            raise SceneError(
-                f"body {description.name}: the element {cell.name} has {len(cell.reference)} nodes, and the "
-                f"cells of its mesh have {nodes}; choose another element or mesh"
-            )
+        firsts = np.cumsum([0, *map(len, bodies[b].blocks.values())])
         for owner, made_of, inside in material_parts(description, bodies[b]):
-            for warning in (locking_warning(cell, made_of.values), made_of.warning):
+            number = owners.index(owner)
+            locking: set[str | None] = set()
+            for name, first, end in zip(bodies[b].blocks, firsts[:-1], firsts[1:], strict=True):
+                own = inside[(first <= inside) & (inside < end)]
+                if len(own):
+                    locking.add(locking_warning(element(name), made_of.values))
+                    members.setdefault((name, laws[number].name), []).append((b, number, own, own - first))
+            for warning in (*locking, made_of.warning):
                 if warning:
                     warnings.warn(f"body {owner}: {warning}", stacklevel=4)
-            number = owners.index(owner)
-            members.setdefault((cell.name, laws[number].name), []).append((b, number, inside))
     groups = []
     for (cell_name, _), parts in members.items():
-        cells = [bodies[b].cells[inside] + bodies[b].nodes.start for b, _, inside in parts]
-        numbers = [ends[b] - len(bodies[b].cells) + inside for b, _, inside in parts]
-        counts = [len(inside) for *_, inside in parts]
+        cells = [bodies[b].blocks[cell_name][rows] + bodies[b].nodes.start for b, _, _, rows in parts]
+        numbers = [ends[b] - bodies[b].cell_count + inside for b, _, inside, _ in parts]
+        counts = [len(rows) for *_, rows in parts]
         group = element_group(
             element(cell_name),
             laws[parts[0][1]],
@@ -381,13 +425,13 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementG
             np.repeat([b for b, *_ in parts], counts),
             np.concatenate(numbers),
         )
-        sets = np.repeat([number for _, number, _ in parts], counts)
+        sets = np.repeat([number for _, number, *_ in parts], counts)
         groups.append(replace(group, parameter_set=sets))
     rods = []
     for b, each in enumerate(bodies):
         if isinstance(each.mesh, RodMesh):
             assert each.sections is not None  # as all rods have
-            first = int(ends[b]) - len(each.cells)
+            first = int(ends[b]) - each.cell_count
             rods.append(rod_group(each.mesh, each.sections, SECTION, each.nodes.start, b, first))
     return (*groups, join_rods(rods)) if rods else tuple(groups)
 

@@ -34,8 +34,11 @@ class Element(Protocol):
         faces: Node numbers of the cell's faces, seen from outside counter-clockwise, shape (f, k).
         mass_shares: Part of a cell's mass that each node carries; they are >= 0, their sum is 1, shape (a,).
         mass_matrix: Integrals of N_a N_b over a cell of volume 1, whose sum is 1, shape (a, a), or None.
+        kind: Kind of cells of a mesh, by meshio's name, that it fills unless a scene names another element;
+            empty: none.
         mean_volume: Whether the bulk of a VolumetricMaterial beyond `point_bulk` acts on the cell's mean
             dilatation, not on that of each point.
+        point_ratio: Largest lambda / mu that then acts at each point.
     """
 
     @property
@@ -57,7 +60,11 @@ class Element(Protocol):
     @property
     def mass_matrix(self) -> Array | None: ...  # noqa: D102
     @property
+    def kind(self) -> str: ...  # noqa: D102
+    @property
     def mean_volume(self) -> bool: ...  # noqa: D102
+    @property
+    def point_ratio(self) -> float: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +81,8 @@ class ElementData:
     shares: Array | None = None
     mean_volume: bool = False
     mass_matrix: Array | None = None
+    kind: str = ""
+    point_ratio: float = 1.0
 
     @property
     def mass_shares(self) -> Array:
@@ -134,12 +143,13 @@ def rest_quadrature(element: Element, corners: Array) -> tuple[Array, Array]:
         corners: Rest positions of the cells' nodes in [m], shape (m, a, 3).
 
     Raises:
-        MeshError: a cell without volume.
+        MeshError: a cell without volume, or one that is turned inside out at some of its points.
     """
     jacobian = np.einsum("mai,qaj->mqij", corners, element.slopes)
-    volume = np.abs(np.linalg.det(jacobian))
-    if not (volume > 0.0).all():
-        cell = int(np.flatnonzero(~(volume > 0.0).all(axis=1))[0])
-        raise MeshError("of a body", f"cell {cell} has no volume; run `softsim mesh check` on it")
+    determinant = np.linalg.det(jacobian)
+    bad = np.flatnonzero(~(determinant * np.sign(determinant[:, :1]) > 0.0).all(axis=1))
+    if len(bad):
+        raise MeshError("of a body", f"cell {bad[0]} has no volume, or is folded; mesh the part again")
+    volume = np.abs(determinant)
     gradients = np.einsum("qaj,mqji->mqai", element.slopes, np.linalg.inv(jacobian))
     return element.weights * volume, np.ascontiguousarray(gradients)

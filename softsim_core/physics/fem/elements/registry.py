@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from softsim_core.base import Registry
 from softsim_core.physics.fem.elements.cell import Element, check_element
-from softsim_core.physics.fem.elements.tetrahedra import TET4, TET10
+from softsim_core.physics.fem.elements.solid import HEX8, TET4, TET10
 
-_ELEMENTS: Registry[Element] = Registry("element", TET4, TET10)
+_ELEMENTS: Registry[Element] = Registry("element", TET4, TET10, HEX8)
 
 
 def register_element(element: Element) -> None:
@@ -27,6 +27,12 @@ def element(name: str) -> Element:
         SceneError: there is none; the message lists the known ones.
     """
     return _ELEMENTS.get(name)
+
+
+def element_of_kind(kind: str) -> Element | None:
+    """Return the first element that fills cells of a kind of meshes; None: there is none."""
+    every = map(_ELEMENTS.get, _ELEMENTS.names())
+    return next((each for each in every if getattr(each, "kind", "") == kind), None)
 
 
 def element_names() -> tuple[str, ...]:

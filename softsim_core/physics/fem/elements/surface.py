@@ -75,7 +75,7 @@ def surface_quadrature(element: Element, corners: Array, thickness: Array) -> tu
     area = np.linalg.norm(across, axis=-1)
     if not (area > 0.0).all():
         cell = int(np.flatnonzero(~(area > 0.0).all(axis=1))[0])
-        raise MeshError("of a layer", f"triangle {cell} has no area; run `softsim mesh check` on the body")
+        raise MeshError("of a layer", f"triangle {cell} has no area; mesh the part again")
     first = tangents[..., 0, :] / np.linalg.norm(tangents[..., 0, :], axis=-1, keepdims=True)
     second = np.cross(across / area[..., None], first)
     in_plane = np.stack([first, second], axis=-1)  # (m, q, 3, 2)

@@ -102,9 +102,10 @@ class Corotational(RotatedHooke, VolumetricMaterial):
         """Return the coefficient of the volumetric energy in [Pa]: lambda, on theta = tr(S - I)."""
         return lame(p)[0]
 
-    def point_bulk(self, p: Array) -> Array:
-        """Return the part of the bulk that acts at each point in [Pa]: lambda, but at most mu."""
-        return np.asarray(np.minimum(*lame(p)))
+    def point_bulk(self, p: Array, ratio: float = 1.0) -> Array:
+        """Return the part of the bulk that acts at each point in [Pa]: lambda, but at most `ratio` mu."""
+        first_lame, shear = lame(p)
+        return np.asarray(np.minimum(first_lame, ratio * shear))
 
     def dilatation(self, deformation: Array) -> Array:
         """Return theta = tr(S - I), shape (...)."""

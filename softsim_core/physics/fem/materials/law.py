@@ -192,10 +192,10 @@ class VolumetricMaterial(Material):
         """Return the bulk coefficient a in [Pa], shape (...)."""
 
     @abstractmethod
-    def point_bulk(self, p: Array) -> Array:
+    def point_bulk(self, p: Array, ratio: float = 1.0) -> Array:
         """Return the part a_p of a in [Pa] that acts at each point, shape (...).
 
-        It is the coefficient a for lambda = mu, but at most a.
+        It is the coefficient a for lambda = `ratio` mu, but at most a; see Element.point_ratio.
         """
 
     @abstractmethod

@@ -86,9 +86,9 @@ class Relaxing(VolumetricMaterial):
         """Return the bulk coefficient of the inner law in [Pa], shape (...)."""
         return self.law.bulk(self.own(p))
 
-    def point_bulk(self, p: Array) -> Array:
+    def point_bulk(self, p: Array, ratio: float = 1.0) -> Array:
         """Return the inner law's part of the bulk that acts at each point in [Pa], shape (...)."""
-        return self.law.point_bulk(self.own(p))
+        return self.law.point_bulk(self.own(p), ratio)
 
     def dilatation(self, deformation: Array) -> Array:
         """Return theta of the inner law, shape (...)."""

@@ -68,10 +68,10 @@ class Rubber(VolumetricMaterial):
         """Return the bulk coefficient a = lambda + s - c in [Pa], shape (...)."""
         return rest_bulk(self.rest_moduli(p))
 
-    def point_bulk(self, p: Array) -> Array:
-        """Return the bulk coefficient with lambda limited to mu in [Pa], shape (...)."""
+    def point_bulk(self, p: Array, ratio: float = 1.0) -> Array:
+        """Return the bulk coefficient with lambda limited to `ratio` mu in [Pa], shape (...)."""
         at_rest = self.rest_moduli(p)
-        return rest_bulk(at_rest._replace(first_lame=np.minimum(at_rest.first_lame, at_rest.shear)))
+        return rest_bulk(at_rest._replace(first_lame=np.minimum(at_rest.first_lame, ratio * at_rest.shear)))
 
     def dilatation(self, deformation: Array) -> Array:
         """Return theta = J - 1, shape (...)."""

@@ -99,7 +99,7 @@ def tune(cells: PointCells, group: ElementGroup, p: Array, shear_alone: bool = F
     if isinstance(group.material, Relaxing):
         left = left if shear_alone else group.material.compute_equilibrium_fraction(p)
         p = group.material.own(p)
-    bulk = (law.bulk(p), np.zeros(len(p))) if mean_volume_law(group) is None else split_bulk(law, p)
+    bulk = (law.bulk(p), np.zeros(len(p))) if mean_volume_law(group) is None else split_bulk(group, law, p)
     moduli = compiled.moduli(law, p)
     scaled = np.setdiff1d(np.arange(moduli.shape[1]), compiled.fixed)
     moduli[:, scaled] *= left[:, None]

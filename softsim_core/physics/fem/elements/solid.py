@@ -1,12 +1,18 @@
-"""Tetrahedra: linear with four nodes, quadratic with ten.
+r"""Cells that fill bodies: tetrahedra with four nodes (linear) or ten (quadratic), hexahedra with eight.
 
 With barycentric coordinates l of the corners, the quadratic shape functions are N_i = l_i (2 l_i - 1) at
 corners and 4 l_i l_j on edges. The quadratic element represents bending, and nearly incompressible material
 does not lock in it: a small part of the bulk acts at the four points, the rest on the mean volume of the
 cell.
 
+In the hexahedron, with reference coordinates in 0..1, the shape function of a node is the product over the
+three directions of :math:`\xi_i` or :math:`1 - \xi_i`, whichever is 1 at its corner. A cell that bends has
+shear that a bent beam has not, of energy :math:`\mu m / 2` with :math:`m = \overline{x^2}` in a cube. With
+:math:`\lambda` on the mean volume alone, its stretching takes :math:`\mu m`, less than a beam's
+:math:`(1 + \nu) \mu m`: together they are 1.15 of a beam's for :math:`\nu = 0.3` and 1 for 0.5.
+
 Sources: Keast 1986 (points); Hinton, Rock, Zienkiewicz 1976 (mass: the diagonal of the consistent mass
-matrix, scaled; row sums would be negative at corners).
+matrix, scaled; row sums would be negative at corners); Nagtegaal, Parks, Rice 1974 (mean volume).
 """
 
 from __future__ import annotations
@@ -29,6 +35,7 @@ TET4 = ElementData(
     edges=np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]),
     faces=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
     mass_matrix=(np.ones((4, 4)) + np.eye(4)) / 20.0,
+    kind="tetra",
 )
 """N_0 = 1 - xi - eta - zeta, N_1 = xi, N_2 = eta, N_3 = zeta. Nearly incompressible material locks in it."""
 
@@ -84,5 +91,44 @@ TET10 = ElementData(
     shares=np.repeat([1.0 / 36.0, 4.0 / 27.0], [4, 6]),
     mean_volume=True,
     mass_matrix=_mass_matrix(),
+    kind="tetra10",
 )
 """Each face lists three corners, then the midpoints of their edges in the same sense."""
+
+
+_CUBE = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float
+)
+_CUBE_POINTS = 0.5 + (_CUBE - 0.5) / 3.0**0.5
+
+
+def _trilinear_slopes(points: Array) -> Array:
+    """Return the shape function derivatives by the reference coordinates, shape (q, 8, 3)."""
+    factors = np.where(_CUBE == 1.0, points[:, None], 1.0 - points[:, None])
+    signs = 2.0 * _CUBE - 1.0
+    others = [np.delete(factors, axis, axis=2).prod(axis=2) for axis in range(3)]
+    return np.asarray(signs * np.stack(others, axis=2))
+
+
+def _cube_mass_matrix() -> Array:
+    """Return the integrals of N_a N_b over a cell of volume 1, shape (8, 8)."""
+    same = _CUBE[:, None] == _CUBE[None]
+    return np.asarray(np.where(same, 1.0 / 3.0, 1.0 / 6.0).prod(axis=2))
+
+
+HEX8 = ElementData(
+    name="hex8",
+    reference=_CUBE,
+    points=_CUBE_POINTS,
+    weights=np.full(8, 1.0 / 8.0),
+    slopes=_trilinear_slopes(_CUBE_POINTS),
+    edges=np.array(
+        [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]]
+    ),
+    faces=np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]),
+    mean_volume=True,
+    mass_matrix=_cube_mass_matrix(),
+    kind="hexahedron",
+    point_ratio=0.0,
+)
+"""Nodes are in VTK's order."""
