@@ -101,6 +101,18 @@ def test_the_wheel_holds_every_file_of_the_packages_and_configs(dist: Path) -> N
     share = re.compile(r"softsim-[^/]*\.data/data/share/softsim/")
     configs = {share.sub("", name) for name in held if share.match(name)}
     assert configs == set(known_files("configs"))
+    assert {name.split("/")[0] for name in held if not name.startswith("softsim-")} == set(PACKAGES)
+
+
+@pytest.mark.slow
+@pytest.mark.packaging
+def test_the_source_archive_has_the_measurements_of_bench(dist: Path) -> None:
+    (archive,) = dist.glob("*.tar.gz")
+    with tarfile.open(archive) as packed:
+        names = {name.partition("/")[2] for name in packed.getnames()}
+    assert {name for name in names if re.match(r"benchmarks/.*\.pyi?$", name)} == set(
+        known_files("benchmarks")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -190,6 +202,26 @@ def test_what_an_extra_would_bring_is_named_in_a_sentence(environment: Path, tmp
     assert done.returncode == 1
     assert done.stderr == (
         "softsim: rosbags is not installed; pip install 'softsim[recording]'; see softsim doctor\n"
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.packaging
+@pytest.mark.parametrize("words", [[], ["--help"], ["--quick", "--nonsense"]])
+def test_bench_says_that_it_needs_a_checkout(environment: Path, tmp_path: Path, words: list[str]) -> None:
+    done = subprocess.run(
+        [environment / "bin" / "softsim", "bench", *words],
+        cwd=tmp_path,
+        env=variables(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    (packages,) = environment.glob("lib/python3*/site-packages")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        f"softsim: the measurements of softsim bench are not installed: {packages.resolve()} has no folder"
+        " benchmarks; run ./softsim bench in a checkout\n"
     )
 
 

@@ -1,4 +1,4 @@
-"""`softsim bench`: run the measurements of the checkout's folder benchmarks/, which is not installed."""
+"""`softsim bench`: run the measurements in the folder benchmarks/ of a checkout; wheels do not contain it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def _benchmarks() -> ModuleType:
     root = Path(__file__).resolve().parents[3]
     if not (root / "benchmarks" / "command.py").is_file():
         raise SoftSimError(
-            f"no folder benchmarks beside the installed package ({root}); run ./softsim bench in a checkout"
+            f"the measurements of softsim bench are not installed: {root} has no folder benchmarks; "
+            "run ./softsim bench in a checkout"
         )
     if str(root) not in sys.path:
         sys.path.append(str(root))
