@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from node_processes import spin_until
 
@@ -47,6 +47,32 @@ class TestClock:
 
     def wait(self, duration_s: float) -> None:
         self.now += duration_s
+
+
+class PacedDriver:
+    """A driver on a clock of the test's own, which waits for a board that runs in real time.
+
+    Attributes:
+        driver: The driver.
+        now: Time of its clock in [s].
+    """
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self.now = 100.0
+        self.driver = ServoDriver(robot, clock=lambda: self.now, wait=self.wait)
+
+    def wait(self, duration_s: float) -> None:
+        """Advance the clock; wait for telemetry where the board is behind it."""
+        self.now += duration_s
+        if (self.driver.telemetry_age or 0.0) > 0.2:
+            assert spin_until(lambda: self.driver.telemetry_age == 0.0)
+
+    def follow(self, command: Sequence[float], count: int) -> None:
+        """Send a command as often as its sender does, for some packets."""
+        for _ in range(count):
+            self.driver.command(command)
+            self.wait(PERIOD)
+            self.driver.tick()
 
 
 def run(driver: ServoDriver, clock: TestClock, duration_s: float) -> list[tuple[int, ...] | None]:

@@ -3,37 +3,27 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
+from board_driving import PERIOD, PacedDriver
+from example_files import EXAMPLES, MOST_LINES, lines_of_example, output_of_example
 from node_processes import spin_until as wait_until
 
-from servo_bridge.driver import ServoDriver
 from servo_bridge.emulator import VirtualBoard
 from servo_bridge.protocols import protocol_named
 from softsim_core.scene import load_scene
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "my_board.py"
-PERIOD, SPEED = 0.02, 2.0
+EXAMPLE = EXAMPLES / "my_board.py"
+SPEED = 2.0
 
 
 @pytest.mark.slow
 def test_it_runs_as_it_stands_and_is_short() -> None:
-    run = subprocess.run(
-        [sys.executable, str(EXAMPLE)],
-        cwd=EXAMPLE.parents[1],
-        capture_output=True,
-        text=True,
-        timeout=60.0,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.startswith("my_board: ")
-    assert run.stdout.endswith("servos at (121, 99) degrees\n")
-    assert len(EXAMPLE.read_text().splitlines()) <= 80
+    output = output_of_example("my_board")
+    assert output.startswith("my_board: ")
+    assert output.endswith("servos at (121, 99) degrees\n")
+    assert lines_of_example("my_board") <= MOST_LINES
 
 
 def test_its_packets_are_those_it_describes() -> None:
@@ -48,30 +38,18 @@ def test_its_packets_are_those_it_describes() -> None:
 
 
 @pytest.mark.slow
-def test_the_driver_goes_within_limits_holds_and_ends_at_rest() -> None:  # on a clock of the test's own
-    now = [100.0]
-
-    def wait(duration_s: float) -> None:
-        now[0] += duration_s
-        if (driver.telemetry_age or 0.0) > 0.2:  # the board's clock is the wall's: let it speak in time
-            assert wait_until(lambda: driver.telemetry_age == 0.0)
-
-    driver = ServoDriver(load_scene(EXAMPLE), clock=lambda: now[0], wait=wait)
+def test_the_driver_goes_within_limits_holds_and_ends_at_rest() -> None:
+    paced = PacedDriver(load_scene(EXAMPLE))
+    driver = paced.driver
     with VirtualBoard(servos=2, protocol="my_board") as board:
         driver.connect(board.port, quiet_s=0.2)
         assert driver.tick() is None
         assert board.received == 0
         assert wait_until(lambda: driver.link_state == "my_board")
         driver.start()
-        for _ in range(100):
-            driver.command([-9.0, -1.0])
-            wait(PERIOD)
-            driver.tick()
+        paced.follow([-9.0, -1.0], 100)
         driver.motion.e_stop.latch()
-        for _ in range(5):
-            driver.command([0.0, 0.0])
-            wait(PERIOD)
-            driver.tick()
+        paced.follow([0.0, 0.0], 5)
         assert board.wait_for(lambda b: b.accepted == 105)
         poses = [packet.servo_bytes for packet in board.packets]
         assert poses[0] == (150, 150)

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import pytest
+from board_driving import PERIOD, PacedDriver
+from example_files import EXAMPLES, MOST_LINES, lines_of_example, output_of_example
 from node_processes import spin_until as wait_until
 
 from servo_bridge import PortError
-from servo_bridge.driver import ServoDriver, angles_to_bytes, open_transport
+from servo_bridge.driver import angles_to_bytes, open_transport
 from softsim_core.base import CommandError
 from softsim_core.scene import load_scene
 
 pytest.importorskip("can")
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-PERIOD, SPEED = 0.02, 2.0
+SPEED = 2.0
 
 
 class BoardHere:
@@ -61,52 +58,27 @@ def board(bus: str) -> Iterator[BoardHere]:
     made.end()
 
 
-class Drive:
-    """A driver of the robot on a clock of the test's own."""
-
-    def __init__(self, bus: str) -> None:
-        self.now = 100.0
-        self.driver = ServoDriver(
-            load_scene(EXAMPLES / "my_can_board.py"), clock=lambda: self.now, wait=self._wait
-        )
-        self.driver.connect(bus, quiet_s=0.5)
-        assert wait_until(lambda: self.driver.link_state == "can_board")
-
-    def _wait(self, duration_s: float) -> None:
-        self.now += duration_s
-        if (self.driver.telemetry_age or 0.0) > 0.2:  # the board's clock is the wall's: let it speak in time
-            assert wait_until(lambda: self.driver.telemetry_age == 0.0)
-
-    def follow(self, command: Sequence[float], count: int) -> None:
-        """Send a command as often as its sender does, for some packets."""
-        for _ in range(count):
-            self.driver.command(command)
-            self._wait(PERIOD)
-            self.driver.tick()
+def connected(bus: str) -> PacedDriver:
+    """The driver of the robot, once it knows its board."""
+    paced = PacedDriver(load_scene(EXAMPLES / "my_can_board.py"))
+    paced.driver.connect(bus, quiet_s=0.5)
+    assert wait_until(lambda: paced.driver.link_state == "can_board")
+    return paced
 
 
 @pytest.mark.slow
 def test_it_runs_as_it_stands_and_is_short() -> None:
-    run = subprocess.run(
-        [sys.executable, str(EXAMPLES / "virtual_can_board.py")],
-        cwd=EXAMPLES.parent,
-        env={**os.environ, "PYTHONSAFEPATH": ""},  # as a person starts it, beside the board's file
-        capture_output=True,
-        text=True,
-        timeout=60.0,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.startswith("can_board: ")
-    assert run.stdout.endswith("servos at (121, 99) degrees\n")
-    assert len((EXAMPLES / "my_can_board.py").read_text().splitlines()) <= 80
+    output = output_of_example("virtual_can_board")
+    assert output.startswith("can_board: ")
+    assert output.endswith("servos at (121, 99) degrees\n")
+    assert lines_of_example("my_can_board") <= MOST_LINES
 
 
 def test_the_driver_keeps_speed_and_limits_and_holds_at_an_e_stop(bus: str, board: BoardHere) -> None:
-    drive = Drive(bus)
-    driver = drive.driver
+    paced = connected(bus)
+    driver = paced.driver
     driver.start()
-    drive.follow([-1.0, -9.0], 100)  # the second far beyond its limit of -1.5
+    paced.follow([-1.0, -9.0], 100)  # the second far beyond its limit of -1.5
     reached = angles_to_bytes([-1.0, -1.5], driver.servos)
     assert wait_until(lambda: board.poses and board.poses[-1] == bytes(reached))
     degrees = [list(pose) for pose in board.poses]
@@ -115,44 +87,44 @@ def test_the_driver_keeps_speed_and_limits_and_holds_at_an_e_stop(bus: str, boar
     with pytest.raises(CommandError, match="nan"):
         driver.command([math.nan, 0.0])
 
-    drive.follow([0.0, 0.0], 10)  # on the way back
+    paced.follow([0.0, 0.0], 10)  # on the way back
     driver.motion.e_stop.latch()
-    drive.follow([0.0, 0.0], 25)
+    paced.follow([0.0, 0.0], 25)
     assert wait_until(lambda: len(board.poses) == driver.counts.packets)
     stopped = board.poses[-1]
     assert bytes(reached) < stopped < bytes(angles_to_bytes([0.0, 0.0], driver.servos))
-    drive.follow([0.0, 0.0], 50)
+    paced.follow([0.0, 0.0], 50)
     assert wait_until(lambda: len(board.poses) == driver.counts.packets)
     assert board.poses[-1] == stopped
     driver.disconnect()
 
 
 def test_a_silent_board_is_lost_and_another_number_is_refused(bus: str, board: BoardHere) -> None:
-    drive = Drive(bus)
+    paced = connected(bus)
     board.end()
 
     def is_lost() -> bool:
-        drive.now += PERIOD
-        return refusal(drive).startswith(f"no telemetry from the board on {bus}")
+        paced.now += PERIOD
+        return refusal(paced).startswith(f"no telemetry from the board on {bus}")
 
     assert wait_until(is_lost)
-    drive.driver.disconnect()
+    paced.driver.disconnect()
 
     stranger = BoardHere(bus, 8)
     try:
-        drive.driver.connect(bus, quiet_s=0.5, again=True)
-        assert wait_until(lambda: refusal(drive).startswith(f"another board is on {bus}"))
-        assert "number 08, not protocol can_board, number 07" in refusal(drive)
+        paced.driver.connect(bus, quiet_s=0.5, again=True)
+        assert wait_until(lambda: refusal(paced).startswith(f"another board is on {bus}"))
+        assert "number 08, not protocol can_board, number 07" in refusal(paced)
         assert stranger.poses == []
     finally:
-        drive.driver.disconnect()
+        paced.driver.disconnect()
         stranger.end()
 
 
-def refusal(drive: Drive) -> str:
+def refusal(paced: PacedDriver) -> str:
     """What is wrong with the board now; empty if nothing is."""
     try:
-        drive.driver.listen()
+        paced.driver.listen()
     except PortError as error:
         return str(error)
     return ""
