@@ -6,18 +6,16 @@ import argparse
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from softsim_core.base import describe_machine, limit_threads  # loads no NumPy
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from benchmarks.copies import BatchRate, EnvironmentCost
     from benchmarks.measured_scenes import Case
-    from benchmarks.records import Record
-    from benchmarks.rubber import RubberTime
-    from benchmarks.sensing import SensorTime
+    from benchmarks.records import JsonRecord, Record
 
 ROUNDS, QUICK_ROUNDS = 40, 5
 QUICK_MESHES = ("low", "reference_low")
@@ -30,6 +28,22 @@ EXIT_USAGE = 2
 SCENES = (
     "held_centre", "tripod", "inverse", "cable_finger", "gripper_free", "gripper_grasp", "tripod_ball",
 )  # fmt: skip  # named here too: to take them from benchmark.cases would load NumPy
+
+
+class Measurement(NamedTuple):
+    """What an option measures instead of whole steps.
+
+    Attributes:
+        run: Measures and prints; returns the exit code.
+        about: What is measured, for the help.
+        needs_numba: Whether it is refused without Numba.
+        describes_machine: Whether the machine is printed first.
+    """
+
+    run: Callable[[argparse.Namespace], int]
+    about: str
+    needs_numba: bool = False
+    describes_machine: bool = True
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -61,41 +75,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-process", action="store_true", help="leave out memory and publishing of the simulator process"
     )
-    parser.add_argument(
-        "--bridge",
-        action="store_true",
-        help="measure only the servo bridge on a virtual board: topic to last byte, send period",
-    )
-    parser.add_argument(
-        "--scaling",
-        action="store_true",
-        help="measure only how a step grows with its mesh, 1 k to 50 k nodes (minutes; --quick: to 3 k); "
-        "with --peers beside other engines, to 3 k",
-    )
-    parser.add_argument(
-        "--rubber",
-        action="store_true",
-        help="measure only quadratic cells beside splu, and what chambers cost (two minutes)",
-    )
-    parser.add_argument(
-        "--sensors", action="store_true", help="measure only what each kind of sensor costs per step (10 s)"
-    )
-    parser.add_argument(
-        "--batch",
-        action="store_true",
-        help="measure only copies stepped together, on one and two cores (minutes; --quick: half a minute); "
-        "with --peers beside MuJoCo's batched steps of a flex",
-    )
-    parser.add_argument(
-        "--install",
-        action="store_true",
-        help="measure only the first start: a copy of the checkout, empty environment and caches (minutes)",
-    )
-    parser.add_argument(
-        "--viewer",
-        action="store_true",
-        help="measure only the web viewer: its load, and the step time with it",
-    )
+    for name, measurement in MEASUREMENTS.items():
+        parser.add_argument(f"--{name}", action="store_true", help=f"measure only {measurement.about}")
     parser.add_argument(
         "--seconds", type=float, default=20.0, metavar="S", help="how long --bridge measures each way (20)"
     )
@@ -107,20 +88,11 @@ def run(arguments: argparse.Namespace) -> int:
     alone = limit_threads(os.environ)
     if arguments.rounds is not None and arguments.rounds < 1:
         return _refuse("--rounds must be at least 1")
-    if arguments.bridge:
-        return _bridge(arguments)
-    if arguments.install:
-        return _install(arguments)
-    if arguments.viewer:
-        return _viewer(arguments)
-    if arguments.scaling:
-        return _scaling(arguments)
-    if arguments.rubber:
-        return _rubber(arguments)
-    if arguments.sensors:
-        return _sensors(arguments)
-    if arguments.batch:
-        return _batch(arguments)
+    if not arguments.seconds >= 1.0:
+        return _refuse("--seconds must be at least 1")
+    for name, measurement in MEASUREMENTS.items():
+        if getattr(arguments, name):
+            return _measure_only(name, measurement, arguments)
     from benchmarks.measured_scenes import MESHES, available_meshes, default_reference_dir
     from softsim_core.base import known_names
 
@@ -144,15 +116,19 @@ def run(arguments: argparse.Namespace) -> int:
         records += _peers(arguments, meshes, records, reference)
     if not (arguments.quick or arguments.no_process):
         missed += _process(records)
-    if arguments.json:
-        from benchmarks.records import write_json
+    return _write_results(records, arguments, missed > 0)
 
-        try:
-            write_json(records, arguments.json)
-        except OSError as error:
-            print(f"softsim bench: cannot write {arguments.json}: {error.strerror}", file=sys.stderr)
-            return 1
-    return 1 if arguments.check and missed else 0
+
+def _measure_only(name: str, measurement: Measurement, arguments: argparse.Namespace) -> int:
+    """Run one measurement of the table; return the exit code."""
+    if measurement.needs_numba:
+        from benchmarks.steps import known_paths
+
+        if "numba" not in known_paths():
+            return _refuse(f"--{name} needs the package numba: pip install numba")
+    if measurement.describes_machine:
+        print("\n".join(describe_machine()))
+    return measurement.run(arguments)
 
 
 def _install(arguments: argparse.Namespace) -> int:
@@ -261,11 +237,8 @@ def _process(records: list[Record]) -> int:
 
 def _bridge(arguments: argparse.Namespace) -> int:
     """Measure the servo bridge and print it; return 1 if a target is missed and `--check` is given."""
-    if not arguments.seconds >= 1.0:
-        return _refuse("--seconds must be at least 1")
     from benchmarks.bridge import measure_bridge
 
-    print("\n".join(describe_machine()))
     _say(f"running the bridge twice for {arguments.seconds:g} s ...")
     figures = measure_bridge(seconds=arguments.seconds)
     for each in figures:
@@ -275,13 +248,8 @@ def _bridge(arguments: argparse.Namespace) -> int:
 
 def _scaling(arguments: argparse.Namespace) -> int:
     """Measure meshes of growing size and print them; return 1 if one could not be measured."""
-    from benchmarks.records import write_json
     from benchmarks.scaling import QUICK_SIZES, SIZES, ScalingError, measure_scaling, scaling_table
-    from benchmarks.steps import known_paths
 
-    if "numba" not in known_paths():
-        return _refuse("--scaling needs the package numba: pip install numba")
-    print("\n".join(describe_machine()))
     scales, sizes = [], QUICK_SIZES if arguments.quick else SIZES
     try:
         for each in measure_scaling(sizes):
@@ -295,13 +263,7 @@ def _scaling(arguments: argparse.Namespace) -> int:
     )
     print("\n".join(scaling_table(scales)))
     peers = _scaling_peers(sizes) if arguments.peers else []
-    if arguments.json:
-        try:
-            write_json([*scales, *peers], arguments.json)
-        except OSError as error:
-            _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
-            return 1
-    return 0
+    return _write_results([*scales, *peers], arguments, missed=False)
 
 
 def _scaling_peers(sizes: Sequence[str]) -> list[Record]:
@@ -321,43 +283,35 @@ def _scaling_peers(sizes: Sequence[str]) -> list[Record]:
 def _rubber(arguments: argparse.Namespace) -> int:
     """Measure quadratic cells and chambers and print them; return 1 if a target is missed with `--check`."""
     from benchmarks.rubber import measure_rubber, rubber_table
-    from benchmarks.steps import known_paths
 
-    if "numba" not in known_paths():
-        return _refuse("--rubber needs the package numba: pip install numba")
-    print("\n".join(describe_machine()))
     times = measure_rubber(_rounds(arguments))
     print("\nwhole Simulation.step() in turns with one factorisation of its matrix, or with the same scene")
     print("without its chambers; what is judged is the shortest time, or what that is longer by")
     print("\n".join(rubber_table(times)))
-    return _write_results(times, arguments)
+    return _write_results(times, arguments, any(each.missed for each in times))
 
 
 def _sensors(arguments: argparse.Namespace) -> int:
     """Measure sensors and print them; return 1 if a target is missed and `--check` is given."""
     from benchmarks.sensing import SCENE, measure_sensors, sensor_table
-    from benchmarks.steps import known_paths
 
-    if "numba" not in known_paths():
-        return _refuse("--sensors needs the package numba: pip install numba")
-    print("\n".join(describe_machine()))
     times = measure_sensors(_rounds(arguments))
     print(f"\nstage `sensors` of a step of {SCENE}, each sensor alone, then all, read once per step")
     print("\n".join(sensor_table(times)))
-    return _write_results(times, arguments)
+    return _write_results(times, arguments, any(each.missed for each in times))
 
 
-def _write_results(times: Sequence[RubberTime] | Sequence[SensorTime], arguments: argparse.Namespace) -> int:
+def _write_results(results: Sequence[JsonRecord], arguments: argparse.Namespace, missed: bool) -> int:
     """Write the file of `--json`; return 1 if that fails, or if a target is missed and `--check` is given."""
     from benchmarks.records import write_json
 
     try:
         if arguments.json:
-            write_json(times, arguments.json)
+            write_json(results, arguments.json)
     except OSError as error:
         _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
         return 1
-    return 1 if arguments.check and any(each.missed for each in times) else 0
+    return 1 if arguments.check and missed else 0
 
 
 def _batch(arguments: argparse.Namespace) -> int:
@@ -375,12 +329,7 @@ def _batch(arguments: argparse.Namespace) -> int:
         rate_table,
     )
     from benchmarks.measured_scenes import default_reference_dir
-    from benchmarks.records import write_json
-    from benchmarks.steps import known_paths
 
-    if "numba" not in known_paths():
-        return _refuse("--batch needs the package numba: pip install numba")
-    print("\n".join(describe_machine()))
     counts = QUICK_COUNTS if arguments.quick else COUNTS
     rounds = min(_rounds(arguments), MOST_BATCH_ROUNDS)
     reference = arguments.reference or default_reference_dir()
@@ -406,20 +355,13 @@ def _batch(arguments: argparse.Namespace) -> int:
         print(f"environments are not measured: {error}")
     slow = describe_missed_targets(rates) + [each.report_line for each in costs if each.missed]
     print("\n".join(slow) if slow else "all targets met")
-    try:
-        if arguments.json:
-            write_json([*rates, *costs], arguments.json)
-    except OSError as error:
-        _say(f"softsim bench: cannot write {arguments.json}: {error.strerror}")
-        return 1
-    return 1 if arguments.check and slow else 0
+    return _write_results([*rates, *costs], arguments, bool(slow))
 
 
 def _viewer(arguments: argparse.Namespace) -> int:
     """Measure the web viewer and print it; return 1 if a target is missed and `--check` is given."""
     from benchmarks.viewer import measure_viewer
 
-    print("\n".join(describe_machine()))
     _say("running the simulator alone and watched in turn, about a minute ...")
     figures = measure_viewer()
     print("\n".join(figures.lines()))
@@ -433,3 +375,31 @@ def _say(message: str) -> None:
 def _refuse(message: str) -> int:
     _say(f"softsim bench: {message}")
     return EXIT_USAGE
+
+
+MEASUREMENTS: Final = {
+    "bridge": Measurement(_bridge, "the servo bridge on a virtual board: topic to last byte, send period"),
+    "scaling": Measurement(
+        _scaling,
+        "how a step grows with its mesh, 1 k to 50 k nodes (minutes; --quick: to 3 k); "
+        "with --peers beside other engines, to 3 k",
+        needs_numba=True,
+    ),
+    "rubber": Measurement(
+        _rubber, "quadratic cells beside splu, and what chambers cost (two minutes)", needs_numba=True
+    ),
+    "sensors": Measurement(_sensors, "what each kind of sensor costs per step (10 s)", needs_numba=True),
+    "batch": Measurement(
+        _batch,
+        "copies stepped together, on one and two cores (minutes; --quick: half a minute); "
+        "with --peers beside MuJoCo's batched steps of a flex",
+        needs_numba=True,
+    ),
+    "install": Measurement(
+        _install,
+        "the first start: a copy of the checkout, empty environment and caches (minutes)",
+        describes_machine=False,
+    ),
+    "viewer": Measurement(_viewer, "the web viewer: its load, and the step time with it"),
+}
+"""Measurements by the names of their options; the first that is given runs."""

@@ -24,6 +24,7 @@ from benchmarks import (
     Record,
     TouchingScene,
     can_control,
+    command,
     default_reference_dir,
     describe,
     measure_rubber,
@@ -33,6 +34,7 @@ from benchmarks import (
     rubber_table,
     sensor_table,
     set_ratios,
+    steps,
     table,
 )
 from softsim_core import Simulation
@@ -144,12 +146,32 @@ def test_the_command_knows_the_scenes_that_are_measured() -> None:
     assert SCENES == cases.SCENES
 
 
+@pytest.mark.parametrize("name", command.MEASUREMENTS)
+@pytest.mark.parametrize("has_numba", [True, False])
+def test_an_option_runs_its_measurement_alone(
+    name: str, has_numba: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measurement = command.MEASUREMENTS[name]
+    monkeypatch.setitem(command.MEASUREMENTS, name, measurement._replace(run=lambda _: 7))
+    monkeypatch.setattr(command, "limit_threads", lambda _: True)
+    monkeypatch.setattr(steps, "known_paths", lambda: ("scipy", *(("numba",) if has_numba else ())))
+    parser = argparse.ArgumentParser()
+    command.configure(parser)
+    refused = measurement.needs_numba and not has_numba
+    assert command.run(parser.parse_args([f"--{name}"])) == (2 if refused else 7)
+    printed = capsys.readouterr()
+    assert bool(printed.out) == (measurement.describes_machine and not refused)
+    numba = f"softsim bench: --{name} needs the package numba: pip install numba\n"
+    assert printed.err == (numba if refused else "")
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
         (("--mesh", "huge"), "unknown mesh huge; known meshes: low"),
         (("--mesh", "reference_low", "--reference", "/nowhere"), "use --reference DIR"),
         (("--rounds", "0"), "--rounds must be at least 1"),
+        (("--bridge", "--seconds", "0"), "--seconds must be at least 1"),
     ],
 )
 @pytest.mark.slow
