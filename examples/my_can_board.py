@@ -52,6 +52,11 @@ class CanPort:  # named can:INTERFACE:CHANNEL; a packet is a frame, its identifi
 class CanBoard(BoardProtocol):
     name, abilities, number = "can_board", Ability.DETECT | Ability.TELEMETRY, b""
 
+    @classmethod
+    def refusal(cls, board: BoardDescription) -> str:
+        text = f"the board has {len(board.servos)} servos and a CAN frame 8 data bytes; use at most 8 servos"
+        return text if len(board.servos) > 8 else ""
+
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:
         degrees = angles_to_bytes(angles_rad, self.servos)
         return EncodedPacket(POSE + bytes(degrees), degrees, bytes_to_angles(degrees, self.servos))

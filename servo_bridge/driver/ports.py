@@ -221,7 +221,12 @@ def opening_error_message(port: str, error: BaseException) -> str:
             " configs/udev/99-tripod.rules keeps it away"
         )
     if code in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        if port and not os.path.lexists(port):
+        if not port:
+            return (
+                "no port is named; name the board's (ls -l /dev/serial/by-id), or let"
+                " servo_bridge.driver.find_port() search for it"
+            )
+        if not os.path.lexists(port):
             advice = (
                 "plug the board in, or give another name with the parameter port (ls -l /dev/serial/by-id)"
             )

@@ -17,6 +17,7 @@ from servo_bridge.driver import (
     SerialTransport,
     find_port,
     find_same_device,
+    open_transport,
     opening_error_message,
     stable_name,
 )
@@ -69,6 +70,13 @@ def test_a_link_to_nothing_says_that_no_device_is_there(tmp_path: Path) -> None:
     link.symlink_to(tmp_path / "gone")
     with pytest.raises(PortError, match="has no device behind it"):
         SerialTransport(str(link))
+
+
+def test_no_port_is_said_to_be_missing_by_its_name() -> None:
+    with pytest.raises(
+        PortError, match=r"^no port is named; name the board's .*find_port\(\) search for it$"
+    ):
+        open_transport("", 115_200)
 
 
 def test_files_and_folders_are_no_serial_ports(tmp_path: Path) -> None:

@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import pytest
-from board_driving import PERIOD, PacedDriver
+from board_driving import PERIOD, PacedDriver, robot
 from example_files import EXAMPLES, MOST_LINES, lines_of_example, output_of_example
 from node_processes import spin_until as wait_until
 
 from servo_bridge import PortError
-from servo_bridge.driver import angles_to_bytes, open_transport
-from softsim_core.base import CommandError
+from servo_bridge.driver import ServoDriver, angles_to_bytes, open_transport
+from softsim_core.base import CommandError, SceneError
 from softsim_core.scene import load_scene
 
 pytest.importorskip("can")
@@ -128,6 +129,22 @@ def refusal(paced: PacedDriver) -> str:
     except PortError as error:
         return str(error)
     return ""
+
+
+@pytest.mark.parametrize("count", [8, 9])
+def test_a_board_has_a_servo_for_each_byte_of_a_frame_at_most(count: int) -> None:
+    load_scene(EXAMPLES / "my_can_board.py")
+    described = robot(count)
+    assert described.board is not None
+    described = replace(described, board=replace(described.board, protocol="can_board"))
+    if count == 8:
+        assert len(ServoDriver(described).servos) == 8
+        return
+    with pytest.raises(SceneError) as refused:
+        ServoDriver(described)
+    assert str(refused.value) == (
+        "robot robot: the board has 9 servos and a CAN frame 8 data bytes; use at most 8 servos"
+    )
 
 
 @pytest.mark.parametrize(
