@@ -6,17 +6,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pytest
 
 from softsim_core.base import ConfigError, SceneError
 from softsim_core.physics.actuation import (
     ActuatorDescription,
+    ActuatorView,
     actuator_kind,
     actuator_kinds,
     register_actuator,
 )
 from softsim_core.physics.actuation.cable import CableDescription
 from softsim_core.scene import JointDescription, load_scene
+from softsim_core.simulation import Simulation
 
 
 def test_an_unknown_kind_is_refused_with_the_known_ones() -> None:
@@ -52,3 +55,16 @@ def test_files_give_an_actuator_under_the_key_of_its_kind(joint: str, said: str,
     file.write_text(f"name: own\njoints: [{joint}]\n")
     with pytest.raises(ConfigError, match=said):
         load_scene(file)
+
+
+@pytest.mark.parametrize(("scene", "size"), [("cable_finger", "length"), ("inflated_cube", "volume")])
+def test_what_a_sensor_measures_is_linear_in_the_coordinate(scene: str, size: str) -> None:
+    simulation = Simulation(load_scene(scene, {"solver": {"backend": "scipy"}}))
+    before = simulation.actuators[0].measured_size
+    for _ in range(3):
+        simulation.step()
+    view = simulation.actuators[0]
+    assert view.value != 0.0
+    assert before.at_zero + before.sign * view.value == pytest.approx(getattr(view, size), rel=1e-12)
+    plain = ActuatorView("a", "muscle", np.zeros((0, 3)), 0.25, 1.0)
+    assert plain.measured_size == (0.0, 1.0)  # the coordinate itself

@@ -4,6 +4,7 @@ from .actuators import (
     ActuatorView as ActuatorView,
     Constraints as Constraints,
     GeometricStiffness as GeometricStiffness,
+    MeasuredSize as MeasuredSize,
     PlainGroup as PlainGroup,
     Transmission as Transmission,
     no_geometric_stiffness as no_geometric_stiffness,

@@ -76,6 +76,18 @@ class GeometricStiffness(NamedTuple):
     weight: Array
 
 
+class MeasuredSize(NamedTuple):
+    """Size of an actuator as a sensor measures it, linear in its coordinate s: at_zero + sign s.
+
+    Attributes:
+        at_zero: Size at s = 0, such as a length in [m] or a volume in [m^3].
+        sign: Change of the size per unit of s, 1 or -1.
+    """
+
+    at_zero: float
+    sign: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ActuatorView:
     """Visible state of an actuator.
@@ -97,6 +109,11 @@ class ActuatorView:
     multiplier: float
     pulled_from_outside: bool = False
     surface: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+
+    @property
+    def measured_size(self) -> MeasuredSize:
+        """What a sensor of its coordinate measures; by default the coordinate itself."""
+        return MeasuredSize(0.0, 1.0)
 
 
 class Actuator(ABC):

@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from softsim_core.base import Array
-from softsim_core.physics.actuation.cable import CableView
-from softsim_core.physics.actuation.chamber import ChamberView
+from softsim_core.physics.actuation import MeasuredSize
 from softsim_core.physics.sensing.description import (
     Output,
     Quantity,
@@ -56,32 +55,28 @@ class CableSensorDescription(SimulatedSensorDescription):
 
 
 class ActuatorSensor(Sensor):
-    """Sensor of an actuator's coordinate, which grows or shrinks with its joint, and of its multiplier.
+    """Sensor of an actuator's size, which grows or shrinks with its coordinate, and of its multiplier.
 
     Args:
         joint: Number of its joint.
-        sign: Change of the coordinate per unit of the joint's position: 1 or -1.
-        zero: Coordinate at the joint's position 0.
-        noise, bias: Noise and bias of coordinate and multiplier, shape (2,).
+        size: Its size as a function of the joint's position.
+        noise, bias: Noise and bias of size and multiplier, shape (2,).
     """
 
-    def __init__(self, joint: int, sign: float, zero: float, noise: Array, bias: Array) -> None:
+    def __init__(self, joint: int, size: MeasuredSize, noise: Array, bias: Array) -> None:
         super().__init__(noise, bias)
-        self._joint, self._sign, self._zero = joint, sign, zero
+        self._joint, self._size = joint, size
 
     def measure(self, observation: StepObservation) -> Array:
-        """Return the coordinate, then the multiplier, shape (2,)."""
-        state, j = observation.state, self._joint
-        return np.array([self._zero + self._sign * state.joint_positions[j], state.joint_efforts[j]])
+        """Return the size, then the multiplier, shape (2,)."""
+        state, j, size = observation.state, self._joint, self._size
+        return np.array([size.at_zero + size.sign * state.joint_positions[j], state.joint_efforts[j]])
 
 
 def _cable_sensor(described: CableSensorDescription, scenery: Scenery) -> ActuatorSensor:
-    view = scenery.actuators[described.joint]
-    assert isinstance(view, CableView)  # checked by the scene
     return ActuatorSensor(
         scenery.soft.joint(described.joint),
-        -1.0,  # the joint's position shortens it
-        view.length + view.value,
+        scenery.actuators[described.joint].measured_size,
         np.array([described.length_noise, described.tension_noise]),
         np.array([described.length_bias, described.tension_bias]),
     )
@@ -126,12 +121,9 @@ class ChamberSensorDescription(SimulatedSensorDescription):
 
 
 def _chamber_sensor(described: ChamberSensorDescription, scenery: Scenery) -> ActuatorSensor:
-    view = scenery.actuators[described.joint]
-    assert isinstance(view, ChamberView)  # checked by the scene
     return ActuatorSensor(
         scenery.soft.joint(described.joint),
-        1.0,
-        view.volume - view.value,
+        scenery.actuators[described.joint].measured_size,
         np.array([described.volume_noise, described.pressure_noise]),
         np.array([described.volume_bias, described.pressure_bias]),
     )

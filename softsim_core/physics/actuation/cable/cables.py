@@ -22,6 +22,7 @@ from softsim_core.physics.actuation import (
     ActuatorView,
     Constraints,
     GeometricStiffness,
+    MeasuredSize,
     Placed,
     Surroundings,
     no_geometric_stiffness,
@@ -141,6 +142,11 @@ class CableView(ActuatorView):
     def tension(self) -> float:
         """Tension in [N]."""
         return self.multiplier
+
+    @property
+    def measured_size(self) -> MeasuredSize:
+        """Its length in [m], which the coordinate shortens."""
+        return MeasuredSize(self.length + self.value, -1.0)
 
 
 class _Entries(NamedTuple):

@@ -42,6 +42,7 @@ from softsim_core.physics.actuation import (
     Actuator,
     ActuatorView,
     GeometricStiffness,
+    MeasuredSize,
     Placed,
     Surroundings,
     Transmission,
@@ -235,6 +236,11 @@ class ChamberView(ActuatorView):
     """
 
     volume: float = 0.0
+
+    @property
+    def measured_size(self) -> MeasuredSize:
+        """Volume of its cavity in [m^3], which the coordinate enlarges."""
+        return MeasuredSize(self.volume - self.value, 1.0)
 
 
 class Chamber(Actuator):
