@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from softsim_core.base import ConfigError
-from softsim_core.scene import load_scene
+from softsim_core.scene import MaterialDescription, load_scene
 from softsim_core.scene.io import Item, laid_over, override_at, read_overrides, write_overrides
 
 BASE = ("joints", Item("servo_0"), "base")
@@ -41,3 +41,35 @@ def test_what_is_no_mapping_is_refused_in_a_sentence(text: str) -> None:
     with pytest.raises(ConfigError, match=r"^overrides: ") as caught:
         read_overrides(text)
     assert "\n" not in str(caught.value)
+
+
+def material_with(name: str, **parameters: object) -> MaterialDescription:
+    """The material of a scene's first body with parameters laid over it."""
+    over = override_at(("bodies", Item(load_scene(name).scene.bodies[0].name)), {"material": parameters})
+    return load_scene(name, over).scene.bodies[0].material
+
+
+def test_null_removes_a_parameter_of_the_material_below() -> None:
+    own = load_scene("cable_finger").scene.bodies[0].material
+    assert set(own.values) >= {"young_modulus", "poisson_ratio"}
+    rubber = material_with("cable_finger", law="yeoh", c1=3.0e4, c2=None, young_modulus=None)
+    assert rubber == MaterialDescription(law="yeoh", c1=3.0e4, poisson_ratio=own.poisson_ratio)
+    text = write_overrides({"material": {"young_modulus": None}})
+    assert read_overrides(text) == {"material": {"young_modulus": None}}  # as text, too
+    first = {"material": {"young_modulus": 1.0e5, "poisson_ratio": 0.3}}
+    assert laid_over(first, read_overrides(text))["material"] == {"young_modulus": None, "poisson_ratio": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"young_modulus": None}, r"material\.young_modulus: is missing; it has no default"),
+        ({"law": "yeoh", "c1": 3.0e4}, r"material\.young_modulus: is no parameter of the law yeoh"),
+        ({"yuong_modulus": None}, r"yuong_modulus"),
+    ],
+)
+def test_a_removed_parameter_must_have_been_one_and_be_dispensable(
+    parameters: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        material_with("cable_finger", **parameters)

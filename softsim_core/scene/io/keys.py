@@ -131,13 +131,18 @@ def refuse_unknown(
 
 
 def material_structure(value: Any, _: Any) -> MaterialDescription:
-    """Build a material from the keys of its law, or from the name of a preset and its changes."""
+    """Build a material from the keys of its law, or from the name of a preset and its changes.
+
+    A parameter that is None counts as absent, by which overrides remove it.
+    """
     if isinstance(value, str):
         value = {"preset": value}
     if not isinstance(value, Mapping):
         raise RefusedValue(
             f"must be the name of a preset or a mapping of parameters, not {format_value(value)}"
         )
+    removable = {"prony", *(name for law in material_names() for name in material(law).names)}
+    value = {key: each for key, each in value.items() if each is not None or key not in removable}
     law, preset = value.get("law"), value.get("preset")
     if preset is not None:
         law = _preset_law(preset, law)
