@@ -13,6 +13,6 @@ from lazy_loader import attach_stub
 __getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
 
 if find_spec("gymnasium") is not None:
-    from softsim_core.lab.learning.registration import register_environments
+    from softsim_core.lab.learning.tasks import register_environments
 
     register_environments()

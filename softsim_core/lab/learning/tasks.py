@@ -1,4 +1,4 @@
-"""Tasks of environments: scene, actions, observations and rewards; and the shipped tasks."""
+"""Tasks of environments: scene, actions, observations and rewards; and the shipped tasks with their ids."""
 
 from __future__ import annotations
 
@@ -521,3 +521,21 @@ TASKS: Mapping[str, Task] = {
     ),
 }
 """Tasks by name; docs/learning.md lists their spaces."""
+
+
+_HOME: Final = "softsim_core.lab.learning.environments"
+
+
+def register_environments() -> None:
+    """Register the environments of the shipped tasks with Gymnasium, which must be installed."""
+    import gymnasium
+
+    for name, task in TASKS.items():
+        if f"softsim/{name}" not in gymnasium.registry:
+            gymnasium.register(
+                id=f"softsim/{name}",
+                entry_point=f"{_HOME}:RobotEnv",
+                vector_entry_point=f"{_HOME}:RobotVectorEnv",
+                kwargs={"name": name},
+                max_episode_steps=task.horizon,
+            )

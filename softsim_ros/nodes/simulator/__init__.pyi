@@ -12,6 +12,18 @@ from .monitor import (
     StageTime as StageTime,
     StepHistory as StepHistory,
 )
+from .object_markers import (
+    FORCE_LENGTH as FORCE_LENGTH,
+    bodies_topology as bodies_topology,
+    cable_markers as cable_markers,
+    cable_places as cable_places,
+    chamber_markers as chamber_markers,
+    chamber_places as chamber_places,
+    collision_markers as collision_markers,
+    collision_places as collision_places,
+    contact_markers as contact_markers,
+    pressure_colour as pressure_colour,
+)
 from .parameters import (
     tunables as tunables,
     with_values as with_values,
@@ -22,17 +34,7 @@ from .physics_thread import (
     printed_lines as printed_lines,
 )
 from .publications import (
-    FORCE_LENGTH as FORCE_LENGTH,
     Publications as Publications,
-    bodies_topology as bodies_topology,
-    cable_markers as cable_markers,
-    cable_places as cable_places,
-    chamber_markers as chamber_markers,
-    chamber_places as chamber_places,
-    collision_markers as collision_markers,
-    collision_places as collision_places,
-    contact_markers as contact_markers,
-    pressure_colour as pressure_colour,
     stage_statistics as stage_statistics,
 )
 from .scene_editing import SceneWriter as SceneWriter

@@ -2,15 +2,9 @@
 
 `SCENE_TOPICS` and `STATE_TOPICS` list those with one message per scene or state; a new one is one more entry.
 
-`bodies/poses` (geometry_msgs/PoseArray, frame world, 60 Hz) has the poses of the rigid bodies in scene order;
-`bodies/topology` (visualization_msgs/MarkerArray, latched) their surfaces, one TRIANGLE_LIST a body, ns = its
-name, in its own frame on /tf. `cables` (MarkerArray, 30 Hz) has for every cable, by its number as id, ns
-"line" (LINE_STRIP), "points" (SPHERE_LIST) and "pull" (SPHERE at the pull point). `chambers` (MarkerArray, 30
-Hz) has the cavity of every chamber, by its number as id, ns = name of its joint: a TRIANGLE_LIST in world
-coordinates, light at zero pressure, red at the largest, blue at the smallest. `contacts` (MarkerArray, 30 Hz)
-has ns "points" (SPHERE_LIST) and "forces" (LINE_LIST from each point along the force on the first body,
-FORCE_LENGTH per newton). `collisions` (MarkerArray, 10 Hz) has the collision surfaces, by their number as id,
-ns = name: a TRIANGLE_LIST in world coordinates, or a SPHERE.
+`bodies/poses` (geometry_msgs/PoseArray, frame world, 60 Hz) has the poses of the rigid bodies in scene
+order. `bodies/topology` (latched), `cables`, `chambers` and `contacts` (30 Hz) and `collisions` (10 Hz) have
+markers, see object_markers.
 
 A joint's effort is the pressure relative to the surrounding air, while FluidPressure is absolute. The
 atmospheric pressure of the scene is therefore added, the same at any height. The variance is 0, which means
@@ -29,27 +23,25 @@ step.
 from __future__ import annotations
 
 import json
-import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, PoseArray, PoseStamped, Vector3
+from geometry_msgs.msg import PoseArray, PoseStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState, PointCloud2
 from shape_msgs.msg import Mesh
-from std_msgs.msg import ColorRGBA, Float64, String, UInt32MultiArray
+from std_msgs.msg import Float64, String, UInt32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core.base import Array
-from softsim_core.physics.actuation import ActuatorView
 from softsim_core.physics.actuation.chamber import ATMOSPHERE
 from softsim_core.physics.dynamics import StageShare, stage_tree
 from softsim_core.physics.sensing import SensorReading, SimulatedSensorDescription
@@ -60,6 +52,17 @@ from softsim_ros import chambers_of, messages, optional_type, topic_words
 from softsim_ros.description import control_topics, urdf
 from softsim_ros.messages import SensorMessage, contact_cloud, format_value, header, messages_of
 from softsim_ros.nodes.simulator.monitor import RateGate, StageTime
+from softsim_ros.nodes.simulator.object_markers import (
+    bodies_topology,
+    cable_markers,
+    cable_places,
+    chamber_colours,
+    chamber_markers,
+    chamber_places,
+    collision_markers,
+    collision_places,
+    contact_markers,
+)
 from softsim_ros.nodes.simulator.scene_topics import FrameTree, index_array, structure
 
 
@@ -96,23 +99,6 @@ POSES_PERIOD_S = 1.0 / 60.0
 NODES_PERIOD_S = 0.1
 MARKERS_PERIOD_S = 1.0 / 30.0
 COLLISIONS_PERIOD_S = 0.1
-FORCE_LENGTH = 0.02
-"""Length in [m] that represents a contact force of 1 N."""
-
-
-_LINE, _DOT, _PULL = 0.0008, 0.002, 0.004
-_CABLE = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)
-_PULL_COLOUR = ColorRGBA(r=0.1, g=0.3, b=0.9, a=1.0)
-_EMPTY, _FULL, _SUCKED = (
-    np.array(each) for each in ((0.93, 0.93, 0.96, 1.0), (0.85, 0.1, 0.1, 1.0), (0.1, 0.2, 0.85, 1.0))
-)
-"""Colours of a chamber at zero, largest and smallest pressure."""
-_CONTACT = ColorRGBA(r=0.9, g=0.1, b=0.6, a=1.0)
-_COLLISIONS = tuple(
-    ColorRGBA(r=r, g=g, b=b, a=1.0)
-    for r, g, b in ((0.85, 0.45, 0.0), (0.0, 0.5, 0.7), (0.7, 0.2, 0.5), (0.2, 0.55, 0.2))
-)
-"""Different colours for surfaces that lie side by side, such as a finger and its notch walls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,140 +263,6 @@ def node_cloud(simulation: Simulation, stamp: Time) -> PointCloud2:
     return messages.point_cloud(stamp, WORLD, simulation.positions, simulation.von_mises())
 
 
-def bodies_topology(simulation: Simulation, frame_of: Callable[[int, str], str]) -> MarkerArray:
-    """Return surface markers of the rigid bodies, each locked to its body's frame: it moves with /tf."""
-    markers = []
-    for number, body in enumerate(simulation.rigid_bodies):
-        r, g, b, a = body.colour
-        corners = body.surface.points[body.surface.triangles.ravel()]
-        colour = ColorRGBA(r=r, g=g, b=b, a=a)
-        marker = _marker(Time(), body.name, number, Marker.TRIANGLE_LIST, 1.0, colour)
-        marker.header.frame_id, marker.frame_locked = frame_of(number, body.name), True
-        marker.points = _points(corners)
-        markers.append(marker)
-    return MarkerArray(markers=markers)
-
-
-def cable_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
-    """Return lines, points and pull points of all cables and other actuators that have points."""
-    markers = []
-    for number, cable in enumerate(simulation.actuators):
-        if not len(cable.points):
-            continue
-        line = _marker(stamp, "line", number, Marker.LINE_STRIP, _LINE, _CABLE)
-        line.points = _points(cable.points)
-        dots = _marker(stamp, "points", number, Marker.SPHERE_LIST, _DOT, _CABLE)
-        dots.points = line.points[cable.pulled_from_outside :]
-        markers += [line, dots]
-        if cable.pulled_from_outside:
-            pull = _marker(stamp, "pull", number, Marker.SPHERE, _PULL, _PULL_COLOUR)
-            pull.pose.position = line.points[0]
-            markers.append(pull)
-    return MarkerArray(markers=markers)
-
-
-def cable_places(simulation: Simulation) -> tuple[list[Array], tuple[()]]:
-    """Return the points in [m] of the markers of `cable_markers`, whose colours stay."""
-    places = []
-    for cable in simulation.actuators:
-        if not len(cable.points):
-            continue
-        outside = int(cable.pulled_from_outside)
-        places += [cable.points, cable.points[outside:], *cable.points[:outside]]
-    return places, ()
-
-
-def chamber_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
-    """Return the cavities of all chambers in the colours of their pressures."""
-    markers = []
-    for number, chamber, colour in _chambers(simulation):
-        r, g, b, a = colour.tolist()
-        marker = _marker(
-            stamp, chamber.name, number, Marker.TRIANGLE_LIST, 1.0, ColorRGBA(r=r, g=g, b=b, a=a)
-        )
-        marker.points = _points(chamber.surface.reshape(-1, 3))
-        markers.append(marker)
-    return MarkerArray(markers=markers)
-
-
-def chamber_places(simulation: Simulation) -> tuple[list[Array], list[Array]]:
-    """Return points in [m] and colours of the markers of `chamber_markers`, see MovingMarkers."""
-    shown = list(_chambers(simulation))
-    return [chamber.surface.reshape(-1, 3) for _, chamber, _ in shown], [colour for *_, colour in shown]
-
-
-def pressure_colour(pressure: float, lowest: float, highest: float) -> Array:
-    """Return the colour of a pressure: red, green, blue and alpha in 0..1, shape (4,).
-
-    All pressures are in [Pa], with lowest <= 0 <= highest.
-    """
-    last, colour = (highest, _FULL) if pressure > 0.0 else (lowest, _SUCKED)
-    share = min(pressure / last, 1.0) if last != 0.0 else 0.0
-    return np.asarray(_EMPTY + share * (colour - _EMPTY))
-
-
-def _chambers(simulation: Simulation) -> Iterator[tuple[int, ActuatorView, Array]]:
-    """Yield number, view and colour of each chamber.
-
-    If a chamber has no pressure limit, its atmospheric pressure gets the colour of the largest pressure.
-    """
-    described = {joint.name: joint.actuator for joint in simulation.robot.joints}
-    for number, view in enumerate(simulation.actuators):
-        actuator = described[view.name]
-        if actuator is not None and (gas := actuator.gas) is not None:
-            most = gas.highest if math.isfinite(gas.highest) else gas.atmosphere
-            yield number, view, pressure_colour(view.multiplier, gas.lowest, most)
-
-
-def contact_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
-    """Return points and forces of all contacts of the last step; empty lists where nothing touches."""
-    contacts = simulation.contacts
-    points = _marker(stamp, "points", 0, Marker.SPHERE_LIST, _DOT, _CONTACT)
-    points.points = _points(contacts.points)
-    forces = _marker(stamp, "forces", 0, Marker.LINE_LIST, _LINE, _CONTACT)
-    ends = np.stack([contacts.points, contacts.points + FORCE_LENGTH * contacts.forces], axis=1)
-    forces.points = _points(ends.reshape(-1, 3))
-    return MarkerArray(markers=[points, forces])
-
-
-def collision_markers(simulation: Simulation, stamp: Time) -> MarkerArray:
-    """Return the collision surfaces at their current positions; empty in a scene without contact."""
-    markers, points = [], simulation.collision_points
-    for number, surface in enumerate(simulation.collision_surfaces):
-        colour = _COLLISIONS[number % len(_COLLISIONS)]
-        if surface.radius > 0.0:
-            marker = _marker(stamp, surface.name, number, Marker.SPHERE, 2.0 * surface.radius, colour)
-            (marker.pose.position,) = _points(points[surface.vertices])
-        else:
-            marker = _marker(stamp, surface.name, number, Marker.TRIANGLE_LIST, 1.0, colour)
-            marker.points = _points(points[surface.triangles.ravel()])
-        markers.append(marker)
-    return MarkerArray(markers=markers)
-
-
-def collision_places(simulation: Simulation) -> tuple[list[Array], tuple[()]]:
-    """Return the points in [m] of the markers of `collision_markers`, whose colours stay."""
-    points = simulation.collision_points
-    places = [
-        points[surface.vertices if surface.radius > 0.0 else surface.triangles.ravel()]
-        for surface in simulation.collision_surfaces
-    ]
-    return places, ()
-
-
-def _marker(stamp: Time, ns: str, number: int, kind: int, size: float, colour: ColorRGBA) -> Marker:
-    marker = Marker(ns=ns, id=number, type=kind, action=Marker.ADD, color=colour)
-    marker.header = messages.header(stamp, WORLD)
-    marker.pose.orientation.w = 1.0
-    marker.scale = Vector3(x=size, y=size, z=size)
-    return marker
-
-
-def _points(rows: Array) -> list[Point]:
-    flat: Iterable[list[float]] = np.asarray(rows, dtype=float).tolist()
-    return [Point(x=x, y=y, z=z) for x, y, z in flat]
-
-
 SCENE_TOPICS: Final[Sequence[SceneTopic]] = (
     SceneTopic(
         "robot_description",
@@ -456,7 +308,7 @@ STATE_TOPICS: Final[Sequence[StateTopic]] = (
         MARKERS_PERIOD_S,
         chamber_markers,
         chamber_places,
-        concerns=lambda simulation: any(_chambers(simulation)),
+        concerns=lambda simulation: any(chamber_colours(simulation)),
     ),
     StateTopic(
         "contacts",
