@@ -8,6 +8,7 @@ from .curves import (
     Chart as Chart,
     Curve as Curve,
     charts as charts,
+    draw as draw,
 )
 from .errors import (
     BagError as BagError,
@@ -34,7 +35,6 @@ from .surface_frames import (
     mesh_frames as mesh_frames,
     write_vtu_series as write_vtu_series,
 )
-from .svg import draw as draw
 from .tables import (
     read_bag as read_bag,
     register as register,

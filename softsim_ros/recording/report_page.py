@@ -11,7 +11,7 @@ from softsim_core import RobotDescription
 from softsim_core.base import SoftSimError, install_command
 from softsim_core.scene import SceneCatalog
 from softsim_ros.recording.bag import Bag
-from softsim_ros.recording.curves import charts
+from softsim_ros.recording.curves import charts, draw
 from softsim_ros.recording.errors import BagError
 from softsim_ros.recording.tables import diagnostic_row
 
@@ -43,8 +43,6 @@ def report(bag: Bag) -> str:
     """
     if not bag.topics:
         raise BagError(bag.path, "holds no messages")
-    from softsim_ros.recording.svg import draw
-
     parts = [_summary(bag), "<h2>Replay</h2>", _replay(bag)]
     for chart in charts(bag, _scene(bag)):
         parts.append(f"<h2>{escape(chart.title)}</h2>")

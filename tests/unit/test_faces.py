@@ -231,7 +231,6 @@ def test_classes_that_really_move_are_found_by_all_that_use_them(tmp_path: Path)
 LEAST_LINES = 80
 ALONE = {
     "softsim_core.base.program_starter": "runs a program of ours in another process",
-    "softsim_ros.recording.svg": "drawings of a report's page",
     "softsim_core.mjcf.probe": "runs in a process that a broken model may end",
     "softsim_core.robots.tentacle_mesh": "a generator, run as a program",
     "softsim_core.simulation.batch.worker": "runs in the processes of a batch",
