@@ -19,6 +19,10 @@ from .optional_messages import (
     optional_module as optional_module,
     optional_type as optional_type,
 )
+from .report_pages import (
+    render_page as render_page,
+    write_page as write_page,
+)
 from .robot_node import (
     ClosableNode as ClosableNode,
     FrameSettings as FrameSettings,

@@ -23,7 +23,7 @@ PACKAGES = ("softsim_core", "softsim_node", "softsim_ros", "servo_bridge")
 ROSDEP = {
     "numpy": "python3-numpy", "scipy": "python3-scipy", "numba": "python3-numba", "meshio": "python3-meshio",
     "yaml": "python3-yaml", "serial": "python3-serial", "matplotlib": "python3-matplotlib",
-    "PIL": "python3-pil",
+    "PIL": "python3-pil", "jinja2": "python3-jinja2",
 }  # fmt: skip
 WITHOUT_KEY = {"cattrs", "lazy_loader"}  # rosdep has no key for these; the package.xml says what to install
 

@@ -13,7 +13,8 @@ from headless_browser import chromium_path
 
 from softsim_core.base import StudyError
 from softsim_core.lab.study import StudyResults, response_surface
-from softsim_ros.cli.studies import page, sweep, write
+from softsim_ros import write_page
+from softsim_ros.cli.studies import page, sweep
 
 
 def results(runs: int = 30, failed: int = 2) -> StudyResults:
@@ -47,9 +48,9 @@ def test_the_page_holds_every_run_and_loads_nothing() -> None:
     assert [each["name"] for each in data["quantities"]] == ["height", "force"]
 
 
-def test_a_page_needs_a_run_that_is_done(tmp_path: Path) -> None:
+def test_a_page_needs_a_run_that_is_done() -> None:
     with pytest.raises(StudyError, match="no run is done"):
-        write(tmp_path / "p.html", results(3, 3))
+        page(results(3, 3))
 
 
 def test_a_quadratic_surface_is_found_exactly() -> None:
@@ -81,7 +82,7 @@ def test_a_browser_draws_it_without_an_error(tmp_path: Path) -> None:
     chromium = chromium_path()
     from playwright.sync_api import sync_playwright
 
-    write(tmp_path / "p.html", results())
+    write_page(tmp_path / "p.html", page(results()))
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         view = browser.new_page()

@@ -8,7 +8,7 @@ setup(
     name=NAME,
     version="0.2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={"": ["py.typed"]},
+    package_data={"": ["py.typed"], NAME: ["templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

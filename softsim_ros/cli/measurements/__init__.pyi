@@ -5,7 +5,4 @@ from .calibrate_report import (
     plain as plain,
     report_lines as report_lines,
 )
-from .validate_report import (
-    PAGE as PAGE,
-    write as write,
-)
+from .validate_report import validation_page as validation_page

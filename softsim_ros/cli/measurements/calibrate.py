@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softsim_node import takes_escapes
+from softsim_ros import write_page
 from softsim_ros.cli.measurements.calibrate_report import (
     RequestedResults,
+    page,
     plain,
     report_lines,
     write_distribution,
     write_overlay,
-    write_page,
 )
 from softsim_ros.cli.measurements.validate import EXIT_INTERRUPTED
 
@@ -119,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
         command += [] if arguments.data is None else ["--data", str(arguments.data)]
         print(f"robot: {arguments.out}; judge it: {shlex.join(command)}", file=sys.stderr)
     if arguments.report is not None:
-        write_page(arguments.report, robot, result, further)
+        write_page(arguments.report, page(robot, result, further))
     if arguments.distribution is not None and not result.stopped:
         write_distribution(arguments.distribution, robot, result)
     return EXIT_INTERRUPTED if result.stopped else 0

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from softsim_core.base import DataError, known_names
 from softsim_node import takes_escapes
+from softsim_ros import write_page
 
 if TYPE_CHECKING:
     from softsim_core.lab.identification import DataSet, Session, SessionDescription, SessionResult
@@ -58,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read, replay, align, compare."""
     from softsim_core.lab.identification import known_data_sets, load_data_set, plain
-    from softsim_ros.cli.measurements.validate_report import report_lines
+    from softsim_ros.cli.measurements.validate_report import report_lines, validation_page
 
     if arguments.data_set is None:
         data_sets = known_data_sets()
@@ -81,9 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print("\n".join(report_lines(data.description, model, results)))
     if arguments.out is not None and results:
-        from softsim_ros.cli.measurements.validate_report import write
-
-        write(arguments.out, data.description, model, results)
+        write_page(arguments.out, validation_page(data.description, model, results))
         print(f"report: {arguments.out}", file=sys.stderr)
     beyond = [f"session {each.session.name}: {problem}" for each in results for problem in each.beyond]
     for message in beyond:

@@ -21,17 +21,13 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec("matplotlib") is None:
         print(f"softsim report: charts need matplotlib; {install_command('report')}", file=sys.stderr)
         return 1
-    from softsim_core.base import write_file
+    from softsim_ros import write_page
     from softsim_ros.recording import Bag, report
 
     bag_path = arguments.bag.resolve()
     file = arguments.out or bag_path.with_name(f"{bag_path.stem}_report.html")
     with Bag(arguments.bag) as bag:
         page = report(bag)
-    try:
-        write_file(file, page)
-    except OSError as error:
-        print(f"softsim report: {file} cannot be written ({error.strerror})", file=sys.stderr)
-        return 1
+    write_page(file, page)
     print(f"{file}: open it in a browser ({1e-6 * len(page):.1f} MB)")
     return 0

@@ -1,4 +1,1 @@
-from .sweep_page import (
-    page as page,
-    write as write,
-)
+from .sweep_page import page as page

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from softsim_core.base import StudyError, install_command
 from softsim_node import takes_escapes
+from softsim_ros import write_page
 
 if TYPE_CHECKING:
     from softsim_core.lab.study import StudySummary, SweepOptions
@@ -135,15 +136,15 @@ def print_summary(summary: StudySummary, as_json: bool) -> None:
 
 def _report(arguments: argparse.Namespace) -> int:
     from softsim_core.lab.study import read_results, write_parquet
-    from softsim_ros.cli.studies.sweep_page import write
+    from softsim_ros.cli.studies.sweep_page import page
 
     if arguments.study is not None:
         print("softsim sweep: --report names a store, and no study goes with it", file=sys.stderr)
         return 2
     results = read_results(arguments.report)
-    page = arguments.out or Path(f"{arguments.report.name or 'study'}.html")
-    write(page, results)
-    print(f"report: {page}")
+    file = arguments.out or Path(f"{arguments.report.name or 'study'}.html")
+    write_page(file, page(results))
+    print(f"report: {file}")
     if arguments.parquet is not None:
         write_parquet(results, arguments.parquet)
     return 0

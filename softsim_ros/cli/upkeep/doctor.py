@@ -57,6 +57,7 @@ PACKAGES = {  # import name -> distribution; all are needed but Numba
     "yaml": "PyYAML",
     "serial": "pyserial",
     "lazy_loader": "lazy-loader",
+    "jinja2": "Jinja2",
 }
 OPTIONAL_PACKAGES = {  # import name -> distribution, and what needs it
     "daqp": ("daqp", "inverse control (key I, inverse:=true, path follower)"),

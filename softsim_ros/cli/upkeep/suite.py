@@ -86,7 +86,7 @@ TESTS: Mapping[str, str] = {
     ),
     "softsim_ros": (
         "house/launch ros unit/layout unit/messages* unit/moved unit/optional_messages unit/qos "
-        "unit/transforms unit/urdf unit/work_queue"
+        "unit/report_pages unit/transforms unit/urdf unit/work_queue"
     ),
     "benchmarks": "benchmarks ros/bridge_benchmark unit/bridge_latency unit/first_start",
     "softsim_ros/cli": (
@@ -118,6 +118,7 @@ TESTS: Mapping[str, str] = {
         "unit/trajectory_goal"
     ),
     "softsim_ros/nodes/teleop": "ros/teleop* unit/teleop*",
+    "softsim_ros/templates": "identification recording study unit/report_pages",
     "softsim_ros/nodes/viewer": "viewer unit/edit*",
     "servo_bridge": "bridge unit/layout unit/moved",
     "servo_bridge/emulator": "firmware",
