@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import re
 import select
+import socket
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import serial
 from serial.tools import list_ports
@@ -159,10 +161,83 @@ class SerialTransport:
         return f"{message}; {BRLTTY}" if _is_usb_adapter(self.port) else message
 
 
+class UdpTransport:
+    """A board on the network, named udp:HOST:PORT: each packet is a datagram.
+
+    Only datagrams from that address are received. While none come, empty ones are sent: they contain the
+    address to which the board sends. Nothing tells a board that is silent from none, but a computer without
+    a program at that port may say so.
+
+    Args:
+        port: "udp:HOST:PORT", for example udp:192.168.4.1:4210; an IPv6 address stands in brackets.
+        baud_rate: Not used.
+
+    Raises:
+        PortError: the name is none of that form, or names no host.
+    """
+
+    def __init__(self, port: str, baud_rate: int = 0) -> None:
+        self.port = port
+        try:
+            parts = re.fullmatch(r"udp:(?:\[([^\]]+)\]|([^:\[\]]+)):([0-9]{1,5})", port)
+            if parts is None or not 0 < int(parts[3]) < 65536:
+                raise ValueError("the form is udp:HOST:PORT, such as udp:192.168.4.1:4210")
+            family, kind, protocol, _, place = socket.getaddrinfo(
+                parts[1] or parts[2], parts[3], type=socket.SOCK_DGRAM
+            )[0]
+            self._socket = socket.socket(family, kind, protocol)
+            self._socket.connect(place)
+            self._socket.setblocking(False)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise PortError(port, f"port {port} cannot be opened: {reason}") from error
+
+    def write(self, packet: bytes) -> None:
+        """Send one packet as a datagram, which may be lost on its way.
+
+        Raises:
+            PortError: the port was closed, the network is down, or no program receives there.
+        """
+        with contextlib.suppress(BlockingIOError):  # no room: the next packet is newer
+            self._try(self._socket.send, packet)
+
+    def read(self) -> bytes:
+        """Return the next datagram; after 0.05 s without one, send an empty one.
+
+        Raises:
+            PortError: as for `write`.
+        """
+        ready, _, _ = self._try(select.select, [self._socket], [], [], READ_TIMEOUT_S)
+        if not ready:
+            self.write(b"")
+            return b""
+        try:
+            return bytes(self._try(self._socket.recv, 65536))
+        except BlockingIOError:  # the datagram was damaged
+            return b""
+
+    def _try(self, action: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            return action(*arguments)
+        except BlockingIOError:
+            raise
+        except ConnectionRefusedError as error:
+            raise PortError(self.port, f"no program receives at {self.port}; start the board") from error
+        except (OSError, ValueError) as error:  # ValueError: another thread closed the port
+            raise PortError(self.port, f"port {self.port} failed ({error}); is the network up?") from error
+
+    def cancel_read(self) -> None:
+        """Do nothing: a read ends by itself soon."""
+
+    def close(self) -> None:
+        """Close the port; a second call does nothing."""
+        self._socket.close()
+
+
 Opener: TypeAlias = Callable[[str, int], Transport]
 """Opens a port by its name and its bits per second; raises PortError if it cannot."""
 
-_openers: dict[str, Opener] = {}
+_openers: dict[str, Opener] = {"udp": UdpTransport}
 
 
 def register_transport(kind: str, opener: Opener) -> None:
@@ -183,7 +258,7 @@ def register_transport(kind: str, opener: Opener) -> None:
 
 
 def open_transport(port: str, baud_rate: int) -> Transport:
-    """Open a port: a serial one, or one of a registered kind.
+    """Open a port: a serial one, one on the network (UdpTransport), or one of a registered kind.
 
     Args:
         port: Name of a serial device, or "KIND:...".
@@ -197,11 +272,11 @@ def open_transport(port: str, baud_rate: int) -> Transport:
     if opener is not None:
         return opener(port, baud_rate)
     if colon and re.fullmatch(r"[a-z][a-z0-9_]*", kind) and not os.path.lexists(port):
-        kinds = listing(sorted(_openers)) or "none"
+        kinds = listing(f"{each}:..." for each in sorted(_openers))
         raise PortError(
             port,
-            f"port {port} cannot be opened: {kind} is no known kind of port (known: serial devices, and of"
-            f" registered kinds {kinds}); the robot's Python file can register one",
+            f"port {port} cannot be opened: {kind} is no known kind of port (known: serial devices,"
+            f" {kinds}); the robot's Python file can register one",
         )
     return SerialTransport(port, baud_rate)
 

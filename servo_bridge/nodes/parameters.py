@@ -65,7 +65,7 @@ class BridgeSettings:
     robot: str = parameter("tripod", "Robot: a name from configs/robots, or the path of its file", fixed=True)
     port: str = parameter(
         "",
-        "Serial port, e.g. /dev/ttyACM0 or a link; empty: the one board that is plugged in",
+        "Serial port, e.g. /dev/ttyACM0 or a link, or udp:HOST:PORT; empty: the one board that is plugged in",
         fixed=True,
     )
     source: Source = parameter(

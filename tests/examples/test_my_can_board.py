@@ -152,7 +152,7 @@ def test_a_board_has_a_servo_for_each_byte_of_a_frame_at_most(count: int) -> Non
     [
         ("can:nonsense:x", "the CAN bus can:nonsense:x failed"),
         ("can", "port can does not exist"),
-        ("udp:localhost:5", "udp is no known kind of port"),
+        ("bus:localhost:5", "bus is no known kind of port"),
         ("/dev/nothing:here", "port /dev/nothing:here does not exist"),
     ],
 )
