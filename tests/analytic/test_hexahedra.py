@@ -17,8 +17,10 @@ from softsim_core.base import Array, Box, MeshError, MeshFile, SceneError
 from softsim_core.physics.fem import elastic_forces
 from softsim_core.physics.mesh import TetMesh, boundary, box_mesh, cell_mesh
 from softsim_core.scene import (
+    AttachmentDescription,
     BodyDescription,
     FibresDescription,
+    JointDescription,
     MaterialDescription,
     MaterialRegionDescription,
 )
@@ -50,6 +52,34 @@ def test_a_cantilever_bends_as_one_of_fine_quadratic_tetrahedra(poisson_ratio: f
     assert abs(fine - expected) < abs(coarse - expected)
     linear = sag(bar((60, 3, 3)), min(poisson_ratio, 0.45))
     assert abs(linear - expected) > 10 * abs(fine - expected)  # tetrahedra of the same nodes are too stiff
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poisson_ratio", [0.3, 0.499])
+def test_a_block_that_is_pressed_by_a_quarter_resists_as_one_of_quadratic_tetrahedra(
+    poisson_ratio: float,
+) -> None:
+    def force(cells: int, **fields: Any) -> float:
+        side = 0.04
+        cube = box_mesh((side,) * 3, (cells,) * 3, (-0.02, -0.02, 0.0), hexahedra="order" not in fields)
+        law = MaterialDescription(law="stable_neo_hookean", young_modulus=2e4, poisson_ratio=poisson_ratio)
+        pressed = replace(body(cube), material=law, **fields)
+        low, high = (Box(center=(0.0, 0.0, z), size=(1.0, 1.0, 1e-4)) for z in (0.0, side))
+        attachments = (
+            AttachmentDescription(name="low", body="body", to="world", box=low),
+            AttachmentDescription(name="high", body="body", to="press", box=high),
+        )
+        press = JointDescription(name="press", kind="prismatic", axis=(0.0, 0.0, 1.0))
+        simulation = Simulation(
+            scene(pressed, joints=(press,), attachments=attachments, gravity=(0.0, 0.0, 0.0))
+        )
+        start = None
+        for way in (-0.005, -0.01):
+            start = simulation.equilibrium([way], start=start).state
+        assert start is not None
+        return float(start.joint_efforts[0])
+
+    assert force(6) == pytest.approx(force(3, order=2), rel=0.03)
 
 
 def read(tmp_path: Path, mesh: meshio.Mesh) -> MeshFile:
