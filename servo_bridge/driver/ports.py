@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import re
 import select
@@ -17,7 +18,7 @@ import serial
 from serial.tools import list_ports
 
 from servo_bridge import PortError
-from softsim_core.base import listing
+from softsim_core.base import SoftSimError, listing, open_lock, runtime_folder
 from softsim_node import printable
 
 READ_TIMEOUT_S = 0.05
@@ -234,6 +235,44 @@ class UdpTransport:
         self._socket.close()
 
 
+class _OneUserTransport:
+    """A port that the system does not lock, for one program of this user; the lock ends with the program.
+
+    Raises:
+        PortError: another program has it, or it cannot be opened.
+    """
+
+    def __init__(self, port: str, baud_rate: int, opener: Opener) -> None:
+        import fcntl  # not on every system whose users convert angles
+
+        self.port = port
+        try:
+            name = hashlib.sha256(port.encode()).hexdigest()[:16]
+            self._lock = open_lock(runtime_folder() / f"softsim-port-{name}.lock")
+        except SoftSimError as error:
+            raise PortError(port, f"port {port} cannot be locked: {error}") from error
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._transport = opener(port, baud_rate)
+        except BlockingIOError as error:
+            self._lock.close()
+            raise PortError(
+                port, f"port {port} is in use by another program (another bridge?); stop that program first"
+            ) from error
+        except BaseException:
+            self._lock.close()
+            raise
+        self.write, self.read = self._transport.write, self._transport.read
+        self.cancel_read = self._transport.cancel_read
+
+    def close(self) -> None:
+        """Close the port, then release it; a second call does nothing."""
+        try:
+            self._transport.close()
+        finally:
+            self._lock.close()
+
+
 Opener: TypeAlias = Callable[[str, int], Transport]
 """Opens a port by its name and its bits per second; raises PortError if it cannot."""
 
@@ -270,7 +309,7 @@ def open_transport(port: str, baud_rate: int) -> Transport:
     kind, colon, _ = port.partition(":")
     opener = _openers.get(kind) if colon else None
     if opener is not None:
-        return opener(port, baud_rate)
+        return _OneUserTransport(port, baud_rate, opener)
     if colon and re.fullmatch(r"[a-z][a-z0-9_]*", kind) and not os.path.lexists(port):
         kinds = listing(f"{each}:..." for each in sorted(_openers))
         raise PortError(

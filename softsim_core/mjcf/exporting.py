@@ -388,7 +388,7 @@ def _check(built: BuiltScene, name: str) -> None:
     for body in built.bodies:
         if isinstance(body.mesh, RodMesh):
             raise MjcfError(name, f"body {body.name} is a rod, which no flex here stands for; leave it out")
-        if any(cells.shape[1] != 4 for cells in body.cells):
+        if any(cells.shape[1] != 4 for cells in body.blocks.values()):
             kinds = listing(body.blocks)
             raise MjcfError(name, f"body {body.name} has cells {kinds}, MuJoCo only tet4; set `order: 1`")
 

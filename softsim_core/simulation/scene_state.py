@@ -454,7 +454,7 @@ def _surface_of(bodies: Sequence[Body], model: Model) -> SurfaceFollower:
 
 def _mean_of(bodies: Sequence[Body], model: Model) -> csr_array:
     return mean_at_nodes(
-        [cells + body.nodes.start for body in bodies for cells in body.cells], len(model.rest)
+        [cells + body.nodes.start for body in bodies for cells in body.blocks.values()], len(model.rest)
     )
 
 

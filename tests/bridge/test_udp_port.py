@@ -132,6 +132,15 @@ def test_datagrams_of_others_are_not_received() -> None:
                 use()
 
 
+def test_two_programs_do_not_drive_the_same_board() -> None:
+    first = open_transport("udp:127.0.0.1:4210", 0)
+    with pytest.raises(PortError, match=r"port udp:127\.0\.0\.1:4210 is in use by another program"):
+        open_transport("udp:127.0.0.1:4210", 0)
+    open_transport("udp:127.0.0.1:4211", 0).close()
+    first.close()
+    open_transport("udp:127.0.0.1:4210", 0).close()
+
+
 def test_a_board_that_does_not_receive_yet_is_a_message() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unused:
         unused.bind(("127.0.0.1", 0))

@@ -61,8 +61,8 @@ def test_a_law_that_is_not_known_is_a_sentence() -> None:
         SceneError, match=r"unknown material law 'rubber'; known: corotational, corotational_qr, st"
     ):
         MaterialDescription(law="rubber", young_modulus=1.0)
-    with pytest.raises(SceneError, match="unknown element 'hex8'; known: tet4"):
-        element("hex8")
+    with pytest.raises(SceneError, match=r"unknown element 'hex20'; did you mean hex8.* known: tet4"):
+        element("hex20")
 
 
 def test_descriptions_are_values() -> None:

@@ -58,8 +58,8 @@ class Body:
         unloaded: Positions of the nodes of its tetrahedra without load in [m], shape (n, 3); None: as in
             `mesh`.
         ends: Nodes of the ends of a slender body, with its own numbers; None: it has none.
-        blocks: Nodes of its cells by the name of their element, with its own node numbers, shapes (m, a);
-            none of a rod.
+        blocks: Nodes of its cells by the name of their element, or of those of a rod by the name "rod", with
+            its own node numbers, shapes (m, a).
         cell_of_tet: The cell, counted through `blocks`, that each tetrahedron of its mesh is or is a part of,
             shape (t,).
     """
@@ -77,14 +77,9 @@ class Body:
     cell_of_tet: IndexArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
-    def cells(self) -> tuple[IndexArray, ...]:
-        """Nodes of its cells, with its own node numbers, shapes (m, a): of each block, or of a rod."""
-        return (self.mesh.cells,) if isinstance(self.mesh, RodMesh) else tuple(self.blocks.values())
-
-    @property
     def cell_count(self) -> int:
         """Number of its cells."""
-        return sum(map(len, self.cells))
+        return sum(map(len, self.blocks.values()))
 
     @property
     def outside(self) -> SurfaceMesh:
@@ -151,7 +146,8 @@ def _cells_in(region: MaterialRegionDescription, description: BodyDescription, b
         return np.unique(body.cell_of_tet[groups[region.group]])
     shape = region.box or region.sphere
     assert shape is not None  # checked by the description
-    return nodes_in(shape, np.concatenate([cell_middles(body.mesh.points, each) for each in body.cells]))
+    middles = [cell_middles(body.mesh.points, cells) for cells in body.blocks.values()]
+    return nodes_in(shape, np.concatenate(middles))
 
 
 class _Parts:

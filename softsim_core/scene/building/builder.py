@@ -256,7 +256,17 @@ def _rod(description: BodyDescription, start: int) -> Body:
     nodes = slice(start, start + len(drawn.mesh.points))
     outside = node_triangles(drawn.mesh) + start
     ends = drawn.mesh.end_nodes(True), drawn.mesh.end_nodes(False)
-    return Body(description.name, nodes, drawn.mesh, outside, surface, embedding, drawn.sections, None, ends)
+    return Body(
+        description.name,
+        nodes,
+        drawn.mesh,
+        outside,
+        surface,
+        embedding,
+        drawn.sections,
+        ends=ends,
+        blocks={SECTION.name: drawn.mesh.cells},
+    )
 
 
 def _tetrahedra(description: BodyDescription, start: int) -> Body:
