@@ -137,13 +137,12 @@ def whole_cells(mesh: TetMesh, kinds: Collection[str]) -> tuple[dict[str, IndexA
     """
     whole = {kind: block for kind, block in mesh.blocks.items() if kind in kinds}
     split = np.all([np.ones(len(mesh.tets), bool), *(block.owner < 0 for block in whole.values())], axis=0)
-    beside = {
-        tuple(face) for face in np.sort(mesh.tets[split][:, _TET_FACES].reshape(-1, 3), axis=1).tolist()
-    }
-    for kind, block in whole.items() if beside else ():
-        for face in FACES[kind]:
-            halves = [block.cells[:, np.delete(face, k)] for k in range(4)] if len(face) == 4 else []
-            if any(tuple(half) in beside for each in halves for half in np.sort(each, axis=1).tolist()):
+    if whole and split.any():
+        beside = _face_numbers(mesh.tets[split][:, _TET_FACES].reshape(-1, 3), len(mesh.points))
+        for kind, block in whole.items():
+            quads = np.array([face for face in FACES[kind] if len(face) == 4])
+            halves = block.cells[:, quads[:, _HALVES]].reshape(-1, 3)
+            if np.isin(_face_numbers(halves, len(mesh.points)), beside).any():
                 return whole_cells(mesh, ())
     cells = {TETRAHEDRA[mesh.order]: mesh.tets[split]} if split.any() else {}
     cell_of_tet, count = np.cumsum(split) - 1, int(split.sum())
@@ -152,6 +151,16 @@ def whole_cells(mesh: TetMesh, kinds: Collection[str]) -> tuple[dict[str, IndexA
         cell_of_tet = np.where(block.owner < 0, cell_of_tet, count + block.owner)
         count += len(block.cells)
     return cells, cell_of_tet
+
+
+_HALVES = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]])
+"""Corners of the triangles of a quadrilateral, for both of its diagonals."""
+
+
+def _face_numbers(triangles: IndexArray, count: int) -> IndexArray:
+    """Return a number of each triangle (k, 3) over `count` points, the same for any order of its corners."""
+    first, second, third = np.sort(triangles, axis=1).astype(np.int64).T
+    return np.asarray((first * count + second) * count + third)
 
 
 def _owner(count: int, first: int, own: IndexArray) -> IndexArray:
