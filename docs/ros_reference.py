@@ -36,8 +36,13 @@ from softsim_ros.nodes.simulator import default_folder, simulator_node  # noqa: 
 from softsim_ros.nodes.teleop import teleop_node  # noqa: E402
 from softsim_ros.recording import recorder_node  # noqa: E402
 
-SCENES = ("tripod", "pneu_finger", "sensed_finger")
-"""A simulator has more topics where its scene has chambers or sensors."""
+SCENES: dict[str, dict[str, Any]] = {
+    "tripod": {"publish_clock": True},
+    "pneu_finger": {},
+    "sensed_finger": {},
+    "inflated_cube": {"overrides": "sensors: [{name: air, kind: chamber, joint: air}]"},
+}
+"""Parameters by scene: a simulator has more topics where its scene has chambers or sensors."""
 
 POLICY = FOLDER.parent / "examples" / "learning" / "tripod_reach.onnx"
 
@@ -118,12 +123,21 @@ def private() -> Iterator[Context]:
             os.environ.update(before)
 
 
+def overrides(**values: Any) -> list[Parameter]:
+    """Values of parameters in the form of rclpy."""
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
 def makers(context: Context) -> Iterator[tuple[Program, list[Callable[[], Any]]]]:
     """Each program, and how its nodes are made."""
-    off = [Parameter("autostart", value=False)]
     yield (
         simulator_node.PROGRAM,
-        [lambda scene=scene: simulator_node.Simulator(scene, context=context) for scene in SCENES],  # type: ignore[misc]
+        [
+            lambda scene=scene, values=values: simulator_node.Simulator(  # type: ignore[misc]
+                scene, context=context, parameter_overrides=overrides(**values)
+            )
+            for scene, values in SCENES.items()
+        ],
     )
     tripod = load_scene("tripod")
     yield teleop_node.PROGRAM, [lambda: teleop_node.Teleop(tripod, context=context)]
@@ -131,11 +145,15 @@ def makers(context: Context) -> Iterator[tuple[Program, list[Callable[[], Any]]]
         (inverse_node, inverse_node.InverseControl),
         (path_follower_node, path_follower_node.PathFollower),
         (closed_loop_node, closed_loop_node.ClosedLoop),
-        (observer_node, observer_node.ObserverNode),
     )
     for module, made in robots:
         yield module.PROGRAM, [lambda made=made: made("tripod", context=context)]  # type: ignore[misc]
-    file = [Parameter("policy", value=str(POLICY))]
+    marked = overrides(marker_places="-0.02 0.0 0.03")
+    yield (
+        observer_node.PROGRAM,
+        [lambda: observer_node.ObserverNode("tripod", context=context, parameter_overrides=marked)],
+    )
+    file, off = overrides(policy=str(POLICY)), overrides(autostart=False)
     yield (
         policy_node.PROGRAM,
         [lambda: policy_node.PolicyNode("tripod", context=context, parameter_overrides=file)],
@@ -143,7 +161,15 @@ def makers(context: Context) -> Iterator[tuple[Program, list[Callable[[], Any]]]
     yield recorder_node.PROGRAM, [lambda: recorder_node.Recorder(context=context, parameter_overrides=off)]
     at = {"context": context, "namespace": "tripod"}
     yield bridge_node.PROGRAM, [lambda: bridge_node.ServoBridge(**at)]
-    yield virtual_board_node.PROGRAM, [lambda: virtual_board_node.VirtualBoardNode(**at)]
+    yield (
+        virtual_board_node.PROGRAM,
+        [
+            lambda robot=robot: virtual_board_node.VirtualBoardNode(  # type: ignore[misc]
+                parameter_overrides=overrides(robot=robot), **at
+            )
+            for robot in ("tripod", "emio")
+        ],
+    )
     yield emulated_board_node.PROGRAM, []
 
 

@@ -11,6 +11,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -71,6 +72,83 @@ def test_every_topic_and_service_of_the_nodes_is_explained() -> None:
         name = name.removeprefix("observer/")
         last = name.rsplit("/", 1)[-1]
         assert name in told or f"`{last}`" in told or f"~/{last}" in told, name
+
+
+NOT_STARTED = {"emulated_board/pulse_widths", "replay/paused", "/tf", "/tf_static"}
+"""Published where ros_reference.py does not look: by nodes that need libsimavr or a bag, with tf2_msgs."""
+
+
+def cells(text: str) -> Iterator[list[str]]:
+    """Cells of each row of the tables in a text."""
+    for row in re.findall(r"^\|(.+)\|$", text, re.MULTILINE):
+        yield [cell.strip() for cell in row.split("|")]
+
+
+def names(cell: str) -> list[str]:
+    """Names of topics in a cell."""
+    return re.findall("`([^`]+)`", cell)
+
+
+def topics_of_nodes() -> dict[str, set[tuple[str, str]]]:
+    """Types and qualities by topic, at its publishers; at its subscribers where no node publishes it."""
+    published: dict[str, set[tuple[str, str]]] = {}
+    subscribed: dict[str, set[tuple[str, str]]] = {}
+    for verb, name, *found in cells((DOCS / "ros_reference.md").read_text(encoding="utf-8")):
+        if verb in ("publishes", "subscribes"):
+            ends = published if verb == "publishes" else subscribed
+            ends.setdefault(names(name)[0], set()).add(
+                (found[0], found[1].replace("latched, depth 1", "latched"))
+            )
+    return subscribed | published
+
+
+def test_the_tables_of_topics_are_complete_and_true() -> None:
+    """A topic of a node without a row fails, and a row without a topic or of another type or quality."""
+    found = topics_of_nodes()
+    sections = (DOCS / "interfaces.md").read_text(encoding="utf-8").split("\n## ")
+    tables = {
+        title: next(each for each in sections if each.startswith(title)) for title in ("Topics", "State")
+    }
+    explained = set()
+    for title, table in tables.items():
+        for topic, kind, *rest in list(cells(table))[2:]:
+            explained |= set(names(topic))
+            for name in set(names(topic)) - NOT_STARTED if kind else ():
+                assert {each.rpartition("/")[2] for each, _ in found[name]} == {
+                    each.rpartition("/")[2] for each in kind.split(", ")
+                }, name
+                quality = rest[1].partition(";")[0] if title == "Topics" else "reliable, latched"
+                assert {each for _, each in found[name]} == {quality}, name
+    below = {f"observer/{name}" for name in found}  # the topics of a scene, for the shape that is estimated
+    assert sorted(found.keys() - explained - below) == []
+    assert sorted(explained - found.keys() - NOT_STARTED) == []
+
+
+def test_all_pages_give_topics_their_type() -> None:
+    found = topics_of_nodes()
+    compared = 0
+    for page in DOCS.glob("*.md"):
+        for topic, kind, *_ in cells(page.read_text(encoding="utf-8")):
+            for name in names(topic):
+                if name in found and re.fullmatch(r"\w+_msgs/\w+(, latched)?", kind):
+                    assert kind.removesuffix(", latched") in {each for each, _ in found[name]}, (page, name)
+                    compared += 1
+    assert compared > 80
+
+
+@pytest.mark.ros
+def test_layouts_recorder_and_replay_name_topics_of_nodes() -> None:
+    pytest.importorskip("rclpy")
+    from softsim_ros.description import layouts
+    from softsim_ros.recording import recorder_node, replay_node
+
+    found = topics_of_nodes()
+    for shown in layouts.SHOWN:
+        ((kind, quality),) = found[shown.topic]
+        assert (shown.type_name.replace("/msg/", "/"), shown.latched) == (kind, "latched" in quality), shown
+    named = {*recorder_node.SHARED, *recorder_node.LEFT_OUT, replay_node.BASE_SHIFT}
+    named |= {*replay_node.ROBOT_TOPICS, *replay_node.COMMAND_TOPICS}
+    assert sorted(named - found.keys() - NOT_STARTED) == []
 
 
 def test_badges_are_true() -> None:
