@@ -74,8 +74,8 @@ STATE_QOS: Final = QoSProfile(
 """Profile of publishers; a subscriber may ask for less, such as no lease, which is rclpy's default."""
 
 
-Facts: TypeAlias = Mapping[str, tuple[type, Callable[[], Any]]]
-"""Type and reader by topic; a reader returns a ROS message of that type at once, from any thread."""
+Facts: TypeAlias = Mapping[str, Callable[[], Any]]
+"""Reader by name in STATE_TOPICS; it returns a message of the type there at once, from any thread."""
 
 
 class StateTopics:
@@ -85,13 +85,17 @@ class StateTopics:
 
     Args:
         node: Owner of the publishers and of the timer.
-        facts: Type and reader by topic.
+        facts: Reader by name in STATE_TOPICS; its last part is the topic below the node's own name.
+
+    Raises:
+        KeyError: a name is not in STATE_TOPICS.
     """
 
     def __init__(self, node: Node, facts: Facts) -> None:
         self._context, self._lock = node.context, threading.Lock()
         self._facts = [
-            (node.create_publisher(kind, topic, STATE_QOS), read) for topic, (kind, read) in facts.items()
+            (node.create_publisher(STATE_TOPICS[name], f"~/{name.partition('/')[2]}", STATE_QOS), read)
+            for name, read in facts.items()
         ]
         self._published: list[Any] = [None] * len(self._facts)
         self.refresh()

@@ -7,7 +7,6 @@ from array import array
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from lifecycle_msgs.msg import State
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu, JointState
@@ -182,11 +181,11 @@ class Reports:
     def facts(self) -> Facts:
         """Return the state topics with their readers."""
         return {
-            "~/state": (State, self._node.state_message),
-            "~/connected": (Bool, lambda: Bool(data=self._session.connected)),
-            "~/sending": (Bool, lambda: Bool(data=self._sending())),
-            "~/e_stop_latched": (Bool, lambda: Bool(data=self._e_stop.latched)),
-            "~/commanded_by": (String, lambda: String(data=self._commanded_by())),
+            "servo_bridge/state": self._node.state_message,
+            "servo_bridge/connected": lambda: Bool(data=self._session.connected),
+            "servo_bridge/sending": lambda: Bool(data=self._sending()),
+            "servo_bridge/e_stop_latched": lambda: Bool(data=self._e_stop.latched),
+            "servo_bridge/commanded_by": lambda: String(data=self._commanded_by()),
         }
 
     def report(self, problem: str) -> None:

@@ -185,7 +185,7 @@ class Recorder(ClosableNode):
             self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
             if self._settings.autostart:
                 self.begin()
-            self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self.recording))})
+            self._state_topics = StateTopics(self, {"recorder/enabled": lambda: Bool(data=self.recording)})
         except BaseException:
             self.close()
             raise

@@ -190,7 +190,7 @@ class Replay(ClosableNode):
                 name: self.create_client(Trigger, f"simulator/{name}") for name in ("start", "reset")
             }
             self.create_service(SetBool, "~/pause", self._on_pause)
-            facts = {"~/paused": (Bool, lambda: Bool(data=self._playhead.paused))}
+            facts = {"replay/paused": lambda: Bool(data=self._playhead.paused)}
             self._state_topics = StateTopics(self, facts)
         except BaseException:
             self.destroy_node()

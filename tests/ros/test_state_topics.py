@@ -43,7 +43,7 @@ def state_topics_of(client: Any, node: str) -> set[str]:
 def test_a_fact_is_sent_at_the_start_and_on_every_change(client: Any, spin_until: Any) -> None:
     node = ClosableNode("replay", context=client.context, namespace="tripod")
     paused = False
-    topics = StateTopics(node, {"~/paused": (Bool, lambda: Bool(data=paused))})
+    topics = StateTopics(node, {"replay/paused": lambda: Bool(data=paused)})
     try:
         heard = client.collect(Bool, "replay/paused", LATCHED)
         assert spin_until(lambda: [each.data for each in heard] == [False])
@@ -62,10 +62,17 @@ def test_a_fact_is_sent_at_the_start_and_on_every_change(client: Any, spin_until
         node.close()
 
 
+def test_a_fact_that_is_in_no_table_is_refused(client: Any) -> None:
+    node = ClosableNode("replay", context=client.context, namespace="tripod")
+    with pytest.raises(KeyError, match="replay/speed"):
+        StateTopics(node, {"replay/speed": lambda: Bool()})
+    node.close()
+
+
 def test_in_one_process_it_lasts_as_long_as_its_publisher(client: Any, spin_until: Any) -> None:
     """As in `softsim up`, whose terminal hears the nodes beside it: Fast DDS lets their leases run out."""
     node = ClosableNode("recorder", context=client.context, namespace="tripod")
-    StateTopics(node, {"~/enabled": (Bool, lambda: Bool(data=True))})
+    StateTopics(node, {"recorder/enabled": lambda: Bool(data=True)})
     enabled = StateListener(client.node, "recorder/enabled")
     with SpinThread([node], client.context):
         assert spin_until(lambda: enabled.value is True)
@@ -79,8 +86,7 @@ def test_in_one_process_it_lasts_as_long_as_its_publisher(client: Any, spin_unti
 def test_in_one_process_every_end_is_noticed(client: Any, spin_until: Any, start: int) -> None:
     """Fast DDS may tell of a publisher at its end only, and the graph may still list it then."""
     names = [name for name in STATE_TOPICS if name.startswith("servo_bridge/")]
-    messages = {name: STATE_TOPICS[name]() for name in names}
-    facts = {f"/tripod/{name}": (type(each), lambda each=each: each) for name, each in messages.items()}
+    facts = {name: STATE_TOPICS[name] for name in names}  # a type called without values is a reader
     node = ClosableNode("servo_bridge", context=client.context, namespace="tripod")
     StateTopics(node, facts)
     listener = ClosableNode("listener", context=client.context, namespace="tripod")

@@ -245,8 +245,8 @@ class ClosedLoop(RobotNode):
         self._state_topics = StateTopics(
             self,
             {
-                "~/enabled": (Bool, lambda: Bool(data=self._enabled)),
-                "~/reference": (Vector3, self._reference),
+                "closed_loop/enabled": lambda: Bool(data=self._enabled),
+                "closed_loop/reference": self._reference,
             },
         )
         if start.enabled:

@@ -101,7 +101,9 @@ class InverseControl(RobotNode):
         self.create_service(SetBool, "~/enable", plant.switch(self.enable))
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._control.start()
-        self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self._enabled))})
+        self._state_topics = StateTopics(
+            self, {"inverse_controller/enabled": lambda: Bool(data=self._enabled)}
+        )
         self.get_logger().info(f"ready to control {robot.name}; call ~/enable")
 
     def close(self) -> None:

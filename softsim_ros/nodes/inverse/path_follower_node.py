@@ -229,10 +229,10 @@ class PathFollower(RobotNode):
         self._state_topics = StateTopics(
             self,
             {
-                "~/enabled": (Bool, lambda: Bool(data=self._enabled)),
-                "~/playing": (Bool, lambda: Bool(data=self._player.state == "running")),
-                "~/paused": (Bool, lambda: Bool(data=self._player.state == "paused")),
-                "~/file": (String, lambda: String(data=self._played_file)),
+                "path_follower/enabled": lambda: Bool(data=self._enabled),
+                "path_follower/playing": lambda: Bool(data=self._player.state == "running"),
+                "path_follower/paused": lambda: Bool(data=self._player.state == "paused"),
+                "path_follower/file": lambda: String(data=self._played_file),
             },
         )
         self.create_service(Trigger, "~/start", plant.trigger(self.start))

@@ -202,8 +202,8 @@ class ObserverNode(RobotNode):
         self._state_topics = StateTopics(
             self,
             {
-                "~/touched": (Bool, lambda: Bool(data=self._touched)),
-                "~/verdict": (String, lambda: String(data=self._verdict)),
+                "observer/touched": lambda: Bool(data=self._touched),
+                "observer/verdict": lambda: String(data=self._verdict),
             },
         )
 

@@ -185,7 +185,7 @@ class PolicyNode(RobotNode):
         clock = self.get_clock() if simulated else steady
         self.create_timer(1.0 / self._policy.rate, self._tick, clock=clock)
         self.create_timer(1.0, self._report, clock=steady)
-        self._state_topics = StateTopics(self, {"~/enabled": (Bool, lambda: Bool(data=self._enabled))})
+        self._state_topics = StateTopics(self, {"policy/enabled": lambda: Bool(data=self._enabled)})
         self.get_logger().info(
             f"{self._policy.name} at {self._policy.rate:g} Hz for {robot.name}; "
             + ("on as soon as every message has come" if self._requested else f"call {NODE_NAME}/enable")

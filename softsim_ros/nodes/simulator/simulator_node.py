@@ -217,8 +217,8 @@ class Simulator(RobotNode):
         self._state_topics = StateTopics(
             self,
             {
-                "~/paused": (Bool, lambda: Bool(data=self.physics.status.paused)),
-                "~/faulted": (Bool, lambda: Bool(data=self._faulted)),
+                "simulator/paused": lambda: Bool(data=self.physics.status.paused),
+                "simulator/faulted": lambda: Bool(data=self._faulted),
             },
         )
         elements = sum(len(group.cells) for group in simulation.model.filling)
