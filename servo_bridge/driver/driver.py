@@ -123,7 +123,7 @@ class ServoCommands:
         """Return the angles of the servos from positions in [rad] by joint name; ignore other joints.
 
         Raises:
-            CommandError: a servo's joint is missing.
+            CommandError: a servo's joint is missing, or its position is not finite.
         """
         missing = [name for name in self._servo_joints if name not in positions]
         if missing:
@@ -131,7 +131,7 @@ class ServoCommands:
                 f"joint states without {list_names(missing)} refused; they name {list_names(positions)};"
                 " nothing was moved"
             )
-        return [positions[name] for name in self._servo_joints]
+        return check_command([positions[name] for name in self._servo_joints], self._servo_joints)
 
     def of_some(self, names: Sequence[str], positions: Sequence[float]) -> Mapping[str, float]:
         """Return the commanded angles in [rad] of the named servos, by joint; a NaN means no command.
@@ -485,7 +485,7 @@ class ServoDriver(BoardPort):
         try:
             with link.speaking() as board:
                 board.avoid_byte_100 = self.avoid_byte_100
-                packet = board.encode(positions)
+                packet = board.encode(positions, self.motion.limits)
                 measured = board.measured() if Ability.MEASURES in board.abilities else None
             transport.write(packet.data)
         except PortError:

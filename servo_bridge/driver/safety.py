@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 
 from servo_bridge.driver.servo import byte_to_angle, pulse_to_angle, within
 from softsim_core.base import SceneError
-from softsim_core.physics.mechanics import JointLimits, check_command
+from softsim_core.physics.mechanics import JointLimits
 from softsim_core.scene import BusServo, Servo
 
 
@@ -214,18 +214,15 @@ class ServoMotion:
         self._stand()
 
     def command(self, angles_rad: Sequence[float], now: float) -> None:
-        """Set a new target, clamped to the limits; only the newest counts.
+        """Set a new target of finite angles in [rad], clamped to the limits; only the newest counts.
 
-        While the e-stop is latched the command is checked and otherwise ignored.
-
-        Raises:
-            CommandError: wrong length, or a value that is not finite; the former target stays.
+        The caller has checked the angles. While the e-stop is latched the command is ignored.
         """
-        values = check_command(angles_rad, self.names)
+        values = tuple(angles_rad)
         target = tuple(limits.clamp(value) for limits, value in zip(self.limits, values, strict=True))
         if self._check_e_stop():
             return
-        beyond = tuple(values) if target != tuple(values) else None
+        beyond = values if target != values else None
         self.clipped += beyond is not None and beyond != self._beyond
         self._beyond = beyond
         self._target, self._parked = target, False

@@ -38,6 +38,7 @@ def angle_to_byte(angle_rad: float, servo: ServoCalibration) -> int:
     Raises:
         CommandError: the angle is not a finite number.
     """
+    # `BoardProtocol.encode` has checked poses; other callers would see infinity clipped to the servo's range.
     if not math.isfinite(angle_rad):
         raise CommandError(
             f"angle {angle_rad} for joint {servo.joint} refused: expected a finite number of radians"

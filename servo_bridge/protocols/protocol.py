@@ -16,6 +16,7 @@ from enum import Flag
 from typing import ClassVar, final
 
 from softsim_core.base import CommandError
+from softsim_core.physics.mechanics import JointLimits, check_command
 from softsim_core.scene import BoardDescription, Servo, ServoCalibration
 
 
@@ -200,26 +201,25 @@ class BoardProtocol(ABC):
         return None
 
     @final
-    def encode(self, angles_rad: Sequence[float]) -> EncodedPacket:
-        """Encode a pose as one packet.
+    def encode(self, angles_rad: Sequence[float], limits: Sequence[JointLimits] = ()) -> EncodedPacket:
+        """Encode a pose as one packet, after the last check before the hardware.
 
         Args:
             angles_rad: Joint angles in [rad], one per servo in the order of the board's servos.
+            limits: Allowed angles of each servo; empty: only the servos' ranges, to which angles are clipped.
 
         Raises:
-            CommandError: wrong number of angles, or one that is not finite; nothing is encoded.
+            CommandError: wrong number of angles, or one that is not finite or beyond the limits; nothing is
+                encoded.
         """
-        if len(angles_rad) != len(self.joints):
-            raise CommandError(
-                f"packet of {len(angles_rad)} angles refused: the board has {len(self.joints)} servos"
-                f" ({', '.join(self.joints)})"
-            )
-        for angle, joint in zip(angles_rad, self.joints, strict=True):
-            if not math.isfinite(angle):
+        # Commands were checked and clamped long before. This check holds alone if code in between is wrong.
+        angles = check_command(angles_rad, self.joints)
+        for joint, angle, allowed in zip(self.joints, angles, limits, strict=bool(limits)):
+            if not allowed.allows(angle):
                 raise CommandError(
-                    f"angle {angle} for joint {joint} refused: expected a finite number of radians"
+                    f"angle {angle} for joint {joint} refused: allowed is [{allowed.lower}, {allowed.upper}]"
                 )
-        return self.encode_pose(angles_rad)
+        return self.encode_pose(angles)
 
     @abstractmethod
     def encode_pose(self, angles_rad: Sequence[float]) -> EncodedPacket:

@@ -12,6 +12,7 @@ from board_driving import PERIOD, TestClock
 from servo_bridge import PortError
 from servo_bridge.driver import ServoDriver
 from servo_bridge.emulator import VirtualBoard
+from servo_bridge.protocols import LegacyProtocol
 from softsim_core.base import CommandError, SceneError
 from softsim_core.physics.mechanics import JointLimits
 from softsim_core.scene import (
@@ -155,16 +156,94 @@ def test_a_lost_port_keeps_the_last_pose_sent_and_the_next_begins_there(
 def test_refusals_change_nothing_and_are_counted(driver: ServoDriver, clock: TestClock) -> None:
     driver.command([-1.0] * 3)
     run(driver, clock, 0.3)
-    for bad in ([math.nan, -1.5, -1.5], [-1.5] * 2, [math.inf] * 3, []):
-        with pytest.raises(CommandError):
+    for bad in ([math.nan, -1.5, -1.5], [-1.5, -math.inf, -1.5], [-1.5] * 2, [-1.5] * 4, [math.inf] * 3, []):
+        with pytest.raises(CommandError, match="nothing was moved"):
             driver.command(bad)
     with pytest.raises(CommandError, match=r"joint states without c refused; they name a, b, x"):
         driver.command_named({"a": -1.5, "b": -1.5, "x": -1.5})
-    with pytest.raises(CommandError, match="joint b"):
-        driver.command_named({"a": -1.5, "b": math.nan, "c": -1.5})
+    for not_finite in (math.nan, math.inf, -math.inf):
+        with pytest.raises(CommandError, match="for joint b refused: expected a finite number"):
+            driver.command_named({"a": -1.5, "b": not_finite, "c": -1.5})
+    for names, positions in (("ab", [-1.5]), ("a", [-1.5] * 2), ("x", [-1.5]), ("aa", [-1.5] * 2)):
+        with pytest.raises(CommandError, match="nothing was moved"):
+            driver.command_some(names, positions)
+    for infinite in (math.inf, -math.inf):
+        with pytest.raises(CommandError, match="for joint b is not finite"):
+            driver.command_some("ab", [-1.5, infinite])
     assert set(run(driver, clock, 0.1)) == {(121, 121, 121)}
-    assert driver.counts.refused == 6
+    assert driver.counts.refused == 16
     assert "joint b" in driver.counts.last_refusal
+
+
+BAD_POSES = {
+    "nan": (math.nan, -1.0, -1.0),
+    "infinite": (-1.0, -1.0, math.inf),
+    "too few": (-1.0, -1.0),
+    "too many": (-1.0,) * 4,
+    "none": (),
+    "above the limit": (-1.0, -0.02, -1.0),  # the servo's own range ends at 0.017 rad
+    "below the limit": (-2.03, -1.0, -1.0),  # and at -2.077 rad
+}
+
+
+@pytest.mark.parametrize("bad", BAD_POSES.values(), ids=BAD_POSES)
+def test_the_last_check_before_a_packet_holds_alone(
+    driver: ServoDriver,
+    board: VirtualBoard,
+    clock: TestClock,
+    monkeypatch: pytest.MonkeyPatch,
+    bad: tuple[float, ...],
+) -> None:
+    """A motion that is broken on purpose, whatever was commanded: no byte is written, the pose stays."""
+    before = driver.motion.positions
+    written: list[bytes] = []
+    assert driver._transport is not None
+    with monkeypatch.context() as broken:
+        broken.setattr(driver._transport, "write", written.append)
+        broken.setattr(driver.motion, "step", lambda now: bad)
+        with pytest.raises(PortError, match="refused"):
+            driver.tick()
+    assert not written
+    assert driver.motion.positions == before
+    assert driver.sent_bytes == (150, 150, 150)
+    driver.start()
+    assert set(run(driver, clock, 0.1)) == {(150, 150, 150)}
+
+
+def test_without_the_check_of_commands_no_packet_leaves_the_limits(
+    driver: ServoDriver, board: VirtualBoard, clock: TestClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NaN ends in the last check; what is larger than a limit becomes the limit, as in every command."""
+    monkeypatch.setattr("servo_bridge.driver.driver.check_command", lambda values, joints: list(values))
+    driver.command([-1.0, math.nan, -1.0])
+    clock.wait(PERIOD)
+    with pytest.raises(PortError, match="nan for joint b refused"):
+        driver.tick()
+    assert driver.tick() is None  # the port counts as failed
+    assert driver.motion.positions == driver.motion.rest
+    assert not board.packets
+    driver.start()
+    driver.command([math.inf, -math.inf, 1e308])
+    assert run(driver, clock, 1.0)[-1] == (177, 63, 177)
+    assert driver.motion.positions == (LIMITS.upper, LIMITS.lower, LIMITS.upper)
+
+
+@pytest.mark.parametrize("bad", [(math.nan, -1.0, -1.0), (-1.0, -1.0, math.inf), (-1.0,) * 2, (-1.0,) * 4])
+def test_a_pose_of_the_board_that_is_none_is_not_taken_over(
+    board: VirtualBoard, clock: TestClock, monkeypatch: pytest.MonkeyPatch, bad: tuple[float, ...]
+) -> None:
+    monkeypatch.setattr(LegacyProtocol, "pose", lambda self: bad)
+    driver = ServoDriver(robot(), clock=clock, wait=clock.wait)
+    driver.connect(board.port)
+    driver.start()
+    written: list[bytes] = []
+    assert driver._transport is not None
+    monkeypatch.setattr(driver._transport, "write", written.append)
+    with pytest.raises(PortError, match="nothing was moved"):
+        driver.tick()
+    assert not written
+    assert driver.motion.positions == driver.motion.rest
+    driver.disconnect()
 
 
 def test_commands_are_in_joint_order_and_packets_in_servo_order(

@@ -152,6 +152,11 @@ def test_a_pose_that_is_none_is_refused_before_it_is_encoded(
     monkeypatch.setattr(protocol, "encode_pose", encoded.append)
     with pytest.raises(CommandError, match="refused"):
         protocol.encode(bad)
+    for beyond in ([-1.0, -1.0, -0.02], [-2.03, -1.0, -1.0]):
+        with pytest.raises(CommandError, match=r"refused: allowed is \[-2.0225, -0.0255\]"):
+            protocol.encode(beyond, [JointLimits(-2.0225, -0.0255)] * 3)
+    with pytest.raises(ValueError, match="shorter"):  # as many limits as servos, or none
+        protocol.encode([-1.0] * 3, [JointLimits()] * 2)
     assert not encoded
 
 
