@@ -155,7 +155,7 @@ def _command(
     title: str,
     now: float,
 ) -> Decision:
-    try:
+    try:  # answers the caller at once; the simulator, another process, checks what it receives
         check_command(positions, robot.joint_names)
     except CommandError as error:
         return Decision(state, str(error), None)

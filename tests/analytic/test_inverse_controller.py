@@ -181,9 +181,13 @@ def test_a_goal_that_is_no_pose_is_one_sentence(
 
 
 def test_no_start_at_joints_that_are_no_numbers(controller: InverseController) -> None:
-    for joints in ([0.0, 0.0], [np.nan, 0.0, 0.0]):
-        with pytest.raises(CommandError, match="expected 3 finite joint positions"):
+    before = controller.model.snapshot()
+    for joints in ([0.0, 0.0], [0.0] * 4, [np.nan, 0.0, 0.0], [0.0, -np.inf, 0.0]):
+        with pytest.raises(CommandError, match=r"refused: expected .*; nothing was moved"):
             controller.start(joints)
+    with pytest.raises(CommandError, match="base_shift nan refused"):
+        controller.start(START, np.nan)
+    assert controller.model.snapshot() == before
 
 
 def test_the_goal_may_jump_at_any_tick(controller: InverseController) -> None:

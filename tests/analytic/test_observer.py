@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softsim_core import Simulation, load_scene
-from softsim_core.base import Array, SceneError
+from softsim_core.base import Array, CommandError, SceneError
 from softsim_core.control.inverse import place
 from softsim_core.control.observer import (
     Estimate,
@@ -186,6 +186,20 @@ def test_silence_wild_values_and_nan_do_no_harm() -> None:
     assert bench.error(bench.observer.model) < 2.0 * good
     with pytest.raises(SceneError, match=r"no sensor 'camera'; there are: effector, marker_0"):
         bench.step(bench.joints, {"camera": np.zeros(3)})
+
+
+def test_joints_that_are_none_change_nothing() -> None:
+    bench = Bench()
+    bench.step(HOME)
+    model = bench.observer.model
+    before, estimate = model.snapshot(), bench.observer.state_estimate
+    for bad in ([np.nan, *HOME[1:]], [*HOME[:2], np.inf], HOME[:1], [*HOME, 0.0]):
+        with pytest.raises(CommandError, match=r"refused: expected .*; nothing was moved"):
+            bench.observer.step(bad, bench.measured())
+        with pytest.raises(CommandError, match=r"refused: expected .*; nothing was moved"):
+            model.equilibrium(bad)
+    assert model.snapshot() == before
+    assert bench.observer.state_estimate is estimate
 
 
 def test_a_model_that_is_wrong_is_called_so() -> None:

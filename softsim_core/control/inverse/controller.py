@@ -46,7 +46,14 @@ from softsim_core.control.inverse.static import (
     solve_taut,
 )
 from softsim_core.control.inverse.tasks import Task, task_for
-from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
+from softsim_core.physics.mechanics import (
+    Pose,
+    check_command,
+    quaternion_of,
+    rotation_exp,
+    rotation_log,
+    rotation_of,
+)
 from softsim_core.scene import InverseSettings, RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
 
@@ -205,20 +212,12 @@ class InverseController:
             CommandError: wrong length or not finite; nothing is changed.
             SolverDivergedError: the model cannot reach the joints.
         """
-        try:
-            positions = self.command if joints is None else np.asarray(joints, dtype=float)
-        except (TypeError, ValueError):
-            raise CommandError("start refused: joints must be numbers; nothing was moved") from None
+        # `place` checks the joints again, but resets the model before.
+        asked = self.command if joints is None else joints
+        positions = np.array(check_command(list(asked), self.model.joint_names))
         shift = self.robot.start_shift if base_shift is None else float(base_shift)
-        if (
-            positions.shape != self.command.shape
-            or not np.isfinite(positions).all()
-            or not math.isfinite(shift)
-        ):
-            raise CommandError(
-                f"start at {positions.tolist()} with bases at {shift} refused: expected {len(self.command)} "
-                "finite joint positions and a finite shift; nothing was moved"
-            )
+        if not math.isfinite(shift):
+            raise CommandError(f"base_shift {shift} refused: expected finite metres; nothing was moved")
         place(self.model, positions, shift)
         self._posture = self._posture_from(positions)
         self._sampled_at = None

@@ -253,6 +253,7 @@ class Observer:
     def _advance(self, joints: Sequence[float] | Array, base_shift: float | None) -> Array:
         """Step the model to the joints; return their travel, shape (j,)."""
         model, mean = self.model, self.state_estimate.mean
+        # `command` checks again, but after the forces are set, and with the offsets added.
         read = np.array(check_command(list(joints), model.joint_names))
         fields = self.unknowns.fields(model)
         model.forces = self.unknowns.forces(fields, mean)

@@ -261,7 +261,7 @@ class Batch:
         """
         numbers = self._numbers(chosen)
         rows = float_array(np.asarray(values), (len(numbers), len(self._joints)), "values")
-        if not np.isfinite(rows).all():
+        if not np.isfinite(rows).all():  # each copy checks its row again, when others have accepted theirs
             raise CommandError("commands of a batch refused: one is not finite; nothing was moved")
         parts = self._all("command", numbers, lambda own: (rows[own],))
         accepted = np.empty_like(rows)

@@ -386,6 +386,7 @@ class Commanded:
             )
 
     def _command(self, simulation: Simulation, values: Array) -> None:
+        # It checks again: since the message was checked, a scene with other joints may have been loaded.
         accepted = simulation.command(values)
         self.clamped += not np.array_equal(accepted, values)
 
