@@ -166,8 +166,8 @@ class UdpTransport:
     """A board on the network, named udp:HOST:PORT: each packet is a datagram.
 
     Only datagrams from that address are received. While none come, empty ones are sent: they contain the
-    address to which the board sends. Nothing tells a board that is silent from none, but a computer without
-    a program at that port may say so.
+    address to which the board sends. A board that is silent cannot be distinguished from none, unless its
+    computer reports that no program receives at that port.
 
     Args:
         port: "udp:HOST:PORT", for example udp:192.168.4.1:4210; an IPv6 address stands in brackets.
