@@ -149,7 +149,7 @@ class SolverSettings:
         rayleigh_stiffness: Damping per stiffness in [s], >= 0.
         rayleigh_mass: Damping per mass in [1/s], >= 0.
         time_integration: "implicit_euler", or "bossak", of second order, for realistic oscillations; see
-            dynamics.bossak.
+            dynamics.schemes.
         spectral_radius: For "bossak": factor by which each step multiplies the highest frequencies, 0 to 1.
         substeps: Largest number of parts of a step where rubber or a quadratic cell strains too much for one:
             1 (always whole), 2, 4 and so on up to 64.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,25 +15,18 @@ from softsim_core.base import Array, Backend, IndexArray, SceneError, float_arra
 from softsim_core.physics.actuation import ActuatorView
 from softsim_core.physics.contact import CollisionModel, CollisionSurface, ContactLimits
 from softsim_core.physics.dynamics import (
-    ActuatorStateStepper,
-    BossakStepper,
     Condensed,
     ContactReport,
-    ContactStepper,
-    FreeTurning,
-    IteratedStepper,
     StaticResponse,
     Stepper,
     StepReport,
-    SubstepStepper,
-    ViscousStepper,
+    StepSettings,
+    TimeStep,
     command_gains,
     condense_tangent,
     make_stepper,
     reduced_stiffness,
-    relaxing_groups,
     response_of,
-    torn_by_rough_steps,
 )
 from softsim_core.physics.fem import stress_at_nodes
 from softsim_core.physics.fem.materials import von_mises
@@ -58,6 +52,8 @@ class SceneState:
         SceneError, MeshError, MaterialError: the scene cannot be built.
     """
 
+    _time_step: TimeStep
+
     def __init__(
         self, scene: SceneDescription, backend: Backend | None = None, like: SceneState | None = None
     ) -> None:
@@ -66,21 +62,20 @@ class SceneState:
         shaped = () if like is None else tuple(zip(like.scene.bodies, like._built.bodies, strict=True))
         built: BuiltScene = build(scene, shaped) if twin is None else twin._built
         self._built: BuiltScene = built
-        self._like, self._steppers = like, list[Stepper]()
         self.model, self.bodies = built.model, built.bodies
         self.parameters = replace(
             built.parameters, materials=[dict(values) for values in built.parameters.materials]
         )
         self.rigid_bodies, self._actuators = built.rigid, built.actuators
-        self._linear_solver = scene.solver.linear_solver
-        self._backend = backend or scene.solver.backend
         self._contacts: CollisionModel | None = None if twin is None else twin._contacts
         if self._contacts is None:
             self._contacts = contacts(scene, built.contact, self.model, self.bodies, self.rigid_bodies)
         else:
             self._contacts = self._contacts.of_another_copy()
         self._sensors = sensors(scene, built, self._contacts)
-        self._stepper = self._whole_stepper()
+        self._time_step = _time_step(
+            scene, built, backend, self._contacts, None if like is None else like._time_step
+        )
         self._state = self._rest_state()
         self._report = StepReport()
         self._forces = np.zeros_like(self.model.rest)
@@ -96,15 +91,8 @@ class SceneState:
             np.concatenate([np.zeros(0, np.int64), *(group.cells.ravel() for group in self._with_points)])
         )
 
-    def _whole_stepper(self) -> Stepper:
-        stepper = self._stepper_of(self.model, self._contacts)
-        watched, parts = torn_by_rough_steps(self.model.groups), self.scene.solver.substeps
-        if watched and parts > 1:
-            return SubstepStepper(stepper, self._part_stepper, watched, parts)
-        return stepper
-
     def step_by(self, other: SceneState) -> None:
-        """Use the stepper of another simulation of the same scene from the next step on.
+        """Use the time step of another simulation of the same scene from the next step on.
 
         Call it between two steps. State, parameters and ongoing motions are not changed. `other` must not be
         used any more.
@@ -115,46 +103,7 @@ class SceneState:
         if other.scene is not self.scene:
             raise SceneError("the other simulation is of another scene; build it of this one's")
         self.model, self._actuators, self._contacts = other.model, other._actuators, other._contacts
-        self._stepper, self._backend = other._stepper, other._backend
-
-    def _stepper_of(self, model: Model, collisions: CollisionModel | None) -> Stepper:
-        euler, settings = self._euler_of(model), self.scene.solver
-        stepper: Stepper = euler
-        smooth: tuple[BossakStepper, BossakStepper] | None = None
-        if settings.time_integration == "bossak":
-            stepper = free = BossakStepper(euler, self._euler_of, settings.spectral_radius)
-            smooth = free, (free if collisions is None else BossakStepper(euler, self._euler_of, 0.0))
-        if collisions is not None or model.rigid.names:
-            stepper = ContactStepper(euler, collisions, smooth)
-        if relaxing_groups(model):
-            stepper = ViscousStepper(stepper)
-        return ActuatorStateStepper(stepper) if self._actuators.internal_size else stepper
-
-    def _euler_of(self, model: Model) -> IteratedStepper:
-        settings = self.scene.solver
-        earlier = [] if self._like is None else self._like._steppers[len(self._steppers) :]
-        once = make_stepper(
-            model,
-            self._backend,
-            self._actuators,
-            self._linear_solver,
-            self._contacts is not None,
-            earlier[0] if earlier else None,
-            None if isinstance(settings.threads, str) else settings.threads,
-        )
-        self._steppers.append(once)
-        most = settings.iterations
-        if settings.time_integration == "bossak" and FreeTurning(model).bodies:
-            most = max(most, 2)  # linearised once, a free body gains energy as it rotates
-        size = float(np.linalg.norm(np.ptp(model.rest, axis=0))) if len(model.rest) else math.inf
-        return IteratedStepper(once, most, settings.last_move(size))
-
-    def _part_stepper(self, dt: float) -> Stepper:
-        """Return the scene's stepper with another dt in [s]."""
-        model = replace(self.model, dt=dt)
-        return self._stepper_of(
-            model, contacts(self.scene, self._built.contact, model, self.bodies, self.rigid_bodies)
-        )
+        self._time_step = other._time_step
 
     def _rest_state(self) -> State:
         """Return the state at which the scene is built: at rest except for the velocities of its bodies."""
@@ -167,6 +116,11 @@ class SceneState:
         if COMMANDED in state.extra:
             state.extra[COMMANDED][:] = state.joint_positions
         return state
+
+    @property
+    def _stepper(self) -> Stepper:
+        """Linear step, for static tangents and stresses."""
+        return self._time_step.stepper
 
     def store_state_in(self, buffer: Array) -> None:
         """Store the state in a part (s,) of a larger array from now on; see State.buffer."""
@@ -444,6 +398,45 @@ class SceneState:
             return None
         f = self.model.frame_names.index(self.scene.effector)
         return Pose(self._state.frame_positions[f].copy(), quaternion_of(self._state.frame_rotations[f]))
+
+
+def _time_step(
+    scene: SceneDescription,
+    built: BuiltScene,
+    backend: Backend | None,
+    collisions: CollisionModel | None,
+    like: TimeStep | None,
+) -> TimeStep:
+    """Return the time step that a scene asks for."""
+    model, solver = built.model, scene.solver
+    size = float(np.linalg.norm(np.ptp(model.rest, axis=0))) if len(model.rest) else math.inf
+    second_order = solver.time_integration == "bossak"
+
+    def collisions_of(other: Model) -> CollisionModel | None:
+        if other is model:
+            return collisions
+        return contacts(scene, built.contact, other, built.bodies, built.rigid)
+
+    return TimeStep(
+        model,
+        built.actuators,
+        StepSettings(
+            solver.iterations,
+            solver.last_move(size),
+            solver.spectral_radius if second_order else None,
+            solver.substeps,
+        ),
+        partial(
+            make_stepper,
+            backend=backend or solver.backend,
+            actuators=built.actuators,
+            solver=solver.linear_solver,
+            touching=collisions is not None,
+            threads=None if isinstance(solver.threads, str) else solver.threads,
+        ),
+        collisions_of,
+        like,
+    )
 
 
 def _surface_of(bodies: Sequence[Body], model: Model) -> SurfaceFollower:

@@ -140,7 +140,7 @@ class Simulation(SceneState):
         self._last_good.copy_from(self._state)
         control = Control(self._drive.positions, self.forces, self._drive.base_shift, self._rigid_forces)
         try:
-            report = self._stepper.step(self._state, control, self.parameters)
+            report = self._time_step.step(self._state, control, self.parameters)
         except (FactorisationError, DetectionOverflowError) as error:
             raise self._reject_step(positions) from error
         except Exception:  # an error of the scene's code, not of the physics: the state stays as it is
@@ -487,7 +487,7 @@ class Simulation(SceneState):
             self.parameters,
             actuators=self._actuators,
             tolerance=tolerance,
-            solver=choose_linear_solver(self._linear_solver),
+            solver=choose_linear_solver(self.scene.solver.linear_solver),
         )
 
     def settle(

@@ -12,7 +12,8 @@ from small_scenes import body, comes_back_bit_for_bit, machine, scene, slab
 
 from softsim_core import Simulation
 from softsim_core.base import Array, Placement, SceneError
-from softsim_core.physics.dynamics import BossakStepper, Stepper, make_stepper
+from softsim_core.physics.actuation import Actuators
+from softsim_core.physics.dynamics import StepSettings, TimeStep, make_stepper
 from softsim_core.physics.mechanics import Control, Model, State
 from softsim_core.physics.mesh import Shape, box_mesh
 from softsim_core.scene import MaterialDescription, SceneDescription, SolverSettings
@@ -26,24 +27,29 @@ def with_method(description: SceneDescription, method: str, **settings: Any) -> 
     return replace(description, solver=solver)
 
 
+def time_step(model: Model, backend: str, spectral_radius: float | None = 0.8) -> TimeStep:
+    """A step of the model alone, of second order unless the radius is None."""
+    return TimeStep(
+        model,
+        Actuators(),
+        StepSettings(spectral_radius=spectral_radius),
+        lambda model, like: make_stepper(model, backend),  # type: ignore[arg-type]
+        lambda _: None,
+    )
+
+
 def swung(method: str, steps: int, backend: str = "auto", duration_s: float = 0.08) -> State:
     """Where the machine is when joints of all kinds have moved smoothly and a side wind has risen."""
     described = with_method(machine(), method, rayleigh_stiffness=0.001)
     built = build(replace(described, dt=duration_s / steps))
-
-    def euler(model: Model) -> Any:
-        return make_stepper(model, backend)  # type: ignore[arg-type]
-
-    stepper: Stepper = euler(built.model)
-    if method == SMOOTH:
-        stepper = BossakStepper(euler(built.model), euler, 0.8)
+    advancing = time_step(built.model, backend, 0.8 if method == SMOOTH else None)
     state = built.model.rest_state()
     begin, wind = state.joint_positions.copy(), np.zeros_like(built.model.rest)
     wind[:, 1] = 0.01
     for step in range(steps):
         risen = np.sin(0.5 * np.pi * (step + 1) / steps) ** 4
         targets = begin + risen * np.array([0.4, 0.2, 0.003, 0.004])
-        stepper.step(state, Control(targets, risen * wind), built.parameters)
+        advancing.step(state, Control(targets, risen * wind), built.parameters)
     return state
 
 
@@ -65,15 +71,8 @@ def test_both_back_ends_swing_alike() -> None:
 
 def test_a_driven_joint_has_the_speed_of_its_commands() -> None:
     built = build(replace(with_method(machine(), SMOOTH), dt=0.002))
-
-    def euler(model: Model) -> Any:
-        return make_stepper(model, "scipy")
-
-    stepper, state, model = (
-        BossakStepper(euler(built.model), euler, 0.8),
-        built.model.rest_state(),
-        built.model,
-    )
+    model, state = built.model, built.model.rest_state()
+    stepper = time_step(model, "scipy")
     driven = np.setdiff1d(np.arange(len(model.joints)), model.compliant_joints)
     assert len(model.frame_names) > 0
     assert len(driven) > 1

@@ -6,17 +6,21 @@ Notebooks run where the site is built: .ci/run.
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import json
 import os
 import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 from doc_pages import DOCS, PAGES, README, REPOSITORY, anchors, links
+
+from softsim_core.physics.dynamics import TimeStep
 
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 
@@ -149,6 +153,12 @@ def test_layouts_recorder_and_replay_name_topics_of_nodes() -> None:
     named = {*recorder_node.SHARED, *recorder_node.LEFT_OUT, replay_node.BASE_SHIFT}
     named |= {*replay_node.ROBOT_TOPICS, *replay_node.COMMAND_TOPICS}
     assert sorted(named - found.keys() - NOT_STARTED) == []
+
+
+def test_the_step_in_the_docs_is_the_one_that_runs() -> None:
+    source = textwrap.dedent(inspect.getsource(TimeStep.step))
+    assert len(source.splitlines()) < 80
+    assert f"```python\n{source}```" in (DOCS / "architecture.md").read_text(encoding="utf-8")
 
 
 def test_badges_are_true() -> None:

@@ -55,7 +55,7 @@ def test_a_control_for_another_model_is_refused(backend: Backend) -> None:
         (Control(np.zeros(joints), np.zeros((nodes - 1, 3))), "forces"),
     ):
         with pytest.raises(ArrayError, match=f"{name} refused"):
-            sim._stepper.step(sim._state, control, sim.parameters)
+            sim._time_step.step(sim._state, control, sim.parameters)
     with pytest.raises(ArrayError, match="forces refused"):
         Control(np.zeros(joints), np.zeros(3))
 

@@ -11,7 +11,8 @@ import pytest
 from small_scenes import body, scene
 
 from softsim_core.base import FactorisationError, SceneError
-from softsim_core.physics.dynamics import StepReport, SubstepStepper
+from softsim_core.physics.actuation import Actuators
+from softsim_core.physics.dynamics import StepReport, StepSettings, TimeStep
 from softsim_core.physics.mechanics import Control, Model, Parameters, State
 from softsim_core.physics.mesh import box_mesh, quadratic
 from softsim_core.scene import JointDescription, SolverSettings
@@ -22,7 +23,7 @@ class Shearing:
     """Stands in for a step: shears at a rate [1/s], or fails, and notes what it was told."""
 
     name, compiled = "shearing", False
-    actuators = SimpleNamespace(paced=np.zeros(0, np.int64), joint=np.zeros(0, np.int64))
+    actuators = Actuators()
 
     def __init__(
         self, model: Model, rate: float, fails_above: float, told: list[tuple[float, Control]]
@@ -39,15 +40,18 @@ class Shearing:
         return StepReport(times={"solve": 1.0})
 
 
-def stepper(rate: float, most: int = 8, fails_above: float = 1.0) -> tuple[SubstepStepper, Any, list[Any]]:
+def stepper(
+    rate: float, most: int = 8, fails_above: float = 1.0, actuators: Any = Shearing.actuators
+) -> tuple[TimeStep, Any, list[Any]]:
     cell = replace(body(quadratic(box_mesh((0.01, 0.01, 0.01), (1, 1, 1)))), order=2)
     joints = (JointDescription(name="servo"), JointDescription(name="spring", stiffness=2.0))
     model, told = build(scene(cell, joints=joints)).model, []
-    made = SubstepStepper(
-        Shearing(model, rate, fails_above, told),  # type: ignore[arg-type]
-        lambda dt: Shearing(replace(model, dt=dt), rate, fails_above, told),  # type: ignore[arg-type, return-value]
-        model.groups,
-        most,
+    made = TimeStep(
+        model,
+        actuators,
+        StepSettings(parts=most),
+        lambda model, like: Shearing(model, rate, fails_above, told),  # type: ignore[arg-type, return-value]
+        lambda _: None,
     )
     return made, model.rest_state(), told
 
@@ -55,14 +59,14 @@ def stepper(rate: float, most: int = 8, fails_above: float = 1.0) -> tuple[Subst
 CONTROL = Control(np.array([0.4, 0.8]), np.zeros((27, 3)), base_shift=0.01)
 
 
-def advance(made: SubstepStepper, state: State) -> StepReport:
+def advance(made: TimeStep, state: State) -> StepReport:
     return made.step(state, CONTROL, Parameters([{}], 0.0, 0.0))
 
 
 def test_a_command_of_pressure_is_the_same_in_each_half() -> None:
     """It is no place that a joint is on its way to."""
-    made, state, told = stepper(rate=100.0, most=2)
-    made.actuators = SimpleNamespace(paced=np.array([0]), joint=np.array([0]))  # type: ignore[assignment]
+    pump = SimpleNamespace(paced=np.array([0]), joint=np.array([0]), internal_size=0, end=lambda *_: None)
+    made, state, told = stepper(rate=100.0, most=2, actuators=pump)
     advance(made, state)
     first = next(control for dt, control in told if dt == 0.005)
     assert first.targets.tolist() == [0.4, 0.8]

@@ -17,21 +17,9 @@ from .backends import (
     has_compiled_step as has_compiled_step,
     make_stepper as make_stepper,
 )
-from .bossak import BossakStepper as BossakStepper
-from .contact_step import (
-    ContactStepper as ContactStepper,
-    runaway_speed as runaway_speed,
-)
-from .iterations import (
-    FreeTurning as FreeTurning,
-    IteratedStepper as IteratedStepper,
-)
-from .memory import (
-    ActuatorStateStepper as ActuatorStateStepper,
-    ViscousStepper as ViscousStepper,
-    let_relax as let_relax,
-    relaxing_groups as relaxing_groups,
-)
+from .contact_step import runaway_speed as runaway_speed
+from .iterations import FreeTurning as FreeTurning
+from .memory import let_relax as let_relax
 from .report import (
     PART_OF as PART_OF,
     ContactReport as ContactReport,
@@ -47,12 +35,15 @@ from .statics import (
     response_of as response_of,
     solve_static as solve_static,
 )
+from .step import (
+    StepSettings as StepSettings,
+    TimeStep as TimeStep,
+)
 from .stepper import (
     Condensed as Condensed,
     Stepper as Stepper,
 )
 from .substeps import (
-    SubstepStepper as SubstepStepper,
     strain_measure as strain_measure,
     torn_by_rough_steps as torn_by_rough_steps,
 )

@@ -1,16 +1,11 @@
-"""Step with contacts and free rigid bodies, around the step of nodes, joints and actuators.
+"""Contacts and free rigid bodies of a step, around the unconstrained motion of nodes, joints and actuators.
 
-1. unconstrained step (without contact);
-2. rows H and gaps g of all contacts, linearised about the start of the step;
-3. compliance C = h^2 H A^-1 H^T in [m/N] of actuators and contacts, rigid bodies included;
-4. forces f for which g + C f satisfies every actuator's coordinate and every contact's law;
-5. the velocities that the change of h f adds to the free motion;
-6. the true shapes at the end: where surfaces are closer than allowed, or something has passed through a
-   surface, repeat from 2, linearised about that end, or about the last configuration before the passing.
-
-Second-order steps have their own free motions, and contacts act at their ends. While a contact is active,
-they damp high frequencies most, r = 0 (see bossak). A step with an impact is one of implicit Euler, because
-the effect of an impact on accelerations must be discarded.
+1. rows H and gaps g of all contacts, linearised about the start of the step;
+2. compliance C = h^2 H A^-1 H^T in [m/N] of actuators and contacts, rigid bodies included;
+3. forces f for which g + C f satisfies every actuator's coordinate and every contact's law;
+4. the velocities that the change of h f adds to the unconstrained motion;
+5. the true shapes at the end: where surfaces are closer than allowed, or something has passed through a
+   surface, repeat from 1, linearised about that end, or about the last configuration before the passing.
 
 Source: Duriez et al. 2006, Realistic haptic rendering of interacting deformable objects (constraint-based).
 """
@@ -21,19 +16,18 @@ import math
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
+from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.contact import CollisionModel, LinearisedContacts, Place, linearise
 from softsim_core.physics.contact.detection import Proximities, measured_gaps
 from softsim_core.physics.contact.solver import ContactSolution, solve_contacts
-from softsim_core.physics.dynamics.bossak import BossakFreeMotion, BossakStepper
-from softsim_core.physics.dynamics.iterations import IteratedFreeMotion, IteratedStepper
+from softsim_core.physics.dynamics.iterations import Iteration
 from softsim_core.physics.dynamics.report import ContactReport, StepReport
-from softsim_core.physics.dynamics.stepper import StepperAround
-from softsim_core.physics.mechanics import HOLDING, Control, Parameters, RigidBodies, State, no_warm_start
+from softsim_core.physics.mechanics import Model, RigidBodies, State, no_warm_start
 
 MOST_PASSES = 10
 """Largest number of times that the contacts of a step are solved."""
@@ -44,7 +38,6 @@ MOST_ROUNDS = 10
 
 _BEFORE_PASSING = 0.95
 """Share of the motion up to the first passing at which contacts are linearised again."""
-_FreeMotion = IteratedFreeMotion | BossakFreeMotion
 _NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
 
 
@@ -94,91 +87,48 @@ class Stopwatch:
         return {"detect": self.times.get("detect", 0.0), "contact": sum(parts.values()), **parts}
 
 
-class ContactStepper(StepperAround):
-    """Step with rigid bodies and contacts around one without.
+class ContactPhase:
+    """Moves the rigid bodies of a step and finds its contact forces.
 
     Args:
-        inner: Step of nodes, joints and actuators; contacts are solved in each of its iterations.
+        model: The model.
+        actuators: Its actuators, which are solved again together with the contacts.
         collisions: Collision surfaces; None: there are none.
-        smooth: Second-order steppers: one for steps without active contacts on deformable bodies, joints or
-            frames, and one for steps with them; None: all steps are those of `inner`.
+
+    Attributes:
+        active: Keys of the contacts of the last step that press on more than rigid bodies, shape (k,).
     """
 
-    def __init__(
-        self,
-        inner: IteratedStepper,
-        collisions: CollisionModel | None,
-        smooth: tuple[BossakStepper, BossakStepper] | None = None,
-    ) -> None:
-        super().__init__(inner)
-        self._iterated = inner
-        self._collisions, self._smooth = collisions, smooth
-        self._start, self._free = inner.model.empty_state(), inner.model.empty_state()
-        self._holding: IndexArray = np.zeros(0, np.int64)  # keys of active contacts on more than rigid bodies
+    def __init__(self, model: Model, actuators: Actuators, collisions: CollisionModel | None) -> None:
+        self.model, self.actuators, self._collisions = model, actuators, collisions
+        self._free = model.empty_state()
+        self.active: IndexArray = np.zeros(0, np.int64)
 
-    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """Advance the state by one dt with contact, in place.
-
-        The second-order step is repeated as an iterated implicit Euler step where a new contact began in it.
-        """
-        if self._smooth is None:
-            return self._advance(self._iterated, state, control, parameters)
-        smooth, start = self._smooth[int(state.extra[HOLDING][0])], self._start
-        start.copy_from(state)
-        if not smooth.goes_on(state):
-            report = self._advance(self._iterated, state, control, parameters)
-            if not np.isfinite(report.top_speed):
-                return report
-            smooth.take_back(state, start)
-        report = self._advance(smooth, state, control, parameters)
-        if self._has_struck(start):
-            state.copy_from(start)
-            report = self._advance(self._iterated, state, control, parameters)
-            smooth.forget_acceleration(state)
-        state.extra[HOLDING][:] = len(self._holding) > 0
-        return report
-
-    def _has_struck(self, start: State) -> bool:
-        """Return whether a contact is active at the end of the step that was not active at its start."""
+    def has_struck(self, start: State) -> bool:
+        """Return whether a contact of the step was not active in the state at its start."""
         active = start.warm_start[start.warm_start[:, 1:].any(axis=1), 0]
-        return not bool(np.isin(self._holding, active).all())
+        return not bool(np.isin(self.active, active).all())
 
-    def _advance(
-        self, inner: IteratedStepper | BossakStepper, state: State, control: Control, parameters: Parameters
-    ) -> StepReport:
-        """Advance by one step around that of `inner`, with its iterations."""
-        free: Any = inner.free_motion(state, control, parameters)  # of inner's own type, for next_move
-        complete = partial(self._complete, control=control)
-        done = complete(free)
-        while free.wants_more():
-            further = free.again(state)
-            report = complete(further)
-            if further.strays():
-                break
-            free, done = further, report
-        return replace(done, estimate=partial(inner.next_move, free, complete))
-
-    def _complete(self, free: _FreeMotion, control: Control) -> StepReport:
-        """Move the rigid bodies and solve the contacts."""
-        model, collisions, state = self.model, self._collisions, free.state
-        report, before = free.report, free.before
+    def correct(self, motion: Iteration) -> StepReport:
+        """Move the rigid bodies, and add the contact forces of an iteration to its end, in place."""
+        model, collisions, state = self.model, self._collisions, motion.state
+        report, before = motion.report, motion.before
         if model.rigid.names:
-            model.rigid.predict(state, model.gravity, model.dt, control.rigid_forces)
+            model.rigid.predict(state, model.gravity, model.dt, motion.control.rigid_forces)
             model.rigid.advance(state, before, model.dt)
             report = _faster(report, state, model.rigid)
-        state.warm_start, self._holding = no_warm_start(), np.zeros(0, np.int64)
+        state.warm_start, self.active = no_warm_start(), np.zeros(0, np.int64)
         if collisions is None or not report.top_speed < runaway_speed(collisions.size, model.dt):
             if model.rigid.names and np.isfinite(report.top_speed):
                 model.rigid.finish(state, before)
                 report = _faster(report, state, model.rigid)
             return report
-        return self._hold(free, report, control, collisions)
+        return self._hold(motion, report, collisions)
 
     def _hold(
         self,
-        motion: _FreeMotion,
+        motion: Iteration,
         report: StepReport,
-        control: Control,
         collisions: CollisionModel,
     ) -> StepReport:
         """Solve the contacts of a step, linearised again until the true shapes have enough clearance.
@@ -201,7 +151,7 @@ class ContactStepper(StepperAround):
             state.copy_from(self._free)
             reached, solution, end = report, _NO_FORCES, free
             if len(touching):
-                reached, solution = self._solve(motion, report, control, touching, warm_start, watch)
+                reached, solution = self._solve(motion, report, touching, warm_start, watch)
                 if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):
                     return reached
                 end = collisions.end(start, state)
@@ -227,7 +177,7 @@ class ContactStepper(StepperAround):
         if best.margin[0] < 1.0:
             best = self._cut(best, state, collisions, start)
         state.warm_start = best.touching.warm_start(best.solution.forces)
-        self._holding = _holding(best)
+        self.active = _active(best)
         watch.mark("detect")
         return replace(
             _faster(best.report, state, self.model.rigid),
@@ -247,9 +197,8 @@ class ContactStepper(StepperAround):
 
     def _solve(
         self,
-        motion: _FreeMotion,
+        motion: Iteration,
         report: StepReport,
-        control: Control,
         touching: LinearisedContacts,
         warm_start: Array,
         watch: Stopwatch,
@@ -262,7 +211,7 @@ class ContactStepper(StepperAround):
         reaches = len(touching.rows.place) > 0  # some contacts act on more than rigid bodies
         acting = len(self.actuators) if reaches else 0
         compliance = np.zeros((len(touching.gap),) * 2)
-        transmissions = self.actuators.transmissions_of_step(before, control)
+        transmissions = self.actuators.transmissions_of_step(before, motion.control)
         if reaches:
             compliance = h * h * motion.compliance(touching.rows)
             np.einsum("ii->i", compliance)[:acting] += transmissions.compliance[:acting]
@@ -307,7 +256,7 @@ class ContactStepper(StepperAround):
         return report, solution._replace(forces=forces)
 
 
-def _holding(done: Pass) -> IndexArray:
+def _active(done: Pass) -> IndexArray:
     """Return the keys of contacts with a force on deformable bodies, joints or frames."""
     touching = done.touching
     reaches = np.diff(touching.rows.start)[::3] > 0

@@ -50,6 +50,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,7 +58,8 @@ from softsim_core.base import Array
 from softsim_core.physics.actuation import drive_stiffness
 from softsim_core.physics.dynamics.assembly import top_speed, viscosity_matrix, viscous_forces
 from softsim_core.physics.dynamics.report import StepReport
-from softsim_core.physics.dynamics.stepper import FreeMotion, Stepper, StepperAround
+from softsim_core.physics.dynamics.schemes import ImplicitEuler, Scheme
+from softsim_core.physics.dynamics.stepper import FreeMotion, Stepper
 from softsim_core.physics.fem import cell_forces, cell_stiffness, mean_volume_answer
 from softsim_core.physics.fem.materials import StrainMaterial
 from softsim_core.physics.mechanics import (
@@ -152,102 +154,133 @@ _TAKEN = (
 _RIGID = ("rigid_positions", "rigid_rotations", "rigid_velocities")
 
 
-class IteratedStepper(StepperAround):
-    """Advance by up to `most` Newton iterations of an implicit Euler step.
+class _Inputs(NamedTuple):
+    """Inputs of one step.
+
+    Attributes:
+        number: Number of the step, counted by its `Newton`.
+        control: Control of the scheme's own step.
+        solved, parameters: Control and parameters of the implicit Euler step that is solved instead.
+    """
+
+    number: int
+    control: Control
+    solved: Control
+    parameters: Parameters
+
+
+class Newton:
+    """Newton iterations of an implicit step by one time integration scheme.
 
     Args:
-        inner: Implicit Euler stepper, linearised once.
+        stepper: Solves an implicit Euler step of `scheme.solved`, linearised once.
+        scheme: Time integration scheme.
         most: Largest number of iterations, >= 1.
         tolerance: Iterations stop once one has moved no node farther than this, in [m]. An iteration that
             moves a node farther than the one before did is taken back and is the last.
 
     Attributes:
-        inner, most, tolerance: As given.
-        begun: Number of steps so far.
-        before: State at the start of the step.
+        stepper, scheme, most, tolerance: The arguments.
+        number: Number of steps so far.
+        before: State at the start of the scheme's own step.
+        entered: State at the start of the implicit Euler step that is solved instead.
         reached: State about which the newest iteration is linearised.
         saved: Copy of that state with the velocities of the step, to restore it.
     """
 
-    def __init__(self, inner: Stepper, most: int = 1, tolerance: float = 0.0) -> None:
-        super().__init__(inner)
-        model = inner.model
-        self.inner, self.most, self.tolerance, self.begun = inner, most, tolerance, 0
+    def __init__(self, stepper: Stepper, scheme: Scheme, most: int = 1, tolerance: float = 0.0) -> None:
+        self.stepper, self.scheme, self.most, self.tolerance, self.number = (
+            stepper,
+            scheme,
+            most,
+            tolerance,
+            0,
+        )
+        self._model = model = stepper.model
         self.before, self.reached, self.saved = (model.empty_state() for _ in range(3))
+        self.entered = self.before if isinstance(scheme, ImplicitEuler) else model.empty_state()
         self._start, self._trial = model.empty_state(), model.empty_state()
         self._turning, self._drive = FreeTurning(model), drive_stiffness(model)
         self._inertia = np.array([joint.inertia for joint in model.joints])
         self._compliant = model.compliant_joints
-        others = np.append(self._compliant, self.actuators.joint)
+        others = np.append(self._compliant, stepper.actuators.joint)
         self._driven = np.setdiff1d(np.arange(len(model.joints)), others)
 
-    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """Advance the state by one dt with up to `most` Newton iterations, in place."""
-        if self.most > 1:
-            motion = self.free_motion(state, control, parameters)
-            while motion.wants_more():
-                further = motion.again(state)
-                if further.strays():
-                    break
-                motion = further
-            return replace(motion.report, estimate=partial(self.next_move, motion))
-        self._begin(state)
-        report = self.inner.step(state, control, parameters)
-        report.estimate = partial(self._move_after, self.begun, state, control, parameters)
-        report.dilate = partial(self.dilation, self.begun, state, parameters)
-        return report
+    def first(
+        self, state: State, control: Control, parameters: Parameters, responds: bool = True
+    ) -> Iteration:
+        """Return the first iteration of a step from `state`, which becomes its end.
 
-    def free_motion(self, state: State, control: Control, parameters: Parameters) -> IteratedFreeMotion:
-        """Return the unconstrained motion of the first Newton iteration."""
-        self._begin(state)
-        motion = self.inner.free_motion(state, control, parameters)
-        return IteratedFreeMotion(self, motion, state, control, parameters)
-
-    def _begin(self, state: State) -> None:
+        Args:
+            state: State at the start of the step.
+            control: Control of the step.
+            parameters: Parameters of the step.
+            responds: Whether `compliance` and `correct` of the iteration will be called.
+        """
+        self.number += 1
         self.before.copy_from(state)
-        self.begun += 1
+        solved, parameters = self.scheme.enter(state, self.before, control, parameters)
+        if self.entered is not self.before:
+            self.entered.copy_from(state)
+        inputs = _Inputs(self.number, control, solved, parameters)
+        if responds:
+            motion = self.stepper.free_motion(state, solved, parameters)
+            return Iteration(self, inputs, state, motion.report, motion)
+        return Iteration(self, inputs, state, self.stepper.step(state, solved, parameters))
 
-    def next_move(
-        self, motion: IteratedFreeMotion, complete: Callable[[IteratedFreeMotion], object] | None = None
-    ) -> float:
+    def next(self, iteration: Iteration, state: State) -> Iteration:
+        """Return the iteration that follows `iteration`, about `state` and written into it.
+
+        Contacts are not included, and rigid bodies are as at the start of the step.
+        """
+        self.saved.copy_from(state)
+        self.before.warm_start = state.warm_start
+        motion = self._linearise(state, iteration.inputs)
+        for name in _RIGID:
+            setattr(state, name, getattr(self.before, name))
+        self.take(state, motion.state, iteration.inputs.solved)
+        return Iteration(self, iteration.inputs, state, motion.report, motion, iteration)
+
+    def next_move(self, iteration: Iteration, complete: Callable[[Iteration], object] | None = None) -> float:
         """Return the largest node displacement of one more iteration in [m]; NaN once another step has begun.
 
         Args:
-            motion: The last iteration.
+            iteration: The last iteration.
             complete: Completes an iteration, for example by solving the contacts.
         """
-        if motion.begun != self.begun:
+        if iteration.inputs.number != self.number:
             return math.nan
         trial = self._trial
-        trial.copy_from(motion.state)
+        trial.copy_from(iteration.state)
         if (trial.base_positions != self.before.base_positions).any():  # the base was moved since
             trial.base_positions[:] = self.before.base_positions
-            self.model.place_regions(trial)
+            self._model.place_regions(trial)
         start = trial.positions.copy()
-        further = motion.again(trial)
+        following = self.next(iteration, trial)
         if complete is not None:
-            complete(further)
+            complete(following)
         return farthest(start, trial.positions)
 
-    def dilation(self, begun: int, state: State, parameters: Parameters) -> float:
+    def dilation(self, number: int, state: State, parameters: Parameters) -> float:
         """Return the largest spurious strain that turning adds to a body in the first iteration.
 
-        NaN if the stepper has begun another step than number `begun` since.
+        NaN if another step than number `number` has begun since.
         """
-        if begun != self.begun:
+        if number != self.number:
             return math.nan
         strain = self._turning.dilation(self.before.positions, state.positions)
-        return strain * (1.0 + parameters.rayleigh_stiffness / self.model.dt)
+        return strain * (1.0 + parameters.rayleigh_stiffness / self._model.dt)
 
-    def _move_after(self, begun: int, state: State, control: Control, parameters: Parameters) -> float:
-        """Return `next_move` after a step of a single iteration."""
-        if begun != self.begun:
-            return math.nan
-        return self.next_move(IteratedFreeMotion(self, None, state, control, parameters))
-
-    def about(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
+    def _linearise(self, state: State, inputs: _Inputs) -> FreeMotion:
         """Return the unconstrained step that is the next iteration about `state`."""
-        model, h, before, reached, start = self.model, self.model.dt, self.before, self.reached, self._start
+        model, h, before, reached, start = (
+            self._model,
+            self._model.dt,
+            self.entered,
+            self.reached,
+            self._start,
+        )
+        control, parameters = inputs.solved, inputs.parameters
         reached.copy_from(state)
         self._set_rates(reached)
         start.copy_from(reached)
@@ -274,7 +307,7 @@ class IteratedStepper(StepperAround):
             targets = targets.copy()
             targets[compliant] -= gains / self._drive[compliant] + damping * rate
         control = replace(control, targets=targets, forces=forces, carried=carried)
-        return self.inner.free_motion(start, control, parameters)
+        return self.stepper.free_motion(start, control, parameters)
 
     def _strain_rates(self, reached: State) -> Array:
         """Return velocities (n, 3) in [m/s] over the step, without the rigid motion of the bodies."""
@@ -283,10 +316,10 @@ class IteratedStepper(StepperAround):
             trial = self._trial
             trial.copy_from(self.before)
             trial.base_shift[:] = reached.base_shift
-            self.model.place_regions(trial)
+            self._model.place_regions(trial)
             begun = trial.positions
         turned = self._turning.fit_rigidly(begun, reached.positions)
-        return np.asarray((reached.positions - turned) / self.model.dt)
+        return np.asarray((reached.positions - turned) / self._model.dt)
 
     def _compute_strain_forces(self, parameters: Parameters, straining: Array) -> Array:
         """Return (f(x_k) - f(x)) / h + K v in [N/s] of layers, fibres and rods about `reached`, shape (n, 3).
@@ -294,13 +327,13 @@ class IteratedStepper(StepperAround):
         The step subtracts K v again; f(x) rotates with the bodies.
         """
         at, result = self.reached.positions, np.zeros_like(straining)
-        begun = at - self.model.dt * straining
-        for group in self.model.groups:
+        begun = at - self._model.dt * straining
+        for group in self._model.groups:
             if isinstance(group.material, StrainMaterial):
                 p = group.values(parameters.materials)
                 stiffness = cell_stiffness(group, at, p, positive=True, moved=self.reached.extra[MOVED])
                 answer = np.einsum("mabij,mbj->mai", stiffness, straining[group.cells])
-                answer += (cell_forces(group, at, p) - cell_forces(group, begun, p)) / self.model.dt
+                answer += (cell_forces(group, at, p) - cell_forces(group, begun, p)) / self._model.dt
                 np.add.at(result, group.cells, answer)
         return result
 
@@ -317,7 +350,7 @@ class IteratedStepper(StepperAround):
 
     def _set_rates(self, state: State) -> None:
         """Set velocities from the displacements since the start of the step."""
-        model, h, before = self.model, self.model.dt, self.before
+        model, h, before = self._model, self._model.dt, self.before
         free = model.free_nodes
         state.velocities[free] = (state.positions[free] - before.positions[free]) / h
         for f in range(len(model.frame_names)):
@@ -329,63 +362,66 @@ class IteratedStepper(StepperAround):
             model.place_regions(state)
 
     def _joint_rates(self, state: State) -> Array:
-        return state.reduced_velocities[6 * len(self.model.frame_names) :]
+        return state.reduced_velocities[6 * len(self._model.frame_names) :]
 
     def _gains(self, state: State) -> Array:
         """Return the inertial effort of each joint since the step's start in [N m] or [N], shape (j,)."""
-        gained = self._joint_rates(state) - self._joint_rates(self.before)
-        return np.asarray(self._inertia * gained / self.model.dt)
+        gained = self._joint_rates(state) - self._joint_rates(self.entered)
+        return np.asarray(self._inertia * gained / self._model.dt)
 
 
-class IteratedFreeMotion:
-    """Unconstrained motion of one Newton iteration, from which the next one can start.
+class Iteration:
+    """One Newton iteration: the unconstrained end of the step, and its response to impulses on rows.
 
     Args:
-        stepper: Stepper of the iteration.
-        motion: Unconstrained step of the iteration; None: the iteration is over.
-        state: State that it is written into.
-        control, parameters: Control and parameters of the step.
+        newton: Iterations that it belongs to.
+        inputs: Inputs of the step.
+        state: State that its end is written into.
+        report: Report of its linear solve.
+        motion: Unconstrained step of the iteration; None: no impulses will be added.
         earlier: The previous iteration; None: this is the first.
 
     Attributes:
+        state, inputs: The arguments.
+        before: State at the start of the step.
+        control: Control of the step.
         count: Number of iterations so far.
-        begun: Number of the stepper's step.
-        moved: Largest node displacement of the iteration in [m]; set by `wants_more`.
+        violations: See FreeMotion.
+        report: Report of the step as far as this iteration.
     """
 
     def __init__(
         self,
-        stepper: IteratedStepper,
-        motion: FreeMotion | None,
+        newton: Newton,
+        inputs: _Inputs,
         state: State,
-        control: Control,
-        parameters: Parameters,
-        earlier: IteratedFreeMotion | None = None,
+        report: StepReport,
+        motion: FreeMotion | None = None,
+        earlier: Iteration | None = None,
     ) -> None:
-        self.state, self.before, self.begun = state, stepper.before, stepper.begun
-        self.moved, self.report = math.inf, StepReport()
-        self._stepper, self._motion, self._control, self._parameters = stepper, motion, control, parameters
+        self.state, self.inputs, self.before, self.control = state, inputs, newton.before, inputs.control
+        self._newton, self._motion, self._moved = newton, motion, math.inf
         self.count, self._last, self._times = 1, math.inf, Counter[str]()
-        self._from, self._fallback = stepper.before.positions, 0
+        self._from, self._fallback = newton.before.positions, 0
         if earlier is not None:
-            self.count, self._last = earlier.count + 1, earlier.moved
-            self._from, self._fallback = stepper.reached.positions, earlier.report.fallback
+            self.count, self._last = earlier.count + 1, earlier._moved
+            self._from, self._fallback = newton.reached.positions, earlier.report.fallback
             self._times.update(earlier.report.times)
         self.violations = np.zeros(0) if motion is None else motion.violations
-        if motion is not None:
-            self.report = self._complete_report(motion.report)
+        self.report: StepReport = self._complete_report(report)
 
     @property
     def defect(self) -> Array | None:
         """Row velocities in [m/s] that the approximate compliance left out, shape (r,); None: it is exact."""
-        return None if self._motion is None else self._motion.defect
+        left = None if self._motion is None else self._motion.defect
+        return None if left is None else self._newton.scheme.ratio * left
 
     def wants_more(self) -> bool:
         """Return whether another iteration should follow; `state` is the end of this one."""
-        if self.count >= self._stepper.most:
+        if self.count >= self._newton.most:
             return False
-        self.moved = farthest(self._from, self.state.positions)
-        return self.moved > self._stepper.tolerance
+        self._moved = farthest(self._from, self.state.positions)
+        return self._moved > self._newton.tolerance
 
     def strays(self) -> bool:
         """Return whether this iteration moved farther than the last; then restore `state` from before it.
@@ -394,49 +430,44 @@ class IteratedFreeMotion:
         finds more. Further iterations must be shorter.
         """
         moved = farthest(self._from, self.state.positions)
-        if moved <= max(self._last * (2.0 if self.count == 3 else 1.0), self._stepper.tolerance):
+        if moved <= max(self._last * (2.0 if self.count == 3 else 1.0), self._newton.tolerance):
             return False
-        self.state.copy_from(self._stepper.saved)
+        self.state.copy_from(self._newton.saved)
         return True
 
-    def again(self, state: State) -> IteratedFreeMotion:
-        """Return the next iteration, about `state` and written into it.
-
-        Contacts are not included, and rigid bodies are as at the start of the step.
-        """
-        stepper, control = self._stepper, self._control
-        stepper.saved.copy_from(state)
-        stepper.before.warm_start = state.warm_start
-        motion = stepper.about(state, control, self._parameters)
-        for name in _RIGID:
-            setattr(state, name, getattr(stepper.before, name))
-        stepper.take(state, motion.state, control)
-        return IteratedFreeMotion(stepper, motion, state, control, self._parameters, self)
-
     def compliance(self, rows: Rows) -> Array:
-        """Return the compliance H A^-1 H^T of actuators and rows in [1/kg], shape (c + r, c + r)."""
+        """Return the compliance H A^-1 H^T of actuators and rows in [1/kg], shape (c + r, c + r).
+
+        It is a displacement at the end of the step per force and dt^2.
+        """
         assert self._motion is not None
-        return self._motion.compliance(rows)
+        return self._newton.scheme.ratio**2 * self._motion.compliance(rows)
 
     def correct(self, impulses: Array) -> StepReport:
-        """Add the effect of impulses [N s] on the rows to this iteration's free motion, in place."""
+        """Add the effect of impulses on the rows to this iteration's unconstrained motion, in place.
+
+        An impulse in [N s] is the force at the end of the step times dt.
+        """
         assert self._motion is not None
-        report = self._motion.correct(impulses)
+        report = self._motion.correct(self._newton.scheme.ratio * impulses)
         if self.count > 1:
-            self._stepper.take(self.state, self._motion.state, self._control)
+            self._newton.take(self.state, self._motion.state, self.inputs.solved)
         return self._complete_report(report)
 
     def _complete_report(self, report: StepReport) -> StepReport:
+        """Make the state the end of the scheme's own step; return the report of all iterations so far."""
+        newton, inputs = self._newton, self.inputs
         if self.count == 1:
-            report.dilate = partial(self._stepper.dilation, self.begun, self.state, self._parameters)
-            return report
-        return replace(
-            report,
-            top_speed=top_speed(self._stepper.model, self.state),
-            times=dict(self._times + Counter(report.times)),
-            fallback=max(self._fallback, report.fallback),
-            iterations=self.count,
-        )
+            report.dilate = partial(newton.dilation, inputs.number, self.state, inputs.parameters)
+        else:
+            report = replace(
+                report,
+                top_speed=top_speed(newton.scheme.solved, self.state),
+                times=dict(self._times + Counter(report.times)),
+                fallback=max(self._fallback, report.fallback),
+                iterations=self.count,
+            )
+        return newton.scheme.leave(self.state, self.before, self.control, report)
 
 
 def farthest(before: Array, after: Array) -> float:

@@ -1,4 +1,4 @@
-"""Internal state of bodies and actuators, advanced once per step: relaxing stress, gas in a line."""
+"""Viscoelastic memory of bodies, advanced once per step."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from dataclasses import replace
 from typing import Protocol
 
 from softsim_core.base import Array
-from softsim_core.physics.dynamics.report import StepReport
-from softsim_core.physics.dynamics.stepper import FreeMotion, Stepper, StepperAround
 from softsim_core.physics.fem import ElementGroup, during_step, forget, remember, step_stress
 from softsim_core.physics.fem.materials import Relaxing
-from softsim_core.physics.mechanics import Control, Model, Parameters, State, memory_name, step_stress_name
+from softsim_core.physics.mechanics import Model, Parameters, State, memory_name, step_stress_name
 
 
 class Relaxation(Protocol):
@@ -63,39 +61,39 @@ def let_relax(model: Model, state: State, parameters: Parameters) -> None:
         forget(group, p, state.extra[memory_name(k)], state.positions)
 
 
-class ViscousStepper(StepperAround):
-    """Step that adds viscoelastic stress to the inner step, and updates the cells' memory afterwards.
+class Memory:
+    """Viscoelastic memory of all groups of cells of a model, for steps of its dt.
 
     Args:
-        inner: Step of everything else.
+        model: The model.
+        compiled: Whether the step is compiled.
     """
 
-    def __init__(self, inner: Stepper) -> None:
-        super().__init__(inner)
-        self._groups = [
-            (k, group, relaxation(group, inner.compiled)) for k, group in relaxing_groups(inner.model)
-        ]
+    def __init__(self, model: Model, compiled: bool) -> None:
+        self._model = model
+        self._groups = [(k, group, relaxation(group, compiled)) for k, group in relaxing_groups(model)]
 
-    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """Advance the state by one dt with viscoelastic stress, and update the cells' memory."""
-        report = self._inner.step(state, control, self._prepare_step(state, parameters))
-        for p, memory, _, relaxing in self._arrays(state, parameters):
-            relaxing.remember(p, memory, state.positions, self.model.dt)
-        return report
-
-    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """Return the unconstrained step with viscoelastic stress; the cells' memory is unchanged."""
-        return self._inner.free_motion(state, control, self._prepare_step(state, parameters))
-
-    def _prepare_step(self, state: State, parameters: Parameters) -> Parameters:
-        """Write the known stress of the step into the state; return the parameters for the inner step."""
+    def begin(self, state: State, parameters: Parameters) -> Parameters:
+        """Write the stress that is known in a step into the state; return the parameters of the step."""
+        if not self._groups:
+            return parameters
         for p, memory, stress, relaxing in self._arrays(state, parameters):
-            relaxing.hold(p, memory, stress, self.model.dt)
+            relaxing.hold(p, memory, stress, self._model.dt)
         materials = [
-            during_step(self.model.law(body), values, self.model.dt)
+            during_step(self._model.law(body), values, self._model.dt)
             for body, values in enumerate(parameters.materials)
         ]
         return replace(parameters, materials=materials)
+
+    def end(self, state: State, parameters: Parameters) -> None:
+        """Advance the memory in the state after a step that has ended there.
+
+        Args:
+            state: State at the end of the step.
+            parameters: Parameters that `begin` was called with.
+        """
+        for p, memory, _, relaxing in self._arrays(state, parameters):
+            relaxing.remember(p, memory, state.positions, self._model.dt)
 
     def _arrays(
         self, state: State, parameters: Parameters
@@ -103,25 +101,3 @@ class ViscousStepper(StepperAround):
         for k, group, relaxing in self._groups:
             p = group.values(parameters.materials)
             yield p, state.extra[memory_name(k)], state.extra[step_stress_name(k)], relaxing
-
-
-class ActuatorStateStepper(StepperAround):
-    """Step that advances the internal state of actuators, such as the gas mass of a pressure line.
-
-    Args:
-        inner: Step of everything else.
-    """
-
-    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """Advance the state by one dt, then the internal state of the actuators."""
-        report = self._inner.step(state, self._begun(state, control), parameters)
-        self.actuators.end(state, control.targets, self.model.dt)
-        return report
-
-    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """Return the unconstrained step; the internal state of the actuators is unchanged."""
-        return self._inner.free_motion(state, self._begun(state, control), parameters)
-
-    def _begun(self, state: State, control: Control) -> Control:
-        transmissions = self.actuators.begin(state, control.targets, self.model.dt)
-        return replace(control, transmissions=transmissions)

@@ -84,33 +84,6 @@ class Stepper(Protocol):
         ...
 
 
-class StepperAround:
-    """Base class of a step around another one; it forwards everything but the step itself.
-
-    Args:
-        inner: The inner step.
-    """
-
-    def __init__(self, inner: Stepper) -> None:
-        self._inner = inner
-        self.name, self.compiled = inner.name, inner.compiled
-        self.model, self.actuators = inner.model, inner.actuators
-
-    def free_motion(self, state: State, control: Control, parameters: Parameters) -> FreeMotion:
-        """Return the unconstrained step of the inner stepper."""
-        return self._inner.free_motion(state, control, parameters)
-
-    def static_tangent(
-        self, state: State, parameters: Parameters, forces: Array, pressed: Sequence[Array] = ()
-    ) -> StaticTangent:
-        """Return the static tangent of the inner stepper."""
-        return self._inner.static_tangent(state, parameters, forces, pressed)
-
-    def von_mises(self, state: State, parameters: Parameters) -> Array:
-        """Return the von Mises stress of each element in [Pa] from the inner stepper, shape (m,)."""
-        return self._inner.von_mises(state, parameters)
-
-
 class FreeMotion(Protocol):
     """An unconstrained step, and the response to impulses on constraint rows.
 

@@ -1,4 +1,4 @@
-"""Steps that are halved, repeatedly, where a body strains too much for one step.
+"""Parts of a step that is halved, repeatedly, where a body strains too much for one step.
 
 A step is linearised once, which is accurate as long as no body changes its strain much within it. A soft body
 that hits something may be crushed by half in a single step, and be torn apart by the next. Such a step is
@@ -12,19 +12,19 @@ contacts) are means over time, so that times dt they are the impulses of the ste
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, FactorisationError
+from softsim_core.base import Array
+from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.dynamics.report import ContactReport, StepReport, mean_contacts
-from softsim_core.physics.dynamics.stepper import Stepper, StepperAround
 from softsim_core.physics.fem import ElementGroup, mean_volume_law, strain_change
 from softsim_core.physics.fem.materials import Fibres, RotatedHooke
-from softsim_core.physics.mechanics import COMMANDED, EFFORT_CHANGE, Control, Parameters, State
+from softsim_core.physics.mechanics import COMMANDED, EFFORT_CHANGE, Control, Model, State
 
 
 def strain_measure(group: ElementGroup, compiled: bool) -> Callable[[Array, Array], float]:
@@ -55,97 +55,80 @@ def torn_by_rough_steps(groups: Sequence[ElementGroup]) -> list[ElementGroup]:
     ]
 
 
+class StrainWatch:
+    """Change of strain within a step in the cells of some groups, by kernels where the step is `compiled`."""
+
+    def __init__(self, groups: Sequence[ElementGroup], compiled: bool) -> None:
+        self._changes = [strain_measure(group, compiled) for group in groups]
+
+    def is_rough(self, before: State, after: State) -> bool:
+        """Return whether a cell has changed its strain too much between two states."""
+        return not all(change(before.positions, after.positions) < ROUGH for change in self._changes)
+
+
+def control_of_first_half(model: Model, actuators: Actuators, state: State, control: Control) -> Control:
+    """Return the control of the first half of a step from `state`.
+
+    Motions go half of their way; forces, springs and pressures are unchanged.
+    """
+    begun = state.joint_positions.copy()
+    for j in actuators.joint:
+        begun[j] = state.extra[COMMANDED][j]
+    targets = 0.5 * (begun + control.targets)
+    driven = np.union1d(model.compliant_joints, actuators.paced)
+    targets[driven] = control.targets[driven]
+    shift = 0.5 * (float(state.base_shift[0]) + control.base_shift)
+    return replace(control, targets=targets, base_shift=shift)
+
+
 class _Part(NamedTuple):
-    """Result of a part of a step: its share of dt, joint efforts (j,), contacts."""
+    """A part of a step: its share of dt, joint efforts (j,), contacts."""
 
     share: float
     efforts: Array
     contacts: ContactReport
 
 
-class SubstepStepper(StepperAround):
-    """Step in as few equal parts as the strains allow, 1, 2, 4 and so on.
+class StepParts:
+    """Accepted parts of one step, and the report of all of them.
 
     Args:
-        whole: Step of the model's dt.
-        of_part: Makes the same step with another dt in [s].
-        groups: Cells that are watched.
-        most: Largest number of parts.
+        state: State at the start of the step; its efforts become those of the end of the previous step, from
+            which actuators continue, instead of the mean over it.
+
+    Attributes:
+        times: Times of each part, also of those taken back, see StepReport.
     """
 
-    def __init__(
-        self,
-        whole: Stepper,
-        of_part: Callable[[float], Stepper],
-        groups: Sequence[ElementGroup],
-        most: int,
-    ) -> None:
-        super().__init__(whole)
-        self._steppers, self._of_part = [whole], of_part
-        self._changes = [strain_measure(group, whole.compiled) for group in groups]
-        self._deepest = int(most).bit_length() - 1
-        self._before = [whole.model.empty_state() for _ in range(self._deepest + 1)]
-        self._parts: list[_Part] = []
-
-    def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
-        """Advance the state by one dt in as many substeps as contacts need, and report the mean contacts."""
+    def __init__(self, state: State) -> None:
+        self.times: list[Mapping[str, float]] = []
+        self._parts, self._count = list[_Part](), 0
         change = state.extra.get(EFFORT_CHANGE)
-        if change is not None:  # actuators continue from their last effort, not from the mean
+        if change is not None:
             state.joint_efforts += change
             change[:] = 0.0
-        self._parts.clear()
-        report = self._advance(state, control, parameters, 0)
-        if report.parts == 1:
-            return report
-        parts = [(part.share, part.contacts) for part in self._parts]
-        if change is not None:
-            last = state.joint_efforts.copy()
-            state.joint_efforts[:] = sum(part.share * part.efforts for part in self._parts)
-            change[:] = last - state.joint_efforts
-        return replace(report, measure=lambda: mean_contacts(parts))
 
-    def _advance(self, state: State, control: Control, parameters: Parameters, depth: int) -> StepReport:
-        """Advance by a part, which is dt halved `depth` times."""
-        stepper, before = self._stepper(depth), self._before[depth]
-        before.copy_from(state)
-        try:
-            report = stepper.step(state, control, parameters)
-            if depth == self._deepest or self._is_smooth(before, state):
-                self._note(state, control, report, depth)
-                return report
-        except FactorisationError:
-            if depth == self._deepest:
-                raise
-            report = StepReport()
-        state.copy_from(before)
-        first = self._advance(state, self._halfway(state, control), parameters, depth + 1)
-        second = self._advance(state, control, parameters, depth + 1)
-        times = Counter(report.times) + Counter(first.times) + Counter(second.times)
-        return replace(second, times=dict(times), parts=first.parts + second.parts)
-
-    def _note(self, state: State, control: Control, report: StepReport, depth: int) -> None:
-        """Record the command, the efforts and the contacts of a part."""
+    def accept(self, share: float, state: State, control: Control, report: StepReport) -> None:
+        """Add a part that has ended in `state`, with its share of dt."""
+        self._count += 1
         if COMMANDED in state.extra:
             state.extra[COMMANDED][:] = control.targets
-        if depth:
-            self._parts.append(_Part(0.5**depth, state.joint_efforts.copy(), report.contacts))
+        if share < 1.0:  # contacts are measured now, because the next part changes what they are measured on
+            self._parts.append(_Part(share, state.joint_efforts.copy(), report.contacts))
 
-    def _is_smooth(self, before: State, after: State) -> bool:
-        """Return whether no body has changed its strain much."""
-        return all(change(before.positions, after.positions) < ROUGH for change in self._changes)
+    def finish(self, state: State, last: StepReport) -> StepReport:
+        """Set the efforts in `state` to their mean over the step; return its report.
 
-    def _stepper(self, depth: int) -> Stepper:
-        while len(self._steppers) <= depth:
-            self._steppers.append(self._of_part(self.model.dt / 2 ** len(self._steppers)))
-        return self._steppers[depth]
-
-    def _halfway(self, state: State, control: Control) -> Control:
-        """Return the control of the first half: half of each motion; forces and springs unchanged."""
-        begun = state.joint_positions.copy()
-        for j in self.actuators.joint:
-            begun[j] = state.extra[COMMANDED][j]
-        targets = 0.5 * (begun + control.targets)
-        driven = np.union1d(self.model.compliant_joints, self.actuators.paced)
-        targets[driven] = control.targets[driven]
-        shift = 0.5 * (float(state.base_shift[0]) + control.base_shift)
-        return replace(control, targets=targets, base_shift=shift)
+        `last` is the report of the last part.
+        """
+        if self._count == 1:
+            return last
+        if (change := state.extra.get(EFFORT_CHANGE)) is not None:
+            end = state.joint_efforts.copy()
+            state.joint_efforts[:] = sum(part.share * part.efforts for part in self._parts)
+            change[:] = end - state.joint_efforts
+        contacts = [(part.share, part.contacts) for part in self._parts]
+        times = Counter[str]()
+        for each in self.times:
+            times.update(each)
+        return replace(last, times=dict(times), parts=self._count, measure=partial(mean_contacts, contacts))
