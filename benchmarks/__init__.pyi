@@ -33,6 +33,7 @@ from .measured_scenes import (
     default_reference_dir as default_reference_dir,
     describe as describe,
 )
+from .probe import Probe as Probe
 from .process import (
     resident_mb as resident_mb,
 )

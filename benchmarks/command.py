@@ -169,7 +169,10 @@ def _steps(arguments: argparse.Namespace, meshes: list[str], reference: Path) ->
         records += measure(group, paths, _rounds(arguments))
     set_ratios(records)
     print("\nwhole Simulation.step(), one dt; splu: one factorisation of the same step's matrix, same run;")
-    print("reference: nodes and tets of the scene on the reference's mesh; of scipy: share of the SciPy path")
+    print(
+        "reference: nodes and tets of the scene on the reference's mesh; of scipy: share of the SciPy path;"
+    )
+    print("probe: a fixed kernel that streams and multiplies, so that a missed target is not the machine's")
     print("\n".join(table(records)))
     missed = sum(record.missed for record in records)
     compared = sum(record.ratio is not None for record in records)

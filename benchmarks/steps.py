@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from benchmarks.measured_scenes import TOUCHING, Case, TouchingScene
+from benchmarks.probe import Probe
 from benchmarks.records import Record
 from softsim_core import Simulation
 from softsim_core.base import Array, Contender, take_turns
@@ -49,7 +50,7 @@ class MovingGoal:
 
 
 STEPS_A_TURN = {"numba": 20, "scipy": 1}
-FACTORISATIONS_A_TURN = 2
+FACTORISATIONS_A_TURN, PROBES_A_TURN = 2, 5
 LEAD_IN_STEPS = {"numba": 60, "scipy": 30}
 """Steps before the first timed one: the clamped body falls, the Tripod plays its start animation."""
 
@@ -162,12 +163,18 @@ def measure(cases: Sequence[Case], paths: Sequence[Path], rounds: int) -> list[R
                 contenders.append(
                     Contender(f"{case.scene} splu", splu.run, FACTORISATIONS_A_TURN, splu.prepare)
                 )
+    if "numba" in paths:
+        contenders.append(Contender("probe", Probe().run, PROBES_A_TURN))
     times = take_turns(contenders, rounds)
-    return [
+    records = [
         _record(case, path, sizes[case.scene], times[f"{case.scene} {path}"], times.get(f"{case.scene} splu"))
         for case in steps
         for path in paths
     ] + [_record(case, "numba", sizes[case.scene], times["inverse"], None) for case in ticks]
+    if "probe" in times:
+        for record in records:
+            record.probe_min_ms = float(times["probe"].min())
+    return records
 
 
 def _record(case: Case, path: Path, size: tuple[int, int], step: Array, splu: Array | None) -> Record:

@@ -21,6 +21,7 @@ from benchmarks import (
     SCENES,
     TOUCHING,
     Case,
+    Probe,
     Record,
     TouchingScene,
     can_control,
@@ -218,6 +219,24 @@ def test_missed_target_is_named() -> None:
     assert robot.ratio == pytest.approx(1.5)
     assert "MISSED" in table([held])[1]
     assert "1/5.0 splu" in table([held])[1]
+
+
+def test_a_processor_on_which_splu_is_fast_does_not_miss_a_target() -> None:
+    """The step costs a fifth of splu, but few probes: a fixed kernel that streams and multiplies."""
+    held = Record("held_centre", "mid", "numba", 10, 20, min_ms=1.0, median_ms=1.1, splu_min_ms=5.0)
+    set_ratios([held])
+    for probe_ms, missed in ((2.0, False), (0.1, True)):
+        held.probe_min_ms = probe_ms
+        assert held.missed is missed
+        assert held.as_json()["probe_ratio"] == 1.0 / probe_ms
+    assert "probes" in table([held])[1]
+
+
+def test_the_probe_multiplies_its_panels() -> None:
+    pytest.importorskip("numba")
+    probe = Probe()
+    probe.run()
+    np.testing.assert_allclose(probe.squares, np.einsum("pri,prj->pij", probe.panels, probe.panels))
 
 
 def test_contenders_take_turns() -> None:
