@@ -18,10 +18,11 @@ and the equations s - q + c t to the system; see actuator_statics.
 
 A load that is too far away is approached in parts: joint targets and base shift change linearly, and the
 residual of the first state is removed linearly. Where that takes long, inertia restrains the steps instead
-(see StaticProblem.take_restrained_steps). The first state may be unstable under any constant load, because
-bodies may be drawn far from rest; then restrained steps come first, or the model is released before joints
-and base move. The result is checked: the last step is tiny, the equilibrium is stable, and no element was
-inverted.
+(see StaticProblem.take_restrained_steps). Layers, fibres and rods are axially stiff and flexible in bending;
+they rotate far under small loads, which would take many parts, so restrained steps come first. The first
+state may be unstable under any constant load, because bodies may be drawn far from rest; then restrained
+steps come first, too, or the model is released before joints and base move. The result is checked: the last step is
+tiny, the equilibrium is stable, and no element was inverted.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
@@ -46,6 +47,7 @@ from softsim_core.physics.dynamics.assembly import (
 )
 from softsim_core.physics.dynamics.stepper import Condensed
 from softsim_core.physics.fem import inverted_cells
+from softsim_core.physics.fem.materials import StrainMaterial
 from softsim_core.physics.linalg import Factoriser, LinearSolver, choose_linear_solver
 from softsim_core.physics.mechanics import Control, Model, Parameters, RigidRegion, State, nearest_rotation
 
@@ -142,6 +144,7 @@ class StaticProblem:
     ) -> None:
         self.model, self.control, self.parameters, self.actuators = model, control, parameters, actuators
         self.constrained = len(actuators)
+        self.bends = any(isinstance(group.material, StrainMaterial) for group in model.groups)
         self.at = Unknowns(model)
         self.matrices = Factoriser(solver, int((self.at.solved >= self.at.first_reduced).sum()))
         self.iterations, self.met_unstable = 0, False
@@ -566,8 +569,9 @@ def solve_static(
         try:
             current, steps = problem.newton(problem.start, 1.0, tolerance), 1
         except NotConvergedError:
-            part, stable = SMALLER, problem.starts_stable
-            found = None if stable else _try_restrained_steps(problem, problem.start, tolerance)
+            part, stable, found = SMALLER, problem.starts_stable, None
+            if not stable or (problem.bends and not problem.met_unstable):
+                found = _try_restrained_steps(problem, problem.start, tolerance)
             if found is None and not stable:
                 standing = replace(control, targets=problem.first_targets, base_shift=problem.first_shift)
                 first = StaticProblem(model, standing, parameters, state, acting, chosen)
