@@ -21,8 +21,8 @@ residual of the first state is removed linearly. Where that takes long, inertia 
 (see StaticProblem.take_restrained_steps). Layers, fibres and rods are axially stiff and flexible in bending;
 they rotate far under small loads, which would take many parts, so restrained steps come first. The first
 state may be unstable under any constant load, because bodies may be drawn far from rest; then restrained
-steps come first, too, or the model is released before joints and base move. The result is checked: the last step is
-tiny, the equilibrium is stable, and no element was inverted.
+steps come first, too, or the model is released before joints and base move. The result is checked: the last
+step is tiny, the equilibrium is stable, and no element was inverted.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
