@@ -234,7 +234,7 @@ class Newton:
         Contacts are not included, and rigid bodies are as at the start of the step.
         """
         self.saved.copy_from(state)
-        self.entered.warm_start = state.warm_start  # Bossak's iterations all start from the forces in `before`
+        self.entered.warm_start = state.warm_start  # `before` too, but for Bossak's method
         motion = self._linearise(state, iteration.inputs)
         for name in _RIGID:
             setattr(state, name, getattr(self.before, name))
