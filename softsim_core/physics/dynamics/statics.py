@@ -30,6 +30,7 @@ Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented li
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,8 +47,8 @@ from softsim_core.physics.dynamics.assembly import (
     static_tangent,
 )
 from softsim_core.physics.dynamics.stepper import Condensed
-from softsim_core.physics.fem import inverted_cells
-from softsim_core.physics.fem.materials import StrainMaterial
+from softsim_core.physics.fem import element_group, inverted_cells
+from softsim_core.physics.fem.materials import RotatedHooke, StrainMaterial, material, rest_stiffness
 from softsim_core.physics.linalg import Factoriser, LinearSolver, choose_linear_solver
 from softsim_core.physics.mechanics import Control, Model, Parameters, RigidRegion, State, nearest_rotation
 
@@ -95,11 +96,12 @@ def response_of(model: Model, condensed: Condensed) -> StaticResponse:
 SHORTEST_STEP = 1.0 / 256.0
 """Fraction of a Newton step below which a line search stops."""
 
-WAYS = {"whole": 12, "damped": 25, "distant": 12}
+WAYS = {"whole": 12, "rotated": 12, "damped": 25, "distant": 12}
 """Iteration strategies, quickest first, and their largest number of iterations.
 
-They are whole Newton steps; damped ones; and steps with the distant tangent, which survive a crumpled start,
-followed by whole steps close to the equilibrium.
+They are whole Newton steps; whole steps from the equilibrium of the same bodies with Hooke's law in rotated
+axes, whose steps survive rotations of whole cells; damped steps; and steps with the distant tangent, which
+survive a crumpled start, followed by whole steps close to the equilibrium.
 """
 
 NEAR = 0.1
@@ -146,6 +148,7 @@ class StaticProblem:
         self.constrained = len(actuators)
         self.bends = any(isinstance(group.material, StrainMaterial) for group in model.groups)
         self.at = Unknowns(model)
+        self._solver = solver
         self.matrices = Factoriser(solver, int((self.at.solved >= self.at.first_reduced).sum()))
         self.iterations, self.met_unstable = 0, False
         self.start = _copy(model, state)
@@ -173,6 +176,33 @@ class StaticProblem:
         if not np.isfinite(self.first_residual).all():
             raise NotConvergedError(NO_FORCES, 0.0, 0, float("nan"))
 
+    @cached_property
+    def _hookean(self) -> StaticProblem | None:
+        """The same problem with Hooke's law in rotated axes in all cells of rubber; None: there are none."""
+        model, materials = self.model, list(self.parameters.materials)
+        groups, hooke = [], material("corotational")
+        for group in model.groups:
+            if not isinstance(group.material, StrainMaterial | RotatedHooke):
+                for k in np.unique(group.parameter_set).tolist():
+                    law, values = group.material, self.parameters.materials[k]
+                    at_rest = rest_stiffness(law, np.array([values[name] for name in law.names]))
+                    materials[k] = {"young_modulus": at_rest.young, "poisson_ratio": at_rest.poisson}
+                turned = element_group(
+                    group.element, hooke, model.rest, group.cells, group.body, group.numbers
+                )
+                group = replace(turned, parameter_set=group.parameter_set, fills=group.fills)
+            groups.append(group)
+        if all(one is other for one, other in zip(groups, model.groups, strict=True)):
+            return None
+        return StaticProblem(
+            replace(model, groups=tuple(groups)),
+            self.control,
+            replace(self.parameters, materials=materials),
+            self.start,
+            self.actuators,
+            self._solver,
+        )
+
     def _levers(self) -> Array:
         """Return the displacement per unknown: that of its region's nodes (RMS, in [m]), 1 for nodes."""
         lever = np.append(np.ones(self.at.size), np.zeros(self.constrained))
@@ -188,6 +218,11 @@ class StaticProblem:
         failure: NotConvergedError | None = None
         for way in WAYS:
             try:
+                if way == "rotated":
+                    if self._hookean is None:
+                        continue
+                    near = self._hookean.nearby(before, goal, self)
+                    return self._iterate(before, goal, tolerance, way, near)
                 return self._iterate(before, goal, tolerance, way)
             except NotConvergedError as refused:
                 failure = refused
@@ -197,8 +232,26 @@ class StaticProblem:
         assert failure is not None
         raise failure
 
-    def _iterate(self, before: State, goal: float, tolerance: float, way: str) -> State:
-        state, distant = self._predict_state(before, goal), way == "distant"
+    def nearby(self, before: State, goal: float, problem: StaticProblem) -> State:
+        """Return a state close to the equilibrium of `problem` at the load fraction `goal`.
+
+        It is that of this problem's laws, up to NEAR element sizes; `problem` counts the iterations.
+        """
+        self.iterations = 0
+        try:
+            return self._iterate(before, goal, NEAR * self.size, "whole")
+        finally:
+            problem.iterations += self.iterations
+
+    def _iterate(
+        self, before: State, goal: float, tolerance: float, way: str, first: State | None = None
+    ) -> State:
+        """Return the equilibrium at the load fraction `goal`, by one strategy from `first`.
+
+        None: from the state that follows `before` to first order.
+        """
+        state = self._predict_state(before, goal) if first is None else first
+        distant = way == "distant"
         sizes: list[float] = []
         moved: Array | None = None
         for _ in range(WAYS[way]):
@@ -219,6 +272,8 @@ class StaticProblem:
                     raise self._failure("the line search stalled", goal, residual)
                 moved = state.positions - started
                 continue
+            if way == "whole" and sizes[0] > self.size and self._hookean is not None:
+                raise self._failure("the first step rotates cells", goal, residual)
             if way == "whole" and len(sizes) > 2 and sizes[-1] > 0.5 * sizes[0]:
                 raise self._failure("whole steps do not get shorter", goal, residual)
             self._move(state, step)
