@@ -11,7 +11,6 @@ from softsim_core.base import MeshError, Placement
 from softsim_core.physics.mesh import (
     TetMesh,
     boundary,
-    boundary_surface,
     box_mesh,
     check_tets,
     enclosed_volume,
@@ -19,7 +18,6 @@ from softsim_core.physics.mesh import (
     is_closed,
     place,
     rotation_matrix,
-    vertex_normals,
 )
 
 REGULAR = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
@@ -139,14 +137,6 @@ NAN = np.where(BOX.points == 0.0, np.nan, BOX.points)
 def test_refused_meshes(points: np.ndarray, tets: np.ndarray, reason: str) -> None:
     with pytest.raises(MeshError, match=f"mesh part: .*{reason}"):
         check_tets(TetMesh(points, tets, "part"))
-
-
-def test_vertex_normals_point_out_of_a_box() -> None:
-    surface = boundary_surface(box_mesh((2.0, 2.0, 2.0), (2, 2, 2), origin=(-1.0, -1.0, -1.0)))
-    normals = vertex_normals(surface.points, surface.triangles)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    assert (np.einsum("ni,ni->n", normals, surface.points) > 0.5).all()
-    assert vertex_normals(np.zeros((1, 3)), np.empty((0, 3), dtype=np.int64)).tolist() == [[0.0, 0.0, 0.0]]
 
 
 def test_open_surface_is_not_closed() -> None:

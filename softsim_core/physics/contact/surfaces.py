@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray, SceneError
-from softsim_core.physics.mesh import is_closed
+from softsim_core.physics.mesh import closest_point, is_closed, triangle_normals, winding_numbers
 
 _CHUNK = 256
 _PAIRS = 1 << 20
@@ -195,9 +195,9 @@ def check_surface(
         SceneError: it has a triangle without area, crosses itself, or is open where it must be closed.
     """
     corners = points[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(triangle_normals(points, triangles), axis=1)
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
-    flat = np.flatnonzero(np.linalg.norm(normals, axis=1) <= 1e-12 * longest**2)
+    flat = np.flatnonzero(2.0 * areas <= 1e-12 * longest**2)
     if len(flat):
         raise SceneError(f"surface {name}: triangle {flat[0]} has no area; remove it or repair the mesh")
     if closed and not is_closed(triangles):
@@ -222,9 +222,7 @@ def check_surface(
 def first_overlap(
     surfaces: tuple[CollisionSurface, ...], points: Array, owners: Container[int] | None = None
 ) -> tuple[int, int] | None:
-    """Return two surfaces of different bodies that cross, or of which the first is inside the second.
-
-    Else None.
+    """Return two surfaces of different bodies that cross, or the first inside the second; None: no such pair.
 
     Surfaces that only touch do not overlap. A point is inside where all surfaces of a body together enclose
     it; an open surface has no inside.
@@ -267,21 +265,10 @@ def _cross(a: CollisionSurface, b: CollisionSurface, points: Array) -> bool:
         return apart < a.radius + b.radius - touching(a, b, points)
     if a.radius > 0.0 or b.radius > 0.0:
         ball, other = (a, b) if a.radius > 0.0 else (b, a)
-        gap = _distance(points[ball.vertices][0], points[other.triangles]) - ball.radius
-        return gap < -touching(a, b, points)
+        centre = points[ball.vertices][0]
+        distance = float(np.linalg.norm(centre - closest_point(centre, points[other.triangles])))
+        return distance - ball.radius < -touching(a, b, points)
     return surfaces_cross(points[a.triangles], points[b.triangles])
-
-
-def _distance(point: Array, corners: Array) -> float:
-    """Return the distance in [m] of a point (3,) to triangles (k, 3, 3)."""
-    along = np.roll(corners, -1, axis=1) - corners
-    off = point - corners
-    share = np.clip((off * along).sum(axis=2) / (along * along).sum(axis=2), 0.0, 1.0)
-    to_edges = np.linalg.norm(off - share[..., None] * along, axis=2).min(axis=1)
-    normals = np.cross(along[:, 0], along[:, 1])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    over = ((np.cross(along, off) * normals[:, None]).sum(axis=2) >= 0.0).all(axis=1)
-    return float(np.where(over, np.abs((off[:, 0] * normals).sum(axis=1)), to_edges).min())
 
 
 def _probes(surface: CollisionSurface, points: Array) -> Array:
@@ -301,17 +288,6 @@ def _find_enclosed(points: Array, corners: Array) -> BoolArray:
     near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
     step = max(1, _WINDING_CHUNK // len(corners))
     for some in np.split(near, range(step, len(near), step)):
-        result[some] = np.abs(_winding(points[some], corners)) > 0.999  # smaller where the surface has holes
+        around = np.abs(winding_numbers(points[some], corners))
+        result[some] = around > 0.999  # smaller where the surface has holes
     return result
-
-
-def _winding(points: Array, corners: Array) -> Array:
-    """Return the winding number of triangles around points: the sum of solid angles over 4 pi, shape (p,).
-
-    Source: Van Oosterom and Strackee 1983, The solid angle of a plane triangle.
-    """
-    a, b, c = (corners[None, :, k] - points[:, None] for k in range(3))
-    na, nb, nc = (np.sqrt((each**2).sum(axis=-1)) for each in (a, b, c))
-    volume = (a * np.cross(b, c)).sum(axis=-1)
-    rest = na * nb * nc + (a * b).sum(axis=-1) * nc + (b * c).sum(axis=-1) * na + (c * a).sum(axis=-1) * nb
-    return np.asarray(np.arctan2(volume, rest).sum(axis=1) / (2.0 * np.pi))

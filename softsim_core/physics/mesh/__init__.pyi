@@ -61,7 +61,7 @@ from .surface import (
     is_closed as is_closed,
     triangle_normals as triangle_normals,
     triangles_of as triangles_of,
-    vertex_normals as vertex_normals,
+    winding_numbers as winding_numbers,
 )
 from .types import (
     MIDDLES as MIDDLES,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, MeshError, unique_pairs
+from softsim_core.physics.mesh.surface import FACES
 from softsim_core.physics.mesh.types import TetMesh, subdivide_mesh
 
 SLIVER_ANGLE_DEG = 10.0
@@ -15,7 +16,6 @@ SLIVER_ANGLE_DEG = 10.0
 
 _FLAT = 1.0e-10  # six times the volume over the cube of the longest edge: below it, a volume is round-off
 _EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
-_OPPOSITE_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +60,6 @@ def check_tets(mesh: TetMesh) -> MeshReport:
 
     Angles, radii and edges of quadratic cells are those of their corners.
 
-    Args:
-        mesh: Tetrahedra to check.
-
-    Returns:
-        The report.
-
     Raises:
         MeshError: arrays of a wrong shape, no element, an index out of range, coordinates that are not
             finite, elements of zero volume, quadratic ones that fold, the same element twice, or nodes that
@@ -73,15 +67,12 @@ def check_tets(mesh: TetMesh) -> MeshReport:
     """
     check_arrays(mesh.points, mesh.tets, 10 if mesh.order == 2 else 4, mesh.name)
     n, m, tets = len(mesh.points), len(mesh.tets), mesh.tets[:, :4]
-    _refuse_unused_nodes(mesh)
-    _refuse_repeated_elements(mesh)
     volumes = tet_volumes(mesh.points, tets)
+    inside = tet_volumes(mesh.points, subdivide_mesh(mesh).tets).reshape(m, -1)
+    _refuse_unusable(mesh, volumes, inside)
+
     edges = unique_pairs(np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1))
     lengths = np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
-    _refuse_zero_volumes(mesh, volumes)
-    inside = tet_volumes(mesh.points, subdivide_mesh(mesh).tets).reshape(m, -1)
-    _refuse_folded(mesh, volumes, inside)
-
     angles = dihedral_angles_deg(mesh.points, tets)
     ratios = radius_ratios(mesh.points, tets)
     slivers = np.flatnonzero(angles.min(axis=1) < SLIVER_ANGLE_DEG)
@@ -197,10 +188,7 @@ def tet_volumes(points: Array, tets: IndexArray) -> Array:
 
 
 def radius_ratios(points: Array, tets: IndexArray) -> Array:
-    """Return 3 (inscribed) / (circumscribed radius), shape (m,).
-
-    A regular tetrahedron has 1, a flat one 0.
-    """
+    """Return 3 (inscribed) / (circumscribed radius), shape (m,): 1 if regular, 0 if flat."""
     corners = points[tets]
     edges = corners[:, 1:] - corners[:, :1]
     volumes = np.abs(np.linalg.det(edges)) / 6.0
@@ -227,11 +215,16 @@ def dihedral_angles_deg(points: Array, tets: IndexArray) -> Array:
 
 def _face_normals(corners: Array) -> Array:
     """Return area vectors of the four faces of each tetrahedron, (m, 4, 3), from corners (m, 4, 3)."""
-    faces = corners[:, _OPPOSITE_FACES]
+    faces = corners[:, FACES]
     return np.asarray(0.5 * np.cross(faces[:, :, 1] - faces[:, :, 0], faces[:, :, 2] - faces[:, :, 0]))
 
 
-def _refuse_unused_nodes(mesh: TetMesh) -> None:
+def _refuse_unusable(mesh: TetMesh, volumes: Array, parts: Array) -> None:
+    """Refuse unused nodes, and repeated, flat or folded cells.
+
+    `volumes` (m,) are those of the corners, `parts` (m, p) those of the linear tetrahedra within each cell.
+    """
+    m = len(mesh.tets)
     unused = np.flatnonzero(np.bincount(mesh.tets.reshape(-1), minlength=len(mesh.points)) == 0)
     if len(unused):
         raise MeshError(
@@ -239,40 +232,27 @@ def _refuse_unused_nodes(mesh: TetMesh) -> None:
             f"{len(unused)} of {len(mesh.points)} nodes belong to no tetrahedron, the first is node "
             f"{unused[0]} (counted from 0); export the mesh without them, or call drop_unused_nodes",
         )
-
-
-def _refuse_folded(mesh: TetMesh, volumes: Array, parts: Array) -> None:
-    """Refuse folded cells.
-
-    `parts` are the volumes of the linear tetrahedra within each cell, shape (m, p).
-    """
-    folded = np.flatnonzero((parts * volumes[:, None] <= 0.0).any(axis=1))
-    if len(folded):
-        raise MeshError(
-            mesh.name,
-            f"{len(folded)} of {len(mesh.tets)} quadratic elements are so curved that they fold, the first "
-            f"is element {folded[0]} (counted from 0); move the nodes on its edges, or export a linear mesh",
-        )
-
-
-def _refuse_repeated_elements(mesh: TetMesh) -> None:
     _, first, inverse = np.unique(np.sort(mesh.tets, axis=1), axis=0, return_index=True, return_inverse=True)
-    repeated = np.flatnonzero(first[inverse.reshape(-1)] != np.arange(len(mesh.tets)))
+    repeated = np.flatnonzero(first[inverse.reshape(-1)] != np.arange(m))
     if len(repeated):
         raise MeshError(
             mesh.name,
-            f"{len(repeated)} of {len(mesh.tets)} elements repeat an earlier one, the first is element "
-            f"{repeated[0]} with nodes {mesh.tets[repeated[0]].tolist()}; export each element once",
+            f"{len(repeated)} of {m} elements repeat an earlier one, the first is element {repeated[0]} with "
+            f"nodes {mesh.tets[repeated[0]].tolist()}; export each element once",
         )
-
-
-def _refuse_zero_volumes(mesh: TetMesh, volumes: Array) -> None:
     corners = mesh.points[mesh.tets]
     longest = np.linalg.norm(corners[:, _EDGES[:, 0]] - corners[:, _EDGES[:, 1]], axis=2).max(axis=1)
     flat = np.flatnonzero(6.0 * np.abs(volumes) <= _FLAT * longest**3)
     if len(flat):
         raise MeshError(
             mesh.name,
-            f"{len(flat)} of {len(mesh.tets)} elements have zero volume, the first is element {flat[0]} "
+            f"{len(flat)} of {m} elements have zero volume, the first is element {flat[0]} "
             f"with nodes {mesh.tets[flat[0]].tolist()} (counted from 0); mesh the part again",
+        )
+    folded = np.flatnonzero((parts * volumes[:, None] <= 0.0).any(axis=1))
+    if len(folded):
+        raise MeshError(
+            mesh.name,
+            f"{len(folded)} of {m} quadratic elements are so curved that they fold, the first is element "
+            f"{folded[0]} (counted from 0); move the nodes on its edges, or export a linear mesh",
         )

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from softsim_core.base import Array, IndexArray, MeshError, radians
+from softsim_core.base import Array, IndexArray, MeshError, Placement, radians
 from softsim_core.physics.mesh.types import SurfaceMesh, TetMesh, subdivide_mesh
 
 _ON_FACE = 1.0e-5  # in element heights: a point on a face stays inside when rounded to float32
@@ -99,30 +98,8 @@ def _excess(local: Array) -> Array:
     return np.maximum((-local).max(axis=1), local.sum(axis=1) - 1.0)
 
 
-class PlacementLike(Protocol):
-    """The interface that `place` needs; `softsim_core.scene.description.Placement` implements it."""
-
-    @property
-    def scale(self) -> float:
-        """Factor on all lengths."""
-
-    @property
-    def rotation_deg(self) -> tuple[float, float, float]:
-        """Angles about the fixed x, y, z axes in [deg], applied in that order."""
-
-    @property
-    def translation(self) -> tuple[float, float, float]:
-        """Shift in [m]."""
-
-
 def rotation_matrix(rotation_deg: Sequence[float]) -> Array:
-    """Return the rotation R = Rz(γ) Ry(β) Rx(α) for angles (α, β, γ) in [deg].
-
-    It is exact at multiples of 90 degrees.
-
-    Returns:
-        Matrix, shape (3, 3); a point x becomes R x.
-    """
+    """Return R = Rz(γ) Ry(β) Rx(α), shape (3, 3), of angles (α, β, γ) in [deg]; exact at multiples of 90."""
     (ca, sa), (cb, sb), (cg, sg) = (_cosine_sine(angle) for angle in rotation_deg)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
     about_y = np.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
@@ -130,16 +107,8 @@ def rotation_matrix(rotation_deg: Sequence[float]) -> Array:
     return np.asarray(about_z @ about_y @ about_x)
 
 
-def place(points: Array, placement: PlacementLike | None) -> Array:
-    """Return points in [m] after a placement: R (scale x) + translation; None leaves them unchanged.
-
-    Args:
-        points: Coordinates in file units, shape (n, 3).
-        placement: Scale, rotation and translation.
-
-    Returns:
-        New array, shape (n, 3).
-    """
+def place(points: Array, placement: Placement | None) -> Array:
+    """Return new points in [m] from points (n, 3) in file units: R (scale x) + translation; None: a copy."""
     if placement is None:
         return points.copy()
     turned = (placement.scale * points) @ rotation_matrix(placement.rotation_deg).T
@@ -167,17 +136,16 @@ class SurfaceFollower:
     """
 
     def __init__(self, parts: Sequence[tuple[SurfaceMesh, Embedding, int]], count: int) -> None:
-        starts = np.cumsum([0] + [len(surface.points) for surface, _, _ in parts])
-        self.triangles: IndexArray = np.concatenate(
-            [np.zeros((0, 3), np.int64)]
-            + [surface.triangles + start for (surface, _, _), start in zip(parts, starts, strict=False)]
-        )
-        self.rest_points: Array = np.concatenate(
-            [np.zeros((0, 3))] + [surface.points for surface, _, _ in parts]
-        )
-        nodes = [np.zeros((0, 4), np.int64)] + [embedding.nodes + first for _, embedding, first in parts]
-        weights = [np.zeros((0, 4))] + [embedding.weights for _, embedding, _ in parts]
-        points = len(self.rest_points)
+        triangles, rest = [np.zeros((0, 3), np.int64)], [np.zeros((0, 3))]
+        nodes, weights, points = [np.zeros((0, 4), np.int64)], [np.zeros((0, 4))], 0
+        for surface, embedding, first in parts:
+            triangles.append(surface.triangles + points)
+            rest.append(surface.points)
+            nodes.append(embedding.nodes + first)
+            weights.append(embedding.weights)
+            points += len(surface.points)
+        self.triangles: IndexArray = np.concatenate(triangles)
+        self.rest_points: Array = np.concatenate(rest)
         self._weights = csr_array(
             (np.concatenate(weights).ravel(), np.concatenate(nodes).ravel(), 4 * np.arange(points + 1)),
             shape=(points, count),

@@ -18,7 +18,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -35,10 +35,6 @@ def parse_stl(data: bytes, path: Path) -> tuple[Array, IndexArray]:
     A file that is long enough for its triangle count is binary, whatever its header says: the first four
     letters of a text, read as a count, exceed 10^8 triangles. Any other must be text beginning with "solid".
     Normals, attribute bytes and data after the last triangle are not used.
-
-    Args:
-        data: The file's bytes.
-        path: Its name, for messages.
 
     Returns:
         Points in file units, shape (n, 3), in order of first appearance, and triangles, shape (k, 3).
@@ -64,10 +60,6 @@ def parse_stl(data: bytes, path: Path) -> tuple[Array, IndexArray]:
 
 def parse_obj(data: bytes, path: Path) -> tuple[Array, IndexArray]:
     """Return vertices and triangles of an OBJ file; faces with more corners are split into fans.
-
-    Args:
-        data: The file's bytes.
-        path: Its name, for messages.
 
     Returns:
         Points in file units, shape (n, 3), and triangles, shape (k, 3).
@@ -102,14 +94,7 @@ def parse_obj(data: bytes, path: Path) -> tuple[Array, IndexArray]:
 
 
 def merge_corners(corners: Array) -> tuple[Array, IndexArray]:
-    """Return vertices and triangles of a triangle soup.
-
-    Args:
-        corners: Three rows per triangle, shape (3 k, 3).
-
-    Returns:
-        Distinct points in order of first appearance, shape (n, 3), and triangles, shape (k, 3).
-    """
+    """Return distinct points (n, 3), in order of appearance, and triangles (k, 3) of corners (3 k, 3)."""
     corners = corners + 0.0  # -0.0 becomes 0.0
     if not len(corners):
         return corners.reshape(0, 3), np.empty((0, 3), dtype=np.int64)
@@ -159,13 +144,11 @@ def _text_corners(data: bytes, path: Path) -> Array:
 
 _CORNERS = {"linear": 2, "triangle": 3, "quadrilateral": 4, "tetrahedra": 4, "hexahedra": 8}
 _Lines = Iterator[tuple[int, list[str]]]
+T = TypeVar("T", int, float)
 
 
 def is_gid(data: bytes) -> bool:
-    """Return whether text begins like a GiD mesh.
-
-    The first line that is not a comment then has MESH and dimension.
-    """
+    """Return whether the first line of a text that is not a comment has MESH and dimension, as in GiD."""
     for line in data[:4096].splitlines():
         words = line.split()
         if words and not words[0].startswith(b"#"):
@@ -175,10 +158,6 @@ def is_gid(data: bytes) -> bool:
 
 def parse_gid(data: bytes, path: Path) -> tuple[Array, dict[str, IndexArray]]:
     """Return points and elements of a GiD text mesh; node numbers of the file become 0-based rows.
-
-    Args:
-        data: The file's bytes.
-        path: Its name, for messages.
 
     Returns:
         Points in file units, shape (n, 3), in file order, and for each kind of element ("tetrahedra",
@@ -202,8 +181,8 @@ def parse_gid(data: bytes, path: Path) -> tuple[Array, dict[str, IndexArray]]:
         for line, values in _block(lines, "coordinates", path):
             if len(values) != 1 + dimension:
                 raise MeshError(path, f"line {line}: a node needs a number and {dimension} coordinates")
-            ids.append(_integer(values[0], line, path))
-            rows.append([_number(value, line, path) for value in values[1:]] + [0.0] * (3 - dimension))
+            ids += _convert(int, values[:1], line, path)
+            rows.append(_convert(float, values[1:], line, path) + [0.0] * (3 - dimension))
         _expect(lines, "elements", path)
         found = elements.setdefault(kind, [])
         for line, values in _block(lines, "elements", path):
@@ -211,7 +190,7 @@ def parse_gid(data: bytes, path: Path) -> tuple[Array, dict[str, IndexArray]]:
                 raise MeshError(
                     path, f"line {line}: an element of {kind} needs a number and {per_element} nodes"
                 )
-            found.append([_integer(value, line, path) for value in values[1 : 1 + _CORNERS[kind]]])
+            found.append(_convert(int, values[1 : 1 + _CORNERS[kind]], line, path))
     if not rows:
         raise MeshError(
             path, "holds no nodes; a GiD mesh begins with MESH dimension 3 ElemType Tetrahedra Nnode 4"
@@ -260,18 +239,15 @@ def _block(lines: _Lines, keyword: str, path: Path) -> _Lines:
     raise MeshError(path, f"ends without End {keyword.capitalize()}; the file is cut off")
 
 
-def _integer(word: str, line: int, path: Path) -> int:
-    try:
-        return int(word)
-    except ValueError:
-        raise MeshError(path, f"line {line}: {word!r} is not a whole number") from None
-
-
-def _number(word: str, line: int, path: Path) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        raise MeshError(path, f"line {line}: {word!r} is not a number") from None
+def _convert(to: type[T], words: list[str], line: int, path: Path) -> list[T]:
+    numbers = []
+    for word in words:
+        try:
+            numbers.append(to(word))
+        except ValueError:
+            kind = "whole number" if to is int else "number"
+            raise MeshError(path, f"line {line}: {word!r} is not a {kind}") from None
+    return numbers
 
 
 def _renumber_nodes(ids: IndexArray, elements: list[list[int]], kind: str, path: Path) -> IndexArray:
@@ -310,23 +286,10 @@ _KINDS = {
 }
 """Names and numbers of nodes of Gmsh's types of elements."""
 _INT, _SIZE, _DOUBLE = "i4", "i8", "f8"
-
-
-@dataclass(frozen=True, slots=True)
-class GmshBlock:
-    """Elements of one kind of one entity.
-
-    Attributes:
-        kind: Name of the kind in meshio.
-        dimension: Dimension of the entity: 0 for points to 3 for volumes.
-        cells: Indices of their nodes, in the order of this package, shape (k, nodes).
-        groups: Names, or else numbers, of the physical groups with the entity.
-    """
-
-    kind: str
-    dimension: int
-    cells: IndexArray
-    groups: tuple[str, ...]
+Block = tuple[str, IndexArray, list[tuple[str, IndexArray]]]
+"""Cells of one kind: its name in meshio, nodes (k, a) of each in the order of this package, and groups, by
+name or else number, with the numbers of the cells in them.
+"""
 
 
 @dataclass(slots=True)
@@ -378,8 +341,8 @@ def is_gmsh_41(data: bytes) -> bool:
     return re.match(rb"\s*\$MeshFormat\s+4\.1\s", data) is not None
 
 
-def parse_gmsh(data: bytes, file: Path) -> tuple[Array, list[GmshBlock]]:
-    """Return points in file units, shape (n, 3), and elements of a file of format 4.1.
+def parse_gmsh(data: bytes, file: Path) -> tuple[Array, list[Block]]:
+    """Return points in file units, shape (n, 3), and elements of a file of format 4.1, entity by entity.
 
     Raises:
         MeshError: a section is missing, or an element has an unknown kind or an unknown node.
@@ -458,7 +421,7 @@ def _elements(numbers: _Numbers, parts: _Parts, file: Path) -> int:
     return numbers.end
 
 
-def _blocks(parts: _Parts, file: Path) -> Iterator[GmshBlock]:
+def _blocks(parts: _Parts, file: Path) -> Iterator[Block]:
     """Return the elements with indices of nodes instead of Gmsh's tags."""
     tags = np.concatenate(parts.tags)
     order = np.argsort(tags)
@@ -469,11 +432,9 @@ def _blocks(parts: _Parts, file: Path) -> Iterator[GmshBlock]:
         found = order[place]
         if kind == 11:
             found = found[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]  # Gmsh swaps the last two edges
-        groups = (
-            parts.names.get((dimension, abs(each)), str(abs(each)))
-            for each in parts.groups.get((dimension, tag), ())
-        )
-        yield GmshBlock(_KINDS[kind][0], dimension, found, tuple(dict.fromkeys(groups)))
+        groups = map(abs, parts.groups.get((dimension, tag), ()))
+        names = [parts.names.get((dimension, group), str(group)) for group in groups]
+        yield _KINDS[kind][0], found, [(name, np.arange(len(found))) for name in dict.fromkeys(names)]
 
 
 MOST_UNPACKED: Final = 1 << 30

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, MeshError, unique_pairs
+from softsim_core.physics.mesh.surface import FACES as TET_FACES
 from softsim_core.physics.mesh.types import TETRAHEDRA, CellBlock, TetMesh
 
 FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
@@ -18,7 +19,6 @@ FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
 }
 """Faces of each kind of cell that can be split, by VTK's numbers of its nodes, all oriented alike."""
 
-_TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 _FLAT = 1.0e-12  # six times the volume of a part over the cube of the cell's size: below it, it is round-off
 
 
@@ -48,7 +48,7 @@ def split_cells(
     Source: Dompierre, Labbé, Vallet, Camarero, How to subdivide pyramids, prisms, and hexahedra into
         tetrahedra, 1999.
     """
-    triangles = [tets[:, _TET_FACES].reshape(-1, 3)]
+    triangles = [tets[:, TET_FACES].reshape(-1, 3)]
     triangles += [block[:, face] for kind, block in cells.items() for face in FACES[kind] if len(face) == 3]
     beside = {tuple(face) for face in np.sort(np.concatenate(triangles), axis=1).tolist()}
     centres: list[Array] = []
@@ -138,7 +138,7 @@ def whole_cells(mesh: TetMesh, kinds: Collection[str]) -> tuple[dict[str, IndexA
     whole = {kind: block for kind, block in mesh.blocks.items() if kind in kinds}
     split = np.all([np.ones(len(mesh.tets), bool), *(block.owner < 0 for block in whole.values())], axis=0)
     if whole and split.any():
-        beside = _face_numbers(mesh.tets[split][:, _TET_FACES].reshape(-1, 3), len(mesh.points))
+        beside = _face_numbers(mesh.tets[split][:, TET_FACES].reshape(-1, 3), len(mesh.points))
         for kind, block in whole.items():
             quads = np.array([face for face in FACES[kind] if len(face) == 4])
             halves = block.cells[:, quads[:, _HALVES]].reshape(-1, 3)
@@ -281,9 +281,7 @@ def _angle(points: Array, a: int, apex: int, b: int) -> float:
 
 
 def smooth(points: Array, triangles: IndexArray, movable: Array, sweeps: int = 20) -> Array:
-    """Return points moved towards the mean of their neighbours, each along its own projection.
-
-    This is Laplace smoothing.
+    """Return points moved towards the mean of their neighbours (Laplace), each along its own projection.
 
     Args:
         points: Coordinates, shape (n, 2).
@@ -362,9 +360,8 @@ def box_mesh(
 ) -> TetMesh:
     """Return a structured box: six tetrahedra per cell around a space diagonal (Kuhn).
 
-    Neighbouring cells mirror each other.
-
-    With even numbers of cells the mesh is its own mirror image in the three middle planes.
+    Neighbouring cells mirror each other. With even numbers of cells the mesh is its own mirror image in the
+    three middle planes.
 
     Args:
         lengths: Edge lengths along x, y, z in [m], > 0.
@@ -389,13 +386,8 @@ def box_mesh(
     ]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     node = np.arange(len(points)).reshape([count + 1 for count in cells])
-    cell = np.stack(np.meshgrid(*[np.arange(count) for count in cells], indexing="ij"), axis=-1).reshape(
-        -1, 3
-    )
-    low, step = (
-        cell + cell % 2,
-        1 - 2 * (cell % 2),
-    )  # odd cells start at their far corner: neighbours are mirrored
+    cell = np.ascontiguousarray(np.indices(tuple(cells)).reshape(3, -1).T)
+    low, step = cell + cell % 2, 1 - 2 * (cell % 2)  # odd cells start at their far corner: mirrored
     tets = []
     for path in _KUHN_PATHS:
         corner = low.copy()

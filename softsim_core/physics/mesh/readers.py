@@ -7,19 +7,20 @@ import importlib
 import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, IndexArray, MeshError, write_file
+from softsim_core.base import Array, IndexArray, MeshError, Placement, write_file
 from softsim_core.physics.mesh.checks import check_arrays, drop_unused_nodes
-from softsim_core.physics.mesh.embedding import PlacementLike, place
+from softsim_core.physics.mesh.embedding import place
 from softsim_core.physics.mesh.formats import (
-    GmshBlock,
+    Block,
     drop_degenerate,
     is_gid,
     is_gmsh_41,
@@ -62,12 +63,7 @@ _KINDS = (
 )
 _DIMENSIONS = {kind: dimension for dimension, kinds in enumerate(_KINDS) for kind in kinds}
 """Dimensions of meshio's kinds of cells, as Gmsh counts them in the names of groups."""
-_GID_NAMES = {
-    "tetrahedra": "tetra",
-    "hexahedra": "hexahedron",
-    "triangle": "triangle",
-    "quadrilateral": "quad",
-}
+_GID_NAMES = {"tetrahedra": "tetra", "hexahedra": "hexahedron", "quadrilateral": "quad"}
 _NO_VOLUME = re.compile(r"vertex|line|triangle|quad|polygon|pixel|empty")
 """Beginnings of the names of kinds of cells that enclose no volume."""
 _VTK_KINDS = ("UNSTRUCTURED_GRID", "STRUCTURED_POINTS", "STRUCTURED_GRID", "RECTILINEAR_GRID")
@@ -84,7 +80,6 @@ _NOT_READ = (
 )
 """First bytes of formats that are not read, as patterns, and their names."""
 _Cells = dict[str, list[IndexArray]]
-_Groups = tuple[dict[str, IndexArray], dict[str, IndexArray], dict[str, dict[str, IndexArray]]]
 
 
 class _Contents(NamedTuple):
@@ -106,12 +101,11 @@ class _Contents(NamedTuple):
     cell_groups: dict[str, dict[str, IndexArray]]
 
 
-def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None) -> TetMesh:
+def read_tets(path: str | PathLike[str], placement: Placement | None = None) -> TetMesh:
     """Return the tetrahedra of a mesh file, linear or quadratic.
 
     Linear hexahedra, wedges and pyramids are split into tetrahedra, see `split_cells`; the mesh also holds
-    them whole. Points, lines and
-    faces are skipped. Nodes that no cell uses are dropped with a warning.
+    them whole. Points, lines and faces are skipped. Nodes that no cell uses are dropped with a warning.
 
     Args:
         path: File in one of the formats of SUFFIXES.
@@ -127,12 +121,8 @@ def read_tets(path: str | PathLike[str], placement: PlacementLike | None = None)
     """
     file = Path(path)
     with _one_error(file):
-        return _tets(file, placement)
-
-
-def _tets(file: Path, placement: PlacementLike | None) -> TetMesh:
-    mesh = _tet_mesh(_read(file), file)
-    return replace(mesh, points=place(mesh.points, placement))
+        mesh = _tet_mesh(_read(file), file)
+        return replace(mesh, points=place(mesh.points, placement))
 
 
 def _tet_mesh(contents: _Contents, file: Path) -> TetMesh:
@@ -164,10 +154,8 @@ def _tet_mesh(contents: _Contents, file: Path) -> TetMesh:
     return drop_unused_nodes(replace(mesh, surfaces=surfaces, groups=groups))
 
 
-def read_surface(path: str | PathLike[str], placement: PlacementLike | None = None) -> SurfaceMesh:
-    """Return triangles of a mesh file, or the boundary of its tetrahedra.
-
-    Faces with more corners are split.
+def read_surface(path: str | PathLike[str], placement: Placement | None = None) -> SurfaceMesh:
+    """Return triangles of a mesh file, or the boundary of its tetrahedra; faces with more corners are split.
 
     Points that no triangle uses are left out. Triangles with two corners in one point are dropped with a
     warning.
@@ -187,12 +175,16 @@ def read_surface(path: str | PathLike[str], placement: PlacementLike | None = No
         return _surface(file, placement)
 
 
-def _surface(file: Path, placement: PlacementLike | None) -> SurfaceMesh:
+def _surface(file: Path, placement: Placement | None) -> SurfaceMesh:
     contents = _read(file)
     points, cells = contents.points, contents.cells
-    faces = [_fans(block) for kind in ("triangle", "quad", "polygon") for block in cells.get(kind, [])]
-    if faces:
-        triangles = np.ascontiguousarray(np.concatenate(faces), dtype=np.int64)
+    polygons = [block for kind in ("triangle", "quad", "polygon") for block in cells.get(kind, [])]
+    if polygons:  # as fans (a, b, c), (a, c, d), ...
+        fans = (
+            np.stack([block[:, [0, k, k + 1]] for k in range(1, block.shape[1] - 1)], axis=1)
+            for block in polygons
+        )
+        triangles = np.concatenate([fan.reshape(-1, 3) for fan in fans]).astype(np.int64)
     elif any(not _NO_VOLUME.match(kind) for kind in cells):
         mesh = _tet_mesh(contents, file)
         points, triangles = mesh.points, boundary(mesh)
@@ -240,11 +232,19 @@ def _read(file: Path) -> _Contents:
         blocks = {_GID_NAMES.get(kind, kind): [block] for kind, block in elements.items()}
         return _Contents(points, blocks, {}, {}, {})
     if suffix == ".msh" and is_gmsh_41(data):
-        return _gmsh_contents(*parse_gmsh(data, file))
+        return _collect(*parse_gmsh(data, file))
     if suffix == ".ply" and not re.search(rb"^\s*end_header\s*$", data, re.MULTILINE):
         raise MeshError(file, "has no line end_header; the file is cut off")  # meshio would never end
     contents = _read_with_meshio(file, _MESHIO_MODULES[suffix], data)
-    _refuse_cut_off(data, suffix, contents.cells, file)
+    if suffix == ".vtk":  # meshio accepts files that end in the last section of VTK and Gmsh
+        declared = re.findall(rb"^CELL_TYPES\s+(\d+)", data, re.MULTILINE)
+        found = sum(len(block) for blocks in contents.cells.values() for block in blocks)
+        if declared and int(declared[-1]) != found:
+            raise MeshError(
+                file, f"declares {int(declared[-1])} cells but holds {found}; the file is cut off"
+            )
+    elif suffix == ".msh" and b"$EndElements" not in data:
+        raise MeshError(file, "ends without $EndElements; the file is cut off")
     return contents
 
 
@@ -310,90 +310,41 @@ def _read_with_meshio(file: Path, module: str, data: bytes) -> _Contents:
         warnings.simplefilter("ignore")
         warnings.filterwarnings("error", message="string or file could not be read to its end")
         mesh = read_vtu(file, data) if module == "vtu" else reader.read(str(file))
-    cells: _Cells = {}
-    for block in mesh.cells:
-        cells.setdefault(block.type, []).append(np.asarray(block.data, dtype=np.int64))
-    # Legacy VTK is big-endian and STL-like formats are float32: the core gets native float64.
-    return _Contents(np.ascontiguousarray(mesh.points, dtype=np.float64), cells, *_groups(mesh))
-
-
-def _gmsh_contents(points: Array, blocks: list[GmshBlock]) -> _Contents:
-    cells: _Cells = {}
-    members: list[_Member] = []
-    for block in blocks:
-        first = sum(map(len, cells.get(block.kind, [])))
-        numbers = np.arange(first, first + len(block.cells))
-        cells.setdefault(block.kind, []).append(block.cells)
-        members += [_Member(name, block.kind, block.cells, numbers) for name in block.groups]
-    return _Contents(points, cells, *_collect_groups(members))
-
-
-class _Member(NamedTuple):
-    """Elements of one kind (k, nodes) in a group, and their numbers (k,) among all of that kind."""
-
-    group: str
-    kind: str
-    cells: IndexArray
-    numbers: IndexArray
-
-
-def _groups(mesh: Any) -> _Groups:
-    """Return the physical groups of a Gmsh file, by their names, or their numbers; see `_collect_groups`."""
     names = {(dimension, tag): name for name, (tag, dimension) in mesh.field_data.items()}
-    members: list[_Member] = []
-    count: dict[str, int] = {}
-    for block, tags in zip(mesh.cells, mesh.cell_data.get("gmsh:physical", ()), strict=False):
-        dimension, first = _DIMENSIONS.get(block.type, -1), count.get(block.type, 0)
-        count[block.type] = first + len(block.data)
-        for tag in np.unique(tags[tags > 0]).tolist():
-            inside = np.flatnonzero(tags == tag)
-            cells = np.asarray(block.data[inside], dtype=np.int64)
-            members.append(_Member(names.get((dimension, tag), str(tag)), block.type, cells, first + inside))
-    return _collect_groups(members)
+    tags = [*mesh.cell_data.get("gmsh:physical", ()), *[None] * len(mesh.cells)]
+    # Legacy VTK is big-endian and STL-like formats are float32: the core gets native float64.
+    points = np.ascontiguousarray(mesh.points, dtype=np.float64)
+    return _collect(points, map(partial(_grouped, names), mesh.cells, tags))
 
 
-def _collect_groups(members: list[_Member]) -> _Groups:
-    """Return for each group the corners of its triangles (k, 3), its nodes, and its cells by kind.
+def _grouped(names: dict[tuple[int, int], str], block: Any, tags: Any) -> Block:
+    """Return a block of meshio with its physical groups of Gmsh by their names, or else their numbers."""
+    dimension = _DIMENSIONS.get(block.type, -1)
+    groups = [] if tags is None else np.unique(tags[tags > 0]).tolist()
+    named = [(names.get((dimension, tag), str(tag)), np.flatnonzero(tags == tag)) for tag in groups]
+    return block.type, np.asarray(block.data, dtype=np.int64), named
 
-    Cells are given by their numbers.
-    """
+
+def _collect(points: Array, blocks: Iterable[Block]) -> _Contents:
+    """Return the contents of a file with blocks of cells."""
+    contents, solids = _Contents(points, {}, {}, {}, {}), ("tetra", "tetra10", *FACES)
     faces: dict[str, list[IndexArray]] = {}
     nodes: dict[str, list[IndexArray]] = {}
-    solids: dict[str, dict[str, list[IndexArray]]] = {}
-    for name, kind, cells, numbers in members:
-        nodes.setdefault(name, []).append(cells.reshape(-1))
-        if kind in ("triangle", "triangle6"):
-            faces.setdefault(name, []).append(cells[:, :3])
-        if kind in ("tetra", "tetra10", *FACES):
-            solids.setdefault(name, {}).setdefault(kind, []).append(numbers)
-    return (
-        {name: np.concatenate(blocks) for name, blocks in faces.items()},
-        {name: np.unique(np.concatenate(blocks)) for name, blocks in nodes.items()},
-        {
-            name: {kind: np.unique(np.concatenate(blocks)) for kind, blocks in kinds.items()}
-            for name, kinds in solids.items()
-        },
-    )
-
-
-def _refuse_cut_off(data: bytes, suffix: str, cells: _Cells, file: Path) -> None:
-    """Refuse truncated files that meshio accepts: those that end in the last section of VTK and Gmsh."""
-    if suffix == ".vtk":
-        declared = re.findall(rb"^CELL_TYPES\s+(\d+)", data, re.MULTILINE)
-        found = sum(len(block) for blocks in cells.values() for block in blocks)
-        if declared and int(declared[-1]) != found:
-            raise MeshError(
-                file, f"declares {int(declared[-1])} cells but holds {found}; the file is cut off"
-            )
-    elif suffix == ".msh" and b"$EndElements" not in data:
-        raise MeshError(file, "ends without $EndElements; the file is cut off")
-
-
-def _fans(faces: IndexArray) -> IndexArray:
-    """Return triangles (a, b, c), (a, c, d), ... of faces with any number of corners, shape (k, 3)."""
-    corners = faces.shape[1]
-    fans = [faces[:, [0, second, second + 1]] for second in range(1, corners - 1)]
-    return np.stack(fans, axis=1).reshape(-1, 3)
+    numbers: dict[str, dict[str, list[IndexArray]]] = {}
+    for kind, cells, groups in blocks:
+        first = sum(map(len, contents.cells.get(kind, [])))
+        contents.cells.setdefault(kind, []).append(cells)
+        for name, inside in groups:
+            nodes.setdefault(name, []).append(cells[inside].reshape(-1))
+            if kind in ("triangle", "triangle6"):
+                faces.setdefault(name, []).append(cells[inside, :3])
+            if kind in solids:
+                numbers.setdefault(name, {}).setdefault(kind, []).append(first + inside)
+    contents.surfaces.update({name: np.concatenate(each) for name, each in faces.items()})
+    contents.groups.update({name: np.unique(np.concatenate(each)) for name, each in nodes.items()})
+    for name, kinds in numbers.items():
+        contents.cell_groups[name] = {kind: np.unique(np.concatenate(each)) for kind, each in kinds.items()}
+    return contents
 
 
 def _describe_cells(cells: _Cells) -> str:
@@ -406,13 +357,10 @@ _GMSH_TETRAHEDRON, _GMSH_QUADRATIC_TETRAHEDRON, _GMSH_POINT = 4, 11, 15
 
 
 def write_tets(path: str | PathLike[str], mesh: TetMesh) -> Path:
-    """Write tetrahedra; the suffix chooses the format, both lossless.
+    """Write tetrahedra, and return the path; the suffix chooses the format, both lossless.
 
     `.msh` is Gmsh 2.2 as text, with the groups of the mesh as physical groups of points; any other suffix is
     a binary legacy VTK 2.0 unstructured grid (big-endian float64 and int32), without groups.
-
-    Returns:
-        The path.
 
     Raises:
         MeshError: the file cannot be written.
@@ -436,10 +384,7 @@ def _vtk_text(mesh: TetMesh) -> list[bytes]:
 
 
 def _gmsh_text(mesh: TetMesh) -> list[bytes]:
-    """Return the text of the groups' points, then of the cells of one volume.
-
-    Gmsh swaps the last two nodes.
-    """
+    """Return text of the groups' points, then of the cells of one volume; Gmsh swaps the last two nodes."""
     kind = _GMSH_TETRAHEDRON if mesh.order == 1 else _GMSH_QUADRATIC_TETRAHEDRON
     cells = (mesh.tets if mesh.order == 1 else mesh.tets[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]) + 1
     nodes = (f"{k} {x!r} {y!r} {z!r}" for k, (x, y, z) in enumerate(mesh.points.tolist(), start=1))
@@ -461,10 +406,7 @@ def _gmsh_text(mesh: TetMesh) -> list[bytes]:
 
 
 def write_surface(path: str | PathLike[str], surface: SurfaceMesh, unit: str = "metres") -> Path:
-    """Write triangles as binary STL (float32); the header names the unit of the points.
-
-    Returns:
-        The path.
+    """Write triangles as binary STL (float32) and return the path; the header names the unit of the points.
 
     Raises:
         MeshError: the file cannot be written.

@@ -31,9 +31,7 @@ class SweptMesh:
 def swept_mesh(
     centres: Array, axes: Array, sizes: Array, length: float, across: tuple[int, int], order: int, name: str
 ) -> SweptMesh:
-    """Return tetrahedra between cross-sections: boxes of six, mirrored from box to box.
-
-    See generators.box_mesh.
+    """Return tetrahedra between cross-sections: boxes of six, mirrored from box to box as in `box_mesh`.
 
     Args:
         centres: Centres of 2 m + 1 cross-sections in [m], ends and middles of m boxes in order, shape
@@ -211,32 +209,26 @@ def rod_surface(mesh: RodMesh) -> tuple[SurfaceMesh, Embedding]:
         square = np.vstack([mesh.spread[k].T, np.ones(3)])
         weights[k, :, :3] = np.linalg.solve(square, np.vstack([local[k].T, np.ones(corners + 1)])).T
     nodes = (NODES * np.arange(sections))[:, None, None] + np.array([0, 1, 2, 0])
-    nodes = np.broadcast_to(nodes, weights.shape)
-    chosen = [each[:, :corners].reshape(-1, 4) for each in (weights, nodes)]
-    ends = [each[[0, -1], corners] for each in (weights, nodes)]
-    here = (corners * np.arange(sections - 1))[:, None] + np.arange(corners)
-    there = (corners * np.arange(sections - 1))[:, None] + (np.arange(corners) + 1) % corners
+    weights, nodes = (
+        np.concatenate([each[:, :corners].reshape(-1, 4), each[[0, -1], corners]])
+        for each in (weights, np.broadcast_to(nodes, weights.shape))
+    )
+    ring, ahead = np.arange(corners), (np.arange(corners) + 1) % corners
+    before = (corners * np.arange(sections - 1))[:, None]
+    here, there = before + ring, before + ahead
     sides = [(here, there, there + corners), (here, there + corners, here + corners)]
     last, start, end = corners * (sections - 1), corners * sections, corners * sections + 1
-    ring, ahead = np.arange(corners), (np.arange(corners) + 1) % corners
     caps = [(np.full(corners, start), ahead, ring), (np.full(corners, end), last + ring, last + ahead)]
     triangles = [np.stack(each, axis=-1).reshape(-1, 3) for each in (*sides, *caps)]
     surface = SurfaceMesh(points, np.concatenate(triangles).astype(np.int64), mesh.name)
     cell = np.minimum(np.repeat(np.arange(sections), corners) // 2, len(mesh.cells) - 1)
     of_cells = np.concatenate([cell, [0, len(mesh.cells) - 1]])
-    bound = np.concatenate([chosen[0], ends[0]]), np.concatenate([chosen[1], ends[1]])
-    return surface, Embedding(of_cells.astype(np.int64), *bound, np.zeros(len(points)))
+    return surface, Embedding(of_cells.astype(np.int64), weights, nodes, np.zeros(len(points)))
 
 
 def node_triangles(mesh: RodMesh) -> IndexArray:
     """Return the closed surface through the nodes themselves, shape (t, 3)."""
-    slim = RodMesh(mesh.points, mesh.cells, mesh.centres, mesh.axes, mesh.spread, mesh.spread, mesh.name)
-    surface, _ = rod_surface(slim)
-    sections = len(mesh.centres)
-    triangles = surface.triangles.copy()  # its caps are fans about a centre, which is no node
-    return np.concatenate(
-        [
-            triangles[: 2 * NODES * (sections - 1)],
-            [[0, 2, 1], NODES * (sections - 1) + np.array([0, 1, 2])],
-        ]
-    ).astype(np.int64)
+    surface, _ = rod_surface(replace(mesh, outlines=mesh.spread))
+    last = NODES * (len(mesh.centres) - 1)  # its caps are fans about a centre, which is no node
+    caps = np.array([[0, 2, 1], [last, last + 1, last + 2]])
+    return np.concatenate([surface.triangles[: 2 * last], caps]).astype(np.int64)

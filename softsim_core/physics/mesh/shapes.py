@@ -125,9 +125,8 @@ def solid_properties(surface: SurfaceMesh, mass: float) -> tuple[Array, Array]:
     sixfold = np.linalg.det(corners)
     centre = np.einsum("k,kci->i", sixfold, corners) / (24.0 * volume)
     sums = corners.sum(axis=1)
-    pairs = np.einsum("k,kci,kcj->ij", sixfold, corners, corners) + np.einsum(
-        "k,ki,kj->ij", sixfold, sums, sums
-    )
+    pairs = np.einsum("k,kci,kcj->ij", sixfold, corners, corners)
+    pairs = pairs + np.einsum("k,ki,kj->ij", sixfold, sums, sums)
     second = mass * (pairs / (120.0 * volume) - np.outer(centre, centre))
     return middle + centre, np.trace(second) * np.eye(3) - second
 
@@ -136,18 +135,12 @@ def sphere_surface(radius: float, refinements: int = _REFINEMENTS) -> SurfaceMes
     """Return an icosahedron with vertices on the sphere, each triangle cut into four `refinements` times."""
     golden = 0.5 * (1.0 + math.sqrt(5.0))
     signs = list(itertools.product((-1.0, 1.0), repeat=2))
-    points = np.array(
-        [np.roll([0.0, a, b * golden], shift) for shift in range(3) for a, b in signs]
-    ) / math.hypot(1.0, golden)
+    points = np.array([np.roll([0.0, a, b * golden], shift) for shift in range(3) for a, b in signs])
+    points = points / math.hypot(1.0, golden)
     edge = np.linalg.norm(points[:, None] - points[None], axis=2)
     near = np.isclose(edge, edge[edge > 0.0].min())
-    triangles = np.array(
-        [
-            (a, b, c)
-            for a, b, c in itertools.combinations(range(12), 3)
-            if near[a, b] and near[b, c] and near[c, a]
-        ]
-    )
+    corners = np.array(list(itertools.combinations(range(12), 3)))
+    triangles = corners[near[corners, np.roll(corners, 1, axis=1)].all(axis=1)]
     inward = np.linalg.det(points[triangles]) < 0.0
     triangles[inward] = triangles[inward][:, ::-1]
     for _ in range(refinements):

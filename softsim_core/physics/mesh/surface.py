@@ -14,54 +14,40 @@ FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 def boundary(mesh: TetMesh) -> IndexArray:
-    """Return the faces that belong to one tetrahedron only.
+    """Return the faces that belong to one tetrahedron only, outward, shape (k, 3), in element order.
 
-    Args:
-        mesh: Tetrahedra of either orientation. Each face of a quadratic one gives four triangles, which
-            follow its curved shape.
-
-    Returns:
-        Node indices of the triangles, outward by the right-hand rule, shape (k, 3), in element order.
+    Each face of a quadratic tetrahedron gives four triangles, which follow its curved shape.
 
     Raises:
         MeshError: a face is shared by more than two tetrahedra.
     """
-    tets = subdivide_mesh(mesh).tets
-    corners = mesh.points[tets]
+    return _free_faces(subdivide_mesh(mesh), FACES, [2, 1, 0])
+
+
+def _free_faces(mesh: TetMesh, local: IndexArray, mirrored: list[int]) -> IndexArray:
+    """Return faces of one tetrahedron only, outward.
+
+    `local` (4, k) are the nodes of its faces, `mirrored` their order if it is inverted.
+    """
+    corners = mesh.points[mesh.tets[:, :4]]
     inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
-    faces = tets[:, FACES]
-    faces[inverted] = faces[inverted][:, :, ::-1]
-    faces = faces.reshape(-1, 3)
-    return np.ascontiguousarray(faces[alone(faces, mesh.name)], dtype=np.int64)
-
-
-def alone(faces: IndexArray, mesh: str) -> BoolArray:
-    """Return which faces, by their corners (k, 3), belong to one tetrahedron only; the name is for messages.
-
-    Raises:
-        MeshError: a face is shared by more than two tetrahedra.
-    """
-    _, inverse, counts = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
+    faces = mesh.tets[:, local]
+    faces[inverted] = faces[inverted][:, :, mirrored]
+    faces = faces.reshape(-1, local.shape[1])
+    own = np.sort(faces[:, :3], axis=1)
+    _, inverse, counts = np.unique(own, axis=0, return_inverse=True, return_counts=True)
     if len(counts) and counts.max() > 2:
         face = int(np.flatnonzero(counts[inverse.reshape(-1)] > 2)[0])
         raise MeshError(
-            mesh,
-            f"face {faces[face].tolist()} belongs to {counts.max()} tetrahedra, at most 2 can share one; "
+            mesh.name,
+            f"face {faces[face, :3].tolist()} belongs to {counts.max()} tetrahedra, at most 2 can share one; "
             "remove overlapping or duplicate elements",
         )
-    return np.asarray(counts[inverse.reshape(-1)] == 1)
+    return np.ascontiguousarray(faces[counts[inverse.reshape(-1)] == 1], dtype=np.int64)
 
 
 def closest_point(point: Array, corners: Array) -> Array:
-    """Return the point of triangles that is nearest to a point.
-
-    Args:
-        point: A point in [m], shape (3,).
-        corners: Corners of the triangles in [m], shape (k, 3, 3).
-
-    Returns:
-        The nearest point on them, shape (3,).
-    """
+    """Return the point of triangles (k, 3, 3) that is nearest to a point (3,), all in [m]."""
     edges = corners[:, [1, 2, 0]] - corners
     lengths = np.maximum((edges**2).sum(axis=2), np.finfo(float).tiny)
     along = np.clip(((point - corners) * edges).sum(axis=2) / lengths, 0.0, 1.0)
@@ -88,27 +74,6 @@ def triangle_normals(points: Array, triangles: IndexArray) -> Array:
     return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
-def vertex_normals(points: Array, triangles: IndexArray) -> Array:
-    """Return unit normals at vertices: the area-weighted mean of the adjacent triangles' normals.
-
-    Args:
-        points: Vertex positions in [m], shape (n, 3).
-        triangles: Vertex indices, shape (k, 3).
-
-    Returns:
-        Unit vectors, shape (n, 3); zero at vertices without a triangle.
-    """
-    area_vectors = np.repeat(triangle_normals(points, triangles), 3, axis=0)
-    sums = np.column_stack(  # without any triangle, bincount returns integers
-        [
-            np.bincount(triangles.reshape(-1), area_vectors[:, axis], minlength=len(points))
-            for axis in range(3)
-        ]
-    ).astype(np.float64)
-    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
-    return np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
-
-
 def is_closed(triangles: IndexArray) -> bool:
     """Return whether every directed edge occurs exactly once per direction: closed, wound consistently."""
     start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
@@ -124,10 +89,7 @@ def euler_number(triangles: IndexArray) -> int:
 
 
 def enclosed_volume(points: Array, triangles: IndexArray) -> float:
-    """Return the volume in [m^3] inside a closed outward surface (divergence theorem).
-
-    It is meaningless for an open one.
-    """
+    """Return the volume in [m^3] inside a closed outward surface; meaningless for an open one."""
     corners = points[triangles] - points.mean(axis=0)
     return float(np.linalg.det(corners).sum() / 6.0)
 
@@ -140,39 +102,24 @@ _NODES = np.array(
     ]
 )
 """The same faces with the nodes on the edges 0-1, 1-2, 2-0 after the corners."""
+_MIRRORED = [0, 2, 1, 5, 4, 3]
+"""Order of the nodes of a face with the opposite orientation."""
 
 
 def boundary_faces(mesh: TetMesh) -> IndexArray:
     """Return faces that belong to one cell only: corners, outward by the right-hand rule, then edge nodes.
 
-    Returns:
-        Node indices, shape (k, 3) of linear cells, (k, 6) of quadratic ones.
+    The shape is (k, 3) of linear cells, (k, 6) of quadratic ones.
 
     Raises:
         MeshError: a face is shared by more than two cells.
     """
-    tets = mesh.tets
-    corners = mesh.points[tets[:, :4]]
-    inverted = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
-    local = _NODES if mesh.order == 2 else _NODES[:, :3]
-    faces = tets[:, local]
-    mirrored = [0, 2, 1, 5, 4, 3] if mesh.order == 2 else [0, 2, 1]
-    faces[inverted] = faces[inverted][:, :, mirrored]
-    faces = faces.reshape(-1, local.shape[1])
-    return np.ascontiguousarray(faces[alone(faces[:, :3], mesh.name)], dtype=np.int64)
+    count = 6 if mesh.order == 2 else 3
+    return _free_faces(mesh, _NODES[:, :count], _MIRRORED[:count])
 
 
 def triangles_of(mesh: TetMesh, triangles: IndexArray, corners: IndexArray) -> BoolArray:
-    """Return which triangles of the boundary, in the form of `surface.boundary`, belong to some faces.
-
-    Args:
-        mesh: The mesh.
-        triangles: Node indices, shape (k, 3); of a quadratic mesh four for each face.
-        corners: Faces by their corners in any order, shape (f, 3).
-
-    Returns:
-        Shape (k,).
-    """
+    """Return which triangles (k, 3) of `boundary` belong to faces with these corners (f, 3), in any order."""
     ends = np.repeat(np.arange(len(mesh.points))[:, None], 2, axis=1)  # of the edge of a node
     if mesh.order == 2:
         ends[mesh.tets[:, 4:]] = mesh.tets[:, MIDDLES]
@@ -199,17 +146,21 @@ def cavities(mesh: TetMesh) -> list[IndexArray]:
 
 def flip_faces(faces: IndexArray) -> IndexArray:
     """Return the same faces with the opposite orientation."""
-    return np.ascontiguousarray(faces[:, [0, 2, 1, 5, 4, 3][: faces.shape[1]]])
+    return np.ascontiguousarray(faces[:, _MIRRORED[: faces.shape[1]]])
 
 
 def encloses(points: Array, faces: IndexArray, place: Array) -> bool:
-    """Return whether a closed surface (its corners over points (n, 3)) encloses a point (3,).
+    """Return whether a closed surface (its corners over points (n, 3)) encloses a point (3,)."""
+    return bool(abs(winding_numbers(place[None], points[faces[:, :3]])[0]) > 0.5)
 
-    Source: van Oosterom, Strackee 1983, The solid angle of a plane triangle.
+
+def winding_numbers(places: Array, corners: Array) -> Array:
+    """Return the winding numbers of triangles (k, 3, 3) around places (p, 3), shape (p,).
+
+    Source: van Oosterom, Strackee 1983, The solid angle of a plane triangle (their sum, over 4 pi).
     """
-    a, b, c = np.moveaxis(points[faces[:, :3]] - place, 1, 0)
-    lengths = [np.linalg.norm(each, axis=1) for each in (a, b, c)]
-    above = np.einsum("ki,ki->k", a, np.cross(b, c))
-    below = lengths[0] * lengths[1] * lengths[2] + np.einsum("ki,ki->k", a, b) * lengths[2]
-    below += np.einsum("ki,ki->k", b, c) * lengths[0] + np.einsum("ki,ki->k", c, a) * lengths[1]
-    return bool(abs(2.0 * np.arctan2(above, below).sum()) > 2.0 * np.pi)
+    a, b, c = (corners[None, :, k] - places[:, None] for k in range(3))
+    na, nb, nc = (np.sqrt((each**2).sum(axis=-1)) for each in (a, b, c))
+    volume = (a * np.cross(b, c)).sum(axis=-1)
+    rest = na * nb * nc + (a * b).sum(axis=-1) * nc + (b * c).sum(axis=-1) * na + (c * a).sum(axis=-1) * nb
+    return np.asarray(np.arctan2(volume, rest).sum(axis=1) / (2.0 * np.pi))
