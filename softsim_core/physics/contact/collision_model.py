@@ -308,11 +308,7 @@ class CollisionModel:
     def any_astray(self, active: Proximities, forces: Array, at: Place, end: Place) -> bool:
         """Return whether a contact bore a force although its bodies had slid past each other by the end.
 
-        Args:
-            active: The contacts, k of them.
-            forces: Along their normals and two tangents in [N], shape (3 k,).
-            at: The place.
-            end: The end of the step.
+        `forces` (3 k,) in [N] are those of the `active` contacts along their normals and two tangents.
         """
         limit = _ASTRAY * self.settings.contact_distance
         return self._detector.any_astray(active, forces, at.points, end.points - at.points, limit)
@@ -360,10 +356,8 @@ class CollisionModel:
                     pace = h * abs(float(state.reduced_velocities[b]))
                     if pace > 0.0:
                         arm = math.dist(corner, motion_subspace.origin[b]) + turning.radius
-                        turn, slide = (
-                            math.hypot(*motion_subspace.angular[b]),
-                            math.hypot(*motion_subspace.linear[b]),
-                        )
+                        turn = math.hypot(*motion_subspace.angular[b])
+                        slide = math.hypot(*motion_subspace.linear[b])
                         travel[turning.surface] += pace * (turn * arm + slide)
         return travel + self._spare
 
@@ -385,10 +379,7 @@ class CollisionModel:
         return rolled
 
     def _yields(self, surface: CollisionSurface) -> bool:
-        """Return whether a force can move a surface.
-
-        It can if the surface deforms, or if a free body, a free frame or a compliant joint carries it.
-        """
+        """Return whether a force can move a surface: it deforms, or its carrier is free or compliant."""
         if surface.soft:
             return surface.moving
         model = self.model

@@ -96,20 +96,11 @@ def linearise(
     directions, gap, middle = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
     if anew:
         ahead[collisions.carried.rigid >= 0] = 0.0  # their rows account for it, below
+    rolled = collisions.compute_rolling(start, at if anew else free)
     _frames(
-        vertices,
-        shares,
-        near.normal,
-        near.distance,
-        at.points,
-        at.moved,
-        ahead,
-        collisions.compute_rolling(start, at if anew else free),
-        settings.contact_distance,
-        directions,
-        gap,
-        middle,
-    )
+        vertices, shares, near.normal, near.distance, at.points, at.moved, ahead, rolled,
+        settings.contact_distance, directions, gap, middle,
+    )  # fmt: skip
     rows, on_rigid = _rows(collisions, vertices, shares, directions, at)
     if anew and on_rigid.size:
         _follow_turn(on_rigid, collisions, at)
@@ -139,13 +130,8 @@ def _rows(
     place = np.empty(count * most, dtype=np.int64)
     coefficient = np.empty((count * most, 3))
     on_rigid = np.zeros((count, 6 * len(model.rigid.names)))
-    motions = Motions(
-        state.rigid_positions,
-        motion_subspace.angular,
-        motion_subspace.linear,
-        motion_subspace.origin,
-        len(model.rest),
-    )
+    subspace = motion_subspace.angular, motion_subspace.linear, motion_subspace.origin
+    motions = Motions(state.rigid_positions, *subspace, len(model.rest))
     entries = _fill_rows(
         vertices, shares, directions, at.points, collisions.carried, motions, start, place, coefficient,
         on_rigid,

@@ -91,10 +91,7 @@ def beyond(points: Array, triangles: IndexArray, t: int, normals: Array, u: int,
 
 @kernel
 def surface_boxes(points: Array, topology: Topology, boxes: Boxes) -> None:
-    """Compute the boxes of all surfaces from their vertices.
-
-    The box of a sphere contains the whole sphere.
-    """
+    """Compute the boxes of all surfaces from their vertices; that of a sphere contains the whole sphere."""
     for s in range(topology.surface_vertex.shape[0]):
         first, end = topology.surface_vertex[s, 0], topology.surface_vertex[s, 1]
         for d in range(3):

@@ -125,10 +125,7 @@ def move(source: int, target: int, found: ContactBuffers) -> None:
 
 @kernel
 def features(topology: Topology) -> int:
-    """Return the number of vertices, edges and triangles.
-
-    A pair of them has the key first * features + second.
-    """
+    """Return the number of vertices, edges and triangles; a pair has the key first * features + second."""
     return int(topology.radius.shape[0] + topology.edges.shape[0] + topology.triangles.shape[0])
 
 

@@ -71,26 +71,8 @@ def may_hold(
 ) -> BoolArray:
     """Return which contacts take part, (k,): local minima, vertices that would arrive, and close contacts.
 
-    See Detector.may_hold. Fields of Proximities and Topology are passed one by one, because passing the whole
-    tuples takes longer than the computation.
-
-    Args:
-        a: As in Proximities.
-        a_weights: As in Proximities.
-        b: As in Proximities.
-        b_weights: As in Proximities.
-        normal: As in Proximities.
-        distance: As in Proximities.
-        foremost: As in Proximities.
-        seeker: As in Proximities.
-        points: Vertex positions in [m], shape (v, 3).
-        ahead: Remaining displacement without contact in [m], shape (v, 3).
-        slides: Displacement in the step in [m], shape (v, 3).
-        ring_start: As in Topology.
-        ring: As in Topology.
-        closeness: Distances that decide.
-        strays: Whether to leave out gaps that close only because they are linearised.
-        foremost_strays: Whether to leave them out for local minima, too.
+    For the arguments see Detector.may_hold. Fields of Proximities and Topology are passed one by one, because
+    passing the whole tuples takes longer than the computation.
     """
     holds = np.zeros(distance.shape[0], dtype=np.bool_)
     for c in range(distance.shape[0]):
@@ -123,18 +105,7 @@ def any_astray(
 ) -> bool:
     """Return whether a contact with a force closed by more than `limit` [m] although the true gap did not.
 
-    Args:
-        a: As in Proximities.
-        a_weights: As in Proximities.
-        b: As in Proximities.
-        b_weights: As in Proximities.
-        normal: As in Proximities.
-        forces: Along the normal and two tangents in [N], shape (3 k,).
-        points: Vertex positions in [m], shape (v, 3).
-        slides: Displacement in the step in [m], shape (v, 3).
-        ring_start: As in Topology.
-        ring: As in Topology.
-        limit: Limit in [m].
+    For the arguments see Detector.any_astray, and Proximities and Topology.
     """
     for c in range(normal.shape[0]):
         if forces[3 * c] > 0.0:
@@ -285,16 +256,9 @@ class Detector:
         while True:
             near, found = self._near, self._found
             needed = self._sweep(
-                points,
-                self._rest,
-                float(reach),
-                travel,
-                self._contact_distance,
-                self._topology,
-                self._boxes,
-                near,
-                found,
-            )
+                points, self._rest, float(reach), travel, self._contact_distance, self._topology, self._boxes,
+                near, found,
+            )  # fmt: skip
             if needed <= len(found.distance):
                 break
             self._widen(needed)
@@ -367,15 +331,12 @@ class Detector:
         )  # fmt: skip
 
     def free_share(self, before: Array, after: Array, watched: BoolArray) -> float:
-        """Return the share of the motion from `before` to `after` without passing through a surface.
+        """Return the share of the motion from `before` to `after` without passing through a surface, in 0..1.
 
         Args:
-            before: Vertex positions at the start of the step.
+            before: Vertex positions at the start of the step in [m], shape (v, 3).
             after: The same at its end; each moves along a line.
             watched: Which pairs of `pairs` are looked at, shape (p,).
-
-        Returns:
-            In 0..1; 1 where nothing passes anything.
 
         Raises:
             DetectionOverflowError: more pairs of features come close than are ever listed.
@@ -401,19 +362,8 @@ class Detector:
 
 def _copy_contacts(found: ContactBuffers) -> Proximities:
     """Return copies of the contacts that were found."""
-    k = found.counter[0]
-    return Proximities(
-        found.a[:k].copy(),
-        found.a_weights[:k].copy(),
-        found.b[:k].copy(),
-        found.b_weights[:k].copy(),
-        found.normal[:k].copy(),
-        found.distance[:k].copy(),
-        found.foremost[:k].copy(),
-        found.seeker[:k].copy(),
-        found.pair[:k].copy(),
-        found.key[:k].copy(),
-    )
+    count = found.counter[0]
+    return Proximities._make(getattr(found, name)[:count].copy() for name in Proximities._fields)
 
 
 def measured_gaps(
@@ -449,10 +399,7 @@ def measured_gaps(
 
 @kernel
 def feature_gaps(contacts: Proximities, points: Array, radius: Array) -> Array:
-    """Return the gap in [m] between the features of each contact, shape (k,).
-
-    Negative if behind the normal.
-    """
+    """Return the gap in [m] between the features of each contact, negative behind the normal, shape (k,)."""
     gaps = np.empty(contacts.key.shape[0])
     for c in range(gaps.shape[0]):
         a, b = contacts.a[c], contacts.b[c]

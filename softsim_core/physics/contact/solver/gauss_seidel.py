@@ -28,12 +28,7 @@ _SOFTENINGS = (1.0e-6, 1.0e-3)
 
 
 class _System(NamedTuple):
-    """Linear system of a Newton step over the active rows.
-
-    Attributes:
-        matrix: Shape (n, n).
-        right: Right-hand side, shape (n,).
-    """
+    """Linear system of a Newton step over the active rows: matrix (n, n), right-hand side (n,)."""
 
     matrix: Array
     right: Array
@@ -208,9 +203,8 @@ def solve_contacts(
     lower, upper = bounds
     forces = np.array(start, dtype=np.float64)
     contacts = (len(forces) - len(lower)) // 3
-    problem = ContactProblem(
-        np.ascontiguousarray(compliance), gap, lower, upper, np.ones(contacts) * friction
-    )
+    each = np.ones(contacts) * friction
+    problem = ContactProblem(np.ascontiguousarray(compliance), gap, lower, upper, each)
     residual, sweeps = _solve(problem, forces, iterations, tolerance)
     return ContactSolution(forces, residual, sweeps)
 

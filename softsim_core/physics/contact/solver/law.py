@@ -149,9 +149,7 @@ def largest_tangential(i: int, compliance: Array) -> float:
 
 @kernel
 def violation(problem: ContactProblem, state: Array, forces: Array) -> tuple[float, float]:
-    """Return the violation of the law by admissible forces at gaps `state`: largest, sum of squares.
-
-    The largest one is in [m], the sum of squares in [m^2].
+    """Return the violation of the law by admissible forces at gaps `state`: largest in [m], sum of squares.
 
     A force is moved by its gap over its own compliance and brought back into its bounds or cone; what then
     differs from the force, times that compliance, is the violation (natural map).

@@ -172,13 +172,7 @@ _SHORTEST = 0.01
 
 
 class _System(NamedTuple):
-    """Linear system of a Newton step over the active rows.
-
-    Attributes:
-        active: Numbers of the active rows, shape (n,).
-        matrix: Shape (n, n).
-        right: Right-hand side, shape (n,).
-    """
+    """Linear system of a Newton step: numbers of active rows (n,), matrix (n, n), right-hand side (n,)."""
 
     active: IndexArray
     matrix: Array
@@ -246,10 +240,7 @@ def _square_off(problem: ContactProblem, state: Array, forces: Array) -> None:
 
 @kernel
 def _sharper(share: float) -> float:
-    """Return the factor for the roundness after a step of size `share`.
-
-    A short step makes it rounder again.
-    """
+    """Return the factor for the roundness after a step of size `share`; a short one makes it rounder."""
     if share == 1.0:
         return 0.2
     if share >= 0.5:
@@ -261,10 +252,7 @@ def _sharper(share: float) -> float:
 def _newton_aim(
     problem: ContactProblem, steep: Array, forces: Array, state: Array, smoothed: Smoothed
 ) -> Array:
-    """Return forces that equal their projection, linearised about `forces`.
-
-    Rows at a bound take the projection.
-    """
+    """Return forces that equal their projection, linearised about `forces`; rows at a bound take it."""
     compliance, bounded = problem.compliance, problem.lower.shape[0]
     projected, slope = smoothed.forces, smoothed.slope
     aim = projected.copy()
