@@ -19,7 +19,10 @@ from .imu import (
     ImuDescription as ImuDescription,
     inertial as inertial,
 )
-from .markers import MarkersDescription as MarkersDescription
+from .markers import (
+    MarkersDescription as MarkersDescription,
+    StrainSensorDescription as StrainSensorDescription,
+)
 from .sensor import (
     Place as Place,
     Sensor as Sensor,
@@ -32,7 +35,6 @@ from .sensors import (
     sensor_kind as sensor_kind,
     sensor_kinds as sensor_kinds,
 )
-from .strain import StrainSensorDescription as StrainSensorDescription
 from .tactile import (
     TactileArrayDescription as TactileArrayDescription,
     grid_over as grid_over,

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from softsim_core.base import Array
-from softsim_core.physics.actuation import MeasuredSize
 from softsim_core.physics.sensing.description import (
     Output,
     Quantity,
-    Reference,
     Scenery,
     SensorKind,
     SimulatedSensorDescription,
@@ -33,20 +32,12 @@ class CableSensorDescription(SimulatedSensorDescription):
     """
 
     kind: ClassVar[str] = "cable"
+    named_parts: ClassVar[Mapping[str, str]] = {"joint": "cable"}
     joint: str
     length_noise: float = 0.0
     tension_noise: float = 0.0
     length_bias: float = 0.0
     tension_bias: float = 0.0
-
-    def check(self) -> None:
-        """Refuse negative or infinite noise and infinite bias."""
-        self.need_noise(length_noise=self.length_noise, tension_noise=self.tension_noise)
-        self.need_bias(length_bias=self.length_bias, tension_bias=self.tension_bias)
-
-    def references(self) -> tuple[Reference, ...]:
-        """Return the cable's joint, the only part of the scene that the sensor names."""
-        return (Reference("joint", self.joint, "cable"),)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -58,14 +49,16 @@ class ActuatorSensor(Sensor):
     """Sensor of an actuator's size, which grows or shrinks with its coordinate, and of its multiplier.
 
     Args:
-        joint: Number of its joint.
-        size: Its size as a function of the joint's position.
-        noise, bias: Noise and bias of size and multiplier, shape (2,).
+        joint: Name of its joint.
+        scenery: The scene.
+        noise, bias: Noise and bias of size and multiplier.
     """
 
-    def __init__(self, joint: int, size: MeasuredSize, noise: Array, bias: Array) -> None:
+    def __init__(
+        self, joint: str, scenery: Scenery, noise: tuple[float, float], bias: tuple[float, float]
+    ) -> None:
         super().__init__(noise, bias)
-        self._joint, self._size = joint, size
+        self._joint, self._size = scenery.soft.joint(joint), scenery.actuators[joint].measured_size
 
     def measure(self, observation: StepObservation) -> Array:
         """Return the size, then the multiplier, shape (2,)."""
@@ -74,11 +67,9 @@ class ActuatorSensor(Sensor):
 
 
 def _cable_sensor(described: CableSensorDescription, scenery: Scenery) -> ActuatorSensor:
+    noise, bias = described.length_noise, described.length_bias
     return ActuatorSensor(
-        scenery.soft.joint(described.joint),
-        scenery.actuators[described.joint].measured_size,
-        np.array([described.length_noise, described.tension_noise]),
-        np.array([described.length_bias, described.tension_bias]),
+        described.joint, scenery, (noise, described.tension_noise), (bias, described.tension_bias)
     )
 
 
@@ -98,20 +89,12 @@ class ChamberSensorDescription(SimulatedSensorDescription):
     """
 
     kind: ClassVar[str] = "chamber"
+    named_parts: ClassVar[Mapping[str, str]] = {"joint": "chamber"}
     joint: str
     volume_noise: float = 0.0
     pressure_noise: float = 0.0
     volume_bias: float = 0.0
     pressure_bias: float = 0.0
-
-    def check(self) -> None:
-        """Refuse negative or infinite noise and infinite bias."""
-        self.need_noise(volume_noise=self.volume_noise, pressure_noise=self.pressure_noise)
-        self.need_bias(volume_bias=self.volume_bias, pressure_bias=self.pressure_bias)
-
-    def references(self) -> tuple[Reference, ...]:
-        """Return the chamber's joint, the only part of the scene that the sensor names."""
-        return (Reference("joint", self.joint, "chamber"),)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -121,11 +104,9 @@ class ChamberSensorDescription(SimulatedSensorDescription):
 
 
 def _chamber_sensor(described: ChamberSensorDescription, scenery: Scenery) -> ActuatorSensor:
+    noise, bias = described.volume_noise, described.volume_bias
     return ActuatorSensor(
-        scenery.soft.joint(described.joint),
-        scenery.actuators[described.joint].measured_size,
-        np.array([described.volume_noise, described.pressure_noise]),
-        np.array([described.volume_bias, described.pressure_bias]),
+        described.joint, scenery, (noise, described.pressure_noise), (bias, described.pressure_bias)
     )
 
 

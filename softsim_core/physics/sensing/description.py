@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 from types import EllipsisType
 from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, FieldError, Placement, SceneError, Vector, known_names, need_finite
+from softsim_core.base import Array, FieldError, Placement, SceneError, known_names, need_finite
 from softsim_core.physics.actuation import ActuatorView, Surroundings
 from softsim_core.physics.contact import CollisionSurface
 from softsim_core.physics.sensing.sensor import Place, Sensor
@@ -92,12 +92,21 @@ class SimulatedSensorDescription:
 
     Attributes:
         kind: Name of the kind, in files under the key `kind`.
+        output_quantity: What its only output is, unless it defines `outputs`.
+        named_parts: What each field that names a part of the scene may name (see Reference.among).
         name: Unique among the sensors of a scene.
         rate: Samples per second in [Hz], at most one per step; None: one per step.
         seed: Seed of its noise, >= 0; the noise also depends on the name.
+
+    A field whose name ends in `noise` is a standard deviation, >= 0; one in `bias`, a number or a vector.
+
+    Raises:
+        FieldError: a field has an invalid value.
     """
 
     kind: ClassVar[str]
+    output_quantity: ClassVar[Quantity] = Quantity.NUMBERS
+    named_parts: ClassVar[Mapping[str, str]] = {}
     name: str
     rate: float | None = None
     seed: int = 0
@@ -109,6 +118,13 @@ class SimulatedSensorDescription:
             raise FieldError(self.owner, "rate", self.rate, "> 0 Hz")
         if self.seed < 0:
             raise FieldError(self.owner, "seed", self.seed, ">= 0")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            numbers = value if isinstance(value, tuple) else () if value is None else (value,)
+            if field.name.endswith("bias"):
+                need_finite(self.owner, field.name, numbers)
+            elif field.name.endswith("noise") and not all(0.0 <= each < math.inf for each in numbers):
+                raise FieldError(self.owner, field.name, value, ">= 0")
         self.check()
 
     def check(self) -> None:
@@ -124,13 +140,14 @@ class SimulatedSensorDescription:
         return f"sensor {self.name}"
 
     def references(self) -> tuple[Reference, ...]:
-        """Return the parts of the scene that the sensor names."""
-        return ()
+        """Return the parts of the scene that the sensor names; a field that is None names none."""
+        named = ((field, getattr(self, field), among) for field, among in self.named_parts.items())
+        return tuple(Reference(*each) for each in named if each[1] is not None)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
         """What is sent and shown of its samples; by default all numbers, row by row."""
-        return (Output(Quantity.NUMBERS),)
+        return (Output(self.output_quantity),)
 
     @property
     def mount(self) -> Mount | None:
@@ -142,17 +159,6 @@ class SimulatedSensorDescription:
         """Name of the frame in whose axes it measures if it has no mount; empty: the robot's base."""
         return ""
 
-    def need_noise(self, **deviations: float) -> None:
-        """Refuse standard deviations that are negative or not finite, given by the names of their fields."""
-        for field, value in deviations.items():
-            if not 0.0 <= value < math.inf:
-                raise FieldError(self.owner, field, value, ">= 0")
-
-    def need_bias(self, **biases: Vector | float) -> None:
-        """Refuse biases that are not finite, given by the names of their fields."""
-        for field, value in biases.items():
-            need_finite(self.owner, field, value if isinstance(value, tuple) else (value,))
-
 
 def need_sensors(
     scene: str,
@@ -160,13 +166,9 @@ def need_sensors(
     sensors: Sequence[SimulatedSensorDescription],
     defined: Mapping[str, Sequence[str]],
 ) -> None:
-    """Refuse sensors that name parts the scene lacks, or that sample faster than its steps.
+    """Refuse sensors that name parts which the scene lacks, or that sample faster than its steps of `dt` [s].
 
-    Args:
-        scene: Name of the scene, for messages.
-        dt: Its time step in [s].
-        sensors: Its sensors.
-        defined: Names of the parts of the scene, per kind of reference (see Reference.among).
+    `defined` are the names of the parts of the scene by kind of reference (see Reference.among).
 
     Raises:
         SceneError: a sensor names a missing part or is too fast.

@@ -14,8 +14,9 @@ cables and air, adds nothing to the sums; a cable that is pulled from elsewhere 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -25,9 +26,7 @@ from softsim_core.physics.mechanics import FIXED, FREE, Carrier, Model, cross
 from softsim_core.physics.sensing.description import (
     PLACE,
     Mount,
-    Output,
     Quantity,
-    Reference,
     Scenery,
     SensorKind,
     SimulatedSensorDescription,
@@ -50,26 +49,14 @@ class ForceTorqueDescription(SimulatedSensorDescription):
     """
 
     kind: ClassVar[str] = "force_torque"
+    output_quantity: ClassVar[Quantity] = Quantity.WRENCH
+    named_parts: ClassVar[Mapping[str, str]] = {"on": PLACE}
     on: str
     pose: Placement = field(default=Placement(), metadata=LOCAL)
     force_noise: float = 0.0
     moment_noise: float = 0.0
     force_bias: Vector = (0.0, 0.0, 0.0)
     moment_bias: Vector = (0.0, 0.0, 0.0)
-
-    def check(self) -> None:
-        """Refuse negative or infinite noise and infinite bias."""
-        self.need_noise(force_noise=self.force_noise, moment_noise=self.moment_noise)
-        self.need_bias(force_bias=self.force_bias, moment_bias=self.moment_bias)
-
-    def references(self) -> tuple[Reference, ...]:
-        """Return the frame that carries the sensor."""
-        return (Reference("on", self.on, PLACE),)
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """The wrench."""
-        return (Output(Quantity.WRENCH),)
 
     @property
     def mount(self) -> Mount:
@@ -80,18 +67,34 @@ class ForceTorqueDescription(SimulatedSensorDescription):
 class ForceTorqueSensor(Sensor):
     """Sensor of the force and moment between a joint and the bodies that hang on it.
 
-    Args:
-        nodes: Nodes of the bodies that hang on the joint, shape (k,).
-        bodies: Numbers of all bodies that hang on it, including rigid ones.
-        place: The sensor's frame.
-        noise, bias: Noise and bias of force and moment, shape (6,).
+    Raises:
+        SceneError: there is no such joint, or a body that hangs on it is held elsewhere, too.
     """
 
-    def __init__(
-        self, nodes: IndexArray, bodies: Sequence[int], place: Place, noise: Array, bias: Array
-    ) -> None:
-        super().__init__(noise, bias)
-        self._nodes, self._bodies, self._place = nodes, np.array(bodies, dtype=np.int64), place
+    def __init__(self, described: ForceTorqueDescription, scenery: Scenery) -> None:
+        super().__init__(
+            both(described.force_noise, described.moment_noise),
+            both(described.force_bias, described.moment_bias),
+        )
+        model, owner = scenery.soft.model, described.owner
+        names = [joint.name for joint in model.joints]
+        if described.on not in names:
+            raise SceneError(f"{owner}: {described.on} is no joint; name a revolute or prismatic one")
+        joint = names.index(described.on)
+        self._place = Place(Carrier(joint=joint)).within(described.pose)
+        beyond = [j for j in range(len(names)) if joint in model.chain(j)]
+        nodes, hanging = [np.zeros(0, np.int64)], []
+        starts = sorted((first, name) for name, first in scenery.soft.first_node.items())
+        for (first, name), (end, _) in pairwise([*starts, (len(model.rest), "")]):
+            own = np.arange(first, end)
+            if _hangs(model, own, beyond, f"{owner}: the body {name}"):
+                nodes.append(own)
+                hanging.append(name)
+        for name, place in scenery.places.items():
+            if name in scenery.body_names and (place.carrier.joint in beyond or place.carrier.base in beyond):
+                hanging.append(name)
+        self._nodes = np.concatenate(nodes)
+        self._bodies = np.array([scenery.body_names.index(name) for name in hanging], dtype=np.int64)
 
     def measure(self, observation: StepObservation) -> Array:
         """Return the force, then the moment, shape (6,)."""
@@ -109,38 +112,6 @@ class ForceTorqueSensor(Sensor):
         moment = cross(points - origin, missing[self._nodes]).sum(axis=0)
         moment -= cross(touching.points - origin, outside).sum(axis=0)
         return np.concatenate([force @ rotation, moment @ rotation])
-
-
-def _build_force_torque(described: ForceTorqueDescription, scenery: Scenery) -> ForceTorqueSensor:
-    model, owner = scenery.soft.model, f"sensor {described.name}"
-    names = [joint.name for joint in model.joints]
-    if described.on not in names:
-        raise SceneError(f"{owner}: {described.on} is no joint; name a revolute or prismatic one")
-    joint = names.index(described.on)
-    beyond = [j for j in range(len(names)) if joint in model.chain(j)]
-    nodes, bodies = [np.zeros(0, np.int64)], []
-    for name, own in _nodes_of_bodies(scenery).items():
-        if _hangs(model, own, beyond, f"{owner}: the body {name}"):
-            nodes.append(own)
-            bodies.append(scenery.body_names.index(name))
-    for name, place in scenery.places.items():
-        if name in scenery.body_names and (place.carrier.joint in beyond or place.carrier.base in beyond):
-            bodies.append(scenery.body_names.index(name))
-    return ForceTorqueSensor(
-        np.concatenate(nodes),
-        bodies,
-        Place(Carrier(joint=joint)).within(described.pose),
-        both(described.force_noise, described.moment_noise),
-        both(described.force_bias, described.moment_bias),
-    )
-
-
-def _nodes_of_bodies(scenery: Scenery) -> dict[str, IndexArray]:
-    """Return the nodes of each deformable body."""
-    first = scenery.soft.first_node
-    ends = [*sorted(first.values())[1:], len(scenery.soft.model.rest)]
-    names = sorted(first, key=lambda name: first[name])
-    return {name: np.arange(first[name], end) for name, end in zip(names, ends, strict=True)}
 
 
 def _hangs(model: Model, nodes: IndexArray, joints: Sequence[int], owner: str) -> bool:
@@ -161,4 +132,4 @@ def _hangs(model: Model, nodes: IndexArray, joints: Sequence[int], owner: str) -
     return True
 
 
-FORCE_TORQUE = SensorKind(ForceTorqueDescription, _build_force_torque)
+FORCE_TORQUE = SensorKind(ForceTorqueDescription, ForceTorqueSensor)

@@ -12,6 +12,7 @@ Source: Titterton, Weston 2004, Strapdown inertial navigation technology.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -24,13 +25,12 @@ from softsim_core.physics.sensing.description import (
     Mount,
     Output,
     Quantity,
-    Reference,
     Scenery,
     SensorKind,
     SimulatedSensorDescription,
     both,
 )
-from softsim_core.physics.sensing.sensor import Place, Sensor, StepObservation
+from softsim_core.physics.sensing.sensor import Sensor, StepObservation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +55,7 @@ class ImuDescription(SimulatedSensorDescription):
     """
 
     kind: ClassVar[str] = "imu"
+    named_parts: ClassVar[Mapping[str, str]] = {"on": PLACE}
     on: str
     pose: Placement = field(default=Placement(), metadata=LOCAL)
     accelerometer_noise: float = 0.0
@@ -62,16 +63,6 @@ class ImuDescription(SimulatedSensorDescription):
     accelerometer_bias: Vector = (0.0, 0.0, 0.0)
     gyroscope_bias: Vector = (0.0, 0.0, 0.0)
     orientation_noise: float | None = None
-
-    def check(self) -> None:
-        """Refuse negative or infinite noise and infinite bias."""
-        self.need_noise(accelerometer_noise=self.accelerometer_noise, gyroscope_noise=self.gyroscope_noise)
-        self.need_noise(orientation_noise=self.orientation_noise or 0.0)
-        self.need_bias(accelerometer_bias=self.accelerometer_bias, gyroscope_bias=self.gyroscope_bias)
-
-    def references(self) -> tuple[Reference, ...]:
-        """Return the frame that carries the sensor."""
-        return (Reference("on", self.on, PLACE),)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -107,17 +98,15 @@ def inertial(
 
 
 class Imu(Sensor):
-    """Sensor of specific force, angular rate and, optionally, orientation of a frame.
+    """Sensor of specific force, angular rate and, optionally, orientation of a frame."""
 
-    Args:
-        place: The frame.
-        noise, bias: Noise and bias of specific force and angular rate, shape (6,).
-        turning: Noise of the orientation in [rad]; None: it measures none.
-    """
-
-    def __init__(self, place: Place, noise: Array, bias: Array, turning: float | None = None) -> None:
-        super().__init__(noise, bias)
-        self._place, self._turning = place, turning
+    def __init__(self, described: ImuDescription, scenery: Scenery) -> None:
+        super().__init__(
+            both(described.accelerometer_noise, described.gyroscope_noise),
+            both(described.accelerometer_bias, described.gyroscope_bias),
+        )
+        self._place = scenery.places[described.on].within(described.pose)
+        self._turning = described.orientation_noise
 
     @property
     def random(self) -> bool:
@@ -136,10 +125,7 @@ class Imu(Sensor):
         return np.concatenate(motion if self._turning is None else (*motion, quaternion_of(now)))
 
     def add_noise(self, value: Array, generator: np.random.Generator | None) -> Array:
-        """Return the sample with bias and noise.
-
-        The noise of the orientation is a small rotation about the unit's axes.
-        """
+        """Return the sample with bias and noise; the orientation turns by a small angle about its axes."""
         sample = super().add_noise(value[:6], generator)
         if self._turning is None or generator is None:
             return np.concatenate([sample, value[6:]])
@@ -147,13 +133,4 @@ class Imu(Sensor):
         return np.concatenate([sample, quaternion_of(rotation_of(value[6:]) @ turn)])
 
 
-def _build_imu(described: ImuDescription, scenery: Scenery) -> Imu:
-    return Imu(
-        scenery.places[described.on].within(described.pose),
-        both(described.accelerometer_noise, described.gyroscope_noise),
-        both(described.accelerometer_bias, described.gyroscope_bias),
-        described.orientation_noise,
-    )
-
-
-IMU = SensorKind(ImuDescription, _build_imu)
+IMU = SensorKind(ImuDescription, Imu)

@@ -1,7 +1,8 @@
-"""Markers on bodies as a camera sees them: positions with noise and random dropouts."""
+"""Sensors of points on deformable bodies: markers as a camera sees them, and the strain of a line."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -11,9 +12,7 @@ from softsim_core.base import POINT, Array, FieldError, SceneError, Vector, need
 from softsim_core.physics.actuation import Points
 from softsim_core.physics.sensing.description import (
     SOFT_BODY,
-    Output,
     Quantity,
-    Reference,
     Scenery,
     SensorKind,
     SimulatedSensorDescription,
@@ -36,6 +35,8 @@ class MarkersDescription(SimulatedSensorDescription):
     """
 
     kind: ClassVar[str] = "markers"
+    output_quantity: ClassVar[Quantity] = Quantity.POINTS
+    named_parts: ClassVar[Mapping[str, str]] = {"body": SOFT_BODY}
     points: tuple[Vector, ...] = field(metadata=POINT)
     body: str | None = None
     noise: float = 0.0
@@ -44,32 +45,17 @@ class MarkersDescription(SimulatedSensorDescription):
     dropout: float = 0.0
 
     def check(self) -> None:
-        """Refuse values that are not allowed, no points, and depth noise without a camera.
-
-        Raises:
-            FieldError: a field has a value that is not allowed.
-            SceneError: `depth_noise` is given without a camera.
-        """
+        """Refuse no points, a dropout out of its interval, and depth noise without a camera (SceneError)."""
         if not self.points:
             raise FieldError(self.owner, "points", "none", "at least one point")
         for point in (*self.points, *(() if self.camera is None else (self.camera,))):
             need_finite(self.owner, "points and camera", point)
-        self.need_noise(noise=self.noise, depth_noise=self.depth_noise)
         if self.depth_noise and self.camera is None:
             raise SceneError(
                 f"{self.owner}: depth_noise needs a camera; give its place, or remove depth_noise"
             )
         if not 0.0 <= self.dropout <= 1.0:
             raise FieldError(self.owner, "dropout", self.dropout, "in 0 to 1")
-
-    def references(self) -> tuple[Reference, ...]:
-        """Return the deformable body that carries the markers, if one is named."""
-        return () if self.body is None else (Reference("body", self.body, SOFT_BODY),)
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """The positions of the markers."""
-        return (Output(Quantity.POINTS),)
 
     @property
     def axes(self) -> str:
@@ -80,14 +66,26 @@ class MarkersDescription(SimulatedSensorDescription):
 class Markers(Sensor):
     """Sensor of marker positions on deformable bodies.
 
-    Args:
-        points: The marked points of the bodies.
-        described: Noise, camera, dropout.
+    Raises:
+        SceneError: no deformable body is at a point.
     """
 
-    def __init__(self, points: Points, described: MarkersDescription) -> None:
+    def __init__(self, described: MarkersDescription, scenery: Scenery) -> None:
         super().__init__(described.noise)
-        self._points, self._described = points, described
+        self._described, points = described, np.array(described.points)
+        if described.body is not None:
+            self._points = scenery.soft.bind(described.owner, described.body, points)
+            return
+        found = []
+        for number, point in enumerate(points):
+            on = scenery.soft.bind_near(point)
+            if on is None:
+                raise SceneError(
+                    f"{described.owner}: no deformable body is at point {number}, {point.tolist()} m; give "
+                    "where it sits on the robot at the start"
+                )
+            found.append(on)
+        self._points = Points(*(np.concatenate(each) for each in zip(*found, strict=True)))
 
     @property
     def random(self) -> bool:
@@ -118,21 +116,56 @@ class Markers(Sensor):
         return sample
 
 
-def _build_markers(described: MarkersDescription, scenery: Scenery) -> Markers:
-    points = np.array(described.points)
-    if described.body is not None:
-        return Markers(scenery.soft.bind(described.owner, described.body, points), described)
-    found = []
-    for number, point in enumerate(points):
-        on = scenery.soft.bind_near(point)
-        if on is None:
-            raise SceneError(
-                f"{described.owner}: no deformable body is at point {number}, {point.tolist()} m; give where "
-                "it sits on the robot at the start"
-            )
-        found.append(on)
-    nodes, weights = (np.concatenate(each) for each in zip(*found, strict=True))
-    return Markers(Points(nodes, weights), described)
+MARKERS = SensorKind(MarkersDescription, Markers)
 
 
-MARKERS = SensorKind(MarkersDescription, _build_markers)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StrainSensorDescription(SimulatedSensorDescription):
+    """The mean strain of a line through points of a body: current length / length at the start - 1.
+
+    At a distance from the middle of a body that bends, it is the curvature times this distance: a bend
+    sensor.
+
+    Attributes:
+        body: The deformable body that carries the points.
+        points: At least two, in [m], in the world at the start, from one end to the other.
+        noise: Standard deviation of a sample in [-].
+        bias: Bias in [-].
+    """
+
+    kind: ClassVar[str] = "strain"
+    output_quantity: ClassVar[Quantity] = Quantity.NUMBER
+    named_parts: ClassVar[Mapping[str, str]] = {"body": SOFT_BODY}
+    body: str
+    points: tuple[Vector, ...] = field(metadata=POINT)
+    noise: float = 0.0
+    bias: float = 0.0
+
+    def check(self) -> None:
+        """Refuse fewer than two points, equal neighbours, and values that are not finite."""
+        if len(self.points) < 2:
+            raise FieldError(self.owner, "points", len(self.points), "at least two points")
+        for point in self.points:
+            need_finite(self.owner, "points", point)
+        if any(one == two for one, two in zip(self.points, self.points[1:], strict=False)):
+            raise FieldError(self.owner, "points", "two equal ones in a row", "points apart from each other")
+
+
+class StrainSensor(Sensor):
+    """Sensor of the mean strain of a line through points of a body."""
+
+    def __init__(self, described: StrainSensorDescription, scenery: Scenery) -> None:
+        super().__init__(described.noise, described.bias)
+        self._points = scenery.soft.bind(described.owner, described.body, np.array(described.points))
+        self._rest_length = self._length(scenery.soft.model.rest)
+
+    def measure(self, observation: StepObservation) -> Array:
+        """Return the strain, shape ()."""
+        return np.asarray(self._length(observation.state.positions) / self._rest_length - 1.0)
+
+    def _length(self, positions: Array) -> float:
+        line = np.einsum("pa,pai->pi", self._points.weights, positions[self._points.nodes])
+        return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+
+
+STRAIN = SensorKind(StrainSensorDescription, StrainSensor)

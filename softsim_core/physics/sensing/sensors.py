@@ -12,9 +12,8 @@ from softsim_core.physics.sensing.actuators import CABLE_SENSOR, CHAMBER_SENSOR
 from softsim_core.physics.sensing.description import Scenery, SensorKind, SimulatedSensorDescription
 from softsim_core.physics.sensing.force_torque import FORCE_TORQUE
 from softsim_core.physics.sensing.imu import IMU
-from softsim_core.physics.sensing.markers import MARKERS
+from softsim_core.physics.sensing.markers import MARKERS, STRAIN
 from softsim_core.physics.sensing.sensor import SampleNoise, Sensor, StepObservation
-from softsim_core.physics.sensing.strain import STRAIN
 from softsim_core.physics.sensing.tactile import TACTILE
 from softsim_core.physics.sensing.wrench import WRENCH
 

@@ -13,20 +13,19 @@ face, each contact presses on the cell in which it lies.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from softsim_core.base import Array, BoolArray, Box, FieldError, IndexArray, SceneError
+from softsim_core.base import Array, Box, FieldError, IndexArray, SceneError
 from softsim_core.physics.dynamics import ContactReport
 from softsim_core.physics.mechanics import rotation_euler
 from softsim_core.physics.sensing.description import (
     ANY_BODY,
-    Output,
     Quantity,
-    Reference,
     Scenery,
     SensorKind,
     SimulatedSensorDescription,
@@ -67,13 +66,9 @@ class Grid:
 
 
 def grid_over(patch: IndexArray, points: Array, rows: int, columns: int) -> Grid | None:
-    """Return a grid that covers a patch; None: the patch has no area in this plane.
+    """Return a grid that covers triangles (m, 3) over points (v, 2) in [m]; None: they have no area.
 
-    Args:
-        patch: Triangles, shape (m, 3).
-        points: Positions of all vertices in the plane in [m], shape (v, 2).
-        rows: Rows of the grid, along the second axis.
-        columns: Columns of the grid, along the first axis.
+    Rows are along the second axis, columns along the first one.
     """
     corners = points[patch]
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
@@ -120,10 +115,7 @@ def _areas(corners: Array) -> Array:
 
 
 def _middles(count: int) -> Array:
-    """Return the centres of the `count` squared equal parts of a triangle.
-
-    They are given as weights of its corners, shape (q, 3).
-    """
+    """Return the centres of `count` squared equal parts of a triangle as weights of its corners, (q, 3)."""
     i, j = (each.ravel() for each in np.meshgrid(np.arange(count), np.arange(count), indexing="ij"))
     upward, downward = i + j < count, i + j < count - 1
     first = np.concatenate([i[upward] + 1.0 / 3.0, i[downward] + 2.0 / 3.0]) / count
@@ -151,6 +143,8 @@ class TactileArrayDescription(SimulatedSensorDescription):
     """
 
     kind: ClassVar[str] = "tactile"
+    output_quantity: ClassVar[Quantity] = Quantity.PRESSURES
+    named_parts: ClassVar[Mapping[str, str]] = {"body": ANY_BODY}
     body: str
     box: Box
     rows: int
@@ -159,38 +153,30 @@ class TactileArrayDescription(SimulatedSensorDescription):
     bias: float = 0.0
 
     def check(self) -> None:
-        """Refuse a grid without cells or with too many, and noise or bias that is not allowed."""
+        """Refuse a grid without cells or with too many."""
         for field, value in (("rows", self.rows), ("columns", self.columns)):
             if value < 1:
                 raise FieldError(self.owner, field, value, ">= 1")
         if self.rows * self.columns > _MOST_CELLS:
             raise FieldError(self.owner, "rows", self.rows, f"at most {_MOST_CELLS} / columns")
-        self.need_noise(noise=self.noise)
-        self.need_bias(bias=self.bias)
-
-    def references(self) -> tuple[Reference, ...]:
-        """Return the body that carries the array."""
-        return (Reference("body", self.body, ANY_BODY),)
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """The pressures of the cells."""
-        return (Output(Quantity.PRESSURES),)
 
 
 class TactileArray(Sensor):
     """An array on a surface that deforms; see the module.
 
     Args:
-        spread: Share of a force on each collision vertex that falls on each cell, see spread_over.
+        described: Noise and bias of a cell.
+        patch: Triangles of the patch, shape (m, 3).
+        places: Positions of the vertices in the plane of the grid in [m], shape (v, 2).
         grid: Its cells.
         body: Number of the body.
-        noise, bias: Noise and bias of a cell in [Pa].
     """
 
-    def __init__(self, spread: csr_array, grid: Grid, body: int, noise: float, bias: float) -> None:
-        super().__init__(noise, bias)
-        self._spread, self._grid, self._body = spread, grid, body
+    def __init__(
+        self, described: TactileArrayDescription, patch: IndexArray, places: Array, grid: Grid, body: int
+    ) -> None:
+        super().__init__(described.noise, described.bias)
+        self._spread, self._grid, self._body = spread_over(patch, places, grid), grid, body
 
     def measure(self, observation: StepObservation) -> Array:
         """Return the pressures in [Pa], shape (rows, columns)."""
@@ -202,21 +188,14 @@ class TactileArray(Sensor):
 
 
 class RigidTactileArray(Sensor):
-    """An array on a rigid surface: each contact presses on the cell in which it lies.
-
-    Args:
-        patch: Whether each collision vertex belongs to the patch, shape (v,).
-        places: Positions of the vertices in the plane of the grid in [m], shape (v, 2).
-        grid: Its cells.
-        body: Number of the body.
-        noise, bias: Noise and bias of a cell in [Pa].
-    """
+    """An array on a rigid surface: each contact presses on the cell in which it lies; see TactileArray."""
 
     def __init__(
-        self, patch: BoolArray, places: Array, grid: Grid, body: int, noise: float, bias: float
+        self, described: TactileArrayDescription, patch: IndexArray, places: Array, grid: Grid, body: int
     ) -> None:
-        super().__init__(noise, bias)
-        self._patch, self._places, self._grid, self._body = patch, places, grid, body
+        super().__init__(described.noise, described.bias)
+        self._patch = np.isin(np.arange(len(places)), patch)
+        self._places, self._grid, self._body = places, grid, body
 
     def measure(self, observation: StepObservation) -> Array:
         """Return the pressures in [Pa], shape (rows, columns)."""
@@ -229,10 +208,7 @@ class RigidTactileArray(Sensor):
 
 
 def select_contacts(contacts: ContactReport, body: int) -> tuple[IndexArray, Array, Array]:
-    """Return the contacts on a body.
-
-    They are the vertices of its surface (k, 3), their weights (k, 3) and the forces along the normals (k,).
-    """
+    """Return the contacts on a body: vertices of its surface (k, 3), weights (k, 3), normal forces (k,)."""
     along = np.maximum(np.einsum("ki,ki->k", contacts.forces, contacts.normals), 0.0)
     which, side = np.nonzero(contacts.bodies == body)
     corner = 3 * side[:, None] + np.arange(3)
@@ -266,11 +242,10 @@ def _build_tactile(described: TactileArrayDescription, scenery: Scenery) -> Sens
             f"{described.owner}: along the z axis of its box the patch has no area; turn the box by "
             "rotation_deg"
         )
+    kind: type[TactileArray | RigidTactileArray] = RigidTactileArray
     if described.body in scenery.soft.meshes:
-        spread = spread_over(patch, places, grid)
-        return TactileArray(spread, grid, number, described.noise, described.bias)
-    chosen = np.isin(np.arange(len(places)), patch)
-    return RigidTactileArray(chosen, places, grid, number, described.noise, described.bias)
+        kind = TactileArray
+    return kind(described, patch, places, grid, number)
 
 
 TACTILE = SensorKind(TactileArrayDescription, _build_tactile)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,15 +13,13 @@ from softsim_core.physics.mechanics import cross
 from softsim_core.physics.sensing.description import (
     ANY_BODY,
     PLACE,
-    Output,
     Quantity,
-    Reference,
     Scenery,
     SensorKind,
     SimulatedSensorDescription,
     both,
 )
-from softsim_core.physics.sensing.sensor import Place, Sensor, StepObservation
+from softsim_core.physics.sensing.sensor import Sensor, StepObservation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +38,8 @@ class WrenchSensorDescription(SimulatedSensorDescription):
     """
 
     kind: ClassVar[str] = "wrench"
+    output_quantity: ClassVar[Quantity] = Quantity.WRENCH
+    named_parts: ClassVar[Mapping[str, str]] = {"body": ANY_BODY, "other": ANY_BODY, "on": PLACE}
     body: str
     other: str | None = None
     on: str = "world"
@@ -47,21 +48,6 @@ class WrenchSensorDescription(SimulatedSensorDescription):
     force_bias: Vector = (0.0, 0.0, 0.0)
     moment_bias: Vector = (0.0, 0.0, 0.0)
 
-    def check(self) -> None:
-        """Refuse negative or infinite noise and infinite bias."""
-        self.need_noise(force_noise=self.force_noise, moment_noise=self.moment_noise)
-        self.need_bias(force_bias=self.force_bias, moment_bias=self.moment_bias)
-
-    def references(self) -> tuple[Reference, ...]:
-        """Return the touched body, the other body if one is named, and the frame of the wrench."""
-        others = () if self.other is None else (Reference("other", self.other, ANY_BODY),)
-        return (Reference("body", self.body, ANY_BODY), *others, Reference("on", self.on, PLACE))
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """The wrench."""
-        return (Output(Quantity.WRENCH),)
-
     @property
     def axes(self) -> str:
         """Name of the frame of the wrench."""
@@ -69,24 +55,22 @@ class WrenchSensorDescription(SimulatedSensorDescription):
 
 
 class WrenchSensor(Sensor):
-    """Sensor of the resultant contact force and moment on a body.
+    """Sensor of the resultant contact force and moment on a body."""
 
-    Args:
-        body: Number of the body.
-        other: Number of the body that touches it, or -1: any.
-        place: The frame.
-        noise, bias: Noise and bias of force and moment, shape (6,).
-    """
-
-    def __init__(self, body: int, other: int, place: Place, noise: Array, bias: Array) -> None:
-        super().__init__(noise, bias)
-        self._body, self._other, self._place = body, other, place
+    def __init__(self, described: WrenchSensorDescription, scenery: Scenery) -> None:
+        super().__init__(
+            both(described.force_noise, described.moment_noise),
+            both(described.force_bias, described.moment_bias),
+        )
+        number, other = scenery.body_names.index, described.other
+        self._body, self._other = number(described.body), None if other is None else number(other)
+        self._place = scenery.places[described.on]
 
     def measure(self, observation: StepObservation) -> Array:
         """Return the force, then the moment, shape (6,)."""
         touching = observation.contacts
         own = touching.bodies == self._body
-        if self._other >= 0:
+        if self._other is not None:
             own &= (touching.bodies == self._other)[:, ::-1]
         sign = own[:, 0].astype(float) - own[:, 1]
         forces = sign[:, None] * touching.forces
@@ -95,15 +79,4 @@ class WrenchSensor(Sensor):
         return np.concatenate([forces.sum(axis=0) @ rotation, moment @ rotation])
 
 
-def _build_wrench(described: WrenchSensorDescription, scenery: Scenery) -> WrenchSensor:
-    number = scenery.body_names.index
-    return WrenchSensor(
-        number(described.body),
-        -1 if described.other is None else number(described.other),
-        scenery.places[described.on],
-        both(described.force_noise, described.moment_noise),
-        both(described.force_bias, described.moment_bias),
-    )
-
-
-WRENCH = SensorKind(WrenchSensorDescription, _build_wrench)
+WRENCH = SensorKind(WrenchSensorDescription, WrenchSensor)
