@@ -12,7 +12,7 @@ from cable_scenes import bent_bar, cable_joint
 
 from softsim_core import Simulation, load_scene
 from softsim_core.base import Array, Backend, Placement
-from softsim_core.physics.actuation import Actuators, Placed, Surroundings, actuator_kind, actuator_kinds
+from softsim_core.physics.actuation import Actuators, Placed, Surroundings, actuator_kinds
 from softsim_core.physics.dynamics import Unknowns, rows_on_unknowns, static_tangent
 from softsim_core.physics.mechanics import JointLimits, State, rotation_exp
 from softsim_core.scene import JointDescription, SceneDescription
@@ -84,7 +84,7 @@ def of_kind(kind: str, simulation: Simulation) -> Actuators:
     if kind != "joint_drive":
         return simulation._actuators
     placed = [Placed(joint.name, j, None) for j, joint in enumerate(simulation.model.joints)]
-    return Actuators([actuator_kind(kind).build(placed, Surroundings(simulation.model, {}, {}))])
+    return Actuators([actuator_kinds()[kind].build(placed, Surroundings(simulation.model, {}, {}))])
 
 
 def bent(simulation: Simulation, rng: np.random.Generator) -> State:

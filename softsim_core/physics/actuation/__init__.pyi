@@ -23,7 +23,6 @@ from .building import (
 from .joint_drive import drive_stiffness as drive_stiffness
 from .registry import (
     FRAME_KINDS as FRAME_KINDS,
-    actuator_kind as actuator_kind,
     actuator_kinds as actuator_kinds,
     described_kinds as described_kinds,
     register_actuator as register_actuator,

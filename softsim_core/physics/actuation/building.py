@@ -199,9 +199,7 @@ class Surroundings:
         return Points(nodes + self.first_node[body], weights)
 
     def bind_near(self, point: Array) -> Points | None:
-        """Return the nodes that carry a point (3,) in [m], at the start, in or on any body.
-
-        None: there are none.
+        """Return the nodes that carry a point (3,) in [m], at the start, in or on any body, or None.
 
         A point that is farther outside every body than NEAR heights of a cell is on none. A point that is
         closer keeps its distance from the body.

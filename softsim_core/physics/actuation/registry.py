@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from softsim_core.base import SceneError, known_names, listing
+from softsim_core.base import SceneError, listing
 from softsim_core.physics.actuation.actuators import Actuator
 from softsim_core.physics.actuation.building import (
     ActuatorDescription,
@@ -23,24 +23,12 @@ FRAME_KINDS = ("revolute", "prismatic")
 _kinds: dict[str, ActuatorKind] = {kind.name: kind for kind in (JOINT_DRIVE, CABLE, CHAMBER)}
 
 
-def register_kind(kind: ActuatorKind) -> None:
-    """Register a kind; an earlier kind of the same name is replaced.
-
-    Raises:
-        SceneError: the name is that of a built-in kind or of a joint kind, or no identifier.
-    """
-    built_in = (*FRAME_KINDS, JOINT_DRIVE.name, CABLE.name, CHAMBER.name)
-    if not kind.name.isidentifier() or kind.name in built_in:
-        raise SceneError(
-            f"actuator kind {kind.name!r} refused: it must be a word other than {listing(built_in)}"
-        )
-    _kinds[kind.name] = kind
-
-
 def register_actuator(
     description: type[ActuatorDescription], build: Callable[[Placed, Surroundings], Actuator]
 ) -> None:
     """Register a kind of plain actuators under the `kind` of its description.
+
+    An earlier kind of the same name is replaced.
 
     Args:
         description: A frozen dataclass derived from ActuatorDescription; scene files give its fields under
@@ -48,9 +36,12 @@ def register_actuator(
         build: Builds the actuator of one joint from its description.
 
     Raises:
-        SceneError: as `register_kind`.
+        SceneError: the name is that of a built-in kind or of a joint kind, or no identifier.
     """
-    register_kind(plain_kind(description, build))
+    name, built_in = description.kind, (*FRAME_KINDS, JOINT_DRIVE.name, CABLE.name, CHAMBER.name)
+    if not name.isidentifier() or name in built_in:
+        raise SceneError(f"actuator kind {name!r} refused: it must be a word other than {listing(built_in)}")
+    _kinds[name] = plain_kind(description, build)
 
 
 def actuator_kinds() -> dict[str, ActuatorKind]:
@@ -61,18 +52,3 @@ def actuator_kinds() -> dict[str, ActuatorKind]:
 def described_kinds() -> dict[str, type[ActuatorDescription]]:
     """Return the types of the descriptions of all kinds that have one, by name."""
     return {name: kind.description for name, kind in _kinds.items() if kind.description is not None}
-
-
-def actuator_kind(name: str) -> ActuatorKind:
-    """Return the kind of a name.
-
-    Raises:
-        SceneError: there is none.
-    """
-    if name not in _kinds:
-        hint = known_names(name, _kinds, "known kinds:")
-        raise SceneError(
-            f"unknown actuator kind {name!r}; {hint}; register others with "
-            "softsim_core.physics.actuation.register_actuator"
-        )
-    return _kinds[name]

@@ -111,7 +111,6 @@ class JointTrajectory:
         for name, values in (("velocities", velocities), ("accelerations", accelerations)):
             object.__setattr__(self, name, None if values is None else _floats(name, values))
         self._check()
-        self._check_slopes()
 
     def _check(self) -> None:
         joints, times, positions = self.joints, self.times, self.positions
@@ -139,7 +138,6 @@ class JointTrajectory:
                 f"position {value} of joint {joints[joint]} at way point {point} is not a finite number"
             )
 
-    def _check_slopes(self) -> None:
         for name, values in (("velocities", self.velocities), ("accelerations", self.accelerations)):
             if values is not None and (values.shape != self.positions.shape or not np.isfinite(values).all()):
                 raise _make_trajectory_error(f"its {name} are not one finite number for each position")

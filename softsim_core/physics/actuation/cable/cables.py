@@ -109,9 +109,7 @@ def row_layout(
 
 
 def line_stiffness(nodes: IndexArray, weights: Array, line: Array, tension: float) -> GeometricStiffness:
-    """Return the geometric stiffness of a line between a point of a body and a fixed point.
-
-    It is tension over length, transverse to the line.
+    """Return the geometric stiffness of a line from a body to a fixed point: tension over length, transverse.
 
     Args:
         nodes: Nodes that carry the point, shape (k,).
@@ -155,14 +153,6 @@ class _Entries(NamedTuple):
     row: IndexArray
     place: IndexArray
     coefficient: Array
-
-
-class _Turning(NamedTuple):
-    """Stiffness of one joint, or of the sum or the difference of two: their places and signs."""
-
-    places: list[int]
-    signs: list[float]
-    weight: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,15 +258,9 @@ class Cables:
 
     def _differentiate_pull_points(self, model: Model, state: State, points: Array) -> Array:
         """Return the velocity of pull points per unit velocity of each joint that carries them, (m, 3)."""
-        motion_subspace, k, at = (
-            model.motion_subspace(state),
-            self.layout.lever_unknowns,
-            self.layout.lever_points,
-        )
-        return (
-            np.cross(motion_subspace.angular[k], points[at] - motion_subspace.origin[k])
-            + motion_subspace.linear[k]
-        )
+        motion, k = model.motion_subspace(state), self.layout.lever_unknowns
+        arms = points[self.layout.lever_points] - motion.origin[k]
+        return np.cross(motion.angular[k], arms) + motion.linear[k]
 
     def geometric_stiffness(
         self, model: Model, state: State, multipliers: Array, without_surfaces: bool = False
@@ -293,16 +277,16 @@ class Cables:
         taut = np.flatnonzero(tension * length)
         turning = self._turning(model, state, points, multipliers)
         entries = list(self._across(model, state, points, taut, unit[taut]))
-        for r, each in enumerate(turning, start=2 * len(taut)):
-            coefficients = np.outer(each.signs, [1.0, 0.0, 0.0])
-            entries.append(_Entries(np.full(len(each.places), r), np.array(each.places), coefficients))
+        for r, (turned, signs, _) in enumerate(turning, start=2 * len(taut)):
+            coefficients = np.outer(signs, [1.0, 0.0, 0.0])
+            entries.append(_Entries(np.full(len(turned), r), np.array(turned), coefficients))
         row, places, coefficient = (np.concatenate(each) for each in zip(*entries, strict=True))
         order = np.argsort(row, kind="stable")
         start = np.searchsorted(row[order], np.arange(2 * len(taut) + len(turning) + 1))
         stiffness = np.repeat(tension[taut] / length[taut], 2)
         return GeometricStiffness(
             Rows(start, places[order], coefficient[order]),
-            np.concatenate([stiffness, [each.weight for each in turning]]),
+            np.concatenate([stiffness, [weight for *_, weight in turning]]),
         )
 
     def _across(
@@ -316,21 +300,21 @@ class Cables:
             coefficient = sign * weights[s, k][:, None, None] * across[s]
             yield _Entries(both[s].ravel(), np.repeat(nodes[s, k], 2), coefficient.reshape(-1, 3))
         layout, moved = self.layout, self._differentiate_pull_points(model, state, points)
-        for m in range(
-            len(layout.levers)
-        ):  # joints that carry pull points, which are the first of their cable
-            for segment in np.flatnonzero(taut == layout.lever_points[m]):
+        for m, point in enumerate(layout.lever_points):  # joints that carry the first points of cables
+            for segment in np.flatnonzero(taut == point):
                 coefficient = np.zeros((2, 3))
                 coefficient[:, 0] = -across[segment] @ moved[m]
                 unknown = len(model.rest) + layout.lever_unknowns[m]
                 yield _Entries(both[segment], np.full(2, unknown), coefficient)
 
-    def _turning(self, model: Model, state: State, points: Array, multipliers: Array) -> list[_Turning]:
-        """Return -t H d2p/dq2 of the joints that rotate pull points.
+    def _turning(
+        self, model: Model, state: State, points: Array, multipliers: Array
+    ) -> list[tuple[list[int], list[float], float]]:
+        """Return -t H d2p/dq2 of the joints that rotate pull points: places, their signs, and the weight.
 
-        The outer joint rotates the inner motion.
+        The outer joint rotates the inner motion. Two joints contribute by their sum and their difference.
         """
-        result: list[_Turning] = []
+        result: list[tuple[list[int], list[float], float]] = []
         layout = self.layout
         if not len(layout.levers):
             return result
@@ -342,11 +326,11 @@ class Cables:
                 weight = -float(tension * (pulls[point] @ np.cross(angular[outer], moved[m])))
                 places = [count + int(outer), count + int(inner)]
                 if outer == inner:
-                    result.append(_Turning(places[:1], [1.0], weight))
+                    result.append((places[:1], [1.0], weight))
                 else:  # a b + b a = ((a + b)^2 - (a - b)^2) / 2
-                    result.append(_Turning(places, [1.0, 1.0], 0.5 * weight))
-                    result.append(_Turning(places, [1.0, -1.0], -0.5 * weight))
-        return [each for each in result if each.weight != 0.0]
+                    result.append((places, [1.0, 1.0], 0.5 * weight))
+                    result.append((places, [1.0, -1.0], -0.5 * weight))
+        return [each for each in result if each[2] != 0.0]
 
     def surfaces(self) -> list[IndexArray]:
         """Return an empty list: cables press on no surface."""

@@ -45,7 +45,8 @@ def read_cable_points(file: str | PathLike[str]) -> Array:
     if not isinstance(data, list) or not data:
         raise ConfigError(path, "", f"must be a list of points [x, y, z], not {_format_value(data)}")
     for index, point in enumerate(data):
-        if not isinstance(point, list) or len(point) != 3 or not all(map(_is_number, point)):
+        numbers = isinstance(point, list) and {type(each) for each in point} <= {int, float}
+        if not numbers or len(point) != 3 or not all(map(math.isfinite, point)):
             raise ConfigError(
                 path, f"[{index}]", f"must be a list of 3 finite numbers, not {_format_value(point)}"
             )
@@ -74,10 +75,6 @@ def _read(path: Path) -> Any:
     except yaml.YAMLError as error:
         problem = getattr(error, "problem", None) or "is not valid YAML"
         raise ConfigError(path, "", f"YAML syntax: {problem}") from error
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _format_value(value: Any) -> str:

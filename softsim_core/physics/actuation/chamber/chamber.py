@@ -75,15 +75,10 @@ def hollow_of(name: str, described: ChamberDescription, surroundings: Surroundin
     Raises:
         SceneError: the body has no such cavity, or it is open.
     """
-    mesh = surroundings.meshes[described.body]
-    if described.surface is not None:
-        return _of_surface(name, described.surface, described.body, surroundings)
-    faces = closed_hollow(name, described, mesh)
-    return Hollow(faces, np.zeros((0, faces.shape[1], 3)))
-
-
-def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) -> Hollow:
-    mesh = surroundings.meshes[body]
+    body, surface, mesh = described.body, described.surface, surroundings.meshes[described.body]
+    if surface is None:
+        faces = closed_hollow(name, described, mesh)
+        return Hollow(faces, np.zeros((0, faces.shape[1], 3)))
     if surface not in mesh.surfaces:
         hint = f"its surfaces are {listing(mesh.surfaces)}" if mesh.surfaces else "its mesh names none"
         raise SceneError(
@@ -99,7 +94,9 @@ def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) 
             f"boundary of body {body}; name faces that its cells leave free"
         )
     faces = faces[np.unique(chosen)]
-    lids = _lids(name, surface, faces, mesh.points, _find_attached_nodes(surroundings, body))
+    first = surroundings.first_node[body]
+    regions = surroundings.model.region_of_node[first : first + len(mesh.points)]
+    lids = _lids(name, surface, faces, mesh.points, np.flatnonzero(regions == FIXED))
     corners = np.concatenate([mesh.points[faces[:, :3]], lids[:, :3]])
     middle = corners.mean(axis=(0, 1))
     a, b, c = np.moveaxis(corners - middle, 1, 0)
@@ -111,14 +108,11 @@ def _of_surface(name: str, surface: str, body: str, surroundings: Surroundings) 
     return Hollow(faces, lids)
 
 
-def _find_attached_nodes(surroundings: Surroundings, body: str) -> IndexArray:
-    """Return the nodes of a body that are attached to the world, in the numbers of its own mesh."""
-    first, count = surroundings.first_node[body], len(surroundings.meshes[body].points)
-    return np.flatnonzero(surroundings.model.region_of_node[first : first + count] == FIXED)
-
-
 def _lids(name: str, surface: str, faces: IndexArray, points: Array, fixed: IndexArray) -> Array:
-    """Return faces of plates that close an open surface, a fan in each opening; see Hollow.lids."""
+    """Return faces of plates at the world that close an open surface, a fan in each opening.
+
+    `fixed` are the nodes attached to the world.
+    """
     sides = np.concatenate(
         [faces[:, [k, (k + 1) % 3, *([3 + k] if faces.shape[1] == 6 else [])]] for k in range(3)]
     )
@@ -410,10 +404,7 @@ class Chamber(Actuator):
         )
 
     def _measure_volume(self, state: State) -> _VolumeSlopes:
-        """Return volume and slopes at a state.
-
-        Cached, because a step asks several times for the same state.
-        """
+        """Return volume and slopes at a state, cached because a step asks several times for the same one."""
         places = state.positions[self.place]
         if not np.array_equal(places, self._last_volume.places):
             corners = (places - self.middle)[self.faces]

@@ -143,13 +143,6 @@ def closed_hollow(name: str, described: ChamberDescription, mesh: TetMesh) -> In
             f"chamber {name}: body {described.body} encloses no hollow; a chamber needs one that its mesh "
             "closes all around, or a named `surface` that ends at the world"
         )
-    return _choose_cavities(name, described, mesh, found)
-
-
-def _choose_cavities(
-    name: str, described: ChamberDescription, mesh: TetMesh, found: list[IndexArray]
-) -> IndexArray:
-    """Return all cavities, or the one around the point `inside`."""
     if described.inside is None:
         return np.concatenate(found)
     place = np.array(described.inside, dtype=float)
