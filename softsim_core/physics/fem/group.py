@@ -55,7 +55,7 @@ class ElementGroup:
     parameter_set: IndexArray
     fills: bool = True
 
-    per_cell: ClassVar = ("cells", "weights", "gradients", "body", "numbers", "parameter_set")
+    per_cell: ClassVar[Sequence[str]] = ("cells", "weights", "gradients", "body", "numbers", "parameter_set")
 
     @property
     def volumes(self) -> Array:

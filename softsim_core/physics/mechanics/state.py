@@ -162,24 +162,6 @@ class State:
             a whole by each step. Not in the buffer.
     """
 
-    __slots__ = (
-        "base_positions",
-        "base_shift",
-        "buffer",
-        "extra",
-        "frame_positions",
-        "frame_rotations",
-        "joint_efforts",
-        "joint_positions",
-        "positions",
-        "reduced_velocities",
-        "rigid_positions",
-        "rigid_rotations",
-        "rigid_velocities",
-        "velocities",
-        "warm_start",
-    )
-
     def __init__(
         self,
         nodes: int,
@@ -257,9 +239,7 @@ class State:
 
     def arrays(self) -> dict[str, Array]:
         """Return all arrays by name, as views; `extra.NAME` for the further arrays of the scene."""
-        own = {
-            name: getattr(self, name) for name in sorted(self.__slots__) if name not in ("buffer", "extra")
-        }
+        own = {name: array for name, array in sorted(vars(self).items()) if name not in ("buffer", "extra")}
         return {**own, **{f"extra.{name}": array for name, array in self.extra.items()}}
 
     def take(self, arrays: Mapping[str, Array]) -> None:

@@ -125,19 +125,26 @@ class Slopes(NamedTuple):
     second: Array
 
 
-class FirstInvariantRubber(Rubber):
-    """Base class of rubber laws with W = psi(I_C - 3).
-
-    A new law implements `psi`, with psi'(0) > 0, and `first_lame`.
-    """
+class SeriesRubber(Rubber):
+    r"""Rubber laws with W = :math:`\psi(t) = c_1 t + c_2 t^2 + c_3 t^3 - l \ln (1 + t/4)`, t = I_C - 3."""
 
     @abstractmethod
-    def psi(self, t: Array, p: Array) -> Slopes:
-        """Return psi, zero at rest, and its derivatives at t = I_C - 3 (...) for values p (..., k)."""
+    def series(self, p: Array) -> Array:
+        """Return the coefficients c1, c2, c3 and l in [Pa], shape (..., 4), with psi'(0) > 0."""
 
     @abstractmethod
     def first_lame(self, p: Array) -> Array:
         """Return Lame's lambda of Hooke's law in [Pa], shape (...)."""
+
+    def psi(self, t: Array, p: Array) -> Slopes:
+        """Return psi, zero at rest, and its first two derivatives at t (...) for values p (..., k)."""
+        c1, c2, c3, log = np.moveaxis(self.series(p), -1, 0)
+        over = 1.0 / (t + 4.0)
+        return Slopes(
+            t * (c1 + t * (c2 + t * c3)) - log * np.log1p(0.25 * t),
+            c1 + t * (2.0 * c2 + 3.0 * t * c3) - log * over,
+            2.0 * c2 + 6.0 * t * c3 + log * over**2,
+        )
 
     def rest_moduli(self, p: Array) -> RestModuli:
         """Return the moduli at rest, from psi'(0) and psi''(0)."""
@@ -159,24 +166,6 @@ class FirstInvariantRubber(Rubber):
         first, second = at.first[..., None, None, None, None], at.second[..., None, None, None, None]
         result = 4.0 * second * np.einsum("...ij,...kl->...ijkl", deformation, deformation)
         return np.asarray(result + 2.0 * first * np.eye(9).reshape(3, 3, 3, 3))
-
-
-class SeriesRubber(FirstInvariantRubber):
-    r"""Rubber laws with :math:`\psi = c_1 t + c_2 t^2 + c_3 t^3 - l \ln (1 + t/4)`."""
-
-    @abstractmethod
-    def series(self, p: Array) -> Array:
-        """Return the coefficients c1, c2, c3 and l in [Pa], shape (..., 4)."""
-
-    def psi(self, t: Array, p: Array) -> Slopes:
-        """Return psi of the series and its first two derivatives at t (...)."""
-        c1, c2, c3, log = np.moveaxis(self.series(p), -1, 0)
-        over = 1.0 / (t + 4.0)
-        return Slopes(
-            t * (c1 + t * (c2 + t * c3)) - log * np.log1p(0.25 * t),
-            c1 + t * (2.0 * c2 + 3.0 * t * c3) - log * over,
-            2.0 * c2 + 6.0 * t * c3 + log * over**2,
-        )
 
 
 def _t(deformation: Array) -> Array:

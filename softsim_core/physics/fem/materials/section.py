@@ -57,15 +57,9 @@ class Section(StrainMaterial):
         """
         young, shear = p[:, 0], p[:, 0] / (2.0 * (1.0 + p[:, 1]))
         stretching, shearing, first, second, twisting = p[:, 2:7].T
-        line = (
-            young * stretching,
-            shear * shearing,
-            shear * shearing,
-            young * first,
-            young * second,
-            shear * twisting,
-        )
-        return np.stack(line, axis=1), HOLDING * np.stack([young, young, shear], axis=1)
+        stretch, slip, twist = young * stretching, shear * shearing, shear * twisting
+        line = np.stack([stretch, slip, slip, young * first, young * second, twist], axis=1)
+        return line, HOLDING * np.stack([young, young, shear], axis=1)
 
     def refusal(self, values: Mapping[str, float]) -> Refusal | None:
         """Refuse a negative damping."""
@@ -74,11 +68,6 @@ class Section(StrainMaterial):
     def damping(self, p: Array) -> Array:
         """Return the damping c in [s] of values (m, k), shape (m,)."""
         return p[:, 7]
-
-    def energy(self, deformation: Array, p: Array) -> Array:
-        """Return the energy density S : E / 2 in [J/m^3], shape (...)."""
-        strain = self.strain(deformation)
-        return np.asarray(0.5 * np.einsum("...ij,...ij->...", self.second_piola(strain, p), strain))
 
     def second_piola(self, strain: Array, p: Array) -> Array:
         """Return S in [Pa] at Green strains, symmetric, both of shape (..., 3, 3)."""

@@ -53,6 +53,11 @@ class StrainMaterial(Material):
         """Return the Green strain, shape (..., 3, 3)."""
         return np.asarray(0.5 * (np.swapaxes(deformation, -1, -2) @ deformation - _IDENTITY))
 
+    def energy(self, deformation: Array, p: Array) -> Array:
+        """Return the energy density S : E / 2 of a law linear in E, in [J/m^3], shape (...)."""
+        strain = self.strain(deformation)
+        return np.asarray(0.5 * np.einsum("...ij,...ij->...", self.second_piola(strain, p), strain))
+
     def stress(self, deformation: Array, p: Array) -> Array:
         """Return the first Piola stress F S in [Pa], shape (..., 3, 3)."""
         return np.asarray(deformation @ self.second_piola(self.strain(deformation), p))
@@ -94,11 +99,6 @@ class Membrane(StrainMaterial):
 
     name = "membrane"
     parameters = (YOUNG_MODULUS, POISSON_RATIO)
-
-    def energy(self, deformation: Array, p: Array) -> Array:
-        """Return the energy density S : E / 2 in [J/m^3], shape (...)."""
-        strain = self.strain(deformation)
-        return np.asarray(0.5 * np.einsum("...ij,...ij->...", self.second_piola(strain, p), strain))
 
     def second_piola(self, strain: Array, p: Array) -> Array:
         """Return S in [Pa] at Green strains, zero normal to the sheet, both of shape (..., 3, 3)."""

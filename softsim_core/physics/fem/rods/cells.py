@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -78,11 +78,11 @@ class StrainPoints:
     stiffness: Array
     along: bool
 
+    per_cell: ClassVar[Sequence[str]] = ("maps", "natural", "lengths", "stiffness")
+
     def part(self, chosen: IndexArray) -> StrainPoints:
         """Return the points of the chosen cells (k,) only."""
-        each: dict[str, Any] = {
-            name: getattr(self, name)[chosen] for name in ("maps", "natural", "lengths", "stiffness")
-        }
+        each: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self.per_cell}
         return replace(self, **each)
 
     def with_node_order(self, inside: IndexArray) -> StrainPoints:
@@ -92,9 +92,8 @@ class StrainPoints:
     @staticmethod
     def join(parts: Sequence[StrainPoints]) -> StrainPoints:
         """Return the points of all cells of several; their strains are of one kind."""
-        names = ("maps", "natural", "lengths", "stiffness")
         each: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in StrainPoints.per_cell
         }
         return replace(parts[0], **each)
 
@@ -204,6 +203,8 @@ class RodGroup(ElementGroup):
     own: BoolArray
     reach: Array
 
+    per_cell: ClassVar[Sequence[str]] = (*ElementGroup.per_cell, "own", "reach")
+
     @property
     def short(self) -> BoolArray:
         """Which cells are far shorter than they are thick: the clamps, shape (m,)."""
@@ -211,10 +212,8 @@ class RodGroup(ElementGroup):
 
     def part(self, chosen: IndexArray) -> RodGroup:
         """Return the group with the chosen cells (k,) only."""
-        line, sections = self.line.part(chosen), self.sections.part(chosen)
-        own, reach = self.own[chosen], self.reach[chosen]
         of_cells = {name: getattr(self, name)[chosen] for name in self.per_cell}
-        return replace(self, **of_cells, line=line, sections=sections, own=own, reach=reach)
+        return replace(self, **of_cells, line=self.line.part(chosen), sections=self.sections.part(chosen))
 
     def with_node_order(self, inside: IndexArray) -> RodGroup:
         """Return the group with the nodes of each cell in another order, `inside`, shape (m, a)."""
@@ -317,10 +316,7 @@ def rod_group(
 def _clamp_maps(of_sections: Array, gap: float, at_start: bool) -> Array:
     """Return the map from the nodes of a clamp's cell to its vectors, shape (2, 5, 9); see the package.
 
-    Args:
-        of_sections: From the nodes of each section to r, d_1, d_2, shape (3, 3, 3).
-        gap: Distance between sections in [m].
-        at_start: Whether the clamp is at the rod's start; then its own last section is the rod's.
+    `of_sections` (3, 3, 3) maps the nodes of each section to r, d_1, d_2; `gap` is between sections in [m].
     """
     whole = np.zeros((SECTIONS, 3, 9))
     for s in range(SECTIONS):
@@ -340,13 +336,9 @@ def join_rods(groups: Sequence[RodGroup]) -> RodGroup:
     parts: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in groups]) for name in RodGroup.per_cell
     }
+    line = StrainPoints.join([each.line for each in groups])
     return replace(
-        groups[0],
-        **parts,
-        line=StrainPoints.join([each.line for each in groups]),
-        sections=StrainPoints.join([each.sections for each in groups]),
-        own=np.concatenate([each.own for each in groups]),
-        reach=np.concatenate([each.reach for each in groups]),
+        groups[0], **parts, line=line, sections=StrainPoints.join([each.sections for each in groups])
     )
 
 
@@ -409,12 +401,8 @@ def rod_stiffness(
         else:
             moduli += points.contract_second_derivatives(products, resultants)
         flat = slopes.reshape(*slopes.shape[:3], -1)
-        total += (
-            (np.swapaxes(flat, -1, -2) @ (moduli @ flat))
-            .sum(axis=1)
-            .reshape(count, a, 3, a, 3)
-            .swapaxes(2, 3)
-        )
+        elastic = (np.swapaxes(flat, -1, -2) @ (moduli @ flat)).sum(axis=1)
+        total += elastic.reshape(count, a, 3, a, 3).swapaxes(2, 3)
         turning = np.einsum(
             "mqk,kfg,mqfa,mqgb->mab", pulling, points.forms, points.maps, points.maps, optimize=True
         )
@@ -432,10 +420,8 @@ def rod_viscosity(group: RodGroup, positions: Array, p: Array) -> Array:
     total = np.zeros((count, 3 * a, 3 * a))
     damping = group.material.damping(p)[:, None, None, None]
     for points, stiffness in group.families(p):
-        by_places, weighted = (
-            _by_places(points, group, positions),
-            points.lengths[..., None, None] * stiffness,
-        )
+        by_places = _by_places(points, group, positions)
+        weighted = points.lengths[..., None, None] * stiffness
         total += (np.swapaxes(by_places, -1, -2) @ (damping * weighted) @ by_places).sum(axis=1)
     return total.reshape(count, a, 3, a, 3).swapaxes(2, 3)
 
