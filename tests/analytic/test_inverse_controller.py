@@ -34,7 +34,7 @@ def controller(standing: tuple[InverseController, bytes]) -> InverseController:
 def begin(controller: InverseController, at_start: bytes) -> None:
     """Stand at the start pose without goal, as after start()."""
     controller.model.restore(at_start)
-    controller._forget()
+    controller._begin(controller.model.joint_targets)
 
 
 def ahead(controller: InverseController, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:

@@ -11,6 +11,7 @@ from .closed_loop import (
 from .controller import (
     InverseController as InverseController,
     InverseReport as InverseReport,
+    pose_difference as pose_difference,
 )
 from .pacing import (
     AdaptiveDamping as AdaptiveDamping,

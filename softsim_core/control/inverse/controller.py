@@ -32,7 +32,7 @@ from softsim_core.base import (
     degrees,
 )
 from softsim_core.control.inverse.pacing import AdaptiveDamping, Pace, pace, slowest_period
-from softsim_core.control.inverse.problem import QP, Limits, Solution, StepTarget, build, need_daqp
+from softsim_core.control.inverse.problem import QP, Limits, Solution, Status, StepTarget, build, need_daqp
 from softsim_core.control.inverse.sensitivity import Sensitivity, analytic_sensitivity
 from softsim_core.control.inverse.static import (
     effector,
@@ -59,17 +59,9 @@ from softsim_core.simulation import Simulation
 
 __all__ = ["InverseController", "InverseReport", "InverseSettings", "InverseStatus"]
 
-InverseStatus: TypeAlias = Literal[
-    "idle",
-    "moving",
-    "limited",
-    "reached",
-    "unreachable",
-    "stalled",
-    "infeasible",
-    "not_converged",
-    "diverged",
-]
+InverseStatus: TypeAlias = (
+    Literal["idle", "moving", "limited", "reached", "unreachable", "stalled", "diverged"] | Status
+)
 
 PATIENCE = 10
 """Consecutive ticks at rest, at the full rate, after which a goal counts as unreachable."""
@@ -161,20 +153,9 @@ class InverseController:
         self.model = Simulation(alone.with_scene(bodies=bodies), backend)
         self.model.enforce_limits = False  # the program enforces the limits
         self.limits = Limits.of(self.robot.scene, self.settings, self.model.dt)
-        self._posture = self._posture_from(self.model.joint_targets)
-        self._sampled_at: Array | None = None
         self._sensitivity = sensitivity_of(self.model, replace(self.settings, backend="analytic"))
-        self._sensitivity_age = 0
         self._period = 0.0
-        self._measure_period()
-        self._goal: Pose | None = None
-        self._pose: Pose | None = None
-        self._velocities = self.model.velocities
-        self._moved, self._dq = np.zeros(6), np.zeros_like(self.command)
-        self._lag = np.zeros(6)
-        self._correction = np.zeros(6)
-        self._rested = 0.0
-        self._damping = AdaptiveDamping(len(self.robot.joints), self.settings.lever)
+        self._begin(self.model.joint_targets)
 
     @property
     def period(self) -> float:
@@ -219,10 +200,22 @@ class InverseController:
         if not math.isfinite(shift):
             raise CommandError(f"base_shift {shift} refused: expected finite metres; nothing was moved")
         place(self.model, positions, shift)
-        self._posture = self._posture_from(positions)
-        self._sampled_at = None
-        self._measure_period()
-        self._forget()
+        self._begin(positions)
+
+    def _begin(self, joints: Array) -> None:
+        """Reset to rest at given joints, without goal; measure the slowest period at a stable equilibrium."""
+        posture = self.settings.posture
+        self._posture = joints.copy() if posture is None else np.array(self.robot.poses[posture])
+        self._sampled_at: Array | None = None
+        with suppress(np.linalg.LinAlgError, FactorisationError):
+            self._period = slowest_period(self.model)
+        self._goal: Pose | None = None
+        self._pose: Pose | None = None
+        self._velocities = self.model.velocities
+        self._moved, self._dq = np.zeros(6), np.zeros_like(self.command)
+        self._lag, self._correction = np.zeros(6), np.zeros(6)
+        self._sensitivity_age, self._rested = 0, 0.0
+        self._damping = AdaptiveDamping(len(self.command), self.settings.lever)
 
     def set_goal(self, goal: Pose | None) -> None:
         """Set the goal of the effector in the world; None: stay.
@@ -249,10 +242,17 @@ class InverseController:
                     "(x, y, z, w); the goal stays"
                 )
             goal = Pose(position, quaternion / norm)
-        if goal is None or self._goal is None or _differ(goal, self._goal):
+        last, self._goal = self._goal, goal
+        if (
+            goal is None
+            or last is None
+            or not (
+                np.array_equal(goal.position, last.position)
+                and np.array_equal(goal.quaternion_xyzw, last.quaternion_xyzw)
+            )
+        ):
             self._rested = 0.0
             self._damping.rest()
-        self._goal = goal
 
     def tick(self, measured: Pose | None = None) -> InverseReport:
         """Advance by one dt: compute an increment towards the goal within all limits, and step the model.
@@ -272,7 +272,9 @@ class InverseController:
         if self._goal is None:
             self._sensitivity_age = 0
         else:
-            task = task_for(self._correct_goal(self._goal), self.settings)
+            corrected = self._correction.any()  # the model's goal for which the plant is at the given one
+            goal = _shift_pose(self._goal, -self._correction) if corrected else self._goal
+            task = task_for(goal, self.settings)
             self._sensitivity = self._renew_sensitivity()
             qp_started = perf_counter()
             qp, taken_up = self._program(task, before)
@@ -282,7 +284,7 @@ class InverseController:
         overloaded = () if self._goal is None else self._find_overloads()
         active = tuple(dict.fromkeys((*solution.active, *overloaded)))
         pose, residual = effector(self.model), (0.0, 0.0)
-        self._pose, self._moved, self._dq = pose, _difference(pose, before), solution.dq
+        self._pose, self._moved, self._dq = pose, pose_difference(pose, before), solution.dq
         status: InverseStatus = "idle"
         if self._goal is not None and task is not None:
             residual = self._residual(self._fill_unmeasured(pose, measured))
@@ -305,11 +307,6 @@ class InverseController:
         numerical = self.period if solver.time_integration == "implicit_euler" else 0.0
         damping = parameters.rayleigh_mass, parameters.rayleigh_stiffness + numerical
         return pace(self.settings.rate_at(self.period), self._period, damping, self.period)
-
-    def _measure_period(self) -> None:
-        """Update the slowest period from the model's present state if it has a stable equilibrium."""
-        with suppress(np.linalg.LinAlgError, FactorisationError):
-            self._period = slowest_period(self.model)
 
     def _program(self, task: Task, pose: Pose) -> tuple[QP, Array]:
         """Build the program of this tick.
@@ -433,21 +430,18 @@ class InverseController:
         """Move the correction towards the measurement; return the model's distance in [m] and [rad]."""
         if measured is None:
             return 0.0, 0.0
-        difference = _difference(measured, pose)
-        share = 1.0 - math.exp(-min(self.settings.feedback_gain, self._pace.rate) * self.period)
-        for part, most in ((slice(0, 3), "max_correction"), (slice(3, 6), "max_correction_turn")):
-            if np.isfinite(difference[part]).all():
-                learned = self._correction[part] + share * (difference[part] - self._correction[part])
-                self._correction[part] = _shorten_vector(learned, getattr(self.settings, most))
-        finite = np.where(np.isfinite(difference), difference, 0.0)
-        return float(np.linalg.norm(finite[:3])), float(np.linalg.norm(finite[3:]))
-
-    def _correct_goal(self, goal: Pose) -> Pose:
-        """Return the goal of the model for which the plant is at the given goal."""
-        if not self._correction.any():
-            return goal
-        turned = rotation_exp(-self._correction[3:]) @ rotation_of(goal.quaternion_xyzw)
-        return Pose(goal.position - self._correction[:3], quaternion_of(turned))
+        settings, distance = self.settings, [0.0, 0.0]
+        share = 1.0 - math.exp(-min(settings.feedback_gain, self._pace.rate) * self.period)
+        limits = settings.max_correction, settings.max_correction_turn
+        for k, each in enumerate(np.split(pose_difference(measured, pose), 2)):
+            if np.isfinite(each).all():
+                part = self._correction[3 * k : 3 * k + 3]  # a view
+                part += share * (each - part)
+                length = float(np.linalg.norm(part))
+                if length > limits[k]:
+                    part *= limits[k] / length
+                distance[k] = float(np.linalg.norm(each))
+        return distance[0], distance[1]
 
     def _fill_unmeasured(self, pose: Pose, measured: Pose | None) -> Pose:
         """Return the measured pose of the effector, with the model's pose where it was not measured."""
@@ -463,22 +457,6 @@ class InverseController:
         """Return the distance in [m] and [rad] of a pose from the goal."""
         assert self._goal is not None
         return residuals([task_for(self._goal, self.settings)], pose)
-
-    def _posture_from(self, joints: Array) -> Array:
-        name = self.settings.posture
-        return joints.copy() if name is None else np.array(self.robot.poses[name])
-
-    def _forget(self) -> None:
-        """Reset to rest without goal."""
-        self._goal = None
-        self._pose = None
-        self._velocities = self.model.velocities
-        self._moved, self._dq = np.zeros(6), np.zeros_like(self.command)
-        self._lag = np.zeros(6)
-        self._sensitivity_age = 0
-        self._rested = 0.0
-        self._correction = np.zeros(6)
-        self._damping = AdaptiveDamping(len(self.command), self.settings.lever)
 
     # --- messages ---
 
@@ -516,37 +494,22 @@ def _shift_pose(pose: Pose, displacement: Array) -> Pose:
     return Pose(pose.position + displacement[:3], quaternion_of(turned))
 
 
-def _differ(goal: Pose, other: Pose) -> bool:
-    """Return whether two goals differ."""
-    same = np.array_equal(goal.position, other.position)
-    return not (same and np.array_equal(goal.quaternion_xyzw, other.quaternion_xyzw))
+def pose_difference(measured: Pose, pose: Pose) -> Array:
+    """Return shift in [m] and rotation vector in [rad] from a pose to a measured one, shape (6,).
 
-
-def _difference(measured: Pose, pose: Pose) -> Array:
-    """Return shift and rotation vector (6,) from a pose to the measured one; NaN where not measured."""
-    shift, turn = np.full(3, np.nan), np.full(3, np.nan)
-    if np.isfinite(measured.position).all():
-        shift = measured.position - pose.position
-    norm = np.linalg.norm(measured.quaternion_xyzw)
-    if np.isfinite(norm) and norm > 1e-6:
+    A number is not finite where the position was not measured, the rotation is NaN where it was not.
+    """
+    norm = float(np.linalg.norm(measured.quaternion_xyzw))
+    turn = np.full(3, np.nan)
+    if 1e-6 < norm < math.inf:
         rotation = rotation_of(measured.quaternion_xyzw / norm)
         turn = rotation_log(rotation @ rotation_of(pose.quaternion_xyzw).T)
-    return np.concatenate([shift, turn])
-
-
-def _shorten_vector(vector: Array, most: float) -> Array:
-    """Return the vector, shortened to `most` if it is longer."""
-    length = float(np.linalg.norm(vector))
-    return vector if length <= most else vector * (most / length)
+    return np.concatenate([measured.position - pose.position, turn])
 
 
 def _distance(shift: float, turn: float, task: str) -> str:
     """Format a distance as the task measures it: "3.21 mm", "1.5 deg", or both."""
-    parts = [f"{_short(shift / MILLIMETRE)} mm"] if task != "orientation" else []
-    parts += [f"{_short(degrees(turn))} deg"] if task != "position" else []
-    return " and ".join(parts)
-
-
-def _short(value: float) -> str:
-    """Format a number with three digits and without exponent."""
-    return f"{value:.0f}" if value >= 1000.0 else f"{value:.3g}"
+    values = [(shift / MILLIMETRE, "mm")] if task != "orientation" else []
+    values += [(degrees(turn), "deg")] if task != "position" else []
+    digits = (f"{each:.0f} {unit}" if each >= 1000.0 else f"{each:.3g} {unit}" for each, unit in values)
+    return " and ".join(digits)  # without exponent

@@ -49,10 +49,8 @@ class EffectorPath:
     quaternions: Array
 
     def __init__(self, times: ArrayLike, positions: ArrayLike, quaternions: ArrayLike) -> None:
-        times, positions, quaternions = (
-            _floats(name, values)
-            for name, values in (("times", times), ("positions", positions), ("quaternions", quaternions))
-        )
+        times, positions = _floats("times", times), _floats("positions", positions)
+        quaternions = _floats("quaternions", quaternions)
         _check(times, positions, quaternions)
         quaternions = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
         turns_back = (quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0
@@ -83,10 +81,7 @@ class EffectorPath:
 
 
 def slerp(first: Array, second: Array, part: float) -> Array:
-    """Interpolate between unit quaternions (x, y, z, w) along the shorter rotation; `part` in 0..1.
-
-    Source: Shoemake 1985.
-    """
+    """Interpolate between unit quaternions (x, y, z, w) along the shorter rotation (Shoemake 1985)."""
     cosine = float(first @ second)
     if cosine < 0.0:
         second, cosine = -second, -cosine
@@ -115,12 +110,12 @@ def maze_path(pairs: Sequence[Sequence[float]] | Array, start: ArrayLike) -> Eff
     """
     angles, origin = _floats("pairs", pairs), _floats("start", start)
     if angles.ndim != 2 or angles.shape[1:] != (2,) or len(angles) == 0 or origin.shape != (3,):
-        raise _make_path_error(
+        raise PathRefusedError(
             "a maze plan needs one or more pairs of angles and a start (3,), "
             f"not shapes {angles.shape} and {origin.shape}"
         )
     if not (np.isfinite(angles).all() and np.isfinite(origin).all()):
-        raise _make_path_error("an angle of the maze plan, or its start, is not a finite number")
+        raise PathRefusedError("an angle of the maze plan, or its start, is not a finite number")
     key_times = MAZE_SPACING_S * np.arange(len(angles) + 1)
     samples = round(MAZE_SPACING_S / MAZE_SAMPLE_S) * len(angles) + 1
     times = np.linspace(0.0, key_times[-1], samples)
@@ -135,22 +130,22 @@ def maze_path(pairs: Sequence[Sequence[float]] | Array, start: ArrayLike) -> Eff
 def _check(times: Array, positions: Array, quaternions: Array) -> None:
     count = len(times) if times.ndim == 1 else 0
     if count == 0:
-        raise _make_path_error("it has no poses; expected at least one time with a pose")
+        raise PathRefusedError("it has no poses; expected at least one time with a pose")
     if positions.shape != (count, 3) or quaternions.shape != (count, 4):
-        raise _make_path_error(
+        raise PathRefusedError(
             f"positions of shape {positions.shape} and quaternions of shape {quaternions.shape} "
             f"do not fit {count} times"
         )
     for name, table in (("time", times[:, None]), ("position", positions), ("quaternion", quaternions)):
         bad = ~np.isfinite(table).all(axis=1)
         if bad.any():
-            raise _make_path_error(f"a {name} is not a finite number", int(np.argmax(bad)))
+            raise PathRefusedError(f"a {name} is not a finite number", int(np.argmax(bad)))
     late = np.concatenate([[times[0] < 0.0], np.diff(times) <= 0.0])
     if late.any():
-        raise _make_path_error("times must be >= 0 s and strictly increasing", int(np.argmax(late)))
+        raise PathRefusedError("times must be >= 0 s and strictly increasing", int(np.argmax(late)))
     stretched = np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > UNIT_WITHIN
     if stretched.any():
-        raise _make_path_error("the quaternion (x, y, z, w) must have length 1", int(np.argmax(stretched)))
+        raise PathRefusedError("the quaternion (x, y, z, w) must have length 1", int(np.argmax(stretched)))
 
 
 class PathRefusedError(CommandError):
@@ -162,15 +157,11 @@ class PathRefusedError(CommandError):
         super().__init__(f"path refused{where}: {problem}; nothing was moved")
 
 
-def _make_path_error(problem: str, row: int | None = None) -> PathRefusedError:
-    return PathRefusedError(problem, row)
-
-
 def _floats(what: str, values: ArrayLike) -> Array:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise _make_path_error(f"{what} are not all numbers in rows of equal length") from error
+        raise PathRefusedError(f"{what} are not all numbers in rows of equal length") from error
 
 
 MAZE_KEY = "anglePlanningTable"
@@ -258,7 +249,8 @@ def read_maze_plan(file: str | PathLike[str]) -> Array:
     if not isinstance(table, list) or not table:
         raise ConfigError(file, MAZE_KEY, "must be a list of one or more pairs of angles in rad")
     for number, pair in enumerate(table, start=1):
-        if not (isinstance(pair, list) and len(pair) == 2 and all(map(_is_angle, pair))):
+        numbers = isinstance(pair, list) and len(pair) == 2 and {type(each) for each in pair} <= {int, float}
+        if not (numbers and np.isfinite(pair).all()):
             raise ConfigError(
                 file, f"{MAZE_KEY} row {number}", f"must be two finite angles in rad, not {json.dumps(pair)}"
             )
@@ -306,7 +298,3 @@ def write_csv_path(file: str | PathLike[str], path: EffectorPath) -> None:
         write_file(Path(file), text.getvalue())
     except OSError as error:
         raise ConfigError(file, "", f"cannot be written: {error.strerror}") from error
-
-
-def _is_angle(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))

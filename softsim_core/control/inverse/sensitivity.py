@@ -71,10 +71,11 @@ def analytic_sensitivity(
     effort = stiffness[frames:, frames:] + coupling.T @ follow  # the tangent is symmetric
     if len(model.compliant_joints):
         drive = drive_stiffness(model)
-        matrix, commanded = _balance_drive(effort, drive)
+        compliant = drive > 0.0  # others follow their command exactly
+        matrix = np.where(compliant[:, None], effort, np.eye(len(drive)))
         pushed = (arriving[frames:] + follow.T @ arriving[:frames]).sum(axis=1)
-        loaded = loaded + follow @ np.linalg.solve(matrix, np.where(drive > 0.0, pushed, 0.0))
-        moved = np.linalg.solve(matrix, commanded)
+        loaded = loaded + follow @ np.linalg.solve(matrix, np.where(compliant, pushed, 0.0))
+        moved = np.linalg.solve(matrix, np.diag(np.where(compliant, drive, 1.0)))
         follow, effort = follow @ moved, (effort - np.diag(drive)) @ moved
     gains = simulation.command_gains()
     by_effort = gains == 0.0  # joints with effort commands
@@ -123,10 +124,3 @@ def _effector_index(simulation: Simulation) -> int:
             "`effector` and `joints`"
         )
     return simulation.model.frame_names.index(name)
-
-
-def _balance_drive(effort: Array, drive: Array) -> tuple[Array, Array]:
-    """Return matrix and right-hand side of dtheta / du: the drive's balance, or identity if not compliant."""
-    compliant = drive > 0.0
-    matrix = np.where(compliant[:, None], effort, np.eye(len(drive)))
-    return matrix, np.diag(np.where(compliant, drive, 1.0))

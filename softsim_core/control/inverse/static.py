@@ -12,6 +12,7 @@ Source: Nocedal and Wright 2006, ch. 10 (Gauss-Newton, trust region).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
@@ -174,7 +175,7 @@ def _search(
         if solution.status != "solved" or step == 0.0:
             break
         trial, back = limits.clamp(here.joints + solution.dq), simulation.snapshot()
-        worse = not _goes(simulation, trial)
+        worse = not _moves(simulation, trial)
         after = before if worse else _length(tasks, effector(simulation))
         if worse or (after > before and step > CERTAIN):
             simulation.restore(back)
@@ -186,7 +187,8 @@ def _search(
             break
         sensitivity = sensitivity_of(simulation, settings)
     if simulation.compiled:
-        _settles(simulation, joints)
+        with suppress(NotConvergedError):
+            simulation.settle(joints)
     pose = effector(simulation)
     shift, turn = residuals(tasks, pose)
     reachable = shift <= settings.tolerance and turn <= settings.tolerance_turn
@@ -299,12 +301,8 @@ def is_optimal(
 ) -> bool:
     """Return whether no step within limits noticeably reduces the error: the KKT conditions hold.
 
-    Args:
-        tasks: The goal.
-        robot: The robot at rest, see `linearise_robot`.
-        rows: Its rows.
-        limits: Limits of a step.
-        settings: Their weights on efforts and posture are ignored, because they trade off the error.
+    Robot and rows are those of `linearise_robot` at rest. Weights on efforts and posture are ignored, because
+    they trade off the error.
     """
     alone = replace(settings, effort_weight=0.0, posture_weight=0.0, max_shift=WIDE, max_turn=WIDE)
     solution = solve_taut(build(tasks, robot, limits, alone, constraints=rows))
@@ -317,21 +315,14 @@ def is_optimal(
     return solution.status == "solved" and after > (1.0 - USELESS) ** 2 * before
 
 
-def _goes(simulation: Simulation, joints: Array) -> bool:
+def _moves(simulation: Simulation, joints: Array) -> bool:
     """Move to the equilibrium at given joints by the fastest method; return False if there is none."""
-    if not simulation.compiled:
-        return _settles(simulation, joints)
     try:
-        walk(simulation, joints, simulation.base_shift)
-    except SolverDivergedError:
-        return False
-    return True
-
-
-def _settles(simulation: Simulation, joints: Array) -> bool:
-    try:
-        simulation.settle(joints)
-    except NotConvergedError:
+        if simulation.compiled:
+            walk(simulation, joints, simulation.base_shift)
+        else:
+            simulation.settle(joints)
+    except (NotConvergedError, SolverDivergedError):
         return False
     return True
 

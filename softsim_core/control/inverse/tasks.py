@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -52,13 +52,9 @@ class Task(Protocol):
 class PositionTask:
     """Position goal with error e = p_goal - p: goal (3,) in [m], weights (3,) along world axes."""
 
+    angular: ClassVar[tuple[bool, ...]] = (False, False, False)
     goal: Array
     weights: Array
-
-    @property
-    def angular(self) -> tuple[bool, ...]:
-        """No coordinate is an angle."""
-        return (False, False, False)
 
     def error(self, current: Pose) -> Array:
         """Return the goal minus the position of the effector in [m], shape (3,)."""
@@ -76,13 +72,9 @@ class OrientationTask:
     The weights act about world axes.
     """
 
+    angular: ClassVar[tuple[bool, ...]] = (True, True, True)
     goal: Array
     weights: Array
-
-    @property
-    def angular(self) -> tuple[bool, ...]:
-        """All three coordinates are angles."""
-        return (True, True, True)
 
     def error(self, current: Pose) -> Array:
         """Return the rotation vector in [rad] from current to goal orientation, world axes, shape (3,)."""
@@ -106,15 +98,11 @@ class HeightTiltTask:
         weights: Weights of the height in [-] and of the tilts about x and y in [m/rad], shape (3,).
     """
 
+    angular: ClassVar[tuple[bool, ...]] = (False, True, True)
     height: float
     tilt_x: float
     tilt_y: float
     weights: Array
-
-    @property
-    def angular(self) -> tuple[bool, ...]:
-        """One length, then two angles."""
-        return (False, True, True)
 
     @property
     def normal(self) -> Array:
@@ -159,13 +147,9 @@ class HeightTiltTask:
 class PoseTask:
     """Pose goal with error e = (p_goal - p, log(R_goal R^T)): goal pose, weights (6,) in [-] and [m/rad]."""
 
+    angular: ClassVar[tuple[bool, ...]] = (False, False, False, True, True, True)
     goal: Pose
     weights: Array
-
-    @property
-    def angular(self) -> tuple[bool, ...]:
-        """Three lengths, then three angles."""
-        return (False, False, False, True, True, True)
 
     def error(self, current: Pose) -> Array:
         """Return position errors in [m], then the rotation error in [rad], shape (6,)."""

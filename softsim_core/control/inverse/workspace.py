@@ -15,6 +15,7 @@ from scipy.stats import qmc
 from softsim_core.base import Array, NotConvergedError, NotReachedError, SceneError, listing
 from softsim_core.control.inverse.closed_loop import tilts_of
 from softsim_core.control.inverse.sensitivity import analytic_sensitivity
+from softsim_core.control.inverse.static import effector
 from softsim_core.physics.mechanics import Model, rotation_log, rotation_of
 from softsim_core.scene import RobotDescription, SceneDescription, as_robot
 from softsim_core.simulation import Simulation
@@ -186,18 +187,19 @@ def sample_workspace(
         except NotConvergedError:
             failed.append(joints)
         else:
-            rows.append((joints, *_collect_outputs(simulation)))
+            pose = effector(simulation)
+            tilts = tilts_of(rotation_of(pose.quaternion_xyzw))[:2]
+            gains = np.linalg.svd(analytic_sensitivity(simulation).effector[:3], compute_uv=False)
+            efforts = simulation.joint_efforts
+            rows.append((joints, pose.position, pose.quaternion_xyzw, np.array(tilts), gains, efforts))
         if progress is not None:
             progress(done, len(targets))
     if not rows:
         raise SceneError(
             f"{robot.name}: no equilibrium at any of {samples} joint positions; check its limits"
         )
-    at, positions, quaternions, tilts, gains, efforts = (
-        np.array(column) for column in zip(*rows, strict=True)
-    )
     missing = np.array(failed).reshape(-1, len(robot.joints))
-    return Workspace(shift, at, positions, quaternions, tilts, gains, efforts, missing)
+    return Workspace(shift, *(*map(np.array, zip(*rows, strict=True)), missing))
 
 
 def _spread(scene: SceneDescription, samples: int) -> Array:
@@ -213,11 +215,8 @@ def _spread(scene: SceneDescription, samples: int) -> Array:
         names = listing(joint.name for joint, open_ in zip(scene.joints, endless, strict=True) if open_)
         raise SceneError(f"{scene.name}: joints without limits: {names}; give them lower and upper limits")
     count = len(lower)
-    corners = (
-        np.array(list(product((0.0, 1.0), repeat=count)))
-        if 2**count <= MOST_CORNERS
-        else np.zeros((0, count))
-    )
+    few = 2**count <= MOST_CORNERS
+    corners = np.array(list(product((0.0, 1.0), repeat=count)) if few else np.zeros((0, count)))
     corners = corners[: samples // 2]
     inner = qmc.Halton(count, scramble=False).random(samples - len(corners) + 1)[1:]  # the first is a corner
     return np.asarray(lower + (upper - lower) * np.vstack([corners, inner]))
@@ -241,12 +240,3 @@ def _settle(simulation: Simulation, joints: Array, shift: float) -> None:
     except NotConvergedError:
         simulation.reset()
         simulation.settle(joints, shift)
-
-
-def _collect_outputs(simulation: Simulation) -> tuple[Array, ...]:
-    """Return position, quaternion, tilts, gains and efforts of a settled simulation."""
-    pose = simulation.effector_pose
-    assert pose is not None
-    tilts = tilts_of(rotation_of(pose.quaternion_xyzw))
-    gains = np.linalg.svd(analytic_sensitivity(simulation).effector[:3], compute_uv=False)
-    return pose.position, pose.quaternion_xyzw, np.array(tilts[:2]), gains, simulation.joint_efforts

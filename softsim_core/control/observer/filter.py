@@ -59,10 +59,8 @@ class StateEstimate:
     def with_measurement(self, innovation: Array, rows: Array, noise: Array) -> StateEstimate:
         """Return the estimate after a measurement.
 
-        Args:
-            innovation: v: measurement minus expected value, shape (m,).
-            rows: H: its derivatives by the unknowns, shape (m, p).
-            noise: R: covariance of the measurement, shape (m, m).
+        `innovation` v (m,) is measurement minus expectation, `rows` H (m, p) its derivatives by the unknowns,
+        and `noise` R (m, m) the covariance of the measurement.
         """
         across = self.covariance @ rows.T
         gain = np.linalg.solve(rows @ across + noise, across.T).T
@@ -81,8 +79,7 @@ class StateEstimate:
     def with_unknowns(self, which: slice, mean: Array, covariance: Array) -> StateEstimate:
         """Return the estimate with new mean and covariance of some unknowns, independent of the others."""
         opened = self.with_fixed_unknowns(which)
-        opened.mean[which] = mean
-        opened.covariance[which, which] = covariance
+        opened.mean[which], opened.covariance[which, which] = mean, covariance
         return opened
 
 
@@ -191,10 +188,8 @@ class Unknowns:
         model = simulation.model
         self._all = np.arange(len(model.rest))
         self._frame = effector_frame(simulation) if wrench else -1
-        self._region = np.zeros(0, np.int64)
-        for region in model.regions:
-            if region.frame == self._frame and wrench:
-                self._region = np.append(self._region, region.nodes)
+        own = [region.nodes for region in model.regions if wrench and region.frame == self._frame]
+        self._region = np.concatenate([np.zeros(0, np.int64), *own])
 
     def prior(self, settings: ObserverSettings) -> StateEstimate:
         """Return the estimate before the first measurement, without contact."""
@@ -246,18 +241,12 @@ class Unknowns:
         weight = simulation.model.weight
         if not len(self._region):
             return weight, np.zeros((0, 0, 3))
-        nodes = simulation.positions[self._region]
-        lever = nodes - self._origin(simulation)
-        total = np.concatenate(
-            [np.concatenate([np.eye(3), cross_matrix(arm)]) for arm in lever], axis=1
-        )  # force and moment of forces on the nodes, (6, 3 a)
-        spread = np.linalg.solve(total @ total.T, total).reshape(WRENCH, len(nodes), 3)
-        return weight, spread
-
-    def _origin(self, simulation: Simulation) -> Array:
-        pose = simulation.effector_pose
+        pose, nodes = simulation.effector_pose, simulation.positions[self._region]
         assert pose is not None
-        return pose.position
+        # force and moment of forces on the nodes, (6, 3 a)
+        parts = [np.concatenate([np.eye(3), cross_matrix(arm)]) for arm in nodes - pose.position]
+        total = np.concatenate(parts, axis=1)
+        return weight, np.linalg.solve(total @ total.T, total).reshape(WRENCH, len(nodes), 3)
 
     def rows(self, fields: tuple[Array, Array]) -> Rows:
         """Return rows on which the loads of `fields` do work: the row of the share, then those of a push."""

@@ -35,7 +35,6 @@ from softsim_core.base import (
 from softsim_core.control.inverse import place
 from softsim_core.control.observer.filter import (
     WINDOWS,
-    Jump,
     JumpDetector,
     StateEstimate,
     Unknowns,
@@ -176,7 +175,10 @@ class Observer:
         self.settings = settings or ObserverSettings()
         self.model = Simulation(as_robot(robot).robot_alone(), backend)
         self.model.enforce_limits = False
-        self.sensors = _by_name(sensors(self.model))
+        found = sensors(self.model)
+        self.sensors = {sensor.name: sensor for sensor in found}
+        if len(self.sensors) < len(found):
+            raise SceneError(f"two sensors have one name: {listing([sensor.name for sensor in found])}")
         self.unknowns = Unknowns(self.model, list(self.sensors.values()))
         pushes = self.unknowns.acting - self.unknowns.touch.start
         self._effector = pushes > 0
@@ -318,9 +320,8 @@ class Observer:
             else:
                 parts.append((innovation, rows, sensor.noise[finite] ** 2))
         if not parts:
-            return _Measurement(np.zeros(0), np.zeros((0, self.unknowns.size)), np.zeros((0, 0))), tuple(
-                left_out
-            )
+            nothing = _Measurement(np.zeros(0), np.zeros((0, self.unknowns.size)), np.zeros((0, 0)))
+            return nothing, tuple(left_out)
         innovation, rows, variance = (np.concatenate(each) for each in zip(*parts, strict=True))
         by_joints = rows[:, offsets]
         late = settings.latency * by_joints @ speed
@@ -348,23 +349,17 @@ class Observer:
         if not len(measurement.innovation):
             return
         learning, self._learned = self._learned < self.settings.learning, self._learned + self.dt
-        expected = measurement.rows @ self.state_estimate.covariance @ measurement.rows.T + measurement.noise
-        jump: Jump | None = None
+        innovation, rows, touch = measurement.innovation, measurement.rows, self.unknowns.touch
+        expected = rows @ self.state_estimate.covariance @ rows.T + measurement.noise
         if not learning:
-            jump = self._detector.look(
-                measurement.innovation, measurement.rows[:, self.unknowns.touch], expected
-            )
-        if jump is not None:
-            began = self._before[-min(jump.steps, len(self._before))]
-            touch = self.unknowns.touch
-            self._set_estimate(began.with_unknowns(touch, began.mean[touch] + jump.mean, jump.covariance))
-            self._detector.forget()
-            self._touching, self._doubtful = True, 0.0
-            return
-        if not learning:
-            self._consistency.take(
-                squared_distance(measurement.innovation, expected), len(measurement.innovation)
-            )
+            jump = self._detector.look(innovation, rows[:, touch], expected)
+            if jump is not None:
+                began = self._before[-min(jump.steps, len(self._before))]
+                self._set_estimate(began.with_unknowns(touch, began.mean[touch] + jump.mean, jump.covariance))
+                self._detector.forget()
+                self._touching, self._doubtful = True, 0.0
+                return
+            self._consistency.take(squared_distance(innovation, expected), len(innovation))
         before = self.state_estimate.mean
         estimate = self.state_estimate.with_measurement(*measurement)
         missed = NONLINEAR * (estimate.mean - before)
@@ -381,12 +376,9 @@ class Observer:
         """End a touch that measurements no longer support, or that is no longer measured."""
         if not self._touching:
             return
-        touch = self.unknowns.touch
-        nothing = (
-            squared_distance(self.state_estimate.mean[touch], self.state_estimate.covariance[touch, touch])
-            < NOTHING
-        )
-        self._doubtful = self._doubtful + self.dt if nothing else 0.0
+        touch, estimate = self.unknowns.touch, self.state_estimate
+        distance = squared_distance(estimate.mean[touch], estimate.covariance[touch, touch])
+        self._doubtful = self._doubtful + self.dt if distance < NOTHING else 0.0
         if self._doubtful >= self.settings.release or self._silent > self.settings.silence:
             self._set_estimate(self.state_estimate.with_fixed_unknowns(touch))
             self._detector.forget()
@@ -437,15 +429,3 @@ class _Measurement(NamedTuple):
     innovation: Array
     rows: Array
     noise: Array
-
-
-def _by_name(sensors: Sequence[Sensor]) -> dict[str, Sensor]:
-    """Return the sensors by name.
-
-    Raises:
-        SceneError: two have one name.
-    """
-    named = {sensor.name: sensor for sensor in sensors}
-    if len(named) < len(sensors):
-        raise SceneError(f"two sensors have one name: {listing([sensor.name for sensor in sensors])}")
-    return named

@@ -7,12 +7,13 @@ mechanics.rows.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, SceneError
-from softsim_core.physics.mechanics import Model, Pose, Rows, rotation_log, rotation_of
+from softsim_core.control.inverse import pose_difference
+from softsim_core.physics.mechanics import Model, Pose, Rows
 from softsim_core.scene.building import surroundings
 from softsim_core.simulation import Simulation
 
@@ -52,14 +53,10 @@ class PoseSensor:
             magnetometer.
     """
 
+    angular: ClassVar[tuple[bool, ...]] = (False, False, False, True, True, True)
     name: str
     frame: int
     noise: Array
-
-    @property
-    def angular(self) -> tuple[bool, ...]:
-        """Three lengths, then three angles."""
-        return (False, False, False, True, True, True)
 
     def rows(self, model: Model) -> Rows:
         """Return the six rows of the effector frame's velocity and spin."""
@@ -70,30 +67,21 @@ class PoseSensor:
 
         A coordinate is NaN where it was not measured or its noise is infinite.
         """
-        pose, expected = measured, simulation.effector_pose
-        assert isinstance(pose, Pose)
+        expected = simulation.effector_pose
+        assert isinstance(measured, Pose)
         assert expected is not None
-        norm = float(np.linalg.norm(pose.quaternion_xyzw))
-        turn = np.full(3, np.nan)
-        if 1e-6 < norm < np.inf:
-            rotation = rotation_of(pose.quaternion_xyzw / norm)
-            turn = rotation_log(rotation @ rotation_of(expected.quaternion_xyzw).T)
-        return np.where(np.isfinite(self.noise), np.append(pose.position - expected.position, turn), np.nan)
+        return np.where(np.isfinite(self.noise), pose_difference(measured, expected), np.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointSensor:
     """Marker in or on a body. `measured` is its position (3,) in [m], not finite where it is not visible."""
 
+    angular: ClassVar[tuple[bool, ...]] = (False, False, False)
     name: str
     nodes: IndexArray
     weights: Array
     noise: Array
-
-    @property
-    def angular(self) -> tuple[bool, ...]:
-        """No coordinate is an angle."""
-        return (False, False, False)
 
     def rows(self, model: Model) -> Rows:
         """Return the three rows of the marker's velocity."""
