@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, MeshError, unique_pairs
-from softsim_core.physics.mesh.surface import FACES
-from softsim_core.physics.mesh.types import TetMesh, subdivide_mesh
+from softsim_core.physics.mesh.types import TET_FACES, TetMesh, subdivide_mesh
 
 SLIVER_ANGLE_DEG = 10.0
 """A tetrahedron with a dihedral angle below this, in [deg], counts as a sliver."""
@@ -215,7 +214,7 @@ def dihedral_angles_deg(points: Array, tets: IndexArray) -> Array:
 
 def _face_normals(corners: Array) -> Array:
     """Return area vectors of the four faces of each tetrahedron, (m, 4, 3), from corners (m, 4, 3)."""
-    faces = corners[:, FACES]
+    faces = corners[:, TET_FACES]
     return np.asarray(0.5 * np.cross(faces[:, :, 1] - faces[:, :, 0], faces[:, :, 2] - faces[:, :, 0]))
 
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from softsim_core.base import Array, IndexArray, MeshError, unique_pairs
-from softsim_core.physics.mesh.surface import FACES as TET_FACES
-from softsim_core.physics.mesh.types import TETRAHEDRA, CellBlock, TetMesh
+from softsim_core.physics.mesh.types import TET_FACES, TETRAHEDRA, CellBlock, TetMesh
 
 FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),

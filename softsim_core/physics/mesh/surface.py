@@ -7,10 +7,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from softsim_core.base import Array, BoolArray, IndexArray, MeshError, unique_pairs
-from softsim_core.physics.mesh.types import MIDDLES, SurfaceMesh, TetMesh, subdivide_mesh
-
-FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-"""Faces opposite nodes 0..3 of a positively oriented tetrahedron, seen from outside counter-clockwise."""
+from softsim_core.physics.mesh.types import MIDDLES, TET_FACES, SurfaceMesh, TetMesh, subdivide_mesh
 
 
 def boundary(mesh: TetMesh) -> IndexArray:
@@ -21,7 +18,7 @@ def boundary(mesh: TetMesh) -> IndexArray:
     Raises:
         MeshError: a face is shared by more than two tetrahedra.
     """
-    return _free_faces(subdivide_mesh(mesh), FACES, [2, 1, 0])
+    return _free_faces(subdivide_mesh(mesh), TET_FACES, [2, 1, 0])
 
 
 def _free_faces(mesh: TetMesh, local: IndexArray, mirrored: list[int]) -> IndexArray:
@@ -98,7 +95,7 @@ _EDGE = {tuple(sorted(pair)): 4 + k for k, pair in enumerate(MIDDLES.tolist())}
 _NODES = np.array(
     [
         [*face, *(_EDGE[tuple(sorted((face[i], face[(i + 1) % 3])))] for i in range(3))]
-        for face in FACES.tolist()
+        for face in TET_FACES.tolist()
     ]
 )
 """The same faces with the nodes on the edges 0-1, 1-2, 2-0 after the corners."""

@@ -77,6 +77,9 @@ class SurfaceMesh:
 TETRAHEDRA = {1: "tetra", 2: "tetra10"}
 """meshio's name of the tetrahedra of a mesh by its order."""
 
+TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+"""Faces opposite nodes 0..3 of a positively oriented tetrahedron, seen from outside counter-clockwise."""
+
 MIDDLES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 """The two corners of the edge of each of the nodes 4 to 9."""
 
