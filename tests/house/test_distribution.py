@@ -238,7 +238,7 @@ def imported() -> Iterator[str]:
 
 @pytest.mark.slow
 def test_every_package_is_of_the_core_or_an_extra_brings_it() -> None:
-    core = {"numpy", "scipy", "numba", "llvmlite", "meshio", "cattrs", "yaml", "ruamel", "serial"}
+    core = {"numpy", "scipy", "numba", "llvmlite", "meshio", "yaml", "ruamel", "serial"}
     core |= {"daqp", "jinja2", "lazy_loader"}
     foreign = set(imported()) - set(sys.stdlib_module_names) - set(PACKAGES)
     assert foreign - core == foreign & set(BROUGHT_BY)

@@ -25,7 +25,7 @@ ROSDEP = {
     "yaml": "python3-yaml", "serial": "python3-serial", "matplotlib": "python3-matplotlib",
     "PIL": "python3-pil", "jinja2": "python3-jinja2",
 }  # fmt: skip
-WITHOUT_KEY = {"cattrs", "lazy_loader"}  # rosdep has no key for these; the package.xml says what to install
+WITHOUT_KEY = {"lazy_loader"}  # rosdep has no key for it; the package.xml says what to install
 
 
 def imports(package: str) -> set[str]:

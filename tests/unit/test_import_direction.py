@@ -375,10 +375,10 @@ else:
 
 
 def test_the_core_loads_scenes_without_the_optional_packages() -> None:
-    """Describing a scene in Python needs neither cattrs nor PyYAML nor Numba, ROS or a serial port."""
+    """Describing a scene in Python needs neither PyYAML nor Numba, ROS or a serial port."""
     code = (
         "import sys\n"
-        "for name in ('cattrs', 'yaml', 'numba', 'rclpy', 'serial', 'meshio'): sys.modules[name] = None\n"
+        "for name in ('yaml', 'numba', 'rclpy', 'serial', 'meshio'): sys.modules[name] = None\n"
         "from softsim_core.scene import Scene, load_scene\n"
         "from softsim_core.robots import servo\n"
         "scene = Scene(); scene.add(servo('a')); assert scene.describe().joint_names == ('a',)\n"

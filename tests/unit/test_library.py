@@ -61,10 +61,10 @@ def test_an_unknown_name_is_no_attribute() -> None:
 @pytest.mark.parametrize(
     ("line", "absent"),
     [
-        ("import softsim_core; dir(softsim_core)", {"numpy", "scipy", "numba", "yaml", "cattrs"}),
+        ("import softsim_core; dir(softsim_core)", {"numpy", "scipy", "numba", "yaml"}),
         (
             "from softsim_core import Box, SceneError, box_mesh",
-            {"scipy", "numba", "yaml", "cattrs"},
+            {"scipy", "numba", "yaml"},
         ),
     ],
 )

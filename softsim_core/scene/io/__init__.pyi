@@ -51,7 +51,6 @@ from .programs import (
     may_hold_programs as may_hold_programs,
 )
 from .structure import (
-    scene_converter as scene_converter,
     structure_description as structure_description,
     structure_scene as structure_scene,
 )

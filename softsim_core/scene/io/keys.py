@@ -1,11 +1,10 @@
-"""Conversion of values in scene files: single values, materials, sensors."""
+"""Conversion of values in scene files: single values and materials."""
 
 from __future__ import annotations
 
 import math
 import numbers
-import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +12,11 @@ import numpy as np
 
 from softsim_core.base import FieldError, SceneError, known_names, listing, one_of
 from softsim_core.physics.fem.materials import DEFAULT_FIT, elastomer, material, material_names
-from softsim_core.physics.sensing import sensor_kind, sensor_kinds
 from softsim_core.scene import DEFAULT_LAW, MaterialDescription, law_parameters
-from softsim_core.scene.io.yaml_source import KeyPath, SourcedMapping
+from softsim_core.scene.io.yaml_source import KeyPath
 
-Hook = Callable[[Any, Any], Any]
-"""Function that converts plain data to a value of the requested type."""
+KIND = "kind"
+"""Key of the kind of a sensor."""
 
 
 class RefusedValue(Exception):  # noqa: N818  # no user meets it: it becomes a ConfigError
@@ -39,8 +37,8 @@ def format_value(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def as_number(value: Any, _: Any) -> float:
-    """Convert to a number that is not NaN."""
+def as_number(value: Any, *below: str | int) -> float:
+    """Convert to a number that is not NaN; `below` are the steps to it, for a refusal."""
     if isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_):
         try:
             number = float(value)
@@ -48,7 +46,7 @@ def as_number(value: Any, _: Any) -> float:
             number = math.nan
         if not math.isnan(number):
             return number
-    raise RefusedValue(f"must be a number, not {format_value(value)}{_number_hint(value)}")
+    raise RefusedValue(f"must be a number, not {format_value(value)}{_number_hint(value)}", below)
 
 
 def _number_hint(value: Any) -> str:
@@ -65,55 +63,43 @@ def _number_hint(value: Any) -> str:
     return f", which YAML reads as text; write {mantissa}{exponent}"
 
 
-def as_whole_number(value: Any, _: Any) -> int:
+def as_whole_number(value: Any) -> int:
     """Convert to a whole number."""
     if isinstance(value, numbers.Integral) and not isinstance(value, bool | np.bool_):
         return int(value)
     raise RefusedValue(f"must be a whole number, not {format_value(value)}")
 
 
-def as_boolean(value: Any, _: Any) -> bool:
+def as_boolean(value: Any) -> bool:
     """Convert to true or false."""
     if isinstance(value, bool):
         return value
     raise RefusedValue(f"must be true or false, not {format_value(value)}")
 
 
-def as_text(value: Any, _: Any) -> str:
+def as_text(value: Any) -> str:
     """Convert to text."""
     if isinstance(value, str):
         return value
     raise RefusedValue(f"must be text, not {format_value(value)}" + ("" if value is None else "; quote it"))
 
 
-def as_path(value: Any, _: Any) -> Path:
+def as_path(value: Any) -> Path:
     """Convert to a path, which need not exist."""
     if isinstance(value, str | Path) and str(value):
         return Path(value)
     raise RefusedValue(f"must be a file path, not {format_value(value)}")
 
 
-def as_instance(value: Any, cls: type) -> Any:
-    """Return an existing object; files cannot contain one."""
-    if isinstance(value, cls):
-        return value
-    raise RefusedValue(f"comes from Python scenes only, not {format_value(value)}")
+def as_one_of(value: Any, allowed: tuple[Any, ...]) -> Any:
+    """Convert to one of the values of a Literal."""
+    for each in allowed:
+        if type(value) is type(each) and value == each:
+            return each
+    raise RefusedValue(f"must be {one_of(value, allowed)}, not {format_value(value)}")
 
 
-def as_one_of(literal: Any) -> Hook:
-    """Return a hook that accepts the values of a Literal."""
-    allowed = typing.get_args(literal)
-
-    def structure(value: Any, _: Any) -> Any:
-        for each in allowed:
-            if type(value) is type(each) and value == each:
-                return each
-        raise RefusedValue(f"must be {one_of(value, allowed)}, not {format_value(value)}")
-
-    return structure
-
-
-def as_threads(value: Any, _: Any) -> Any:
+def as_threads(value: Any) -> Any:
     """Convert to a number of threads, or auto."""
     if value != "auto" and (isinstance(value, bool) or not isinstance(value, int)):
         raise RefusedValue(f"must be auto or a whole number, not {value!r}")
@@ -121,16 +107,16 @@ def as_threads(value: Any, _: Any) -> Any:
 
 
 def refuse_unknown(
-    value: Mapping[Any, Any], allowed_keys: list[str], read_before: Sequence[str] = ()
+    value: Mapping[Any, Any], allowed_keys: list[str], read_before: Sequence[str] = (), below: KeyPath = ()
 ) -> None:
-    """Reject a mapping with an unknown key; the message also lists the keys that were read before."""
+    """Reject an unknown key of the mapping at the steps `below`; the message also lists keys read before."""
     for key in value:
         if key not in allowed_keys:
             allowed = known_names(key, [*allowed_keys, *read_before], "known keys:", whole=True)
-            raise RefusedValue(f"unknown key; {allowed}", (str(key),))
+            raise RefusedValue(f"unknown key; {allowed}", (*below, str(key)))
 
 
-def material_structure(value: Any, _: Any) -> MaterialDescription:
+def as_material(value: Any) -> MaterialDescription:
     """Build a material from the keys of its law, or from the name of a preset and its changes.
 
     A parameter that is None counts as absent, by which overrides remove it.
@@ -153,30 +139,22 @@ def material_structure(value: Any, _: Any) -> MaterialDescription:
     except SceneError as error:
         raise RefusedValue(str(error), ("law",)) from None
     allowed_keys = ["law", "preset", "prony", *(each.name for each in parameters)]
-    for key in value:
-        if key in allowed_keys:
-            continue
-        laws = [each for each in material_names() if key in material(each).names]
-        misspelt = [
-            each
-            for each in value
-            if each not in allowed_keys and not any(each in material(name).names for name in material_names())
-        ]
-        if laws and not misspelt:
-            problem = f"is no parameter of the law {law or DEFAULT_LAW}, but of {listing(laws)}; set `law`"
-            raise RefusedValue(problem, (str(key),))
+    others = {
+        key: [each for each in material_names() if key in material(each).names]
+        for key in value
+        if key not in allowed_keys
+    }
+    if others and all(others.values()):  # no key is misspelt
+        key, laws = next(iter(others.items()))
+        problem = f"is no parameter of the law {law or DEFAULT_LAW}, but of {listing(laws)}; set `law`"
+        raise RefusedValue(problem, (str(key),))
     refuse_unknown(value, allowed_keys)
     values = {}
     for parameter in parameters:
-        name = parameter.name
-        if name not in value:
-            if parameter.default is None and preset is None:
-                raise RefusedValue("is missing; it has no default", (name,))
-            continue
-        try:
-            values[name] = as_number(value[name], float)
-        except RefusedValue as error:
-            raise RefusedValue(error.problem, (name,)) from None
+        if parameter.name in value:
+            values[parameter.name] = as_number(value[parameter.name], parameter.name)
+        elif parameter.default is None and preset is None:
+            raise RefusedValue("is missing; it has no default", (parameter.name,))
     return MaterialDescription(law=law, preset=preset, prony=_prony(value.get("prony", ())), **values)
 
 
@@ -191,19 +169,11 @@ def _prony(value: Any) -> tuple[tuple[float, float], ...]:
         where = ("prony", i)
         if not isinstance(term, Mapping):
             raise RefusedValue(f"must have share and time, not {format_value(term)}", where)
-        try:
-            refuse_unknown(term, ["share", "time"])
-        except RefusedValue as error:
-            raise RefusedValue(error.problem, (*where, *error.below)) from None
-        numbers = {}
+        refuse_unknown(term, ["share", "time"], below=where)
         for name in ("share", "time"):
             if name not in term:
                 raise RefusedValue("is missing; it has no default", (*where, name))
-            try:
-                numbers[name] = as_number(term[name], float)
-            except RefusedValue as error:
-                raise RefusedValue(error.problem, (*where, name)) from None
-        terms.append((numbers["share"], numbers["time"]))
+        terms.append((as_number(term["share"], *where, "share"), as_number(term["time"], *where, "time")))
     return tuple(terms)
 
 
@@ -222,30 +192,3 @@ def _preset_law(preset: Any, law: Any) -> str:
     except SceneError as error:
         raise RefusedValue(str(error), ("law",)) from None
     return law or DEFAULT_FIT
-
-
-KIND = "kind"
-
-
-def sensor_structure(structure: Callable[[Any, type], Any]) -> Callable[[Any, type], Any]:
-    """Return the hook that builds the description of a sensor from plain data.
-
-    Args:
-        structure: Function that builds a description of a type from plain data.
-    """
-
-    def make_description(value: Any, base: type) -> Any:
-        if not isinstance(value, Mapping):
-            return structure(value, sensor_kind(sensor_kinds()[0]).description)
-        kind = value.get(KIND)
-        try:
-            description = sensor_kind(str(kind)).description
-        except SceneError:
-            shown = "absent" if kind is None else repr(kind)
-            raise FieldError("sensor", KIND, shown, one_of(kind, sensor_kinds())) from None
-        own = SourcedMapping({key: each for key, each in value.items() if key != KIND}, None)
-        for key in own:
-            own.put(key, own[key], value.file_of(key) if isinstance(value, SourcedMapping) else None)
-        return structure(own, description)
-
-    return make_description

@@ -6,18 +6,26 @@ It is imported on first use: the core works without it.
 from __future__ import annotations
 
 import functools
-import importlib
 import types
 import typing
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from softsim_core.base import ConfigError, FieldError, MeshFile, SceneError, Vector, listing
+from softsim_core.base import (
+    ConfigError,
+    FieldError,
+    MeshFile,
+    SceneError,
+    SceneName,
+    Vector,
+    listing,
+    one_of,
+)
 from softsim_core.physics.actuation import ActuatorDescription, described_kinds
 from softsim_core.physics.mesh import TetMesh
-from softsim_core.physics.sensing import SimulatedSensorDescription
+from softsim_core.physics.sensing import SimulatedSensorDescription, sensor_kind, sensor_kinds
 from softsim_core.scene import (
     BusServo,
     JointDescription,
@@ -31,10 +39,10 @@ from softsim_core.scene import (
     need_namespace,
 )
 from softsim_core.scene.io.keys import (
-    Hook,
+    KIND,
     RefusedValue,
     as_boolean,
-    as_instance,
+    as_material,
     as_number,
     as_one_of,
     as_path,
@@ -42,169 +50,154 @@ from softsim_core.scene.io.keys import (
     as_threads,
     as_whole_number,
     format_value,
-    material_structure,
     refuse_unknown,
-    sensor_structure,
 )
 from softsim_core.scene.io.yaml_source import KeyPath, Place, SourcedMapping, key_path, relative_to_file
 
+_SINGLE: Mapping[Any, Callable[[Any], Any]] = {
+    float: as_number,
+    int: as_whole_number,
+    bool: as_boolean,
+    str: as_text,
+    SceneName: as_text,
+    Path: as_path,
+    MaterialDescription: as_material,
+    Threads: as_threads,
+}
+"""Conversion of values of one type that has no parts here."""
 
-@functools.lru_cache(maxsize=2)
-def scene_converter(find_files: bool) -> Any:
-    """Return the converter of cattrs.
+_hints = functools.cache(typing.get_type_hints)
 
-    Args:
-        find_files: Search the named files; otherwise their paths stay as written.
 
-    Raises:
-        ImportError: there is no cattrs, or an old one.
+class _Converter:
+    """Converter of plain data to values of a type; `find_files`: named files are searched.
+
+    It raises RefusedValue for the first problem, in the order of the fields.
     """
-    cattrs = importlib.import_module("cattrs")
-    gen = importlib.import_module("cattrs.gen")
-    converter = cattrs.Converter(detailed_validation=True)
 
-    def collect_items(pairs: list[tuple[str | int, Any, Any]], owner: Any) -> list[Any]:
-        results = []
-        for index, value, item_type in pairs:
-            try:
-                results.append(converter.structure(value, item_type))
-            except Exception as error:
-                note = cattrs.IterableValidationNote(f"item {index}", index, item_type)
-                error.__notes__ = [*getattr(error, "__notes__", []), note]
-                raise cattrs.IterableValidationError(f"item {index}", [error], owner) from None
-        return results
+    def __init__(self, find_files: bool) -> None:
+        self._find_files = find_files
 
-    def tuple_hook(owner: Any) -> Hook:
-        args = typing.get_args(owner)
-        length = None if args[-1] is Ellipsis else len(args)
-
-        def structure(value: Any, _: Any) -> tuple[Any, ...]:
-            if not isinstance(value, list | tuple) or length not in (None, len(value)):
-                kind = "a list" if length is None else f"a list of {length} {_noun(args[0])}"
-                raise RefusedValue(f"must be {kind}, not {format_value(value)}")
-            items = [args[0]] * len(value) if length is None else args
-            return tuple(
-                collect_items([(i, v, t) for i, (v, t) in enumerate(zip(value, items, strict=True))], owner)
-            )
-
-        return structure
-
-    def dict_hook(owner: Any) -> Hook:
-        item_type = typing.get_args(owner)[1]
-
-        def structure(value: Any, _: Any) -> dict[str, Any]:
+    def convert(self, value: Any, kind: Any) -> Any:
+        """Return `value` as a value of the type `kind`."""
+        if kind is Any:
+            return value
+        if kind in _SINGLE:
+            return _SINGLE[kind](value)
+        if kind is JointDescription and isinstance(value, Mapping):
+            return self._joint(value)
+        if kind is SimulatedSensorDescription:
+            return self._sensor(value)
+        if is_dataclass(kind):
+            return self._description(value, kind)
+        origin, args = typing.get_origin(kind), typing.get_args(kind)
+        if origin is Literal:
+            return as_one_of(value, args)
+        if origin is tuple:
+            return self._tuple(value, args)
+        if origin is dict:
             if not isinstance(value, Mapping):
                 raise RefusedValue(f"must be a mapping of `name: value`, not {format_value(value)}")
-            items = collect_items([(key, item, item_type) for key, item in value.items()], owner)
-            return dict(zip(value, items, strict=True))
+            return {key: self._below(each, args[1], key) for key, each in value.items()}
+        assert origin in (typing.Union, types.UnionType), kind
+        return self._one_of_types(value, {*args})
 
-        return structure
+    def _below(self, value: Any, kind: Any, *steps: str | int) -> Any:
+        """Convert a part; a refusal gets the steps to it."""
+        try:
+            return self.convert(value, kind)
+        except Exception as error:
+            refused = _refusal_of(error)
+            raise RefusedValue(refused.problem, (*steps, *refused.below)) from None
 
-    def dataclass_hook(cls: Any) -> Hook:
-        keys, inner = keys_of(cls), beside(cls)
-        omitted = {each.name: gen.override(omit=True) for each in fields(cls) if is_absent(each)}
-        build = gen.make_dict_structure_fn(cls, converter, **omitted)
+    def _one_of_types(self, value: Any, kinds: set[Any]) -> Any:
+        if value is None and type(None) in kinds:
+            return None
+        kinds = kinds - {type(None)}
+        if TetMesh in kinds:
+            return value if isinstance(value, TetMesh) else self.convert(value, MeshFile)
+        if BusServo in kinds:  # a servo with an id is on a bus
+            on_bus = isinstance(value, Mapping) and "id" in value
+            return self.convert(value, BusServo if on_bus else ServoCalibration)
+        if Path in kinds and len(kinds) > 1:
+            return self.convert(value, Path if isinstance(value, str | Path) else tuple[Vector, ...])
+        (kind,) = kinds
+        return self.convert(value, kind)
 
-        def structure(value: Any, _: Any) -> Any:
-            if not isinstance(value, Mapping):
-                raise RefusedValue(
-                    f"must be a mapping with keys among {listing(keys)}, not {format_value(value)}"
-                )
-            refuse_unknown(value, list(keys), ("extends", "arm") if cls is RobotDescription else ())
-            data = dict(value)
-            for name, part in inner.items():
-                data[name] = {key: data.pop(key) for key in keys_of(part) if key in data}
-            built = build(data, cls)
-            paths = [each.name for each in fields(cls) if isinstance(getattr(built, each.name), Path)]
-            if not (find_files and paths):
-                return built
-            owner = f"{cls.kind} " if issubclass(cls, ActuatorDescription) else ""
-            what = {name: "mesh file" if cls is MeshFile else f"file of {owner}{name}" for name in paths}
-            located = {name: _locate_file(getattr(built, name), name, value, what[name]) for name in paths}
-            return replace(built, **located)
+    def _tuple(self, value: Any, args: tuple[Any, ...]) -> tuple[Any, ...]:
+        length = None if args[-1] is Ellipsis else len(args)
+        if not isinstance(value, list | tuple) or length not in (None, len(value)):
+            noun = "numbers" if args[0] in (float, int) else "items"
+            what = "a list" if length is None else f"a list of {length} {noun}"
+            raise RefusedValue(f"must be {what}, not {format_value(value)}")
+        kinds = [args[0]] * len(value) if length is None else args
+        return tuple(
+            self._below(each, kind, k) for k, (each, kind) in enumerate(zip(value, kinds, strict=True))
+        )
 
-        return structure
+    def _description(self, value: Any, cls: Any) -> Any:
+        keys = keys_of(cls)
+        if not isinstance(value, Mapping):
+            raise RefusedValue(
+                f"must be a mapping with keys among {listing(keys)}, not {format_value(value)}"
+            )
+        refuse_unknown(value, list(keys), ("extends", "arm") if cls is RobotDescription else ())
+        return self._build(value, cls)
 
-    def joint_hook(cls: Any) -> Hook:
+    def _joint(self, value: Mapping[str, Any]) -> JointDescription:
         """Build a joint; the description of its actuator is under the key named after its kind."""
-        plain = dataclass_hook(cls)
+        described = described_kinds()
+        keys = [each.name for each in fields(JointDescription) if each.name != "actuator"]
+        refuse_unknown(value, [*keys, *described])
+        actuator = None
+        for kind, description in described.items():
+            if value.get(kind) is not None:
+                actuator = self._below(value[kind], description, kind)
+        joint: JointDescription = self._build(value, JointDescription, actuator=actuator)
+        return joint
 
-        def structure(value: Any, _: Any) -> Any:
-            described = described_kinds()
-            if not isinstance(value, Mapping):
-                return plain(value, cls)
-            keys = [*(each.name for each in fields(cls) if each.name != "actuator"), *described]
-            refuse_unknown(value, keys)
-            data = SourcedMapping({key: each for key, each in value.items() if key not in described}, None)
-            for key in data:
-                data.put(key, data[key], value.file_of(key) if isinstance(value, SourcedMapping) else None)
-            for kind, description in described.items():
-                if value.get(kind) is not None:
-                    try:
-                        data["actuator"] = converter.structure(value[kind], description)
-                    except Exception as error:
-                        note = cattrs.AttributeValidationNote(f"key {kind}", kind, description)
-                        error.__notes__ = [*getattr(error, "__notes__", []), note]
-                        raise cattrs.ClassValidationError(f"key {kind}", [error], cls) from None
-            return plain(data, cls)
+    def _sensor(self, value: Any) -> Any:
+        """Build a sensor; its key `kind` chooses the description of the other keys."""
+        if not isinstance(value, Mapping):
+            return self._description(value, sensor_kind(sensor_kinds()[0]).description)
+        kind = value.get(KIND)
+        try:
+            description: Any = sensor_kind(str(kind)).description
+        except SceneError:
+            shown = "absent" if kind is None else repr(kind)
+            raise FieldError("sensor", KIND, shown, one_of(kind, sensor_kinds())) from None
+        refuse_unknown({key: each for key, each in value.items() if key != KIND}, list(keys_of(description)))
+        return self._build(value, description)
 
-        return structure
-
-    for cls, hook in (
-        (float, as_number),
-        (int, as_whole_number),
-        (bool, as_boolean),
-        (str, as_text),
-        (Path, as_path),
-    ):
-        converter.register_structure_hook(cls, hook)
-    converter.register_structure_hook_factory(is_dataclass, dataclass_hook)
-    converter.register_structure_hook_factory(lambda cls: cls is JointDescription, joint_hook)
-    converter.register_structure_hook_func(
-        lambda cls: cls is SimulatedSensorDescription, sensor_structure(converter.structure)
-    )
-    converter.register_structure_hook_func(
-        lambda t: _members(t) == {ActuatorDescription, type(None)}, lambda value, _: value
-    )
-    converter.register_structure_hook(TetMesh, as_instance)
-    converter.register_structure_hook(MaterialDescription, material_structure)
-    for origin, factory in ((tuple, tuple_hook), (dict, dict_hook), (Literal, as_one_of)):
-        converter.register_structure_hook_factory(functools.partial(_has_origin, origin), factory)
-
-    def mesh_or_file(value: Any, _: Any) -> Any:
-        return value if value is None or isinstance(value, TetMesh) else converter.structure(value, MeshFile)
-
-    def points_or_file(value: Any, _: Any) -> Any:
-        return converter.structure(value, Path if isinstance(value, str | Path) else tuple[Vector, ...])
-
-    def servo(value: Any, _: Any) -> Any:
-        """Build a servo; one with an id is on a bus."""
-        on_bus = isinstance(value, Mapping) and "id" in value
-        return converter.structure(value, BusServo if on_bus else ServoCalibration)
-
-    converter.register_structure_hook_func(lambda t: t == Threads, as_threads)
-    converter.register_structure_hook_func(lambda t: _members(t) == {ServoCalibration, BusServo}, servo)
-    converter.register_structure_hook_func(
-        lambda t: _members(t) == {MeshFile, TetMesh, type(None)}, mesh_or_file
-    )
-    converter.register_structure_hook_func(
-        lambda t: _members(t) == {tuple[Vector, ...], Path}, points_or_file
-    )
-    return converter
+    def _build(self, value: Mapping[str, Any], cls: Any, **built: Any) -> Any:
+        """Build a description from a mapping of known keys, and from fields that are built already."""
+        hints, inner = _hints(cls), beside(cls)
+        for each in fields(cls):
+            if each.name in inner:
+                part = {key: value[key] for key in keys_of(inner[each.name]) if key in value}
+                built[each.name] = self._below(part, inner[each.name])
+            elif each.name in value and not is_absent(each):
+                built[each.name] = self._below(value[each.name], hints[each.name], each.name)
+            elif each.name not in built and each.default is MISSING and each.default_factory is MISSING:
+                raise RefusedValue("is missing; it has no default", (each.name,))
+        description = cls(**built)
+        paths = [name for name in built if isinstance(getattr(description, name), Path)]
+        if not (self._find_files and paths):
+            return description
+        owner = f"{cls.kind} " if issubclass(cls, ActuatorDescription) else ""
+        what = {name: "mesh file" if cls is MeshFile else f"file of {owner}{name}" for name in paths}
+        return replace(
+            description, **{name: _locate_file(built[name], name, value, what[name]) for name in paths}
+        )
 
 
-def _has_origin(origin: Any, annotation: Any) -> bool:
-    return typing.get_origin(annotation) is origin
-
-
-def _members(union: Any) -> set[Any]:
-    return (
-        set(typing.get_args(union)) if typing.get_origin(union) in (typing.Union, types.UnionType) else set()
-    )
-
-
-def _noun(item_type: Any) -> str:
-    return "numbers" if item_type in (float, int) else "items"
+def _refusal_of(error: Exception) -> RefusedValue:
+    """Return the refusal of a value by any error of its conversion."""
+    if isinstance(error, RefusedValue):
+        return error
+    if isinstance(error, FieldError):
+        return RefusedValue(f"must be {error.allowed}, not {error.value}", tuple(error.field.split(".")))
+    return RefusedValue(str(error) if isinstance(error, SceneError) else f"{type(error).__name__}: {error}")
 
 
 def _locate_file(path: Path, key: str, data: Mapping[str, Any], what: str) -> Path:
@@ -221,36 +214,19 @@ T = typing.TypeVar("T")
 
 
 def structure_scene(data: SourcedMapping, file: str | Path, *, find_files: bool = True) -> RobotDescription:
-    """Build a typed robot and its scene from the data of a file.
-
-    Args:
-        data: Mapping as read from YAML, or `unstructure_scene`'s.
-        file: Named in messages if a value does not know its own file.
-        find_files: Search the named files; otherwise their paths stay as written.
-
-    Raises:
-        ConfigError: the first problem: file, key path, value and what is allowed.
-    """
-    return structure_description(
-        data, RobotDescription, file, lambda robot: need_namespace(robot.name), find_files
-    )
+    """Build a typed robot and its scene from the data of a file; see `structure_description`."""
+    return structure_description(data, RobotDescription, file, find_files)
 
 
 def structure_description(
-    data: SourcedMapping,
-    cls: type[T],
-    file: str | Path,
-    check: Callable[[T], None] = lambda _: None,
-    find_files: bool = True,
-    at: str | None = None,
+    data: SourcedMapping, cls: type[T], file: str | Path, find_files: bool = True, at: str | None = None
 ) -> T:
     """Build a typed description from the data of a file.
 
     Args:
-        data: Mapping as read from YAML.
+        data: Mapping as read from YAML, or `unstructure_scene`'s.
         cls: Dataclass of the description.
         file: Named in messages if a value does not know its own file.
-        check: Additional check of the description, which raises an error.
         find_files: Search the named files; otherwise their paths stay as written.
         at: Key of the file that contains the data; None: they are the whole file.
 
@@ -258,44 +234,15 @@ def structure_description(
         ConfigError: the first problem: file, key path, value and what is allowed.
     """
     try:
-        converter = scene_converter(find_files)
-    except ImportError as error:
-        problem = "loading scenes needs cattrs >= 23.2: pip install cattrs (or apt install python3-cattr)"
-        raise ConfigError(file, "", problem) from error
-    try:
-        description: T = converter.structure(data, cls)
-        check(description)
+        description: T = _Converter(find_files).convert(data, cls)
+        if isinstance(description, RobotDescription):
+            need_namespace(description.name)
     except Exception as error:
-        path, problem = _first_problem(error)
-        where = key_path(path if at is None else (at, *path))
-        origin, place = _origin(data, path)
-        raise ConfigError(origin or file, where, problem, place) from None
+        refused = _refusal_of(error)
+        origin, place = _origin(data, refused.below)
+        where = key_path(refused.below if at is None else (at, *refused.below))
+        raise ConfigError(origin or file, where, refused.problem, place) from None
     return description
-
-
-def _first_problem(error: BaseException) -> tuple[KeyPath, str]:
-    cattrs = importlib.import_module("cattrs")
-    path: list[str | int] = []
-    last: str | int | None = None
-    while True:
-        if isinstance(error, cattrs.BaseValidationError):
-            owner, error = error.cl, error.exceptions[0]
-            passed_over = beside(owner) if isinstance(owner, type) and is_dataclass(owner) else {}
-            for note in getattr(error, "__notes__", ()):
-                last = getattr(note, "name", getattr(note, "index", None))
-                if last is not None and last not in passed_over:
-                    path.append(last)
-            continue
-        break
-    if isinstance(error, RefusedValue):
-        return (*path, *error.below), error.problem
-    if isinstance(error, FieldError):
-        return (*path, *error.field.split(".")), f"must be {error.allowed}, not {error.value}"
-    if isinstance(error, KeyError) and error.args == (last,):
-        return tuple(path), "is missing; it has no default"
-    if isinstance(error, SceneError):
-        return tuple(path), str(error)
-    return tuple(path), f"{type(error).__name__}: {error}"
 
 
 def _origin(data: SourcedMapping, path: KeyPath) -> tuple[Path | None, Place | None]:

@@ -53,7 +53,6 @@ PACKAGES = {  # import name -> distribution; all are needed but Numba
     "numpy": "numpy",
     "scipy": "scipy",
     "meshio": "meshio",
-    "cattrs": "cattrs",
     "yaml": "PyYAML",
     "serial": "pyserial",
     "lazy_loader": "lazy-loader",
