@@ -78,9 +78,8 @@ def _add_joint(
     if kind == kinds.mjJNT_FREE:
         soft = [f for f in range(m.nflex) if not loaded.refusal(f)]
         pinned = any((m.body_weldid[loaded.flex_bodies(f)] == b).any() for f in soft)
-        return Carrier(
-            "frame" if pinned else "free", loaded.names.new(m.body(b).name, "body"), b, place, turn
-        )
+        name = loaded.names.new(m.body(b).name, "body")
+        return Carrier("frame" if pinned else "free", name, b, place, turn)
     if kind == kinds.mjJNT_BALL:
         notes.say(called, "type ball is not taken over: the body does not turn about it")
         return below
@@ -91,17 +90,14 @@ def _add_joint(
     hinge = kind == kinds.mjJNT_HINGE
     axis, anchor = np.array(d.xaxis[j]), np.array(d.xanchor[j])
     start = float(m.qpos0[m.jnt_qposadr[j]])
-    parent = (
-        next((each for each in joints if each.name == below.name), None) if below.kind == "joint" else None
-    )
     joints.append(
         JointDescription(
             name=name,
             kind="revolute" if hinge else "prismatic",
-            parent=None if parent is None else parent.name,
+            parent=below.name if below.kind == "joint" else None,
             base=Placement(translation=vector(anchor - (0.0 if hinge else start) * axis)),
             axis=vector(axis / np.linalg.norm(axis)),
-            limits=_limits(loaded, j),
+            limits=JointLimits(*m.jnt_range[j].tolist()) if m.jnt_limited[j] else JointLimits(),
             rest=start,
             **_drive(loaded, j, called),
         )
@@ -109,19 +105,13 @@ def _add_joint(
     return Carrier("joint", name, b, anchor, rotation_exp(start * axis) if hinge else np.eye(3))
 
 
-def _limits(loaded: CompiledModel, j: int) -> JointLimits:
-    m = loaded.model
-    if m.jnt_limited[j]:
-        lower, upper = m.jnt_range[j].tolist()
-        return JointLimits(lower=lower, upper=upper)
-    return JointLimits()
-
-
 def _drive(loaded: CompiledModel, j: int, called: str) -> dict[str, Any]:
     """Return stiffness and inertia of a joint: of a position servo, of a spring, or none."""
     m, notes = loaded.model, loaded.notes
     own = float(m.jnt_stiffness[j]) if np.ndim(m.jnt_stiffness[j]) == 0 else float(m.jnt_stiffness[j][0])
-    servo = next((k for k in range(m.nu) if _turns(loaded, k, j) and m.actuator_biasprm[k, 1] < 0.0), None)
+    of_joint = m.actuator_trntype == loaded.mujoco.mjtTrn.mjTRN_JOINT
+    servos = of_joint & (m.actuator_trnid[:, 0] == j) & (m.actuator_biasprm[:, 1] < 0.0)
+    servo = int(np.argmax(servos)) if servos.any() else None
     stiffness = own
     if servo is not None:
         gear = float(m.actuator_gear[servo, 0])
@@ -137,14 +127,7 @@ def _drive(loaded: CompiledModel, j: int, called: str) -> dict[str, Any]:
     if not stiffness > 0.0:
         notes.say(called, "turns or slides freely in MuJoCo; here it stays where it is commanded")
         return {}
-    inertia = _inertia(loaded, j)
-    return {"stiffness": stiffness, "inertia": float(f"{inertia:.9g}")}
-
-
-def _turns(loaded: CompiledModel, actuator: int, joint: int) -> bool:
-    m = loaded.model
-    of_joint = m.actuator_trntype[actuator] == loaded.mujoco.mjtTrn.mjTRN_JOINT
-    return bool(of_joint and m.actuator_trnid[actuator, 0] == joint)
+    return {"stiffness": stiffness, "inertia": float(f"{_inertia(loaded, j):.9g}")}
 
 
 def _inertia(loaded: CompiledModel, j: int) -> float:
@@ -167,8 +150,6 @@ def _inertia(loaded: CompiledModel, j: int) -> float:
         else:
             total += mass
     if weight > 0.0 and np.any(np.array(m.opt.gravity)):
-        loaded.notes.say(
-            f"body {m.body(m.jnt_bodyid[j]).name or m.jnt_bodyid[j]}",
-            f"mass {weight:.4g} kg on a joint has inertia here, but no weight",
-        )
+        called = f"body {m.body(m.jnt_bodyid[j]).name or m.jnt_bodyid[j]}"
+        loaded.notes.say(called, f"mass {weight:.4g} kg on a joint has inertia here, but no weight")
     return total

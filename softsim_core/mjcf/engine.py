@@ -20,10 +20,7 @@ TIME_LIMIT_S = 120.0
 
 
 def library(file: str | Path) -> Any:
-    """Return the module `mujoco` and disable its printed warnings (which go to stderr and into a file).
-
-    Args:
-        file: The file for which it is needed, for messages.
+    """Return the module `mujoco`, needed for `file`; disable its prints of warnings to stderr and a file.
 
     Raises:
         MjcfError: it is not installed, or is too old for implicit steps of flexes.
@@ -34,7 +31,7 @@ def library(file: str | Path) -> Any:
         raise MjcfError(file, f"MuJoCo is not installed ({error}): {INSTALL}") from error
     if not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):
         raise MjcfError(file, f"MuJoCo {mujoco_version()} has no integrator discrete: {INSTALL}")
-    mujoco.set_mju_user_warning(_ignore_warning)
+    mujoco.set_mju_user_warning(lambda _: None)  # MujocoRun.warnings counts them
     return mujoco
 
 
@@ -56,14 +53,8 @@ def look_at(file: Path, time_limit: float = TIME_LIMIT_S) -> None:
     """
     command = python_command(Path(__file__).with_name("probe.py"), file)
     try:
-        done = run_process(
-            command,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=time_limit,
-        )
+        streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "capture_output": True}
+        done = run_process(command, text=True, errors="replace", timeout=time_limit, **streams)
     except subprocess.TimeoutExpired as error:
         raise MjcfError(file, f"MuJoCo was stopped after {time_limit:g} s; make the model smaller") from error
     if done.returncode == REFUSED:
@@ -79,10 +70,7 @@ def look_at(file: Path, time_limit: float = TIME_LIMIT_S) -> None:
 
 
 class MujocoRun:
-    """A model that runs in MuJoCo, as specified by its own file.
-
-    Args:
-        model: A file, or an MJCF document.
+    """A model, a file or an MJCF document, that runs in MuJoCo as it specifies.
 
     Raises:
         MjcfError: MuJoCo is not installed, or rejects the model.
@@ -152,7 +140,3 @@ class MujocoRun:
         self._mujoco.mj_kinematics(self.model, self.data)
         self._mujoco.mj_comPos(self.model, self.data)
         self._mujoco.mj_flex(self.model, self.data)
-
-
-def _ignore_warning(_: str) -> None:
-    """Ignore a warning; MujocoRun.warnings counts them."""

@@ -13,7 +13,7 @@ from softsim_core.base import Array, FormerAttribute, MjcfError, listing
 from softsim_core.mjcf.reading import ConversionNotes
 from softsim_core.physics.actuation import Route
 from softsim_core.physics.fem.materials import rest_stiffness
-from softsim_core.physics.mechanics import FIXED, FREE, Model, quaternion_of
+from softsim_core.physics.mechanics import FIXED, FREE, quaternion_of
 from softsim_core.physics.mesh import RodMesh
 from softsim_core.scene import BodyDescription, JointDescription, RigidBodyDescription, SceneDescription
 from softsim_core.scene.building import BuiltScene, RigidBody, build
@@ -38,23 +38,19 @@ def masks(scene: SceneDescription, notes: ConversionNotes) -> dict[str, Mask]:
             notes.say(f"collision {collision.name}", "the whole surface of its body touches in the model")
     touching = [name for name, each in groups.items() if each]
     if len(touching) > _BITS:
-        notes.say(
-            "collisions",
-            f"all of the {len(touching)} bodies with a surface may touch each other in the model",
-        )
+        note = f"all of the {len(touching)} bodies with a surface may touch each other in the model"
+        notes.say("collisions", note)
         return {name: Mask(int(bool(each)), int(bool(each))) for name, each in groups.items()}
     bit = {name: 1 << k for k, name in enumerate(touching)}
-    return {
-        name: Mask(
-            bit.get(name, 0),
-            sum(bit[other] for other in touching if other != name and _meet(each, groups[other])),
-        )
-        for name, each in groups.items()
-    }
-
-
-def _meet(ours: list[frozenset[str]], theirs: list[frozenset[str]]) -> bool:
-    return any(not a & b for a in ours for b in theirs)
+    result = {}
+    for name, own in groups.items():
+        met = [
+            other
+            for other in touching
+            if other != name and any(not a & b for a in own for b in groups[other])
+        ]
+        result[name] = Mask(bit.get(name, 0), sum(bit[other] for other in met))
+    return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,55 +97,27 @@ _TIGHT = 1e5
 _STILL_KG_M2 = 1e-4
 
 
-def joint_attributes(model: Model, j: int, joint: JointDescription) -> dict[str, str]:
-    """Return the attributes of a joint that moves a frame, at its initial position."""
-    axis = model.joints[j].base_rotation @ model.joints[j].axis
-    found = {
-        "name": joint.name,
-        "type": "hinge" if joint.kind == "revolute" else "slide",
-        "axis": words(axis),
-        "ref": words([joint.rest]),
-        "armature": words([joint.inertia or (0.0 if joint.stiffness else _STILL_KG_M2)]),
-    }
-    if math.isfinite(joint.limits.lower) and math.isfinite(joint.limits.upper):
-        found["range"] = words([joint.limits.lower, joint.limits.upper])
-    return found
-
-
 def add_servos(draft: Draft) -> None:
     """Add a position actuator for each joint that moves a frame; report other joints."""
     for joint in draft.scene.joints:
         if joint.moves_frame:
-            stiffness = joint.stiffness or _FIRM[joint.kind]
-            add(
-                draft.section("actuator"),
-                "position",
-                name=joint.name,
-                joint=joint.name,
-                kp=words([stiffness]),
-                **({} if joint.stiffness else {"dampratio": "1"}),
-            )
+            called, stiffness = f"joint {joint.name}", joint.stiffness or _FIRM[joint.kind]
+            servo = add(draft.section("actuator"), "position", name=joint.name, joint=joint.name)
+            servo.set("kp", words([stiffness]))
+            if not joint.stiffness:
+                servo.set("dampratio", "1")
             if joint.stiffness is None:
-                draft.notes.say(
-                    f"joint {joint.name}",
-                    f"follows its command with {stiffness:g} N·m/rad (N/m) there",
-                )
+                draft.notes.say(called, f"follows its command with {stiffness:g} N·m/rad (N/m) there")
             if joint.rest:
-                draft.notes.say(f"joint {joint.name}", f"set its control to {joint.rest:g}, where it starts")
+                draft.notes.say(called, f"set its control to {joint.rest:g}, where it starts")
             if any(joint.base.rotation_deg) or joint.limits.speed < math.inf:
-                draft.notes.say(f"joint {joint.name}", "has no limit of speed in the model")
+                draft.notes.say(called, "has no limit of speed in the model")
         elif joint.actuator is None or joint.actuator.route is None:
             draft.notes.say(f"joint {joint.name}", f"kind {joint.kind}: MuJoCo has nothing for it")
 
 
-def add_cables(draft: Draft) -> None:
-    """Add a tendon through the points of each cable, with its actuator."""
-    for joint in draft.scene.joints:
-        if joint.actuator is not None and (route := joint.actuator.route) is not None:
-            _add_cable(draft, joint, route)
-
-
 def _add_cable(draft: Draft, joint: JointDescription, cable: Route) -> None:
+    """Add a tendon through the points of a cable, with its actuator."""
     body = next(k for k, each in enumerate(draft.scene.bodies) if each.name == cable.body)
     points = cable.points(draft.built.bodies[body].solid)
     tendon = add(draft.section("tendon"), "spatial", name=joint.name)
@@ -163,36 +131,22 @@ def _add_cable(draft: Draft, joint: JointDescription, cable: Route) -> None:
     if not cable.pull_only:
         draft.notes.say(f"cable {joint.name}", "pushes, too: in the model it pulls only")
     most = cable.largest_force or 1e6
-    section = draft.section("actuator")
-    if joint.by_effort:
-        add(
-            section,
-            "motor",
-            name=joint.name,
-            tendon=joint.name,
-            gear="-1",
-            ctrlrange=words([0.0, _upper_limit_of(joint, most)]),
-        )
-        return
     length = float(np.linalg.norm(np.diff([place for place, _ in places], axis=0), axis=1).sum())
     rest = cable.rest_length or length
+    upper = joint.limits.upper
+    if not math.isfinite(upper):
+        upper = most if joint.by_effort else rest
+    kind = "motor" if joint.by_effort else "general"
+    acting = add(draft.section("actuator"), kind, name=joint.name, tendon=joint.name, gear="-1")
+    if joint.by_effort:
+        acting.set("ctrlrange", words([0.0, upper]))
+        return
     draft.notes.say(f"cable {joint.name}", f"holds its displacement with {_TIGHT:g} N/m in the model")
-    add(
-        section,
-        "general",
-        name=joint.name,
-        tendon=joint.name,
-        gear="-1",
-        gainprm=words([_TIGHT]),
-        biastype="affine",
-        biasprm=words([-_TIGHT * rest, -_TIGHT, 0.0]),
-        forcerange=words([0.0, most]),
-        ctrlrange=words([max(joint.limits.lower, -rest), _upper_limit_of(joint, rest)]),
-    )
-
-
-def _upper_limit_of(joint: JointDescription, otherwise: float) -> float:
-    return joint.limits.upper if math.isfinite(joint.limits.upper) else otherwise
+    acting.set("gainprm", words([_TIGHT]))
+    acting.set("biastype", "affine")
+    acting.set("biasprm", words([-_TIGHT * rest, -_TIGHT, 0.0]))
+    acting.set("forcerange", words([0.0, most]))
+    acting.set("ctrlrange", words([max(joint.limits.lower, -rest), upper]))
 
 
 def _owner(draft: Draft, body: int, point: Array) -> str:
@@ -202,10 +156,7 @@ def _owner(draft: Draft, body: int, point: Array) -> str:
     region = int(model.region_of_node[own.nodes.start + nearest])
     if region == FREE:
         return f"{own.name}_{nearest}"
-    if region == FIXED:
-        return "world"
-    moved = model.regions[region]
-    return model.frame_names[moved.frame] if moved.frame >= 0 else model.joints[moved.joint].name
+    return "world" if region == FIXED else _carrier_name(draft, region)
 
 
 def _add_site(draft: Draft, name: str, point: Array, owner: str) -> None:
@@ -225,18 +176,10 @@ def add_rigid_bodies(draft: Draft) -> None:
     model, weights = draft.built.model, draft.built.model.rigid
     for description, body in zip(draft.scene.rigid_bodies, draft.built.rigid, strict=True):
         if body.free >= 0:
-            element = add(
-                draft.world, "body", name=body.name, pos=words(body.position), quat=_quaternion(body.rotation)
-            )
+            element = add(draft.world, "body", name=body.name, pos=words(body.position))
+            element.set("quat", _quaternion(body.rotation))
             add(element, "freejoint", name=f"{body.name}_free")
-            inertia = weights.inertia[body.free]
-            add(
-                element,
-                "inertial",
-                pos="0 0 0",
-                mass=words([weights.mass[body.free]]),
-                fullinertia=words(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
-            )
+            _add_mass(element, np.zeros(3), weights.mass[body.free], weights.inertia[body.free])
             _add_geom(draft, element, description, body, (np.zeros(3), np.eye(3)))
             if any((*description.velocity, *description.angular_velocity)):
                 draft.notes.say(f"rigid body {body.name}", "velocity: everything starts without in the model")
@@ -290,33 +233,27 @@ def _add_geom(
         kind, size = "plane", [0.5 * shape.plane[0], 0.5 * shape.plane[1], 0.1]
     else:
         kind, size = "mesh", []
-        add(
-            draft.section("asset"),
-            "mesh",
-            name=body.name,
-            vertex=words(body.surface.points),
-            face=words(body.surface.triangles),
-        )
+        points, triangles = words(body.surface.points), words(body.surface.triangles)
+        add(draft.section("asset"), "mesh", name=body.name, vertex=points, face=triangles)
         if mask.own:
             draft.notes.say(f"rigid body {body.name}", "touches with the convex hull of its mesh in MuJoCo")
     if kind == "plane" and parent is not draft.world:
         draft.notes.say(f"rigid body {body.name}", "a plane that moves is a thin box in the model")
         kind, size = "box", [*size[:2], 0.0005]
-    more = {"size": words(size)} if size else {"mesh": body.name}
-    add(
-        parent,
-        "geom",
-        name=body.name,
-        type=kind,
-        pos=words(pose[0]),
-        quat=_quaternion(pose[1]),
-        mass="0",
-        contype=str(mask.own),
-        conaffinity=str(mask.others),
-        friction=words([draft.scene.contact.friction, 0.005, 0.0001]),
-        rgba=words(description.colour),
-        **more,
-    )
+    place, turn = words(pose[0]), _quaternion(pose[1])
+    geom = add(parent, "geom", name=body.name, type=kind, pos=place, quat=turn, mass="0")
+    _set_contact(draft, geom, mask)
+    geom.set("rgba", words(description.colour))
+    if size:
+        geom.set("size", words(size))
+    else:
+        geom.set("mesh", body.name)
+
+
+def _set_contact(draft: Draft, element: ElementTree.Element, mask: Mask) -> None:
+    element.set("contype", str(mask.own))
+    element.set("conaffinity", str(mask.others))
+    element.set("friction", words([draft.scene.contact.friction, 0.005, 0.0001]))
 
 
 ITERATIONS = 3000
@@ -331,12 +268,7 @@ _THIN_M = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class ExportedModel:
-    """A scene as a MuJoCo model.
-
-    Attributes:
-        text: The MJCF document.
-        remarks: Messages on parts that MuJoCo does not support or treats differently.
-    """
+    """The MJCF document of a scene, and remarks on parts that MuJoCo lacks or treats differently."""
 
     text: str
     remarks: tuple[str, ...]
@@ -346,9 +278,7 @@ class ExportedModel:
 def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> ExportedModel:
     """Export a scene as a MuJoCo model; the vertices of its flexes are our nodes, in our order.
 
-    Args:
-        scene: The scene; its soft bodies must consist of linear tetrahedra.
-        iterations: Largest number of solver iterations per step.
+    The soft bodies must consist of linear tetrahedra. `iterations` is the most that a step's solver makes.
 
     Raises:
         MjcfError: it contains a body that MuJoCo does not support.
@@ -360,14 +290,9 @@ def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> Export
     _note_differences(scene, notes)
     root = ElementTree.Element("mujoco", model=scene.name)
     add(root, "compiler", angle="radian")
-    option = add(
-        root,
-        "option",
-        timestep=words([scene.dt]),
-        gravity=words(scene.gravity),
-        integrator="discrete",
-        iterations=str(iterations),
-    )
+    option = add(root, "option", timestep=words([scene.dt]), gravity=words(scene.gravity))
+    option.set("integrator", "discrete")
+    option.set("iterations", str(iterations))
     if scene.joints or built.model.frame_names:
         option.set("solver", "CG")  # the only solver of MuJoCo 3 for vertices or tendons on moving bodies
     if not scene.collisions:
@@ -379,7 +304,9 @@ def export_mjcf(scene: SceneDescription, iterations: int = ITERATIONS) -> Export
     for b in range(len(scene.bodies)):
         _add_flex(draft, flexes, b)
     add_servos(draft)
-    add_cables(draft)
+    for joint in scene.joints:
+        if joint.actuator is not None and (route := joint.actuator.route) is not None:
+            _add_cable(draft, joint, route)
     ElementTree.indent(root)
     return ExportedModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes.lines))
 
@@ -405,9 +332,8 @@ def _note_differences(scene: SceneDescription, notes: ConversionNotes) -> None:
         for region in body.regions:
             notes.say(f"body {body.name}", f"{region.name}: a flex is of one material, that of the body")
         if body.mass_distribution == "consistent":
-            notes.say(
-                f"body {body.name}", "consistent mass: each vertex has its share by volume in the model"
-            )
+            note = "consistent mass: each vertex has its share by volume in the model"
+            notes.say(f"body {body.name}", note)
         if any(body.velocity):
             notes.say(f"body {body.name}", "velocity: everything starts without in the model")
     if scene.bodies and scene.solver.rayleigh_mass > 0.0:
@@ -434,7 +360,12 @@ def _add_carriers(draft: Draft) -> None:
         origin, _ = model.joint_frame(j, start)
         parent, below = draft.carriers.get(joint.parent or "", (draft.world, np.zeros(3)))
         body = add(parent, "body", name=joint.name, pos=words(origin - below))
-        add(body, "joint", **joint_attributes(model, j, joint))
+        moving = add(body, "joint", name=joint.name, type="hinge" if joint.kind == "revolute" else "slide")
+        moving.set("axis", words(model.joints[j].base_rotation @ model.joints[j].axis))
+        moving.set("ref", words([joint.rest]))
+        moving.set("armature", words([joint.inertia or (0.0 if joint.stiffness else _STILL_KG_M2)]))
+        if math.isfinite(joint.limits.lower) and math.isfinite(joint.limits.upper):
+            moving.set("range", words([joint.limits.lower, joint.limits.upper]))
         draft.carriers[joint.name] = (body, np.asarray(origin))
         nodes = [region.nodes for region in model.regions if region.joint == j]
         _add_inertial(draft, body, np.concatenate([*nodes, np.zeros(0, dtype=np.int64)]), origin)
@@ -449,13 +380,13 @@ def _add_inertial(draft: Draft, body: ElementTree.Element, nodes: Array, origin:
     arms = arms - centre
     second = np.einsum("k,ki,kj->ij", mass, arms, arms)
     inertia = np.trace(second) * np.eye(3) - second + _LIGHT_KG * _POINT_INERTIA * np.eye(3)
-    add(
-        body,
-        "inertial",
-        pos=words(centre),
-        mass=words([total + _LIGHT_KG]),
-        fullinertia=words(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
-    )
+    _add_mass(body, centre, total + _LIGHT_KG, inertia)
+
+
+def _add_mass(body: ElementTree.Element, centre: Array, mass: float, inertia: Array) -> None:
+    """Add a mass in [kg] with its centre and its inertia (3, 3) in [kg m^2]."""
+    upper = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    add(body, "inertial", pos=words(centre), mass=words([mass]), fullinertia=words(upper))
 
 
 def _add_flex(draft: Draft, flexes: ElementTree.Element, b: int) -> None:
@@ -474,26 +405,12 @@ def _add_flex(draft: Draft, flexes: ElementTree.Element, b: int) -> None:
             name = _carrier_name(draft, region)
             owners.append(name)
             local.append(model.rest[n] - draft.carriers[name][1])
-    mask = draft.masks[body.name]
-    flex = add(
-        flexes,
-        "flex",
-        name=body.name,
-        dim="3",
-        radius=words([max(draft.built.contact.contact_distance, _THIN_M)]),
-        rgba=words(description.colour),
-        body=" ".join(owners),
-        vertex=words(local),
-        element=words(body.solid.tets[:, [0, 1, 3, 2]]),  # MuJoCo orders the corners the other way round
-    )
-    add(
-        flex,
-        "contact",
-        selfcollide="none",
-        contype=str(mask.own),
-        conaffinity=str(mask.others),
-        friction=words([draft.scene.contact.friction, 0.005, 0.0001]),
-    )
+    radius, colour = max(draft.built.contact.contact_distance, _THIN_M), words(description.colour)
+    flex = add(flexes, "flex", name=body.name, dim="3", radius=words([radius]), rgba=colour)
+    flex.set("body", " ".join(owners))
+    flex.set("vertex", words(local))
+    flex.set("element", words(body.solid.tets[:, [0, 1, 3, 2]]))  # MuJoCo orders the corners the other way
+    _set_contact(draft, add(flex, "contact", selfcollide="none"), draft.masks[body.name])
     young, poisson = _moduli(draft, description)
     damp = draft.scene.solver.rayleigh_stiffness
     add(flex, "elasticity", young=words([young]), poisson=words([poisson]), damping=words([damp]))

@@ -66,40 +66,30 @@ def _soft_body(
     loaded: CompiledModel, f: int, found: dict[int, Carrier], frames: set[str], law: str | None
 ) -> SoftBody:
     m, spec = loaded.model, loaded.spec.flexes[f]
-    name = loaded.names.new(loaded.spec.flexes[f].name, "soft")
+    name = loaded.names.new(spec.name, "soft")
     start, count = int(m.flex_elemdataadr[f]), int(m.flex_elemnum[f])
     tets = np.array(m.flex_elem[start : start + 4 * count], dtype=np.int64).reshape(-1, 4)
     mesh = TetMesh(loaded.flex_points(f), tets[:, [0, 1, 3, 2]], name)  # MuJoCo's corner order
+    called, version = loaded.flex_name(f), str(loaded.mujoco.__version__)
     if law != "saint_venant_kirchhoff":
-        loaded.notes.say(
-            loaded.flex_name(f), "MuJoCo's law, saint_venant_kirchhoff, is the same at small strain"
-        )
-    if spec.poisson and int(str(loaded.mujoco.__version__).partition(".")[0]) < _EXACT:
-        loaded.notes.say(
-            loaded.flex_name(f),
-            f"MuJoCo {loaded.mujoco.__version__} takes twice the first Lame parameter, 4.0 does not",
-        )
+        loaded.notes.say(called, "MuJoCo's law, saint_venant_kirchhoff, is the same at small strain")
+    if spec.poisson and int(version.partition(".")[0]) < _EXACT:
+        loaded.notes.say(called, f"MuJoCo {version} takes twice the first Lame parameter, 4.0 does not")
     fixed = dict(_find_pinned_vertices(loaded, f, found))
     attachments = tuple(_attachments(loaded, name, fixed, found, frames))
     groups = {each.group or "": fixed[b] for b, each in zip(fixed, attachments, strict=True)}
     if m.flex_interp[f]:
-        loaded.notes.say(
-            loaded.flex_name(f), "dof: its vertices move each by itself here, so it is softer than in MuJoCo"
-        )
+        loaded.notes.say(called, "dof: its vertices move each by itself here, so it is softer than in MuJoCo")
+    young, poisson = float(spec.young), float(spec.poisson)
     body = BodyDescription(
         name=name,
         mesh=replace(mesh, groups=groups),
-        material=_material(loaded, f, law),
+        material=MaterialDescription(law=law, young_modulus=young, poisson_ratio=poisson),
         colour=colour(m.flex_rgba[f]),
         **_mass(loaded, f, mesh),
     )
     body = replace(body, added_masses=tuple(_build_added_masses(loaded, body, fixed, found)))
     return SoftBody(f, body, attachments, float(spec.damping))
-
-
-def _material(loaded: CompiledModel, f: int, law: str | None) -> MaterialDescription:
-    spec = loaded.spec.flexes[f]
-    return MaterialDescription(law=law, young_modulus=float(spec.young), poisson_ratio=float(spec.poisson))
 
 
 def _find_pinned_vertices(
@@ -114,9 +104,7 @@ def _find_pinned_vertices(
         return
     bodies = loaded.flex_bodies(f)
     free = np.array([loaded.is_vertex(int(b)) for b in bodies])
-    carried = np.array(
-        [-1 if is_free else found[int(b)].body for b, is_free in zip(bodies, free, strict=True)]
-    )
+    carried = np.array([-1 if own else found[b].body for b, own in zip(bodies.tolist(), free, strict=True)])
     for b in np.unique(carried[carried >= 0]).tolist():
         yield int(b), np.flatnonzero(carried == b)
 
@@ -143,30 +131,15 @@ def _attachments(
     frames: set[str],
 ) -> Iterator[AttachmentDescription]:
     for b in fixed:
-        carrier = found[b]
+        carrier, frame = found[b], None
         if carrier.kind == "world":
-            yield AttachmentDescription(
-                name=loaded.names.new(f"{name}_fixed", name),
-                body=name,
-                to="world",
-                group=f"on_{carrier.name}",
-            )
+            own, to = loaded.names.new(f"{name}_fixed", name), "world"
         elif carrier.kind == "joint" or carrier.name in frames:
-            yield AttachmentDescription(
-                name=loaded.names.new(f"{name}_on_{carrier.name}", name),
-                body=name,
-                to=carrier.name,
-                group=f"on_{carrier.name}",
-            )
+            own, to = loaded.names.new(f"{name}_on_{carrier.name}", name), carrier.name
         else:
             frames.add(carrier.name)
-            yield AttachmentDescription(
-                name=carrier.name,
-                body=name,
-                to="free",
-                group=f"on_{carrier.name}",
-                frame=placement(carrier.origin, carrier.rotation),
-            )
+            own, to, frame = carrier.name, "free", placement(carrier.origin, carrier.rotation)
+        yield AttachmentDescription(name=own, body=name, to=to, group=f"on_{carrier.name}", frame=frame)
 
 
 def _build_added_masses(
@@ -178,17 +151,15 @@ def _build_added_masses(
         carrier = found[b]
         own = _weight(body, nodes)
         if carrier.kind == "joint" and own > 0.0:
-            loaded.notes.say(
-                f"flex {body.name}",
-                f"its {len(nodes)} pinned vertices on {carrier.name} have {own:.4g} kg here, in MuJoCo none",
-            )
+            pinned = f"its {len(nodes)} pinned vertices on {carrier.name}"
+            loaded.notes.say(f"flex {body.name}", f"{pinned} have {own:.4g} kg here, in MuJoCo none")
         if carrier.kind != "frame":
             continue
         mass = sum(float(m.body_mass[k]) for k, each in found.items() if each.body == b)
-        loaded.notes.say(
-            f"body {m.body(b).name or b}",
-            f"its mass, {mass:.4g} kg, is spread over the vertices that are pinned to it, and so its inertia",
+        note = (
+            f"its mass, {mass:.4g} kg, is spread over the vertices that are pinned to it, and so its inertia"
         )
+        loaded.notes.say(f"body {m.body(b).name or b}", note)
         if mass > own:
             yield AddedMassDescription(mass=mass - own, group=f"on_{carrier.name}")
 
@@ -250,13 +221,9 @@ def cables(
 ) -> tuple[JointDescription, ...]:
     """Convert supported tendons to joints of kind cable; report why the others are left out."""
     m = loaded.model
-    joints: list[JointDescription] = []
-    for t in range(m.ntendon):
-        called = f"tendon {m.tendon(t).name or t}"
-        joint = _cable(loaded, t, called, soft, found)
-        if joint is not None:
-            joints.append(joint)
-    return tuple(joints)
+    called = [f"tendon {m.tendon(t).name or t}" for t in range(m.ntendon)]
+    joints = [_cable(loaded, t, name, soft, found) for t, name in enumerate(called)]
+    return tuple(joint for joint in joints if joint is not None)
 
 
 def _cable(
@@ -285,21 +252,14 @@ def _cable(
         return None
     (body,) = bodies
     limits, how = _command(loaded, t, called)
+    if pulled is not None:
+        how |= {"pull_point": vector(pulled.place), "pull_on": pulled.joint}
     for name in ("stiffness", "damping"):
         if np.any(getattr(m, f"tendon_{name}")[t]):
             loaded.notes.say(called, f"{name} is not taken over: a cable does not stretch here")
-    return JointDescription(
-        name=loaded.names.new(m.tendon(t).name, "cable"),
-        kind="cable",
-        limits=limits,
-        actuator=CableDescription(
-            body=str(body),
-            points=points,
-            pull_point=None if pulled is None else vector(pulled.place),
-            pull_on=None if pulled is None else pulled.joint,
-            **how,
-        ),
-    )
+    name = loaded.names.new(m.tendon(t).name, "cable")
+    cable = CableDescription(body=str(body), points=points, **how)
+    return JointDescription(name=name, kind="cable", limits=limits, actuator=cable)
 
 
 def _site(loaded: CompiledModel, s: int, soft: tuple[SoftBody, ...], found: dict[int, Carrier]) -> _Site:
@@ -331,12 +291,10 @@ def _command(loaded: CompiledModel, t: int, called: str) -> tuple[JointLimits, d
     if acting and not np.any(m.actuator_biasprm[acting[0]]):
         k = acting[0]
         scale = float(m.actuator_gear[k, 0] * m.actuator_gainprm[k, 0])
-        pulls = (
-            [-scale * each for each in m.actuator_ctrlrange[k].tolist()] if m.actuator_ctrllimited[k] else []
-        )
-        loaded.notes.say(
-            called, f"is commanded by its tension in N here, which is {-scale:g} times MuJoCo's control"
-        )
+        controls = m.actuator_ctrlrange[k].tolist() if m.actuator_ctrllimited[k] else []
+        pulls = [-scale * each for each in controls]
+        note = f"is commanded by its tension in N here, which is {-scale:g} times MuJoCo's control"
+        loaded.notes.say(called, note)
         return JointLimits(lower=0.0, upper=max([*pulls, 0.0]) or math.inf), {"control": "force"}
     if acting:
         loaded.notes.say(

@@ -55,21 +55,15 @@ def rigid_bodies(loaded: CompiledModel, found: dict[int, Carrier]) -> tuple[Rigi
 
 
 def _usable(loaded: CompiledModel, g: int) -> bool:
-    kinds, kind = loaded.mujoco.mjtGeom, int(loaded.model.geom_type[g])
-    supported = (
-        *(kinds.mjGEOM_PLANE, kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE),
-        *(kinds.mjGEOM_ELLIPSOID, kinds.mjGEOM_CYLINDER, kinds.mjGEOM_BOX, kinds.mjGEOM_MESH),
-    )
-    if kind not in map(int, supported):
-        word = kinds(kind).name.removeprefix("mjGEOM_").lower()
-        loaded.notes.say(
-            describe_geom(loaded, g), f"type {word} is not taken over; its shape has no surface here"
-        )
+    word = loaded.mujoco.mjtGeom(int(loaded.model.geom_type[g])).name.removeprefix("mjGEOM_").lower()
+    if word not in ("plane", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"):
+        note = f"type {word} is not taken over; its shape has no surface here"
+        loaded.notes.say(_describe_geom(loaded, g), note)
         return False
     return True
 
 
-def describe_geom(loaded: CompiledModel, g: int) -> str:
+def _describe_geom(loaded: CompiledModel, g: int) -> str:
     """Return the name of a geom in messages."""
     m = loaded.model
     body = int(m.geom_bodyid[g])
@@ -111,12 +105,16 @@ def _free(
     else:
         loaded.notes.say(f"body {carrier.name}", f"its {len(geoms)} geoms are their convex hull here")
         place, turn = centre, carrier.rotation
-        surface = _hull(np.concatenate([_transform_surface_points(loaded, g, place, turn) for g in geoms]))
+        clouds = []
+        for g in geoms:
+            one, drawn = _shape(loaded, g, "part")
+            at, turned = _pose(loaded, g)
+            clouds.append(((drawn or surface_of(one)).points @ turned.T + at - place) @ turn)
+        surface = _hull(np.concatenate(clouds))
         shape = Shape(mesh=MeshFile(file=Path(f"{carrier.name}.stl")))
     own = turn.T @ inertia @ turn
-    size = float(
-        np.linalg.norm(np.ptp(surface_of(shape).points if surface is None else surface.points, axis=0))
-    )
+    points = (surface or surface_of(shape)).points
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
     if np.linalg.norm(centre - place) > _OFF_CENTRE * size and shape.mesh is None:
         loaded.notes.say(f"body {carrier.name}", "its centre of mass is that of its shape here")
     if np.abs(own - np.diag(np.diag(own))).max() > 1e-3 * np.trace(own):
@@ -161,10 +159,8 @@ def _shape(loaded: CompiledModel, g: int, name: str) -> tuple[Shape, SurfaceMesh
         x, y = size[0], size[1]
         if not (x > 0.0 and y > 0.0):
             most = 10.0 * float(m.stat.extent)
-            loaded.notes.say(
-                describe_geom(loaded, g),
-                f"its plane has no end in MuJoCo; here it is {2.0 * most:.3g} m wide",
-            )
+            note = f"its plane has no end in MuJoCo; here it is {2.0 * most:.3g} m wide"
+            loaded.notes.say(_describe_geom(loaded, g), note)
             x, y = (x or most), (y or most)
         return Shape(plane=(2.0 * x, 2.0 * y)), None
     return Shape(mesh=MeshFile(file=Path(f"{name}.stl"))), _surface(loaded, g)
@@ -177,9 +173,8 @@ def _surface(loaded: CompiledModel, g: int) -> SurfaceMesh:
         k = int(m.geom_dataid[g])
         vertices = slice(int(m.mesh_vertadr[k]), int(m.mesh_vertadr[k] + m.mesh_vertnum[k]))
         faces = slice(int(m.mesh_faceadr[k]), int(m.mesh_faceadr[k] + m.mesh_facenum[k]))
-        loaded.notes.say(
-            describe_geom(loaded, g), "touches with its mesh here, in MuJoCo with the convex hull of it"
-        )
+        note = "touches with its mesh here, in MuJoCo with the convex hull of it"
+        loaded.notes.say(_describe_geom(loaded, g), note)
         points = np.array(m.mesh_vert[vertices], dtype=float)
         return SurfaceMesh(points, np.array(m.mesh_face[faces], dtype=np.int64), m.mesh(k).name)
     if m.geom_type[g] == kinds.mjGEOM_ELLIPSOID:
@@ -190,22 +185,13 @@ def _surface(loaded: CompiledModel, g: int) -> SurfaceMesh:
     return _hull(np.concatenate([ball + up, ball - up]))
 
 
-def _transform_surface_points(loaded: CompiledModel, g: int, origin: Array, rotation: Array) -> Array:
-    """Return surface points of a geom of any shape in another frame, shape (k, 3)."""
-    shape, surface = _shape(loaded, g, "part")
-    surface = surface_of(shape) if surface is None else surface
-    place, turn = _pose(loaded, g)
-    return np.asarray((surface.points @ turn.T + place - origin) @ rotation)
-
-
 def _hull(points: Array) -> SurfaceMesh:
     """Return the convex hull of points (k, 3), outward."""
     try:
         hull = ConvexHull(points)
     except QhullError as error:
-        raise MeshError(
-            "convex hull", "geoms of a body enclose nothing together; give them volume"
-        ) from error
+        problem = "geoms of a body enclose nothing together; give them volume"
+        raise MeshError("convex hull", problem) from error
     used, numbers = np.unique(hull.simplices, return_inverse=True)
     triangles = numbers.reshape(-1, 3).astype(np.int64)
     corners = points[used][triangles]

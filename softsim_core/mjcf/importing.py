@@ -11,7 +11,7 @@ import numpy as np
 
 from softsim_core.base import FormerAttribute, MeshError, MeshFile, MjcfError, SceneError, write_file
 from softsim_core.mjcf.carriers import carriers, vector
-from softsim_core.mjcf.flexes import SoftBody, cables, soft_bodies
+from softsim_core.mjcf.flexes import cables, soft_bodies
 from softsim_core.mjcf.geoms import rigid_bodies
 from softsim_core.mjcf.reading import CompiledModel, Names, load_model
 from softsim_core.mjcf.source import Source
@@ -72,30 +72,16 @@ def remaining(source: Source) -> tuple[str, ...]:
             found.setdefault("pictures alone", {}).setdefault("", []).append(tag)
         elif parent in _SECTIONS:
             found.setdefault(f"{parent}/{tag}", {}).setdefault("", []).append(element.get("name", ""))
-        elif not _is_holder(tag, parent) and not _is_inside_one(above):
-            _note(found, tag, parent, dict(element.attrib))
+        elif tag in _WHOLE or (tag in (*_HOLDERS, *_SECTIONS) and parent in ("mujoco", "")):
+            continue
+        elif all(each in (*_READ, *_WHOLE, *_HOLDERS) for each in above):  # else one above is reported whole
+            is_under = (parent, tag) in _UNDER
+            read = _UNDER[parent, tag] if is_under else _READ.get(tag, "")
+            left = [] if read is None else [name for name in element.attrib if name not in read.split()]
+            called = f"{parent}/{tag}" if is_under or tag not in _READ else tag
+            for name in left if is_under or tag in _READ else [""]:
+                found.setdefault(called, {}).setdefault(name, []).append(element.get("name", ""))
     return tuple(_lines(found))
-
-
-def _is_holder(tag: str, parent: str) -> bool:
-    return tag in _WHOLE or (tag in (*_HOLDERS, *_SECTIONS) and parent in ("mujoco", ""))
-
-
-def _is_inside_one(above: tuple[str, ...]) -> bool:
-    """Return whether an element above is reported as a whole."""
-    transparent = (*_READ, *_WHOLE, *_HOLDERS)
-    return any(each not in transparent for each in above)
-
-
-def _note(found: dict[str, dict[str, list[str]]], tag: str, parent: str, attributes: dict[str, str]) -> None:
-    read: str | None = _UNDER.get((parent, tag), _READ.get(tag, ""))
-    called = f"{parent}/{tag}" if (parent, tag) in _UNDER or tag not in _READ else tag
-    if tag not in _READ and (parent, tag) not in _UNDER:
-        found.setdefault(called, {}).setdefault("", []).append(attributes.get("name", ""))
-        return
-    for name in attributes:
-        if read is not None and name not in read.split():
-            found.setdefault(called, {}).setdefault(name, []).append(attributes.get("name", ""))
 
 
 def _lines(found: dict[str, dict[str, list[str]]]) -> Iterator[str]:
@@ -110,15 +96,11 @@ def _lines(found: dict[str, dict[str, list[str]]]) -> Iterator[str]:
             by_names.setdefault(tuple(names), []).append(attribute)
         for owners, which in by_names.items():
             what = ", ".join(each for each in which if each) or "the whole element"
-            yield f"{tag}: {what} not taken over{_of(owners)}"
-
-
-def _of(names: tuple[str, ...]) -> str:
-    named = [name for name in names if name]
-    shown = ", ".join(named[:_MOST_NAMES]) + (", ..." if len(named) > _MOST_NAMES else "")
-    if len(names) == 1:
-        return f" ({shown})" if shown else ""
-    return f" ({len(names)} of them{': ' + shown if shown else ''})"
+            named = [name for name in owners if name]
+            shown = ", ".join(named[:_MOST_NAMES]) + (", ..." if len(named) > _MOST_NAMES else "")
+            if len(owners) > 1:
+                shown = f"{len(owners)} of them" + (f": {shown}" if shown else "")
+            yield f"{tag}: {what} not taken over" + (f" ({shown})" if shown else "")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,12 +147,17 @@ def _convert_model(loaded: CompiledModel, law: str | None) -> ImportedScene:
     rigid = rigid_bodies(loaded, found)
     surfaces, contact = collisions(loaded, soft, rigid, joints)
     m = loaded.model
-    gravity = np.zeros(3) if _is_off(loaded, "GRAVITY") else np.array(m.opt.gravity)
+    no_gravity = m.opt.disableflags & loaded.mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    gravity = np.zeros(3) if no_gravity else np.array(m.opt.gravity)
+    damping = sorted({each.damping for each in soft})  # a scene has one value for all bodies
+    if len(damping) > 1:
+        note = f"elasticity damping differs: all bodies have the least, {damping[0]:g} s, here"
+        loaded.notes.say("flexes", note)
     scene = SceneDescription(
         name=Names().new(str(loaded.spec.modelname), "model"),
         dt=float(m.opt.timestep),
         gravity=vector(gravity),
-        solver=SolverSettings(rayleigh_stiffness=_damping(loaded, soft)),
+        solver=SolverSettings(rayleigh_stiffness=damping[0] if damping else 0.0),
         bodies=tuple(each.body for each in soft),
         joints=(*joints, *cables(loaded, soft, found)),
         attachments=tuple(attachment for each in soft for attachment in each.attachments),
@@ -197,30 +184,10 @@ def _convert_model(loaded: CompiledModel, law: str | None) -> ImportedScene:
     )
 
 
-def _is_off(loaded: CompiledModel, word: str) -> bool:
-    return bool(loaded.model.opt.disableflags & getattr(loaded.mujoco.mjtDisableBit, f"mjDSBL_{word}"))
-
-
-def _damping(loaded: CompiledModel, soft: tuple[SoftBody, ...]) -> float:
-    """Return the Rayleigh damping in [s]; a scene has one value for all bodies."""
-    values = sorted({each.damping for each in soft})
-    if len(values) > 1:
-        loaded.notes.say(
-            "flexes", f"elasticity damping differs: all bodies have the least, {values[0]:g} s, here"
-        )
-    return values[0] if values else 0.0
-
-
 def write_imported(imported: ImportedScene, folder: str | Path, origin: str) -> Path:
-    """Write a scene and its meshes.
+    """Write a scene and its meshes into a folder; return the scene's file.
 
-    Args:
-        imported: The scene.
-        folder: Target folder; it is created, and files of these names in it are replaced.
-        origin: Name of the original model, for the scene's first line.
-
-    Returns:
-        The scene's file.
+    The folder is created, and files of these names in it are replaced. The first line names the `origin`.
 
     Raises:
         MjcfError, MeshError: a file cannot be written.
@@ -239,15 +206,10 @@ def write_imported(imported: ImportedScene, folder: str | Path, origin: str) -> 
             write_surface(folder / name, surface)
         written = folder / f"{scene.name}.yaml"
         robot = as_robot(replace(scene, bodies=tuple(bodies)))
-        text = write_description(robot, given_only=True)
-        write_file(written, _head(imported, origin) + text)
+        head = [f"{scene.name}: made of {origin} (MuJoCo). SI units (m, kg, s, Pa)."]
+        if imported.remarks:
+            head += ["Not taken over, or otherwise than there:", *(f"  {note}" for note in imported.remarks)]
+        write_file(written, comment(*head) + write_description(robot, given_only=True))
     except OSError as error:
         raise MjcfError(folder, f"cannot be written: {error.strerror or error}") from error
     return written
-
-
-def _head(imported: ImportedScene, origin: str) -> str:
-    lines = [f"{imported.scene.name}: made of {origin} (MuJoCo). SI units (m, kg, s, Pa)."]
-    if imported.remarks:
-        lines += ["Not taken over, or otherwise than there:", *(f"  {note}" for note in imported.remarks)]
-    return comment(*lines)

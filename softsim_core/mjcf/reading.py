@@ -16,14 +16,8 @@ from softsim_core.mjcf.source import MOST_VERTICES, Source, read_source
 
 _AXES = 3
 _CHECKED = (
-    "body_pos",
-    "body_mass",
-    "body_inertia",
-    "geom_pos",
-    "geom_size",
-    "flex_vert",
-    "qpos0",
-    "mesh_vert",
+    *("body_pos", "body_mass", "body_inertia", "geom_pos", "geom_size"),
+    *("flex_vert", "qpos0", "mesh_vert"),
 )
 
 
@@ -126,19 +120,14 @@ def _vertices(mujoco: Any, model: Any) -> Array:
     carries = np.zeros(model.nbody, dtype=bool)
     for numbers in (np.array(model.flex_vertbodyid), np.array(model.flex_nodebodyid)):
         carries[numbers[numbers >= 0]] = True
-    slides = np.bincount(
-        np.array(model.jnt_bodyid)[np.array(model.jnt_type) == mujoco.mjtJoint.mjJNT_SLIDE],
-        minlength=model.nbody,
-    )
+    is_slide = np.array(model.jnt_type) == mujoco.mjtJoint.mjJNT_SLIDE
+    slides = np.bincount(np.array(model.jnt_bodyid)[is_slide], minlength=model.nbody)
     three = (slides == _AXES) & (np.array(model.body_jntnum) == _AXES)
     return np.asarray(carries & three & (np.array(model.body_geomnum) == 0))
 
 
 def load_model(path: str | Path) -> CompiledModel:
-    """Read and compile a model.
-
-    Args:
-        path: An MJCF file.
+    """Read and compile the model of an MJCF file.
 
     Raises:
         MjcfError: MuJoCo is missing, the file is rejected by this module or by MuJoCo, or is too large.
@@ -156,15 +145,11 @@ def load_model(path: str | Path) -> CompiledModel:
     except (ValueError, RuntimeError) as error:
         raise MjcfError(source.file, f"MuJoCo refuses it: {' '.join(str(error).split())[:300]}") from error
     if model.nflexvert > MOST_VERTICES:
-        raise MjcfError(
-            source.file,
-            f"has {model.nflexvert} vertices in its flexes, more than {MOST_VERTICES}; coarsen them",
-        )
+        problem = f"has {model.nflexvert} vertices in its flexes, more than {MOST_VERTICES}; coarsen them"
+        raise MjcfError(source.file, problem)
     for name in _CHECKED:
         if not np.isfinite(getattr(model, name)).all():
-            raise MjcfError(
-                source.file, f"holds a number that is not finite (in MuJoCo's {name}); correct it"
-            )
-    return CompiledModel(
-        source, mujoco, spec, model, data, _vertices(mujoco, model), ConversionNotes(), Names()
-    )
+            problem = f"holds a number that is not finite (in MuJoCo's {name}); correct it"
+            raise MjcfError(source.file, problem)
+    vertices = _vertices(mujoco, model)
+    return CompiledModel(source, mujoco, spec, model, data, vertices, ConversionNotes(), Names())

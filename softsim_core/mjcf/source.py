@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -31,12 +32,7 @@ _FILES = ("file", "fileright", "fileup", "fileleft", "filedown", "filefront", "f
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The elements of a model.
-
-    Attributes:
-        file: The model's file.
-        roots: Its root element, then those of the included files.
-    """
+    """The elements of a model: its file, and its root element before those of the included files."""
 
     file: Path
     roots: tuple[ElementTree.Element, ...]
@@ -53,10 +49,9 @@ class Source:
 
 
 def read_source(path: str | Path) -> Source:
-    """Read the elements of a model and of the files that it includes.
+    """Read the elements of an MJCF file and of the files that it includes.
 
-    Args:
-        path: An MJCF file; everything that it names must lie in its folder, or below.
+    Everything that it names must lie in its folder, or below.
 
     Raises:
         MjcfError: it is no MuJoCo model, cannot be read, is too long, or names files outside its folder.
@@ -72,7 +67,15 @@ def read_source(path: str | Path) -> Source:
         files.add(one.resolve())
         if len(files) > MOST_FILES:
             raise MjcfError(file, f"includes more than {MOST_FILES} files; join them")
-        text = _text(one, file)
+        if not one.is_file():
+            what = "does not exist" if one == file else f"includes {one}, which does not exist"
+            raise MjcfError(file, f"{what}; check the path")
+        try:
+            if one.stat().st_size > MOST_BYTES:
+                raise MjcfError(one, f"is longer than {MOST_BYTES} bytes; make it shorter")
+            text = one.read_bytes()
+        except OSError as error:
+            raise MjcfError(one, f"cannot be read: {error.strerror or error}") from error
         length += len(text)
         if length > MOST_BYTES:
             raise MjcfError(file, f"is longer than {MOST_BYTES} bytes with what it includes; make it shorter")
@@ -90,18 +93,6 @@ def read_source(path: str | Path) -> Source:
     source = Source(file, tuple(roots))
     _check(source, {each.parent for each in files})
     return source
-
-
-def _text(one: Path, file: Path) -> bytes:
-    if not one.is_file():
-        what = "does not exist" if one == file else f"includes {one}, which does not exist"
-        raise MjcfError(file, f"{what}; check the path")
-    try:
-        if one.stat().st_size > MOST_BYTES:
-            raise MjcfError(one, f"is longer than {MOST_BYTES} bytes; make it shorter")
-        return one.read_bytes()
-    except OSError as error:
-        raise MjcfError(one, f"cannot be read: {error.strerror or error}") from error
 
 
 def _parse_xml(text: bytes, one: Path) -> ElementTree.Element:
@@ -129,48 +120,25 @@ def _check(source: Source, folders: set[Path]) -> None:
             ]
     size = vertices = 0
     for element, _ in source.elements():
+        called = f"{element.tag} {element.get('name')}" if element.get("name") else element.tag
         for name, text in element.attrib.items():
             if name not in _WORDS and re.search(r"(?i)(^|[\s+-])(nan|inf|infinity)($|\s)", text):
-                raise MjcfError(
-                    source.file,
-                    f"{_describe_element(element)}: {name} is {text[:40]!r}, which is no finite number",
-                )
-        for name in _FILES:
-            if element.get(name) and element.tag != "include":
-                size += _size(
-                    element.get(name, ""), directories, source.file, f"{_describe_element(element)}: {name}"
-                )
+                problem = f"{called}: {name} is {text[:40]!r}, which is no finite number"
+                raise MjcfError(source.file, problem)
+            if name in _FILES and text and element.tag != "include":
+                # MuJoCo's search order is not known here: the file must lie inside for each directory. One
+                # that is not found has no size; MuJoCo reports it.
+                found = [_inside(text, each, source.file, f"{called}: {name}") for each in directories]
+                size += max((each.stat().st_size for each in found if each.is_file()), default=0)
         if element.tag in ("flexcomp", "composite"):
-            vertices += _grid(element)
+            with suppress(ValueError, OverflowError):  # MuJoCo's own reader reports the problem
+                vertices += math.prod(max(1, int(float(word))) for word in element.get("count", "1").split())
     if size > MOST_MESH_BYTES:
-        raise MjcfError(
-            source.file, f"names meshes and pictures of {size} bytes, more than {MOST_MESH_BYTES}; simplify"
-        )
+        problem = f"names meshes and pictures of {size} bytes, more than {MOST_MESH_BYTES}; simplify"
+        raise MjcfError(source.file, problem)
     if vertices > MOST_VERTICES:
-        raise MjcfError(
-            source.file, f"asks for {vertices} vertices, more than {MOST_VERTICES}; make its grids coarser"
-        )
-
-
-def _describe_element(element: ElementTree.Element) -> str:
-    name = element.get("name")
-    return f"{element.tag} {name}" if name else element.tag
-
-
-def _grid(element: ElementTree.Element) -> int:
-    try:
-        return math.prod(max(1, int(float(word))) for word in element.get("count", "1").split())
-    except (ValueError, OverflowError):
-        return 0  # MuJoCo's own reader reports the problem
-
-
-def _size(text: str, directories: list[Path], file: Path, what: str) -> int:
-    """Return the size in bytes of a file that a model names; 0 if it is not found, which MuJoCo reports.
-
-    MuJoCo's search order in the directories is not known here, so the file must lie inside for each of them.
-    """
-    found = [_inside(text, directory, file, what) for directory in directories]
-    return max((each.stat().st_size for each in found if each.is_file()), default=0)
+        problem = f"asks for {vertices} vertices, more than {MOST_VERTICES}; make its grids coarser"
+        raise MjcfError(source.file, problem)
 
 
 def _inside(text: str, directory: Path, file: Path, what: str) -> Path:
@@ -179,8 +147,6 @@ def _inside(text: str, directory: Path, file: Path, what: str) -> Path:
         raise MjcfError(file, f"{what} names {text[:80]!r}, which is no path of a file")
     found = directory / text
     if not found.resolve().is_relative_to(file.parent.resolve()):
-        raise MjcfError(
-            file,
-            f"{what} names {text[:80]!r}, which lies outside the model's folder; put it beside the model",
-        )
+        problem = "which lies outside the model's folder; put it beside the model"
+        raise MjcfError(file, f"{what} names {text[:80]!r}, {problem}")
     return found

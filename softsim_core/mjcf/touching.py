@@ -6,6 +6,8 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from softsim_core.mjcf.flexes import SoftBody
 from softsim_core.mjcf.geoms import RigidGeom
 from softsim_core.mjcf.reading import CompiledModel
@@ -56,7 +58,9 @@ def collisions(
     m = loaded.model
     if m.opt.disableflags & loaded.mujoco.mjtDisableBit.mjDSBL_CONTACT:
         return (), ContactSettings()
-    surfaces = [each for each in (*_soft(loaded, soft), *_rigid(loaded, rigid)) if _touches(each)]
+    surfaces = [
+        each for each in (*_soft(loaded, soft), *_rigid(loaded, rigid)) if each.contype or each.conaffinity
+    ]
     if not any(each.carrier != "world" for each in surfaces):
         return (), ContactSettings()
     groups: dict[str, list[str]] = {each.name: [] for each in surfaces}
@@ -66,8 +70,10 @@ def collisions(
             for name in members:
                 groups[name].append(f"on_{carrier}")
     apart = [{int(each) >> 16, int(each) & 0xFFFF} for each in m.exclude_signature]
-    neighbours = [] if _is_unfiltered(loaded) else [{each.name, each.parent} for each in joints]
-    crossing = _crossing(loaded)
+    touches_parent = m.opt.disableflags & loaded.mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+    neighbours = [] if touches_parent else [{each.name, each.parent} for each in joints]
+    contacts = loaded.data.contact
+    crossing = [set(map(int, each.geom)) for each in contacts if each.dist < 0.0 and min(each.geom) >= 0]
     meeting: list[tuple[_Surface, _Surface]] = []
     for a, b in itertools.combinations(surfaces, 2):
         if a.carrier == b.carrier:
@@ -90,52 +96,26 @@ def collisions(
     return found, _settings(loaded, surfaces, meeting)
 
 
-def _touches(surface: _Surface) -> bool:
-    return bool(surface.contype or surface.conaffinity)
-
-
 def _soft(loaded: CompiledModel, soft: tuple[SoftBody, ...]) -> Iterator[_Surface]:
     m = loaded.model
     for each in soft:
         f = each.flex
         attached = {attached.name if attached.to == "free" else attached.to for attached in each.attachments}
-        yield _Surface(
-            each.body.name,
-            int(m.flex_contype[f]),
-            int(m.flex_conaffinity[f]),
-            float(m.flex_friction[f, 0]),
-            each.body.name,
-            frozenset(),
-            float(m.flex_radius[f]),
-            frozenset(attached - {"world"}),
-        )
+        contype, conaffinity = int(m.flex_contype[f]), int(m.flex_conaffinity[f])
+        friction, radius = float(m.flex_friction[f, 0]), float(m.flex_radius[f])
+        name, hangs_on = each.body.name, frozenset(attached - {"world"})
+        yield _Surface(name, contype, conaffinity, friction, name, frozenset(), radius, hangs_on)
 
 
 def _rigid(loaded: CompiledModel, rigid: tuple[RigidGeom, ...]) -> Iterator[_Surface]:
     m = loaded.model
     for each in rigid:
-        contype, conaffinity, friction = 0, 0, 0.0
-        for g in each.geoms:
-            contype |= int(m.geom_contype[g])
-            conaffinity |= int(m.geom_conaffinity[g])
-            friction = max(friction, float(m.geom_friction[g, 0]))
-        bodies = frozenset(int(m.geom_bodyid[g]) for g in each.geoms)
-        driven = frozenset(each.geoms if each.description.mass is None else ())
-        yield _Surface(
-            each.description.name, contype, conaffinity, friction, each.carrier, bodies, driven=driven
-        )
-
-
-def _crossing(loaded: CompiledModel) -> list[set[int]]:
-    """Return the pairs of geoms that intersect at the start according to MuJoCo."""
-    d = loaded.data
-    pairs = (set(map(int, d.contact[k].geom)) for k in range(d.ncon) if d.contact[k].dist < 0.0)
-    return [pair for pair in pairs if min(pair) >= 0]
-
-
-def _is_unfiltered(loaded: CompiledModel) -> bool:
-    """Return whether bodies may touch the parent body of their joint."""
-    return bool(loaded.model.opt.disableflags & loaded.mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
+        geoms, description = list(each.geoms), each.description
+        contype = int(np.bitwise_or.reduce(m.geom_contype[geoms]))
+        conaffinity = int(np.bitwise_or.reduce(m.geom_conaffinity[geoms]))
+        friction, bodies = float(m.geom_friction[geoms, 0].max()), frozenset(m.geom_bodyid[geoms].tolist())
+        driven = frozenset(geoms if description.mass is None else ())
+        yield _Surface(description.name, contype, conaffinity, friction, each.carrier, bodies, driven=driven)
 
 
 def _settings(
@@ -145,18 +125,16 @@ def _settings(
     radii = [each.radius for each in surfaces if each.radius > 0.0]
     gap = float(f"{max(radii, default=_GAP_M):.6g}")
     if len({f"{each:.6g}" for each in radii}) > 1:
-        loaded.notes.say(
-            "flexes", f"radius differs: all bodies keep the largest, {gap:g} m, as their gap here"
-        )
+        note = f"radius differs: all bodies keep the largest, {gap:g} m, as their gap here"
+        loaded.notes.say("flexes", note)
     pairs = {(a.name, b.name): max(a.friction, b.friction) for a, b in meeting}
     values = list(pairs.values())
     usual = max(set(values), key=values.count)
     others = tuple(
         PairFriction(between=names, friction=value) for names, value in pairs.items() if value != usual
     )
-    loaded.notes.say(
-        "contact", "is rigid with Coulomb friction here; MuJoCo's is a spring with a time constant"
-    )
+    note = "is rigid with Coulomb friction here; MuJoCo's is a spring with a time constant"
+    loaded.notes.say("contact", note)
     return ContactSettings(
         alarm_distance=max(0.004, 4.0 * gap), contact_distance=gap, friction=usual, friction_pairs=others
     )
