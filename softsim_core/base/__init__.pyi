@@ -26,7 +26,6 @@ from .errors import (
     StudyError as StudyError,
     listing as listing,
 )
-from .extras import install_command as install_command
 from .files import (
     LockError as LockError,
     RuntimeFolderError as RuntimeFolderError,
@@ -42,6 +41,7 @@ from .files import (
 )
 from .machine import (
     describe_machine as describe_machine,
+    install_command as install_command,
     limit_threads as limit_threads,
     version_of as version_of,
 )
@@ -99,6 +99,8 @@ from .values import (
     Sphere as Sphere,
     Vector as Vector,
     need_finite as need_finite,
+    need_not_negative as need_not_negative,
     need_positive as need_positive,
     need_unit as need_unit,
+    vector as vector,
 )

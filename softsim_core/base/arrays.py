@@ -24,13 +24,8 @@ _FLOAT64 = np.dtype(np.float64)
 def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
     """Return `value` as a C-contiguous float64 array; it is copied only if necessary.
 
-    Args:
-        value: The value to convert.
-        shape: Required shape; -1 is any length.
-        name: Name in messages.
-
     Raises:
-        ArrayError: another shape, or not real numbers.
+        ArrayError: not of the required shape, where -1 is any length, or not real numbers; gives the name.
     """
     if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.flags.c_contiguous:
         array: Array = value
@@ -42,16 +37,11 @@ def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
             array = np.array(numbers, dtype=np.float64, order="C")
         except (TypeError, ValueError) as error:
             raise ArrayError(name, shape, "something that is no array of real numbers") from error
-    if array.shape != shape and not _fits(array.shape, shape):
-        raise ArrayError(name, shape, f"shape {array.shape}")
+    if array.shape != shape:
+        wanted = zip(shape, array.shape, strict=False)
+        if array.ndim != len(shape) or any(want not in (-1, have) for want, have in wanted):
+            raise ArrayError(name, shape, f"shape {array.shape}")
     return array
-
-
-def _fits(actual: tuple[int, ...], expected: tuple[int, ...]) -> bool:
-    """Return whether a shape matches the wanted one, where -1 is any length."""
-    return len(actual) == len(expected) and all(
-        want in (-1, have) for have, want in zip(actual, expected, strict=True)
-    )
 
 
 def unique_pairs(pairs: IndexArray) -> IndexArray:

@@ -1,29 +1,21 @@
-"""The machine of a measurement, and the environment that limits numeric libraries to one thread."""
+"""The machine of a measurement, its environment, and the command that installs optional packages on it."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import os
 import platform
+import shlex
 import sys
 from collections.abc import MutableMapping
 from pathlib import Path
 
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "BLIS_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-)
+THREAD_VARIABLES = tuple(f"{library}_NUM_THREADS" for library in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMBA"))
 """Environment variables that numeric libraries read when they are loaded."""
 
 
 def limit_threads(environment: MutableMapping[str, str]) -> bool:
-    """Limit every numeric library to one thread.
-
-    Args:
-        environment: Changed in place, usually os.environ.
+    """Limit every numeric library to one thread by an environment, usually os.environ, in place.
 
     Returns:
         Whether that is in time: False if NumPy was already loaded with another setting.
@@ -62,3 +54,18 @@ def describe_machine() -> list[str]:
         f"{cpu_name()}, {usable} cores usable, {platform.system()} {platform.machine()}{load}",
         f"Python {platform.python_version()}, {', '.join(packages)}",
     ]
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs an extra of pyproject.toml, such as "study", where it is missing.
+
+    In the environment of a checkout, such as that of `./softsim`, plain pip would install into another
+    Python.
+    """
+    root = Path(__file__).resolve().parents[2]
+    constraints = root / "constraints.txt"
+    if sys.prefix == sys.base_prefix or not constraints.is_file():
+        return f"pip install 'softsim[{extra}]'"
+    pip = str(Path(sys.executable).with_name("pip"))
+    words = [pip, "install", "-c", str(constraints), "-e", f"{root}[{extra}]"]
+    return shlex.join(words)

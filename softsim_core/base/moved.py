@@ -17,10 +17,9 @@ if TYPE_CHECKING:
 
 
 class FormerNames:
-    """Import finder of modules by their former names, for `sys.meta_path`.
+    """Import finder of modules by their former names, for `sys.meta_path`, from the new name by former name.
 
-    Args:
-        modules: New name by former name. A module of a package that has moved is found below its new name.
+    A module of a package that has moved is found below its new name.
     """
 
     def __init__(self, modules: Mapping[str, str]) -> None:
@@ -87,11 +86,7 @@ class _Moved:
 
 
 class FormerAttribute:
-    """Attribute of a class by its former name, until release 0.3.0: to read it warns.
-
-    Args:
-        new: Name of the attribute now.
-    """
+    """Attribute of a class by its former name, until release 0.3.0; reading it warns."""
 
     def __init__(self, new: str) -> None:
         self._old, self._new = "", new
@@ -111,11 +106,7 @@ class FormerAttribute:
 
 
 def keep_former_names(modules: Mapping[str, str]) -> None:
-    """Let modules also be imported by their former names, until release 0.3.0.
-
-    Args:
-        modules: New name by former name.
-    """
+    """Let modules (new name by former name) also be imported by their former names, until release 0.3.0."""
     sys.meta_path.insert(0, FormerNames(modules))
 
 
@@ -124,10 +115,7 @@ def find_former_names(
 ) -> Callable[[str], Any]:
     """Return a package's `__getattr__` that also finds attributes by their former names, until release 0.3.0.
 
-    Args:
-        package: Dotted name of the package, for the warning.
-        names: New name by former name.
-        find: The package's `__getattr__`; it finds the attributes by their new names.
+    `names` gives the new name by former name; `find`, the package's `__getattr__`, knows the new ones.
     """
 
     def find_attribute(name: str) -> Any:

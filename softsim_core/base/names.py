@@ -37,13 +37,12 @@ def _rank_names(unknown: object, names: Iterable[object]) -> list[tuple[float, s
         return []
     ranks = {each: 1.0 + 1.0 / len(each) for each in table if each.startswith(plain)}
     matcher = difflib.SequenceMatcher(b=plain)
-    alike = difflib.get_close_matches(plain, table, MOST_PROPOSED, _ALIKE)
-    ratios = []
-    for each in alike:
+    most_alike = 0.0
+    for each in difflib.get_close_matches(plain, table, MOST_PROPOSED, _ALIKE):  # the best first
         matcher.set_seq1(each)
-        ratios.append(matcher.ratio())
-    for each, ratio in zip(alike, ratios, strict=True):
-        if ratio >= ratios[0] - _NEARLY_AS_ALIKE:
+        ratio = matcher.ratio()
+        most_alike = max(most_alike, ratio)
+        if ratio >= most_alike - _NEARLY_AS_ALIKE:
             ranks.setdefault(each, ratio)
     best = sorted(ranks, key=lambda each: (-ranks[each], each))[:MOST_PROPOSED]
     return [(ranks[each], table[each]) for each in best]
@@ -110,11 +109,9 @@ N = TypeVar("N", bound=Named)
 
 
 class Registry(Generic[N]):
-    """Registry of the implementations of one interface by name.
+    """Registry of the implementations of one interface ("linear solver" in messages) by name.
 
-    Args:
-        what: Description for messages: "linear solver".
-        shipped: Implementations of the package; their names are reserved.
+    The names of the shipped implementations are reserved.
     """
 
     def __init__(self, what: str, *shipped: N) -> None:

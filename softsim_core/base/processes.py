@@ -37,9 +37,7 @@ def use_safe_path() -> None:
 def python_command(program: str | Path, *words: str | Path) -> list[str]:
     """Return the command line that runs a Python program without the current folder in its import path.
 
-    Args:
-        program: Name of a module, or path of a script.
-        words: Arguments of the program.
+    The program is the name of a module as text, or a script as a Path.
     """
     if sys.version_info >= _OPTION_SINCE:
         how = ["-P", str(program)] if isinstance(program, Path) else ["-P", "-m", program]
@@ -51,29 +49,16 @@ def python_command(program: str | Path, *words: str | Path) -> list[str]:
 def start_process(
     command: Sequence[str], env: Mapping[str, str] | None = None, **options: Any
 ) -> subprocess.Popen[Any]:
-    """Start a program, see `subprocess.Popen`; Python programs come from `python_command`.
-
-    Args:
-        command: The program and its arguments.
-        env: Its environment; None: that of this process.
-        options: Of Popen.
-    """
+    """Start a program, see `subprocess.Popen`; Python programs come from `python_command`."""
     return subprocess.Popen(command, env=_safe(os.environ if env is None else env), **options)
 
 
 def run_process(
     command: Sequence[str], env: Mapping[str, str] | None = None, **options: Any
 ) -> subprocess.CompletedProcess[Any]:
-    """Run a program to its end, see `subprocess.run`; Python programs come from `python_command`.
-
-    Args:
-        command: The program and its arguments.
-        env: Its environment; None: that of this process.
-        options: Of subprocess.run.
-    """
-    return subprocess.run(
-        command, env=_safe(os.environ if env is None else env), **{"check": False, **options}
-    )
+    """Run a program to its end, see `subprocess.run`; Python programs come from `python_command`."""
+    options.setdefault("check", False)
+    return subprocess.run(command, env=_safe(os.environ if env is None else env), **options)
 
 
 def _safe(environment: Mapping[str, str]) -> dict[str, str]:

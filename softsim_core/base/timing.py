@@ -50,12 +50,8 @@ def no_garbage_collection() -> Iterator[None]:
 def take_turns(contenders: Sequence[Contender], rounds: int) -> dict[str, Array]:
     """Time every contender in every round; each round begins with another one.
 
-    Args:
-        contenders: Unique names.
-        rounds: Turns of each contender, >= 1.
-
     Returns:
-        Times in [ms] by name, shape (rounds * calls,).
+        Times in [ms] by the contenders' unique names, shape (rounds * calls,).
     """
     times = {each.name: np.empty(rounds * each.calls) for each in contenders}
     for contender in contenders:  # compiles, fills caches

@@ -57,12 +57,7 @@ Quantity: TypeAlias = Literal["angle", "length", "time", "force", "pressure", "v
 
 
 class Scale(NamedTuple):
-    """A unit in which files give a quantity.
-
-    Attributes:
-        quantity: The measured quantity.
-        si: One unit in SI.
-    """
+    """A unit in which files give a quantity, and one unit in SI."""
 
     quantity: Quantity
     si: float

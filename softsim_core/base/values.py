@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Literal, NewType, TypeAlias
 
+from softsim_core.base.arrays import Array
 from softsim_core.base.errors import SceneError
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -27,6 +28,12 @@ LOCAL: Final = MappingProxyType({"in_world": "no"})
 """Metadata of a field with a placement or a region in the frame of another part."""
 
 
+def vector(values: Array) -> Vector:
+    """Return an array of three numbers as a tuple of floats."""
+    x, y, z = values.tolist()
+    return x, y, z
+
+
 class FieldError(SceneError):
     """A field of a description is out of range; carries the field's name, for loaders to name the key."""
 
@@ -39,6 +46,12 @@ def need_positive(owner: str, field: str, value: float, unit: str) -> None:
     """Raise FieldError unless a value is > 0 and finite."""
     if not 0.0 < value < math.inf:  # also rejects NaN
         raise FieldError(owner, field, value, f"> 0 {unit}".rstrip())
+
+
+def need_not_negative(owner: str, field: str, value: float, unit: str) -> None:
+    """Raise FieldError unless a value is >= 0 and finite."""
+    if not 0.0 <= value < math.inf:  # also rejects NaN
+        raise FieldError(owner, field, value, f">= 0 {unit}".rstrip())
 
 
 def need_finite(owner: str, field: str, values: tuple[float, ...]) -> None:

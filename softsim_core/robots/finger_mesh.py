@@ -67,9 +67,8 @@ def finger(divisions: int = 1, name: str = "finger", notch_depth: float = NOTCH_
     if divisions < 0:
         raise MeshError(name, f"divisions = {divisions} must be >= 0")
     if not THINNEST <= notch_depth <= HEIGHT - THINNEST:
-        raise MeshError(
-            name, f"notch_depth = {notch_depth} must lie from {THINNEST:g} to {HEIGHT - THINNEST:g} m"
-        )
+        allowed = f"{THINNEST:g} to {HEIGHT - THINNEST:g} m"
+        raise MeshError(name, f"notch_depth = {notch_depth} must lie from {allowed}")
     plane, triangles = profile(divisions, notch_depth)
     heights = np.linspace(0.0, WIDTH, max(1, 2 * divisions) + 1)
     solid, tets = extrude(plane, triangles, np.arange(len(plane)), heights)
@@ -93,11 +92,8 @@ def profile(divisions: int, notch_depth: float = NOTCH_DEPTH) -> tuple[Array, In
         columns.append(list(range(len(points), len(points) + rows + 1)))
         points.extend((-along, top * row / rows) for row in range(rows + 1))
     plane = np.array(points)
-    triangles = [
-        triangle
-        for nearer, farther in itertools.pairwise(columns)
-        for triangle in stitch(plane, farther, nearer)
-    ]
+    pairs = itertools.pairwise(columns)
+    triangles = [triangle for nearer, farther in pairs for triangle in stitch(plane, farther, nearer)]
     movable = np.zeros((len(plane), 2, 2))
     for column in columns[1:-1]:
         movable[column[1:-1]] = np.eye(2)

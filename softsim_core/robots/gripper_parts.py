@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from softsim_core.base import Box, MeshFile, Placement, Vector
+from softsim_core.base import Box, MeshFile, Placement, Vector, vector
 from softsim_core.physics.actuation.cable import CableDescription
 from softsim_core.physics.mechanics import JointLimits
 from softsim_core.physics.mesh import Shape, place
@@ -114,20 +114,11 @@ def cable_gripper(collides: bool = True) -> Part:
         cable_finger(name, placement, (x, 0.003, 0.0105), "sideways", "sideways", collides=collides)
         for name, (placement, x) in places.items()
     ]
+    up_down, to_sides = JointLimits(-0.055, 0.050, 0.05), JointLimits(-0.050, 0.050, 0.05)
+    up, aside = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
     slides = (
-        JointDescription(
-            name="vertical",
-            kind="prismatic",
-            axis=(0.0, 0.0, 1.0),
-            limits=JointLimits(lower=-0.055, upper=0.050, speed=0.05),
-        ),
-        JointDescription(
-            name="sideways",
-            kind="prismatic",
-            parent="vertical",
-            axis=(0.0, 1.0, 0.0),
-            limits=JointLimits(lower=-0.050, upper=0.050, speed=0.05),
-        ),
+        JointDescription(name="vertical", kind="prismatic", axis=up, limits=up_down),
+        JointDescription(name="sideways", kind="prismatic", parent="vertical", axis=aside, limits=to_sides),
     )
     return Part(
         bodies=tuple(body for finger in fingers for body in finger.bodies),
@@ -163,32 +154,16 @@ def rigid_thing(
 
 def _surfaces(name: str, placement: Placement) -> tuple[CollisionDescription, ...]:
     """Return collision surfaces of the whole finger and of the sides of its notches, which can touch."""
-    whole = CollisionDescription(name=name, body=name, groups=(_TIP_WALLS, _BASE_WALLS))
-    walls = [
-        CollisionDescription(
-            name=f"{name}_{side}",
-            body=name,
-            groups=(side,),
-            boxes=tuple(
-                Box(
-                    center=_place_point((_BASE[0], along, 0.012), placement),
-                    size=_WALL_SIZE,
-                    rotation_deg=_leaning(placement, lean_deg),
-                )
-                for along in middles
-            ),
-        )
-        for side, (middles, lean_deg) in _WALLS.items()
-    ]
-    return (whole, *walls)
+    surfaces = [CollisionDescription(name=name, body=name, groups=(_TIP_WALLS, _BASE_WALLS))]
+    about_x, about_y, about_z = placement.rotation_deg
+    for side, (middles, lean_deg) in _WALLS.items():
+        # a box leans about the finger's x axis before the finger itself is placed
+        turn = math.remainder(about_x + lean_deg, 360.0), about_y, about_z
+        centers = [_place_point((_BASE[0], along, 0.012), placement) for along in middles]
+        boxes = tuple(Box(center=each, size=_WALL_SIZE, rotation_deg=turn) for each in centers)
+        surfaces.append(CollisionDescription(name=f"{name}_{side}", body=name, groups=(side,), boxes=boxes))
+    return tuple(surfaces)
 
 
 def _place_point(point: Vector, placement: Placement) -> Vector:
-    x, y, z = place(np.array([point]), placement)[0].tolist()
-    return x, y, z
-
-
-def _leaning(placement: Placement, lean_deg: float) -> Vector:
-    """Return the angles of a box that leans about the finger's x axis before the finger itself is placed."""
-    about_x, about_y, about_z = placement.rotation_deg
-    return math.remainder(about_x + lean_deg, 360.0), about_y, about_z
+    return vector(place(np.array([point]), placement)[0])

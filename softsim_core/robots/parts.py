@@ -7,7 +7,7 @@ scene.add(tripod(ServoCircle(servos=4), silicone=my_cross))
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -136,9 +136,8 @@ def actuated_arm(
     if holds is None:
         return arm
     box = Box(center=(0.0, 0.0, arm_length), size=tip_size)
-    attachment = AttachmentDescription(
-        name=tip or f"{name}_tip", body=holds, to=name, relative_to=name, box=box
-    )
+    tip = tip or f"{name}_tip"
+    attachment = AttachmentDescription(name=tip, body=holds, to=name, relative_to=name, box=box)
     return Part(joints=arm.joints, attachments=(attachment,))
 
 
@@ -201,9 +200,8 @@ def fixing_box(
         stiffness: None fixes the nodes exactly; a number is a spring in [N/m] for each of them.
     """
     box = Box(center=center, size=size, rotation_deg=rotation_deg)
-    return Part(
-        attachments=(AttachmentDescription(name=name, body=body, to="world", box=box, stiffness=stiffness),)
-    )
+    fixing = AttachmentDescription(name=name, body=body, to="world", box=box, stiffness=stiffness)
+    return Part(attachments=(fixing,))
 
 
 def tripod_silicone(
@@ -271,22 +269,22 @@ def tripod(
     regions: list[AttachmentDescription] = []
     for index in range(circle.servos):
         base = circle.place(index)
-        arm = actuated_arm(
-            f"servo_{index}", base, limits, arm_length, bodies[0].name, f"tip_{index}", spring=spring
-        )
+        name, tip = f"servo_{index}", f"tip_{index}"
+        arm = actuated_arm(name, base, limits, arm_length, bodies[0].name, tip, spring=spring)
         joints += arm.joints
         if tips == "servo":
             regions += arm.attachments
         elif tips == "free":
-            regions += [_freed(region, base, arm_length) for region in arm.attachments]
+            x, y, z = base.translation
+            frame = Placement(translation=(x, y, z + arm_length), rotation_deg=base.rotation_deg)
+            regions += [replace(region, to="free", frame=frame) for region in arm.attachments]
     if centre_radius is not None:
-        regions.append(_centre(bodies[0].name, (0.0, 0.0, arm_length + 0.005), centre_radius))
-    return Part(
-        bodies=bodies,
-        joints=tuple(joints),
-        attachments=tuple(regions),
-        effector=None if centre_radius is None else "centre",
-    )
+        top = (0.0, 0.0, arm_length + 0.005)
+        region, frame = Sphere(center=top, radius=centre_radius), Placement(translation=top)
+        body = bodies[0].name
+        regions.append(AttachmentDescription(name="centre", body=body, to="free", sphere=region, frame=frame))
+    effector = None if centre_radius is None else "centre"
+    return Part(bodies=bodies, joints=tuple(joints), attachments=tuple(regions), effector=effector)
 
 
 def move_all(target: float, duration: float, delay: float = 0.0) -> Controller:
@@ -302,26 +300,3 @@ def move_all(target: float, duration: float, delay: float = 0.0) -> Controller:
         simulation.command([target * factor] * len(simulation.joint_names))
 
     return animated(move, duration, delay=delay)
-
-
-def _freed(region: AttachmentDescription, base: Placement, arm_length: float) -> AttachmentDescription:
-    x, y, z = base.translation
-    frame = Placement(translation=(x, y, z + arm_length), rotation_deg=base.rotation_deg)
-    return AttachmentDescription(
-        name=region.name,
-        body=region.body,
-        to="free",
-        relative_to=region.relative_to,
-        box=region.box,
-        frame=frame,
-    )
-
-
-def _centre(body: str, point: Vector, radius: float) -> AttachmentDescription:
-    return AttachmentDescription(
-        name="centre",
-        body=body,
-        to="free",
-        sphere=Sphere(center=point, radius=radius),
-        frame=Placement(translation=point),
-    )

@@ -57,9 +57,8 @@ class ArmShape:
         rings = [self.bore, self.tube, self.radius - self.wall, self.radius]
         lengths = (self.rib, self.base_cap, self.tip_cap, self.length - self.base_cap - self.tip_cap)
         if self.bore < 0.0 or np.min(np.diff(rings)) <= 0.0 or min(lengths) <= 0.0:
-            raise MeshError(
-                "pneu_arm", "from inside out: 0 <= bore < tube < radius - wall < radius; the rest > 0"
-            )
+            problem = "from inside out: 0 <= bore < tube < radius - wall < radius; the rest > 0"
+            raise MeshError("pneu_arm", problem)
         if self.rib >= 2.0 * self.tube * np.sin(np.pi / self.chambers):
             raise MeshError("pneu_arm", "the ribs leave no room for chambers; make rib or the number smaller")
 

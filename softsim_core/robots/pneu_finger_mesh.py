@@ -55,9 +55,7 @@ def pneu_finger(chambers: int = CHAMBERS, name: str = "pneu_finger") -> TetMesh:
     """
     if chambers < 1:
         raise MeshError(name, f"a finger has at least one chamber, not {chambers}")
-    outside = np.array(
-        [[-0.5 * WIDTH, 0.0], [0.5 * WIDTH, 0.0], [0.5 * WIDTH, HEIGHT], [-0.5 * WIDTH, HEIGHT]]
-    )
+    outside = np.array([[-0.5, 0.0], [0.5, 0.0], [0.5, 1.0], [-0.5, 1.0]]) * [WIDTH, HEIGHT]
     middle = np.array([0.0, 0.5 * HEIGHT])
     inside = middle + (outside - middle) * (1.0 - 2.0 * SIDE / np.array([WIDTH, HEIGHT]))
     frame = []

@@ -43,9 +43,8 @@ LEVELS: dict[str, tuple[int, int]] = {"coarse": (1, 1), "low": (2, 1), "mid": (3
 "coarse" is for quadratic elements (`order: 2`); linear ones of that size hardly bend.
 """
 
-_STRETCH = (
-    1.1  # element length along the arm per distance of the lines; 2 / sqrt(3) makes equal-sided triangles
-)
+_STRETCH = 1.1
+"""Element length along the arm per distance of the lines; 2 / sqrt(3) makes equal-sided triangles."""
 _COARSE_STRETCH = 0.5  # with one division: the arm bends along its length
 _GRADING = 0.7  # growth of the element size per distance from the hole
 
@@ -78,11 +77,8 @@ def tripod_silicone(
     if divisions < 1 or layers < 1:
         raise MeshError(name, f"divisions = {divisions} and layers = {layers} must be >= 1")
     if not NARROWEST <= half_width <= WIDEST or not 0.0 < thickness < math.inf:
-        raise MeshError(
-            name,
-            f"half_width = {half_width:g} m must be between {NARROWEST:g} and {WIDEST:g} m, "
-            f"thickness = {thickness:g} m greater than 0",
-        )
+        width = f"half_width = {half_width:g} m must be between {NARROWEST:g} and {WIDEST:g} m"
+        raise MeshError(name, f"{width}, thickness = {thickness:g} m greater than 0")
     half_points, half_triangles = half_arm(divisions, half_width)
     points, triangles, labels = _replicate(half_points, half_triangles)
     heights = thickness * np.arange(layers + 1) / layers
@@ -131,9 +127,7 @@ def _line_points(line: int, divisions: int, half_width: float) -> list[tuple[flo
     length = hub + TIP_LINE - root
     stretch = _COARSE_STRETCH if divisions == 1 else _STRETCH
     size, size_at_hole = stretch * half_width / divisions, HOLE_RADIUS * math.pi / 3.0 / divisions
-    growing = min(
-        length, (size - size_at_hole) / _GRADING
-    )  # distance over which the size grows from hole to arm
+    growing = min(length, (size - size_at_hole) / _GRADING)  # where the size grows from hole to arm
 
     def elements(distance: float) -> float:
         """Return the number of elements from the hole to this distance: the integral of 1 / size."""

@@ -30,6 +30,7 @@ from .description import (
 )
 from .file_keys import (
     beside as beside,
+    hints_of as hints_of,
     is_absent as is_absent,
     is_beside as is_beside,
     keys_of as keys_of,

@@ -8,7 +8,14 @@ import warnings
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from softsim_core.base import FieldError, SceneError, Vector, need_finite, need_positive
+from softsim_core.base import (
+    FieldError,
+    SceneError,
+    Vector,
+    need_finite,
+    need_not_negative,
+    need_positive,
+)
 
 EffectorTask: TypeAlias = Literal["position", "orientation", "height_tilt", "pose"]
 Action: TypeAlias = Literal["start", "send", "e_stop", "clear_e_stop", "inverse", "reset", "pause", "quit"]
@@ -132,15 +139,9 @@ class InverseSettings:
             value = getattr(self, name)
             if value is not None:
                 need_positive("inverse", name, value, unit)
-        for name in (
-            "effort_weight",
-            "posture_weight",
-            "feedback_gain",
-            "max_correction",
-            "max_correction_turn",
-        ):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise FieldError("inverse", name, getattr(self, name), ">= 0")
+        weights = ("effort_weight", "posture_weight", "feedback_gain")
+        for name in (*weights, "max_correction", "max_correction_turn"):
+            need_not_negative("inverse", name, getattr(self, name), "")
         for name in ("position_weights", "orientation_weights"):
             if not all(0.0 <= weight < math.inf for weight in getattr(self, name)):
                 raise FieldError("inverse", name, list(getattr(self, name)), "three numbers >= 0")

@@ -45,11 +45,7 @@ def nodes_in(region: Box | Sphere, points: Array) -> IndexArray:
 
 
 def need_one_region(owner: str, *regions: Box | Sphere | RodEnd | str | None) -> None:
-    """Raise an error unless exactly one of a region's box, sphere, end of a rod and group is given.
-
-    Raises:
-        SceneError: names the owner.
-    """
+    """Raise SceneError unless exactly one of a region's box, sphere, end of a rod and group is given."""
     if sum(each is not None for each in regions) != 1:
         raise SceneError(f"{owner}: give exactly one of box, sphere, end and group")
 
@@ -197,30 +193,26 @@ class BodyDescription:
     element: str | None = None
 
     def __post_init__(self) -> None:
-        need_finite(f"body {self.name}", "velocity", self.velocity)
-        self._check_rod()
+        owner = f"body {self.name}"
+        need_finite(owner, "velocity", self.velocity)
+        self._check_rod(owner)
         if self.density is None and self.total_mass is None:
             object.__setattr__(self, "density", self.material.known_density)
         if (self.density is None) == (self.total_mass is None):
-            sources = "neither" if self.density is None else "both"
-            raise SceneError(
-                f"body {self.name}: give exactly one of `density` in kg/m^3 and `total_mass` in kg, "
-                f"not {sources}"
-            )
+            which = "neither" if self.density is None else "both"
+            exactly = "give exactly one of `density` in kg/m^3 and `total_mass` in kg"
+            raise SceneError(f"{owner}: {exactly}, not {which}")
         if self.density is not None:
-            need_positive(f"body {self.name}", "density", self.density, "kg/m^3")
+            need_positive(owner, "density", self.density, "kg/m^3")
         if self.total_mass is not None:
-            need_positive(f"body {self.name}", "total_mass", self.total_mass, "kg")
+            need_positive(owner, "total_mass", self.total_mass, "kg")
         if not all(0.0 <= channel <= 1.0 for channel in self.colour):
-            raise FieldError(f"body {self.name}", "colour", list(self.colour), "four numbers in 0..1")
+            raise FieldError(owner, "colour", list(self.colour), "four numbers in 0..1")
         names = [each.name for each in self.parts]
         if twice := {name for name in names if names.count(name) > 1}:
-            raise SceneError(
-                f"body {self.name}: layers, fibres and regions share the name {min(twice)}; rename one"
-            )
+            raise SceneError(f"{owner}: layers, fibres and regions share the name {min(twice)}; rename one")
 
-    def _check_rod(self) -> None:
-        owner = f"body {self.name}"
+    def _check_rod(self, owner: str) -> None:
         if (self.mesh is None) == (self.rod is None):
             raise SceneError(f"{owner}: give exactly one of mesh and rod")
         if self.rod is None:
@@ -231,23 +223,19 @@ class BodyDescription:
                     f"{owner}: the law {SECTION.name} is for rods; choose another one, or give a rod"
                 )
             return
-        if self.element is None:
-            self._check_sections(owner)
-        else:
+        if self.element is not None:
             self._check_tetrahedra_of_rod(owner, self.rod, self.element)
-        for name in ("layers", "fibres", "regions", "surface", "order"):
-            if getattr(self, name):
-                raise SceneError(f"{owner}: a rod takes no {name}; remove it, or give a mesh instead")
-
-    def _check_sections(self, owner: str) -> None:
-        if self.material.law is None and not self.material.terms:
+        elif self.material.law is None and not self.material.terms:
             object.__setattr__(self, "material", self.material.of_law(SECTION.name))
-        if self.material.law != SECTION.name or self.material.terms:
+        elif self.material.law != SECTION.name or self.material.terms:
             law = f"{self.material.law} with Prony terms" if self.material.terms else self.material.law
             raise SceneError(
                 f"{owner}: a rod has the law {SECTION.name}, not {law}; remove `law` and `prony`, or make it "
                 "of tetrahedra by `element: tet10`"
             )
+        for name in ("layers", "fibres", "regions", "surface", "order"):
+            if getattr(self, name):
+                raise SceneError(f"{owner}: a rod takes no {name}; remove it, or give a mesh instead")
 
     def _check_tetrahedra_of_rod(self, owner: str, rod: RodDescription, cell: str) -> None:
         if len(element(cell).reference) not in (4, 10):

@@ -6,10 +6,9 @@ radians.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, Literal, TypeAlias, get_args
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 from softsim_core.base import (
     DIRECTION,
@@ -23,6 +22,7 @@ from softsim_core.base import (
     known_names,
     listing,
     need_finite,
+    need_not_negative,
     need_positive,
     one_of,
 )
@@ -172,12 +172,8 @@ class SolverSettings:
     iteration_tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        for name, value, unit in (
-            ("rayleigh_stiffness", self.rayleigh_stiffness, "s"),
-            ("rayleigh_mass", self.rayleigh_mass, "1/s"),
-        ):
-            if not 0.0 <= value < math.inf:
-                raise FieldError("solver", name, value, f">= 0 {unit}")
+        need_not_negative("solver", "rayleigh_stiffness", self.rayleigh_stiffness, "s")
+        need_not_negative("solver", "rayleigh_mass", self.rayleigh_mass, "1/s")
         if self.time_integration not in get_args(TimeIntegration):
             allowed = one_of(self.time_integration, get_args(TimeIntegration))
             raise FieldError("solver", "time_integration", self.time_integration, allowed)
@@ -187,22 +183,17 @@ class SolverSettings:
             raise FieldError("solver", "substeps", self.substeps, f"one of {listing(SUBSTEPS)}")
         if not 1 <= self.iterations <= MOST_ITERATIONS:
             raise FieldError("solver", "iterations", self.iterations, f"1 to {MOST_ITERATIONS}")
-        if self.iteration_tolerance is not None and not 0.0 <= self.iteration_tolerance < math.inf:
-            raise FieldError("solver", "iteration_tolerance", self.iteration_tolerance, ">= 0 m")
+        if self.iteration_tolerance is not None:
+            need_not_negative("solver", "iteration_tolerance", self.iteration_tolerance, "m")
         solvers = (AUTO, *linear_solver_names())
         if self.linear_solver not in solvers:
-            raise FieldError(
-                "solver", "linear_solver", self.linear_solver, one_of(self.linear_solver, solvers)
-            )
+            allowed = one_of(self.linear_solver, solvers)
+            raise FieldError("solver", "linear_solver", self.linear_solver, allowed)
         if self.threads != "auto" and not 1 <= self.threads <= MOST_THREADS:
             raise FieldError("solver", "threads", self.threads, f"auto, or 1 to {MOST_THREADS}")
 
     def last_move(self, size: float) -> float:
-        """Return how far in [m] an iteration may move a node and still be the last one.
-
-        Args:
-            size: Extent of the deformable bodies in [m].
-        """
+        """Return how far in [m] the last iteration may move a node; the bodies' extent is `size` in [m]."""
         if self.iteration_tolerance is not None:
             return self.iteration_tolerance
         return _TOLERANCE * min(1.0, size / _LARGE)
@@ -249,15 +240,17 @@ class SceneDescription:
         if not SHORTEST_STEP <= self.dt <= LONGEST_STEP:
             raise FieldError(f"scene {self.name}", "dt", self.dt, f"{SHORTEST_STEP:g} to {LONGEST_STEP:g} s")
         need_finite(f"scene {self.name}", "gravity", self.gravity)
-        for kind, names in (
-            ("body", self.body_names),
-            ("joint", self.joint_names),
-            ("attachment", [attachment.name for attachment in self.attachments]),
-            ("collision", [collision.name for collision in self.collisions]),
-            ("sensor", [sensor.name for sensor in self.sensors]),
+        parts: Any
+        for kind, parts in (
+            ("body", (*self.bodies, *self.rigid_bodies)),
+            ("joint", self.joints),
+            ("attachment", self.attachments),
+            ("collision", self.collisions),
+            ("sensor", self.sensors),
         ):
+            names = [part.name for part in parts]
             for name in names:
-                if list(names).count(name) > 1:
+                if names.count(name) > 1:
                     raise SceneError(f"scene {self.name}: two of kind {kind} are called {name}")
         self._check_references()
 
@@ -282,16 +275,13 @@ class SceneDescription:
     @property
     def laws(self) -> tuple[Material, ...]:
         """The laws of `materials`, in the same order."""
-        return (
-            *(body.material.law_for(self.solver.rotation) for body in self.bodies),
-            *(
-                each.material.law_for(self.solver.rotation)
-                if isinstance(each, MaterialRegionDescription)
-                else each.law
-                for body in self.bodies
-                for each in body.parts
-            ),
-        )
+        laws = [body.material.law_for(self.solver.rotation) for body in self.bodies]
+        for part in (part for body in self.bodies for part in body.parts):
+            if isinstance(part, MaterialRegionDescription):
+                laws.append(part.material.law_for(self.solver.rotation))
+            else:
+                laws.append(part.law)
+        return tuple(laws)
 
     def parameter_prefix(self, owner: str) -> str:
         """Return the prefix of an owner's parameter names, where all parameters have names."""
@@ -318,10 +308,9 @@ class SceneDescription:
             check_known("joint", attachment.relative_to, frames)
         for each in self.joints:
             if each.actuator is not None:
-                for field_name, name in each.actuator.bodies().items():
-                    check_known(f"{field_name} of {each.kind} {each.name}", name, bodies)
-                for field_name, name in each.actuator.carriers().items():
-                    check_known(f"{field_name} of {each.kind} {each.name}", name, frames)
+                for known, named in ((bodies, each.actuator.bodies()), (frames, each.actuator.carriers())):
+                    for field_name, name in named.items():
+                        check_known(f"{field_name} of {each.kind} {each.name}", name, known)
         bases = [f"{name}_base" for name in frames]
         for rigid in self.rigid_bodies:
             check_known(f"carrier of rigid body {rigid.name}", rigid.on, ("world", *free, *frames, *bases))
@@ -334,14 +323,11 @@ class SceneDescription:
         rods = [body.name for body in self.bodies if body.rod is not None]
         for attachment in self.attachments:
             if attachment.end is not None:
-                check_known(
-                    f"body with an end (a rod) of attachment {attachment.name}", attachment.body, rods
-                )
+                what = f"body with an end (a rod) of attachment {attachment.name}"
+                check_known(what, attachment.body, rods)
         check_known("effector (an attachment with to = free)", self.effector, free)
         places = (*(each.name for each in self.attachments), *(each.name for each in self.rigid_bodies))
         names = {ANY_BODY: self.body_names, SOFT_BODY: bodies, PLACE: ("world", *places, *frames, *bases)}
-        names |= {
-            joint.kind: [each.name for each in self.joints if each.kind == joint.kind]
-            for joint in self.joints
-        }
+        for kind in {joint.kind for joint in self.joints}:
+            names[kind] = [each.name for each in self.joints if each.kind == kind]
         need_sensors(self.name, self.dt, self.sensors, names)

@@ -27,12 +27,14 @@ def is_absent(field: Field[Any]) -> bool:
     return field.metadata.get(_IN_FILE) == "absent"
 
 
+hints_of = functools.cache(typing.get_type_hints)
+"""Types of a description's fields by name."""
+
+
 @functools.cache
 def beside(cls: type) -> dict[str, type]:
     """Return the fields of a description with keys on the same level as its own, with their types."""
-    named = [each.name for each in fields(cls) if is_beside(each)]
-    hints = typing.get_type_hints(cls) if named else {}
-    return {name: hints[name] for name in named}
+    return {each.name: hints_of(cls)[each.name] for each in fields(cls) if is_beside(each)}
 
 
 @functools.cache

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from softsim_core.base import (
@@ -14,6 +13,7 @@ from softsim_core.base import (
     SceneError,
     Vector,
     need_finite,
+    need_not_negative,
     need_positive,
     need_unit,
     one_of,
@@ -65,27 +65,20 @@ class JointDescription:
         need_finite(owner, "rest", (self.rest,))
         if self.stiffness is not None:
             need_positive(owner, "stiffness", self.stiffness, "(or absent)")
-        for field_name, value in (("inertia", self.inertia), ("horn_length", self.horn_length)):
-            if not 0.0 <= value < math.inf:
-                raise FieldError(owner, field_name, value, ">= 0")
-        if self.moves_frame and self.actuator is not None:
-            kind = self.actuator.kind
+        need_not_negative(owner, "inertia", self.inertia, "")
+        need_not_negative(owner, "horn_length", self.horn_length, "")
+        kind, described = self.kind, described_kinds()
+        if self.moves_frame:
+            paired = self.actuator is None
+            kind = kind if self.actuator is None else self.actuator.kind
+        elif kind in described:
+            paired = isinstance(self.actuator, described[kind])
+        else:
+            raise FieldError(owner, "kind", repr(kind), one_of(kind, (*FRAME_KINDS, *described)))
+        if not paired:
             raise SceneError(f"{owner}: `{kind}` and kind = {kind} belong together; give both or neither")
-        if not self.moves_frame:
-            self._check_actuator(owner)
-
-    def _check_actuator(self, owner: str) -> None:
-        described = described_kinds()
-        if self.kind not in described:
-            raise FieldError(owner, "kind", repr(self.kind), one_of(self.kind, (*FRAME_KINDS, *described)))
-        if not isinstance(self.actuator, described[self.kind]):
-            raise SceneError(
-                f"{owner}: `{self.kind}` and kind = {self.kind} belong together; give both or neither"
-            )
-        if self.stiffness is not None or self.parent is not None:
-            raise SceneError(
-                f"{owner}: a joint of kind {self.kind} takes no stiffness and no parent; remove them"
-            )
+        if not self.moves_frame and (self.stiffness is not None or self.parent is not None):
+            raise SceneError(f"{owner}: a joint of kind {kind} takes no stiffness and no parent; remove them")
 
     @property
     def by_effort(self) -> bool:

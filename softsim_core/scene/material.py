@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NoReturn
 
 from softsim_core.base import FieldError, MaterialError, SceneError, known_names
@@ -110,12 +111,11 @@ class MaterialDescription:
         return hash(self._key())
 
     def __repr__(self) -> str:
-        return (
-            f"MaterialDescription({', '.join(f'{name}={value!r}' for name, value in self.plain().items())})"
-        )
+        values = ", ".join(f"{name}={value!r}" for name, value in self.plain().items())
+        return f"MaterialDescription({values})"
 
-    def __reduce__(self) -> tuple[Callable[..., MaterialDescription], tuple[object, ...]]:
-        return _make_description, (self.law, self.preset, self.values)
+    def __reduce__(self) -> tuple[Callable[..., MaterialDescription], tuple[()]]:
+        return partial(MaterialDescription, law=self.law, preset=self.preset, prony=(), **self.values), ()
 
     def _key(self) -> tuple[object, ...]:
         return (self.law, self.preset, *self.values.items())
@@ -143,12 +143,6 @@ def preset_values(preset: str, law: str) -> dict[str, float]:
     """Return all parameters of an elastomer's law; raise SceneError if one of them is not known."""
     constants = elastomer(preset).fit(law).constants
     return material(law).values({"poisson_ratio": SILICONE_POISSON_RATIO, **constants})
-
-
-def _make_description(
-    law: str | None, preset: str | None, values: Mapping[str, float]
-) -> MaterialDescription:
-    return MaterialDescription(law=law, preset=preset, prony=(), **values)
 
 
 def _law_of(law: object, terms: int = 0) -> Material:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base import DIRECTION, LOCAL, POINT, Array, Box, Placement, Sphere, Vector
+from softsim_core.base import DIRECTION, LOCAL, POINT, Array, Box, Placement, Sphere, Vector, vector
 from softsim_core.physics.mechanics import euler_of, rotation_euler
 from softsim_core.physics.mesh import TetMesh
 from softsim_core.scene.description import SceneDescription
@@ -46,7 +46,7 @@ class Motion:
     def placement(self, scale: float = 1.0) -> Placement:
         """Return the placement to which it moves the frame of the world."""
         angles = np.degrees(euler_of(self.rotation))
-        return Placement(scale=scale, rotation_deg=_vector(angles), translation=_vector(self.translation))
+        return Placement(scale=scale, rotation_deg=vector(angles), translation=vector(self.translation))
 
 
 def place_scene(scene: SceneDescription, motion: Motion) -> SceneDescription:
@@ -86,32 +86,27 @@ def _place_value(value: Any, motion: Motion) -> Any:
     if isinstance(value, Placement):
         return motion.after(Motion.to(value)).placement(value.scale)
     if isinstance(value, Box):
-        where = motion.after(Motion.to(Placement(rotation_deg=value.rotation_deg, translation=value.center)))
-        there = where.placement()
+        here = Placement(rotation_deg=value.rotation_deg, translation=value.center)
+        there = motion.after(Motion.to(here)).placement()
         return replace(value, center=there.translation, rotation_deg=there.rotation_deg)
     if isinstance(value, Sphere):
-        return replace(value, center=_vector(motion.point(value.center)))
+        return replace(value, center=vector(motion.point(value.center)))
     if isinstance(value, TetMesh):
         return replace(value, points=value.points @ motion.rotation.T + motion.translation)
     if isinstance(value, tuple):
         return tuple(_place_value(each, motion) for each in value)
-    if is_dataclass(value) and not isinstance(value, type):
-        return replace(value, **_moved_fields(value, motion))
-    return value
-
-
-def _moved_fields(description: Any, motion: Motion) -> dict[str, Any]:
-    """Return the fields of a description that the motion changes."""
-    result = {}
-    for each in fields(description):
-        value = getattr(description, each.name)
+    if not is_dataclass(value) or isinstance(value, type):
+        return value
+    changed = {}
+    for each in fields(value):
+        old = getattr(value, each.name)
         if each.metadata in (POINT, DIRECTION):
-            moved = _vectors(value, motion.point if each.metadata == POINT else motion.direction)
+            moved = _vectors(old, motion.point if each.metadata == POINT else motion.direction)
         else:
-            moved = value if each.metadata == LOCAL else _place_value(value, motion)
-        if moved is not value:
-            result[each.name] = moved
-    return result
+            moved = old if each.metadata == LOCAL else _place_value(old, motion)
+        if moved is not old:
+            changed[each.name] = moved
+    return replace(value, **changed)
 
 
 def _vectors(value: Any, move: Any) -> Any:
@@ -119,10 +114,5 @@ def _vectors(value: Any, move: Any) -> Any:
     if value is None:
         return None
     if value and isinstance(value[0], tuple):
-        return tuple(_vector(move(each)) for each in value)
-    return _vector(move(value))
-
-
-def _vector(values: Array) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
+        return tuple(vector(move(each)) for each in value)
+    return vector(move(value))

@@ -20,9 +20,12 @@ from softsim_core.base import (
     SceneError,
     Sphere,
     Vector,
+    listing,
     need_finite,
+    need_not_negative,
     need_positive,
     need_unit,
+    vector,
 )
 from softsim_core.physics.fem.materials import FIBRES, MEMBRANE, Material
 from softsim_core.physics.mesh import place
@@ -53,8 +56,7 @@ class LayerDescription:
     def __post_init__(self) -> None:
         owner = f"layer {self.name}"
         need_positive(owner, "thickness", self.thickness, "m")
-        if not 0.0 <= self.density < math.inf:
-            raise FieldError(owner, "density", self.density, ">= 0 kg/m^3")
+        need_not_negative(owner, "density", self.density, "kg/m^3")
         if (self.box is None) == (self.sphere is None):
             raise SceneError(f"{owner}: give exactly one of box and sphere")
         _check(owner, self.law, self.values)
@@ -206,7 +208,7 @@ class RodSectionDescription:
     def __post_init__(self) -> None:
         owner = "section of a rod"
         if self.shape not in get_args(SectionShape):
-            raise FieldError(owner, "shape", repr(self.shape), f"one of {', '.join(get_args(SectionShape))}")
+            raise FieldError(owner, "shape", repr(self.shape), f"one of {listing(get_args(SectionShape))}")
         for name, sizes in (("size", self.size), ("end_size", self.end_size or self.size)):
             for each in sizes:
                 need_positive(owner, name, each, "m")
@@ -219,10 +221,9 @@ class RodSectionDescription:
                 raise SceneError(
                     f"{owner}: only a solid rectangle has layers; remove layers, wall or stiffness"
                 )
-            if not math.isclose(sum(layer.share for layer in self.layers), 1.0, rel_tol=1e-6):
-                raise FieldError(
-                    owner, "layers", [each.share for each in self.layers], "shares whose sum is 1"
-                )
+            shares = [each.share for each in self.layers]
+            if not math.isclose(sum(shares), 1.0, rel_tol=1e-6):
+                raise FieldError(owner, "layers", shares, "shares whose sum is 1")
         for each in self.stiffness or ():
             need_positive(owner, "stiffness", each, "N or N m^2")
 
@@ -310,7 +311,7 @@ class RodDescription:
             raise FieldError("rod", "across", list(self.across), f"two numbers from 1 to {MOST_ACROSS}")
         if self.natural not in get_args(NaturalShape):
             raise FieldError(
-                "rod", "natural", repr(self.natural), f"one of {', '.join(get_args(NaturalShape))}"
+                "rod", "natural", repr(self.natural), f"one of {listing(get_args(NaturalShape))}"
             )
         if self.length is not None:
             need_positive("rod", "length", self.length, "m")
@@ -338,5 +339,4 @@ class RodDescription:
     def end_place(self, start: bool) -> tuple[float, float, float]:
         """Return the initial position of its start or end in the world in [m], without a clamp."""
         point = np.array([self.centreline[0 if start else -1]], dtype=float)
-        x, y, z = place(point, self.placement)[0].tolist()
-        return x, y, z
+        return vector(place(point, self.placement)[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeAlias
 
 from softsim_core.base import SceneError, Vector
@@ -44,9 +44,21 @@ class Part:
     controllers: tuple[Controller, ...] = ()
     effector: str | None = None
 
-    def with_bodies(self, **fields: Any) -> Part:
+    def with_bodies(self, **changes: Any) -> Part:
         """Return the same part with other fields of its bodies, such as colour=(1.0, 0.0, 0.0, 1.0)."""
-        return replace(self, bodies=tuple(replace(body, **fields) for body in self.bodies))
+        return replace(self, bodies=tuple(replace(body, **changes) for body in self.bodies))
+
+
+_LISTS = {
+    "bodies": BodyDescription,
+    "joints": JointDescription,
+    "attachments": AttachmentDescription,
+    "rigid_bodies": RigidBodyDescription,
+    "collisions": CollisionDescription,
+    "sensors": SimulatedSensorDescription,
+    "controllers": Controller,
+}
+"""Lists of a scene and of a part, with the type of their items."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -83,22 +95,16 @@ class Scene:
         Raises:
             SceneError: another type is given, or a second part defines an end effector.
         """
-        if isinstance(item, BodyDescription):
-            self.bodies.append(item)
-        elif isinstance(item, JointDescription):
-            self.joints.append(item)
-        elif isinstance(item, AttachmentDescription):
-            self.attachments.append(item)
-        elif isinstance(item, RigidBodyDescription):
-            self.rigid_bodies.append(item)
-        elif isinstance(item, CollisionDescription):
-            self.collisions.append(item)
-        elif isinstance(item, SimulatedSensorDescription):
-            self.sensors.append(item)
-        elif isinstance(item, Controller):
-            self.controllers.append(item)
-        elif isinstance(item, Part):
-            self._add_part(item)
+        if isinstance(item, Part):
+            if item.effector is not None and self.effector not in (None, item.effector):
+                raise SceneError(
+                    f"scene {self.name}: already has the effector {self.effector}, cannot add {item.effector}"
+                )
+            for name in _LISTS:
+                getattr(self, name).extend(getattr(item, name))
+            self.effector = item.effector or self.effector
+        elif name := next((name for name, cls in _LISTS.items() if isinstance(item, cls)), ""):
+            getattr(self, name).append(item)
         elif isinstance(item, Iterable) and not isinstance(item, str | bytes):
             for each in item:
                 self.add(each)
@@ -106,20 +112,6 @@ class Scene:
             raise SceneError(
                 f"scene {self.name}: cannot add {item!r}; parts, bodies, joints, attachments, controllers fit"
             )
-
-    def _add_part(self, part: Part) -> None:
-        if part.effector is not None and self.effector not in (None, part.effector):
-            raise SceneError(
-                f"scene {self.name}: already has the effector {self.effector}, cannot add {part.effector}"
-            )
-        self.bodies += part.bodies
-        self.joints += part.joints
-        self.attachments += part.attachments
-        self.rigid_bodies += part.rigid_bodies
-        self.collisions += part.collisions
-        self.sensors += part.sensors
-        self.controllers += part.controllers
-        self.effector = part.effector or self.effector
 
     def on_step_begin(self, callback: StepCallback) -> StepCallback:
         """Call `callback(simulation)` before every step; usable as a decorator."""
@@ -153,31 +145,12 @@ class Scene:
             SceneError: the added parts are inconsistent.
         """
         need_namespace(self.name)
-        scene = SceneDescription(
-            name=self.name,
-            dt=self.dt,
-            gravity=self.gravity,
-            solver=self.solver,
-            bodies=tuple(self.bodies),
-            joints=tuple(self.joints),
-            attachments=tuple(self.attachments),
-            rigid_bodies=tuple(self.rigid_bodies),
-            collisions=tuple(self.collisions),
-            contact=self.contact,
-            effector=self.effector,
-            sensors=tuple(self.sensors),
-        )
-        return RobotDescription(
-            scene=scene,
-            poses={name: tuple(values) for name, values in self.poses.items()},
-            commands=self.commands,
-            start=self.start,
-            keys=dict(self.keys),
-            board=self.board,
-            inverse=self.inverse,
-            view=self.view,
-            controllers=tuple(self.controllers),
-        )
+        values: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        values |= {name: tuple(values[name]) for name in _LISTS}
+        values["poses"] = {name: tuple(positions) for name, positions in self.poses.items()}
+        values["keys"] = dict(self.keys)
+        scene = SceneDescription(**{each.name: values.pop(each.name) for each in fields(SceneDescription)})
+        return RobotDescription(scene=scene, **values)
 
 
 def animated(

@@ -16,7 +16,6 @@ from softsim_core.physics.fem.elements import element
 from softsim_core.physics.mesh import TetMesh, read_tets
 from softsim_core.scene.deformable import BodyDescription
 from softsim_core.scene.description import SceneDescription
-from softsim_core.scene.rod import RodDescription
 
 VARIABLE: Final = "SOFTSIM_MOST_MEMORY"
 MOST_GIGABYTES: Final = 2.0
@@ -52,12 +51,8 @@ class SceneSize:
 def scene_size(scene: SceneDescription, *, read_files: bool = True) -> SceneSize:
     """Measure a scene without building it.
 
-    Args:
-        scene: The scene.
-        read_files: Read the files of meshes that may be large; otherwise they do not count.
-
     Raises:
-        MeshError: such a file cannot be read.
+        MeshError: a file of a mesh cannot be read; without `read_files`, such meshes do not count.
     """
     sizes = {body.name: _body_size(body, read_files) for body in scene.bodies}
     largest = max(sizes, key=lambda name: sizes[name][0], default="")
@@ -71,7 +66,7 @@ def check_size(scene: SceneDescription, *, read_files: bool = True) -> None:
 
     Args:
         scene: The scene.
-        read_files: See `scene_size`; False where a message may have named the files.
+        read_files: Whether meshes in files count; False where a message may have named the files.
 
     Raises:
         SceneError: it needs more, or the environment variable is no number.
@@ -99,9 +94,15 @@ def _most_gigabytes() -> float:
 
 def _body_size(body: BodyDescription, read_files: bool) -> tuple[int, int]:
     """Return nodes and cells of a body; zero for a file that is too small to matter, or not to be read."""
-    if body.rod is not None:
-        return _rod_size(body.rod) if body.is_rod else _swept_size(body.rod, body.element or "")
-    mesh = body.mesh
+    rod, mesh = body.rod, body.mesh
+    if rod is not None and body.is_rod:  # three nodes per section, two sections per cell and clamp, plus one
+        cells = rod.elements + (rod.start_clamp is not None) + (rod.end_clamp is not None)
+        return 3 * (2 * cells + 1), cells
+    if rod is not None:  # boxes of six tetrahedra; ten-node elements also have nodes on their edges
+        first, second = rod.across
+        parts = 1 if len(element(body.element or "").reference) == 4 else 2
+        nodes = (parts * rod.elements + 1) * (parts * first + 1) * (parts * second + 1)
+        return nodes, 6 * rod.elements * first * second
     if mesh is None:
         return 0, 0
     if not isinstance(mesh, TetMesh):
@@ -111,17 +112,3 @@ def _body_size(body: BodyDescription, read_files: bool) -> tuple[int, int]:
     corners = mesh.tets.shape[1]
     grown = 8 if body.order == 2 and corners == 4 else 1
     return grown * len(mesh.points), len(mesh.tets)
-
-
-def _rod_size(rod: RodDescription) -> tuple[int, int]:
-    """Return nodes and cells of a rod: three nodes per section, two sections per cell and clamp, plus one."""
-    cells = rod.elements + (rod.start_clamp is not None) + (rod.end_clamp is not None)
-    return 3 * (2 * cells + 1), cells
-
-
-def _swept_size(rod: RodDescription, name: str) -> tuple[int, int]:
-    """Return nodes and cells of boxes of six tetrahedra; ten-node elements also have nodes on their edges."""
-    first, second = rod.across
-    parts = 1 if len(element(name).reference) == 4 else 2
-    nodes = (parts * rod.elements + 1) * (parts * first + 1) * (parts * second + 1)
-    return nodes, 6 * rod.elements * first * second

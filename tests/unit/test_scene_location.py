@@ -7,7 +7,13 @@ from pathlib import Path
 import pytest
 
 from softsim_core.scene import find_config
-from softsim_core.scene.io import Item, locate
+from softsim_core.scene.io import Item, Steps, place_of, places_of
+
+
+def locate(file: Path, steps: Steps) -> tuple[Path, int]:
+    found = place_of(places_of(file), steps)
+    assert found is not None  # the scene itself is always found
+    return Path(found[0]), found[1]
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from softsim_core.base import Placement, SceneError, Vector, known_names
-from softsim_core.physics.actuation import ActuatorDescription
+from softsim_core.base import Placement, SceneError, known_names, vector
 from softsim_core.physics.mechanics import rotation_exp
 from softsim_core.scene import (
     CollisionDescription,
@@ -22,7 +21,7 @@ from softsim_core.scene import (
     place_scene,
 )
 from softsim_core.scene.arm.description import ArmDescription, ToolDescription
-from softsim_core.scene.arm.urdf_file import RigidRobot, UrdfJoint, read_urdf
+from softsim_core.scene.arm.urdf_file import RigidRobot, read_urdf
 
 GROUP = "arm"
 """Group of the collision surfaces of an arm's links: they never touch each other."""
@@ -51,10 +50,7 @@ def arm_with_tools(
 ) -> RobotDescription:
     """Return the robot of an arm and its tools; its joints are the arm's, then those of the tools.
 
-    Args:
-        name: Name of the scene.
-        arm: The arm.
-        load: Function that returns the robot of a tool.
+    `name` is that of the scene; `load` returns the robot of a tool.
 
     Raises:
         SceneError: an unknown link or joint, a start beyond limits, or a tool that cannot be mounted.
@@ -66,9 +62,8 @@ def arm_with_tools(
     robot = RobotDescription(scene=scene)
     for tool in arm.tools:
         if tool.on not in mounts:
-            raise SceneError(
-                f"arm: unknown link {tool.on!r} for {tool.robot}; {known_names(tool.on, mounts)}"
-            )
+            hint = known_names(tool.on, mounts)
+            raise SceneError(f"arm: unknown link {tool.on!r} for {tool.robot}; {hint}")
         robot = _with_tool(robot, _without(load(tool), tool), mounts[tool.on], tool.pose)
     return robot
 
@@ -90,10 +85,13 @@ def _joints(rigid: RigidRobot, arm: ArmDescription) -> tuple[tuple[JointDescript
         limits = each.limits
         rest = arm.start.get(each.name, limits.clamp(0.0))
         if limits.clamp(rest) != rest:
-            raise SceneError(
-                f"arm: start of {each.name} is {rest}; allowed is [{limits.lower}, {limits.upper}]"
-            )
-        moved = base.after(_motion_of(each, rest))
+            allowed = f"[{limits.lower}, {limits.upper}]"
+            raise SceneError(f"arm: start of {each.name} is {rest}; allowed is {allowed}")
+        if each.kind == "revolute":
+            motion = Motion(rotation_exp(rest * each.axis), np.zeros(3))
+        else:
+            motion = Motion(np.eye(3), rest * each.axis)
+        moved = base.after(motion)
         mounts[each.child] = Mount(each.name, moved, moved)
         result.append(
             JointDescription(
@@ -101,19 +99,12 @@ def _joints(rigid: RigidRobot, arm: ArmDescription) -> tuple[tuple[JointDescript
                 kind=each.kind,
                 parent=None if carrier.joint == "world" else carrier.joint,
                 base=base.placement(),
-                axis=_vector(each.axis),
+                axis=vector(each.axis),
                 limits=limits,
                 rest=rest,
             )
         )
     return tuple(result), mounts
-
-
-def _motion_of(joint: UrdfJoint, position: float) -> Motion:
-    """Return the frame that a joint moves, in its base frame."""
-    if joint.kind == "revolute":
-        return Motion(rotation_exp(position * joint.axis), np.zeros(3))
-    return Motion(np.eye(3), position * joint.axis)
 
 
 def _links(
@@ -138,9 +129,8 @@ def _without(robot: RobotDescription, tool: ToolDescription) -> RobotDescription
     scene, left = robot.scene, set(tool.without)
     names_of_parts = [part.name for kind in _PARTS for part in getattr(scene, kind)]
     if unknown := sorted(left - set(names_of_parts)):
-        raise SceneError(
-            f"arm: {tool.robot} has no {unknown[0]!r} to leave out; {known_names(unknown[0], names_of_parts)}"
-        )
+        hint = known_names(unknown[0], names_of_parts)
+        raise SceneError(f"arm: {tool.robot} has no {unknown[0]!r} to leave out; {hint}")
     carriers = {each.name: each.parent for each in scene.joints}
 
     def remaining_carrier(name: str | None) -> str | None:
@@ -154,14 +144,14 @@ def _without(robot: RobotDescription, tool: ToolDescription) -> RobotDescription
     bodies = {each.name for each in (*remaining["bodies"], *remaining["rigid_bodies"])}
     for kind in ("attachments", "collisions"):
         remaining[kind] = tuple(each for each in remaining[kind] if each.body in bodies)
-    remaining["joints"] = tuple(
-        replace(
-            each,
-            parent=remaining_carrier(each.parent),
-            actuator=_replace_carriers(each.actuator, remaining_carrier),
-        )
-        for each in remaining["joints"]
-    )
+    joints = []
+    for each in remaining["joints"]:
+        actuator = each.actuator
+        if actuator is not None:
+            on = {name: remaining_carrier(carrier) for name, carrier in actuator.carriers().items()}
+            actuator = replace(actuator, **on)
+        joints.append(replace(each, parent=remaining_carrier(each.parent), actuator=actuator))
+    remaining["joints"] = tuple(joints)
     for kind, field_name in (("attachments", "to"), ("rigid_bodies", "on")):
         remaining[kind] = tuple(
             replace(each, **{field_name: remaining_carrier(getattr(each, field_name)) or "world"})
@@ -179,15 +169,6 @@ def _without(robot: RobotDescription, tool: ToolDescription) -> RobotDescription
         view=ViewSettings(),
         controllers=(),
     )
-
-
-def _replace_carriers(
-    actuator: ActuatorDescription | None, carrier: Callable[[str | None], str | None]
-) -> ActuatorDescription | None:
-    """Return an actuator with the joints that carry its parts replaced."""
-    if actuator is None:
-        return None
-    return replace(actuator, **{name: carrier(on) for name, on in actuator.carriers().items()})
 
 
 def _with_tool(
@@ -225,9 +206,9 @@ def _mount_tool(tool: SceneDescription, mount: Mount) -> dict[str, Any]:
     on, joints, attachments, bodies = mount.joint, [], [], []
     for joint in tool.joints:
         parent = on if joint.moves_frame and joint.parent is None and on != "world" else joint.parent
-        actuator = (
-            joint.actuator if joint.actuator is None or on == "world" else joint.actuator.carried_by(on)
-        )
+        actuator = joint.actuator
+        if actuator is not None and on != "world":
+            actuator = actuator.carried_by(on)
         joints.append(replace(joint, actuator=actuator, parent=parent))
     for each in tool.attachments:
         if each.stiffness is not None and on != "world":
@@ -242,8 +223,3 @@ def _mount_tool(tool: SceneDescription, mount: Mount) -> dict[str, Any]:
             body = replace(body, pose=pose, on=on)
         bodies.append(body)
     return {"joints": joints, "attachments": attachments, "rigid_bodies": bodies}
-
-
-def _vector(values: Any) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z

@@ -11,7 +11,7 @@ import os
 import stat
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -55,13 +55,8 @@ def package_folders(
     if the folder has the name. Children of / and of the home folder are not searched, nor those of a folder
     that other users may write, such as /tmp.
 
-    Args:
-        package: Its name.
-        file: The file that names it.
-        allowed: Whether a folder beside those above the file may be taken.
-
     Yields:
-        Folders that exist, the nearest first.
+        Folders that exist, the nearest first; those beside the ones above the file only if `allowed`.
     """
     above = file.resolve().parents
     yield from (folder for folder in above if folder.name == package or _name_of(folder) == package)
@@ -88,11 +83,8 @@ def _entries(variable: str) -> list[Path]:
 
 def _list_search_folders(file: Path) -> list[Path]:
     """Return the folders above a file whose children are searched."""
-    return [folder for folder in file.resolve().parents[:MOST_ABOVE] if _is_searchable(folder)]
-
-
-def _is_searchable(folder: Path) -> bool:
-    return folder not in (Path(folder.anchor), Path.home()) and _is_trusted(folder)
+    above = file.resolve().parents[:MOST_ABOVE]
+    return [each for each in above if each not in (Path(each.anchor), Path.home()) and _is_trusted(each)]
 
 
 def _is_trusted(folder: Path) -> bool:
@@ -119,19 +111,14 @@ def _packages(folder: Path, depth: int, visited: set[Path]) -> Iterator[Path]:
     if (folder / MANIFEST).is_file():
         yield folder
     elif depth > 0 and not any((folder / name).exists() for name in _IGNORED):
-        for child in _children(folder):
+        children: list[Path] = []  # trusted folders, without hidden ones and links; none if unreadable
+        with suppress(OSError):
+            with os.scandir(folder) as entries:
+                names = [each.name for each in entries if each.is_dir(follow_symlinks=False)]
+            shown = (folder / name for name in sorted(names) if not name.startswith("."))
+            children = [child for child in shown if _is_trusted(child)]
+        for child in children:
             yield from _packages(child, depth - 1, visited)
-
-
-def _children(folder: Path) -> list[Path]:
-    """Return the trusted folders in a folder by name, without hidden ones and links; none if unreadable."""
-    try:
-        with os.scandir(folder) as entries:
-            names = [each.name for each in entries if each.is_dir(follow_symlinks=False)]
-        shown = (folder / name for name in sorted(names) if not name.startswith("."))
-        return [child for child in shown if _is_trusted(child)]
-    except OSError:
-        return []
 
 
 def _name_of(folder: Path) -> str:
@@ -146,25 +133,22 @@ def _name_of(folder: Path) -> str:
         return ""
 
 
-def expand_xacro(file: Path, arguments: Mapping[str, str], most_bytes: int) -> bytes:
+def expand_xacro(file: Path, arguments: Mapping[str, str]) -> bytes:
     """Expand a xacro file to URDF.
 
     Xacro evaluates `${...}` as Python: such a file is a program, and runs only where `scene.programs` allows
     it. `$(find PACKAGE)` is the first of its `package_folders`. Folders beside those above the file are
     searched only where programs may run, because xacro runs the files that it includes.
 
-    Args:
-        file: The file.
-        arguments: Values of its arguments (`xacro:arg`), by name.
-        most_bytes: A longer file is refused.
+    `arguments` are values of its arguments (`xacro:arg`), by name.
 
     Raises:
         ConfigError: it may not run, xacro is not installed, or the file is too long or cannot be expanded.
         OSError: there is no such file.
     """
     program = allowed_program(file)
-    if program.stat().st_size > most_bytes:
-        raise ConfigError(file, "", f"is longer than {most_bytes} bytes; make it shorter")
+    if program.stat().st_size > MOST_BYTES:
+        raise ConfigError(file, "", f"is longer than {MOST_BYTES} bytes; make it shorter")
     try:
         xacro: Any = importlib.import_module("xacro")
         substitution: Any = importlib.import_module("xacro.substitution_args")
@@ -240,14 +224,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidRobot:
-    """A tree of links.
-
-    Attributes:
-        name: Name of the robot.
-        root: The link without parent.
-        shapes: Shapes by link.
-        joints: Parents before children.
-    """
+    """A tree of links: `root` is the one without parent; joints are ordered with parents before children."""
 
     name: str
     root: str
@@ -267,11 +244,7 @@ def read_urdf(file: Path, arguments: Mapping[str, str] | None = None) -> RigidRo
     """Read a rigid robot from a URDF file, or from a xacro file, which is expanded.
 
     Joints that follow others (`mimic`) stay at 0, and meshes of types not in MESHES are left out, each with a
-    warning.
-
-    Args:
-        file: The file.
-        arguments: Arguments of a xacro file, by name.
+    warning. `arguments` are those of a xacro file, by name.
 
     Raises:
         ConfigError: not a URDF file, a file that is too large, not a tree of fixed, revolute and prismatic
@@ -289,9 +262,8 @@ def read_urdf(file: Path, arguments: Mapping[str, str] | None = None) -> RigidRo
     for each in joints:
         for link in (each.parent, each.child):
             if link not in links:
-                raise ConfigError(
-                    file, f"joint {each.name}", f"names the link {link!r}; {known_names(link, links)}"
-                )
+                problem = f"names the link {link!r}; {known_names(link, links)}"
+                raise ConfigError(file, f"joint {each.name}", problem)
     children = [each.child for each in joints]
     roots = [link for link in links if link not in children]
     ordered = _order_joints(joints, roots[0]) if len(roots) == 1 else []
@@ -302,13 +274,13 @@ def read_urdf(file: Path, arguments: Mapping[str, str] | None = None) -> RigidRo
     return RigidRobot(str(robot.name), roots[0], shapes, tuple(ordered))
 
 
-def _text(file: Path, arguments: Mapping[str, str]) -> bytes:
-    """Return the URDF of a file."""
+def _parse_robot(file: Path, arguments: Mapping[str, str]) -> Any:
+    """Parse the robot of a URDF file, or of an expanded xacro file, with the library."""
     if arguments and file.suffix != XACRO:
         raise ConfigError(file, "", f"takes no arguments ({listing(arguments)}); only xacro files do")
     try:
         if file.suffix == XACRO:
-            text = expand_xacro(file, arguments, MOST_BYTES)
+            text = expand_xacro(file, arguments)
         else:
             with file.open("rb") as stream:
                 text = stream.read(MOST_BYTES + 1)
@@ -316,12 +288,6 @@ def _text(file: Path, arguments: Mapping[str, str]) -> bytes:
         raise ConfigError(file, "", f"cannot be read ({error.strerror or error})") from error
     if len(text) > MOST_BYTES:
         raise ConfigError(file, "", f"is longer than {MOST_BYTES} bytes; make it shorter")
-    return text
-
-
-def _parse_robot(file: Path, arguments: Mapping[str, str]) -> Any:
-    """Parse the robot with the library."""
-    text = _text(file, arguments)
     try:
         urdf = importlib.import_module("urdf_parser_py.urdf").URDF
         core: Any = importlib.import_module("urdf_parser_py.xml_reflection.core")
@@ -364,24 +330,19 @@ def _joint(joint: Any, file: Path) -> UrdfJoint:
     if joint.mimic is not None and kind != "fixed":
         warnings.warn(f"{file.name}: {where} follows {joint.mimic.joint}; it is taken as fixed", stacklevel=4)
         kind = "fixed"
-    if kind != "fixed" and joint.limit is not None:
-        limits = _limits(joint, file)
+    if kind != "fixed" and (limit := joint.limit) is not None:
+        lower, upper = (limit.lower or 0.0), (limit.upper or 0.0)
+        if joint.type == "continuous":
+            lower, upper = -math.inf, math.inf
+        speed = limit.velocity or math.inf
+        if not lower <= upper or not speed > 0.0:
+            problem = f"has limits {lower} to {upper} at {speed}; they must be an interval and a speed > 0"
+            raise ConfigError(file, where, problem)
+        limits = JointLimits(lower, upper, speed)
     return UrdfJoint(
         str(joint.name), kind, str(joint.parent), str(joint.child), _motion(joint.origin, file, where),
         axis / length if length > 0.0 else axis, limits,
     )  # fmt: skip
-
-
-def _limits(joint: Any, file: Path) -> JointLimits:
-    limit, where = joint.limit, f"joint {joint.name}"
-    lower, upper = (
-        (-math.inf, math.inf) if joint.type == "continuous" else (limit.lower or 0.0, limit.upper or 0.0)
-    )
-    speed = limit.velocity if limit.velocity else math.inf
-    if not lower <= upper or not speed > 0.0:
-        problem = f"has limits {lower} to {upper} at {speed}; they must be an interval and a speed > 0"
-        raise ConfigError(file, where, problem)
-    return JointLimits(lower, upper, speed)
 
 
 def _motion(pose: Any, file: Path, where: str) -> Motion:

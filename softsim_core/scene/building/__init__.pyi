@@ -6,6 +6,7 @@ from .builder import (
     BuiltScene as BuiltScene,
     build as build,
     chosen_nodes as chosen_nodes,
+    on_a_line as on_a_line,
     rest_bodies as rest_bodies,
     sensors as sensors,
     surroundings as surroundings,
@@ -17,4 +18,5 @@ from .contact_builder import (
     need_apart as need_apart,
     rigid_objects as rigid_objects,
     triangles_in as triangles_in,
+    triangles_in_boxes as triangles_in_boxes,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -150,34 +151,23 @@ def _cells_in(region: MaterialRegionDescription, description: BodyDescription, b
     return nodes_in(shape, np.concatenate(middles))
 
 
-class _Parts:
-    """Element groups of one element and one law each, collected part by part."""
-
-    def __init__(self) -> None:
-        self._found: dict[tuple[str, str], list[ElementGroup]] = {}
-
-    def add(self, group: ElementGroup) -> None:
-        self._found.setdefault((group.element.name, group.material.name), []).append(group)
-
-    def join_groups(self, first_number: int) -> tuple[ElementGroup, ...]:
-        """Return the groups, with cells numbered from `first_number`."""
-        groups = []
-        for parts in self._found.values():
-            count = sum(len(part.cells) for part in parts)
-            arrays = [
-                np.concatenate([getattr(part, name) for part in parts])
-                for name in ("cells", "weights", "gradients", "body", "parameter_set")
-            ]
-            cells, weights, gradients, body, parameter_set = arrays
-            numbers = np.arange(first_number, first_number + count)
-            first_number += count
-            groups.append(
-                ElementGroup(
-                    parts[0].element, parts[0].material, cells, weights, gradients, body, numbers,
-                    parameter_set, fills=False,
-                )
-            )  # fmt: skip
-        return tuple(groups)
+def _join_groups(groups: Sequence[ElementGroup], first_number: int) -> tuple[ElementGroup, ...]:
+    """Return a group for each pair of element and law, with cells numbered from `first_number`."""
+    found: dict[tuple[str, str], list[ElementGroup]] = {}
+    for group in groups:
+        found.setdefault((group.element.name, group.material.name), []).append(group)
+    joined = []
+    for parts in found.values():
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in ("cells", "weights", "gradients", "body", "parameter_set")
+        }
+        numbers = first_number + np.arange(len(arrays["cells"]))
+        first_number += len(numbers)
+        joined.append(
+            ElementGroup(parts[0].element, parts[0].material, numbers=numbers, fills=False, **arrays)
+        )
+    return tuple(joined)
 
 
 def reinforcements(
@@ -185,16 +175,12 @@ def reinforcements(
 ) -> tuple[tuple[ElementGroup, ...], Array]:
     """Return the groups of all layers and fibres, and the nodal masses of layers in [kg], shape (n,).
 
-    Args:
-        scene: The scene.
-        bodies: Its bodies.
-        filling: The groups that fill them.
-        rest: Rest positions of all nodes in [m], shape (n, 3).
+    The bodies are filled by the groups `filling`; `rest` are all nodes at rest in [m], shape (n, 3).
 
     Raises:
         SceneError: one covers nothing.
     """
-    parts, mass = _Parts(), np.zeros(len(rest))
+    parts, mass = list[ElementGroup](), np.zeros(len(rest))
     owners = [owner for owner, _ in scene.materials]
     for b, (body, description) in enumerate(zip(bodies, scene.bodies, strict=True)):
         for each in description.reinforcements:
@@ -202,11 +188,10 @@ def reinforcements(
             if isinstance(each, LayerDescription):
                 group = _layer(each, description, body, b, number, rest)
                 mass += each.density * volume_shares(group, len(rest))
-                parts.add(group)
+                parts.append(group)
             else:
-                for group in _fibres(each, description, b, number, filling, rest):
-                    parts.add(group)
-    return parts.join_groups(sum(len(group.cells) for group in filling)), mass
+                parts += _fibres(each, description, b, number, filling, rest)
+    return _join_groups(parts, sum(len(group.cells) for group in filling)), mass
 
 
 def _layer(
@@ -245,7 +230,10 @@ def _fibres(
         if region is not None:
             own = own[nodes_in(region, rest[group.cells[own]].mean(axis=1))]
         if fibres.radii is not None:
-            distance = _distance(fibres, rest[group.cells[own]].mean(axis=1))
+            assert fibres.around is not None  # checked by the description
+            along = np.array(fibres.around.direction) / np.linalg.norm(fibres.around.direction)
+            arms = rest[group.cells[own]].mean(axis=1) - np.array(fibres.around.through)
+            distance = np.linalg.norm(np.cross(along, arms), axis=1)
             own = own[(fibres.radii[0] <= distance) & (distance <= fibres.radii[1])]
         if len(own):
             part = group.part(own)
@@ -277,14 +265,6 @@ def _directions(fibres: FibresDescription, body: str, group: ElementGroup, rest:
         )
     angle = np.radians(fibres.angle_deg)
     return np.asarray(np.cos(angle) * circle / radius + np.sin(angle) * along)
-
-
-def _distance(fibres: FibresDescription, points: Array) -> Array:
-    """Return the distance in [m] of points (m, 3) from the axis of wound fibres, shape (m,)."""
-    axis = fibres.around
-    assert axis is not None  # checked by the description
-    along = np.array(axis.direction) / np.linalg.norm(axis.direction)
-    return np.asarray(np.linalg.norm(np.cross(along, points - np.array(axis.through)), axis=1))
 
 
 def _places(group: ElementGroup, rest: Array) -> Array:
@@ -320,21 +300,10 @@ STIFFER = 10.0
 _GAUSS = 0.5 + np.array([-0.5, 0.5]) / math.sqrt(3.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DrawnRod:
-    """A compiled rod: start positions and stiffness of its sections."""
+def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> tuple[RodMesh, RodSections]:
+    """Return start positions and stiffness of the sections of a rod.
 
-    mesh: RodMesh
-    sections: RodSections
-
-
-def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> DrawnRod:
-    """Compile a rod.
-
-    Args:
-        rod: The rod.
-        name: Name of its body, for messages.
-        values: Parameters of its material, which has the law `rod`.
+    `name` is for messages; `values` are the parameters of its material, which has the law `rod`.
 
     Raises:
         MeshError: its centreline or first axis cannot be used.
@@ -369,21 +338,14 @@ def draw_rod(rod: RodDescription, name: str, values: Mapping[str, float]) -> Dra
         else:
             centres = np.concatenate([centres, centres[-1] + steps[::-1, None] * tangent])
             axes, along = np.concatenate([axes, axes[-1:], axes[-1:]]), np.concatenate([along, [1.0, 1.0]])
-    spread = _gyration(rod.section, along)[:, None] * CIRCLE
+    area, second, _ = _moments(rod.section, along)
+    spread = np.sqrt(second / area[..., None])[:, None] * CIRCLE  # radii of gyration along both axes
     outlines = 0.5 * _sizes(rod.section, along)[:, None] * _OUTLINES[rod.section.shape]
-    return DrawnRod(rod_mesh(centres, axes, spread, outlines, name), sections)
+    return rod_mesh(centres, axes, spread, outlines, name), sections
 
 
 def draw_tetrahedra(rod: RodDescription, name: str, order: int) -> tuple[SweptMesh, Array]:
-    """Compile a rod of tetrahedra of order 1 or 2.
-
-    Args:
-        rod: The rod.
-        name: Name of its body, for messages.
-        order: Order of the tetrahedra.
-
-    Returns:
-        The mesh, and the node positions without load in [m], shape (n, 3).
+    """Return a rod of tetrahedra of order 1 or 2, and its nodes without load in [m], shape (n, 3).
 
     Raises:
         MeshError: its centreline or first axis cannot be used.
@@ -471,12 +433,6 @@ def _solid(shape: str, size: Array) -> tuple[Array, Array, Array]:
     series = (np.tanh(0.5 * math.pi * odd * (wide / narrow)[..., None]) / odd**5).sum(axis=-1)
     twist = wide * narrow**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * narrow / wide * series)
     return area, area[..., None] * size**2 / 12.0, twist
-
-
-def _gyration(section: RodSectionDescription, along: Array) -> Array:
-    """Return the radii of gyration along both axes in [m], shape (..., 2)."""
-    area, second, _ = _moments(section, along)
-    return np.asarray(np.sqrt(second / area[..., None]))
 
 
 def _stiffness(section: RodSectionDescription, along: Array, moduli: Array) -> tuple[Array, Array]:

@@ -48,9 +48,9 @@ from softsim_core.physics.mechanics import (
 from softsim_core.physics.mesh import (
     TETRAHEDRA,
     RodMesh,
-    SurfaceMesh,
     TetMesh,
     boundary,
+    boundary_surface,
     check_tets,
     drop_unused_nodes,
     embed,
@@ -116,11 +116,7 @@ class BuiltScene:
 
 
 def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]] = ()) -> BuiltScene:
-    """Compile a scene.
-
-    Args:
-        scene: The scene.
-        shaped: See `rest_bodies`.
+    """Compile a scene; see `rest_bodies` for `shaped`.
 
     Raises:
         SceneError: names or regions are inconsistent.
@@ -131,10 +127,9 @@ def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]
     joints = tuple(_joint(joint, scene.joint_names) for joint in scene.joints)
     region_of_node, spring, moving = _assign_nodes(scene, bodies, joints, rest)
     frames = _frames(moving, region_of_node, rest)
-    frame_rest = (
-        np.array([frame.translation for frame in frames.values()], dtype=float).reshape(-1, 3),
-        np.array([_rotation(frame.rotation_deg) for frame in frames.values()]).reshape(-1, 3, 3),
-    )
+    origins = np.array([frame.translation for frame in frames.values()], dtype=float).reshape(-1, 3)
+    turns = np.array([_rotation(frame.rotation_deg) for frame in frames.values()]).reshape(-1, 3, 3)
+    frame_rest = origins, turns
     filling = _groups(scene, bodies)
     rigid = rigid_objects(scene)
     for message in implausible(scene, bodies, filling, rigid):
@@ -220,9 +215,7 @@ def rest_bodies(
 ) -> tuple[Body, ...]:
     """Return the deformable bodies at rest, with their nodes numbered one body after the other.
 
-    Args:
-        scene: The scene.
-        shaped: Bodies of another scene, reused where the same mesh begins at the same node.
+    Bodies of another scene (`shaped`) are reused where the same mesh begins at the same node.
 
     Raises:
         MeshError: a mesh cannot be used.
@@ -251,22 +244,12 @@ def _same_mesh(one: BodyDescription, other: BodyDescription) -> bool:
 def _rod(description: BodyDescription, start: int) -> Body:
     """Build a body of cross-sections, with nodes numbered from `start`."""
     assert description.rod is not None  # checked by the description
-    drawn = draw_rod(description.rod, f"rod {description.name}", description.material.values)
-    surface, embedding = rod_surface(drawn.mesh)
-    nodes = slice(start, start + len(drawn.mesh.points))
-    outside = node_triangles(drawn.mesh) + start
-    ends = drawn.mesh.end_nodes(True), drawn.mesh.end_nodes(False)
-    return Body(
-        description.name,
-        nodes,
-        drawn.mesh,
-        outside,
-        surface,
-        embedding,
-        drawn.sections,
-        ends=ends,
-        blocks={SECTION.name: drawn.mesh.cells},
-    )
+    name = description.name
+    mesh, sections = draw_rod(description.rod, f"rod {name}", description.material.values)
+    surface, embedding = rod_surface(mesh)
+    nodes, outside = slice(start, start + len(mesh.points)), node_triangles(mesh) + start
+    ends, blocks = (mesh.end_nodes(True), mesh.end_nodes(False)), {SECTION.name: mesh.cells}
+    return Body(name, nodes, mesh, outside, surface, embedding, sections, ends=ends, blocks=blocks)
 
 
 def _tetrahedra(description: BodyDescription, start: int) -> Body:
@@ -285,25 +268,13 @@ def _tetrahedra(description: BodyDescription, start: int) -> Body:
         mesh = linear(mesh) if description.order == 1 else quadratic(mesh)
     for warning in check_tets(mesh).warnings:
         warnings.warn(f"body {description.name}: {warning}", stacklevel=5)
-    triangles = boundary(mesh)
     if description.surface is None:
-        used, numbered = np.unique(triangles, return_inverse=True)
-        surface = SurfaceMesh(mesh.points[used], numbered.reshape(-1, 3).astype(np.int64), mesh.name)
+        surface = boundary_surface(mesh)
     else:
         surface = read_surface(description.surface.file, description.surface.placement)
-    nodes = slice(start, start + len(mesh.points))
-    embedding = embed(surface.points, mesh)
-    return Body(
-        description.name,
-        nodes,
-        mesh,
-        triangles + start,
-        surface,
-        embedding,
-        unloaded=unloaded,
-        ends=ends,
-        **_cells(description, mesh),
-    )
+    nodes, outside = slice(start, start + len(mesh.points)), boundary(mesh) + start
+    name, embedding, cells = description.name, embed(surface.points, mesh), _cells(description, mesh)
+    return Body(name, nodes, mesh, outside, surface, embedding, unloaded=unloaded, ends=ends, **cells)
 
 
 def _cells(description: BodyDescription, mesh: TetMesh) -> dict[str, Any]:
@@ -316,19 +287,18 @@ def _cells(description: BodyDescription, mesh: TetMesh) -> dict[str, Any]:
         SceneError: the body's element fits none of its cells.
     """
     tetrahedra = TETRAHEDRA[mesh.order]
-    nodes = {tetrahedra: mesh.tets.shape[1]} | {
-        kind: block.cells.shape[1] for kind, block in mesh.blocks.items()
-    }
+    nodes = {tetrahedra: mesh.tets.shape[1]}
+    nodes |= {kind: block.cells.shape[1] for kind, block in mesh.blocks.items()}
     elements = {kind: found for kind in nodes if (found := element_of_kind(kind))}
     fitting: list[str] = []
     if description.element is not None:
         chosen = element(description.element)
         fitting = [kind for kind, count in nodes.items() if count == len(chosen.reference)]
         if not fitting:
+            counts = listing(sorted(set(nodes.values())))
             raise SceneError(
                 f"body {description.name}: the element {chosen.name} has {len(chosen.reference)} nodes, and "
-                f"the cells of its mesh have {listing(sorted(set(nodes.values())))}; choose another element "
-                "or mesh"
+                f"the cells of its mesh have {counts}; choose another element or mesh"
             )
         elements |= dict.fromkeys(fitting, chosen)
     in_tetrahedra = description.order is not None or tetrahedra in fitting
@@ -382,12 +352,9 @@ def _coupling(
     volumes = np.zeros(len(bodies))
     for group in groups:
         volumes += np.bincount(group.body, group.volumes, minlength=len(bodies))
-    density = np.array(
-        [
-            each.density if each.density is not None else (each.total_mass or 0.0) / volume
-            for each, volume in zip(scene.bodies, volumes.tolist(), strict=True)
-        ]
-    )
+    density = np.zeros(len(bodies))
+    for b, each in enumerate(scene.bodies):
+        density[b] = (each.total_mass or 0.0) / volumes[b] if each.density is None else each.density
     chosen = [group.part(np.flatnonzero(np.array(consistent)[group.body])) for group in groups]
     chosen = [group for group in chosen if len(group.cells)]
     for group in chosen:
@@ -427,14 +394,8 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementG
         cells = [bodies[b].blocks[cell_name][rows] + bodies[b].nodes.start for b, _, _, rows in parts]
         numbers = [ends[b] - bodies[b].cell_count + inside for b, _, inside, _ in parts]
         counts = [len(rows) for *_, rows in parts]
-        group = element_group(
-            element(cell_name),
-            laws[parts[0][1]],
-            points,
-            np.concatenate(cells),
-            np.repeat([b for b, *_ in parts], counts),
-            np.concatenate(numbers),
-        )
+        kind, law, body = element(cell_name), laws[parts[0][1]], np.repeat([b for b, *_ in parts], counts)
+        group = element_group(kind, law, points, np.concatenate(cells), body, np.concatenate(numbers))
         sets = np.repeat([number for _, number, *_ in parts], counts)
         groups.append(replace(group, parameter_set=sets))
     rods = []
@@ -523,6 +484,11 @@ def chosen_nodes(
     return np.asarray(nodes_in(region, points) + body.nodes.start)
 
 
+def on_a_line(points: Array) -> bool:
+    """Return whether points (n, 3) in [m] lie on one line."""
+    return bool(np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-9) < 2)
+
+
 def _regions(
     moving: list[AttachmentDescription],
     scene: SceneDescription,
@@ -540,10 +506,7 @@ def _regions(
             f, j = frames.index(frame), -1
             origin, rotation = frame_rest[0][f], frame_rest[1][f]
             reduced = 6 * f + np.arange(6)
-            if (
-                attachment.to == "free"
-                and np.linalg.matrix_rank(rest[nodes] - rest[nodes].mean(axis=0), tol=1e-9) < 2
-            ):
+            if attachment.to == "free" and on_a_line(rest[nodes]):
                 raise SceneError(
                     f"attachment {attachment.name}: the {len(nodes)} nodes of a free frame lie on one line, "
                     "so its rotation is not determined; enlarge its region"
@@ -584,17 +547,15 @@ def sensors(scene: SceneDescription, built: BuiltScene, collisions: CollisionMod
 def _places(scene: SceneDescription, built: BuiltScene) -> dict[str, Place]:
     """Return rigidly moving parts by name; attachments have priority over joints, joints over bodies."""
     frames = {name: Carrier(frame=f) for f, name in enumerate(built.model.frame_names)}
-    horns = {joint.name: Carrier(joint=j) for j, joint in enumerate(scene.joints) if joint.moves_frame}
-    bases = {
-        f"{joint.name}_base": Carrier(base=j) for j, joint in enumerate(scene.joints) if joint.moves_frame
-    }
+    moving = [(j, joint.name) for j, joint in enumerate(scene.joints) if joint.moves_frame]
+    horns = {name: Carrier(joint=j) for j, name in moving}
+    bases = {f"{name}_base": Carrier(base=j) for j, name in moving}
     carriers = {"world": Carrier(), **bases, **horns, **frames}
-    places = {body.name: _of_body(body, carriers) for body in built.rigid}
+    places = {}
+    for body in built.rigid:
+        if body.free >= 0:
+            places[body.name] = Place(Carrier(rigid=body.free))
+        else:
+            places[body.name] = Place(carriers[body.on], body.position, body.rotation)
     places |= {name: Place(carrier) for name, carrier in carriers.items()}
     return places | {each.name: Place(carriers[each.to]) for each in scene.attachments if each.to != "free"}
-
-
-def _of_body(body: RigidBody, carriers: dict[str, Carrier]) -> Place:
-    if body.free >= 0:
-        return Place(Carrier(rigid=body.free))
-    return Place(carriers[body.on], body.position, body.rotation)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from softsim_core.base import Array, IndexArray, SceneError, known_names
+from softsim_core.base import Array, Box, IndexArray, SceneError, known_names
 from softsim_core.physics.contact import (
     CollisionModel,
     CollisionSurface,
@@ -21,7 +21,15 @@ from softsim_core.physics.contact import (
     touching,
 )
 from softsim_core.physics.mechanics import FREE, Model, RigidBodies, State, no_rigid_bodies, rotation_euler
-from softsim_core.physics.mesh import SurfaceMesh, TetMesh, embed, read_surface, triangles_of
+from softsim_core.physics.mesh import (
+    SurfaceMesh,
+    TetMesh,
+    embed,
+    mass_properties,
+    read_surface,
+    surface_of,
+    triangles_of,
+)
 from softsim_core.scene import CollisionDescription, RigidBodyDescription, SceneDescription, nodes_in
 from softsim_core.scene.building.bodies import Body
 
@@ -89,8 +97,6 @@ def rigid_bodies(scene: SceneDescription) -> RigidBodies:
 
 def _surface_and_mass(description: RigidBodyDescription) -> tuple[SurfaceMesh, Array, Array]:
     """Return surface, centre of mass (3,) in its frame, and inertia (3, 3) about it; zeros without mass."""
-    from softsim_core.physics.mesh import mass_properties, surface_of
-
     surface = surface_of(description.shape)
     if description.mass is None:
         return surface, np.zeros(3), np.zeros((3, 3))
@@ -111,14 +117,7 @@ def contacts(
     bodies: tuple[Body, ...],
     rigid: tuple[RigidBody, ...],
 ) -> CollisionModel | None:
-    """Return the collision surfaces of a scene, or None where no two can meet.
-
-    Args:
-        scene: The scene's description.
-        limits: Its contact distances and tolerance.
-        model: The model compiled from it.
-        bodies: Its deformable bodies.
-        rigid: Its rigid bodies.
+    """Return the collision surfaces of a scene and what it is compiled to, or None where no two can meet.
 
     Raises:
         SceneError: a surface cannot be used, or two overlap at the start.
@@ -144,9 +143,9 @@ def contacts(
                     f"collision {description.name}: {description.body} is a rigid body, which has no group "
                     f"{description.faces!r} of faces; remove `faces`"
                 )
-            surface = _choose_triangles(description, thing.surface)
+            surface = _choose_triangles(description, _own_surface(description) or thing.surface)
             moving = thing.free >= 0 or thing.on != "world"
-        sphere = not soft and rigid[owner - len(bodies)].radius > 0.0 and description.surface is None
+        sphere = not soft and thing.radius > 0.0 and description.surface is None
         if sphere:
             surface = SurfaceMesh(np.zeros((1, 3)), np.zeros((0, 3), np.int64), surface.name)
         else:
@@ -166,7 +165,7 @@ def contacts(
                 owner=owner,
                 moving=moving,
                 soft=soft,
-                radius=rigid[owner - len(bodies)].radius if sphere else 0.0,
+                radius=thing.radius if sphere else 0.0,
             )
         )
         nodes.append(bound_nodes)
@@ -174,16 +173,8 @@ def contacts(
         first += size
     if not any(may_meet(a, b) for k, a in enumerate(surfaces) for b in surfaces[:k]):
         return None
-    result = CollisionModel(
-        tuple(surfaces),
-        limits,
-        np.concatenate(nodes),
-        np.concatenate(weights),
-        tuple(carriers),
-        model,
-        _friction(scene),
-        scene.body_names,
-    )
+    bound = np.concatenate(nodes), np.concatenate(weights), tuple(carriers)
+    result = CollisionModel(tuple(surfaces), limits, *bound, model, _friction(scene), scene.body_names)
     need_apart(result, model.rest_state(), scene, "at the start")
     return result
 
@@ -242,17 +233,14 @@ def _friction(scene: SceneDescription) -> Array:
 
 def _on_body(description: CollisionDescription, body: Body) -> tuple[SurfaceMesh, IndexArray, Array]:
     """Return a surface on a deformable body, and nodes and weights of its vertices, (v, 4) each."""
-    if description.surface is not None:
-        whole = read_surface(description.surface.file, description.surface.placement)
-    elif description.faces is not None:
+    whole = _own_surface(description) or body.outside
+    if description.faces is not None:
         try:
             triangles = triangles_in(description.faces, body)
         except SceneError as error:
             raise SceneError(f"collision {description.name}: {error}") from error
-        whole = replace(body.outside, triangles=triangles - body.nodes.start)
-    else:
-        whole = body.outside
-    surface = _choose_triangles(replace(description, surface=None), whole)
+        whole = replace(whole, triangles=triangles - body.nodes.start)
+    surface = _choose_triangles(description, whole)
     bound = embed(surface.points, body.solid)
     weights = np.where(np.abs(bound.weights) < 1e-9, 0.0, bound.weights)
     return surface, bound.nodes + body.nodes.start, weights / weights.sum(axis=1, keepdims=True)
@@ -282,23 +270,31 @@ def triangles_in(faces: str | None, body: Body) -> IndexArray:
     return found
 
 
+def _own_surface(description: CollisionDescription) -> SurfaceMesh | None:
+    """Return the surface of the description's file; None: it names none."""
+    if description.surface is None:
+        return None
+    return read_surface(description.surface.file, description.surface.placement)
+
+
+def triangles_in_boxes(boxes: Sequence[Box], triangles: IndexArray, points: Array) -> IndexArray:
+    """Return the triangles (k, 3) with all corners in one of some boxes; without boxes, all."""
+    if not boxes:
+        return triangles
+    chosen = np.zeros(len(triangles), dtype=bool)
+    for box in boxes:
+        chosen |= np.isin(triangles, nodes_in(box, points)).all(axis=1)
+    return np.asarray(triangles[chosen])
+
+
 def _choose_triangles(description: CollisionDescription, surface: SurfaceMesh) -> SurfaceMesh:
     """Return the triangles with all corners in one of the boxes, and only the points they use."""
-    if description.surface is not None:
-        surface = read_surface(description.surface.file, description.surface.placement)
-    triangles = surface.triangles
-    if description.boxes:
-        chosen = np.zeros(len(triangles), dtype=bool)
-        for box in description.boxes:
-            inside = np.zeros(len(surface.points), dtype=bool)
-            inside[nodes_in(box, surface.points)] = True
-            chosen |= inside[triangles].all(axis=1)
-        triangles = triangles[chosen]
-        if not len(triangles):
-            raise SceneError(
-                f"collision {description.name}: no triangle of body {description.body} lies inside its "
-                "boxes; move or enlarge them"
-            )
+    triangles = triangles_in_boxes(description.boxes, surface.triangles, surface.points)
+    if description.boxes and not len(triangles):
+        raise SceneError(
+            f"collision {description.name}: no triangle of body {description.body} lies inside its "
+            "boxes; move or enlarge them"
+        )
     used, numbered = np.unique(triangles, return_inverse=True)
     return SurfaceMesh(surface.points[used], numbered.reshape(-1, 3).astype(np.int64), surface.name)
 
@@ -326,17 +322,14 @@ def need_apart(
     when: str,
     owners: Container[int] | None = None,
 ) -> None:
-    """Raise an error if bodies overlap.
+    """Raise SceneError if bodies overlap in a state.
 
     Args:
         contacts: The scene's surfaces.
         state: Their state.
-        scene: The scene; its name is used in messages.
+        scene: Named in the message.
         when: For the message, such as "at the start".
         owners: Numbers of bodies, one of which must overlap; None: any.
-
-    Raises:
-        SceneError: two bodies overlap.
     """
     points, surfaces = contacts.points(state), contacts.surfaces
     near = contacts.near(points, contacts.settings.alarm_distance)

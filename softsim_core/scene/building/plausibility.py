@@ -31,20 +31,13 @@ def implausible(
     groups: Sequence[ElementGroup],
     rigid: Sequence[RigidBody],
 ) -> list[str]:
-    """Return messages on implausible values.
+    """Return messages on implausible values of a scene and of what it is compiled to.
 
-    Args:
-        scene: The scene's description.
-        bodies: Its deformable bodies.
-        groups: Their cells.
-        rigid: Its rigid bodies. Those on the world, such as a floor, may have any size.
+    Rigid bodies on the world, such as a floor, may have any size.
     """
     found = [(f"body {each.name}", each.mesh.points) for each in bodies]
-    found += [
-        (f"rigid body {each.name}", each.surface.points)
-        for each in rigid
-        if each.on != "world" or each.free >= 0
-    ]
+    moving = [each for each in rigid if each.on != "world" or each.free >= 0]
+    found += [(f"rigid body {each.name}", each.surface.points) for each in moving]
     return [
         *(message for owner, points in found for message in _size(owner, points)),
         *_densities(scene, bodies, groups),
@@ -119,9 +112,7 @@ def _contact_distances(
     allowed = {"alarm_distance": (2.0, "twice "), "contact_distance": (1.0, "")}
     named = {name: getattr(settings, name) for name in allowed}
     distances = {name: value for name, value in named.items() if value is not None}
-    if not distances:
-        return []
-    widths = thicknesses(scene, bodies, rigid)
+    widths = thicknesses(scene, bodies, rigid) if distances else {}
     if not widths:
         return []
     thinnest = min(widths, key=lambda each: widths[each])

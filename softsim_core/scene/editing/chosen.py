@@ -18,9 +18,15 @@ from softsim_core.scene import (
     BodyDescription,
     JointDescription,
     SceneDescription,
-    nodes_in,
 )
-from softsim_core.scene.building import Body, chosen_nodes, rest_bodies, triangles_in
+from softsim_core.scene.building import (
+    Body,
+    chosen_nodes,
+    on_a_line,
+    rest_bodies,
+    triangles_in,
+    triangles_in_boxes,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +119,7 @@ def _of_attachments(
             if shared:
                 problem = f"shares {len(shared)} nodes with {shared[0]}; move or shrink one of them"
                 chosen = replace(chosen, problem=problem)
-            elif attachment.to == "free" and _on_a_line(chosen.points):
+            elif attachment.to == "free" and on_a_line(chosen.points):
                 chosen = replace(chosen, problem="its nodes lie on one line; enlarge it")
         yield chosen
 
@@ -139,15 +145,7 @@ def _choose_nodes(part: str, body: Body, find: Callable[[], Any]) -> Chosen:
 
 def _touching(body: Body, boxes: Any, faces: str | None) -> IndexArray:
     """Return corners of boundary triangles of a body: in one of some boxes, of a group of faces, or all."""
-    triangles, points = triangles_in(faces, body), body.mesh.points
-    if not boxes:
-        return np.unique(triangles)
-    chosen = np.zeros(len(triangles), dtype=bool)
-    for box in boxes:
-        inside = np.zeros(len(points), dtype=bool)
-        inside[nodes_in(box, points)] = True
-        chosen |= inside[triangles].all(axis=1)
-    return np.unique(triangles[chosen])
+    return np.unique(triangles_in_boxes(boxes, triangles_in(faces, body), body.mesh.points))
 
 
 def _hollow(body: Body, joint: JointDescription) -> IndexArray:
@@ -159,18 +157,8 @@ def _hollow(body: Body, joint: JointDescription) -> IndexArray:
     return np.zeros(0, np.int64) if nodes is None else nodes
 
 
-def _on_a_line(points: Array) -> bool:
-    return bool(np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-9) < 2)
-
-
 def _shape(description: BodyDescription) -> tuple[Any, ...]:
     """Return all values that the nodes of a body depend on."""
+    names = ("mesh", "rod", "order", "element", "surface")
     material = description.material.values if description.rod is not None else None
-    return (
-        description.mesh,
-        description.rod,
-        description.order,
-        description.element,
-        description.surface,
-        material,
-    )
+    return (*(getattr(description, name) for name in names), material)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import io
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -17,7 +18,7 @@ from typing import Any, Final, NamedTuple
 from softsim_core.base import ConfigError
 from softsim_core.scene import RobotDescription
 from softsim_core.scene.editing.edits import Edit, Maker, carried_out
-from softsim_core.scene.io import load_yaml, parse_yaml, relative_to_file
+from softsim_core.scene.io import load_yaml, parse_yaml, plain_copy, relative_to_file
 
 MOST_CHARACTERS: Final = 400_000
 """A longer file cannot be edited."""
@@ -49,44 +50,37 @@ def rebase_paths(text: str, file: Path, files: Collection[Path]) -> str:
         ConfigError: as `apply_edits`.
     """
 
-    def absolute(value: Any) -> Any:
-        if isinstance(value, str) and relative_to_file(value, file) in files:
-            return str(relative_to_file(value, file))
-        return value
-
     def rebase(tree: Any, maker: Maker) -> None:
         for key, value in list(tree.items() if isinstance(tree, dict) else enumerate(tree)):
             if isinstance(value, dict | list):
                 rebase(value, maker)
-            elif absolute(value) != value:
-                tree[key] = absolute(value)
+            elif isinstance(value, str) and relative_to_file(value, file) in files:
+                tree[key] = str(relative_to_file(value, file))
 
     return _apply_change(text, file, rebase)
 
 
 def _apply_change(text: str, file: Path, change: Callable[[Any, Maker], None]) -> str:
     """Apply a change to the text and to plain data, and check that both agree."""
-    expected = _unshare_parts(parse_yaml(text, file))
+    expected = plain_copy(parse_yaml(text, file))
     change(expected, _Plain())
     writer = _Writer(text, file)
     before = writer.to_text()
     change(writer.tree, writer)
     after = writer.to_text()
     for result in (taken_over(text, before, after), after):
-        if _reads_as(result, expected, file):
-            return result
-    raise ConfigError(
-        file,
-        "",
-        "writes what is edited in a way that cannot be kept (an alias, or a merge key); edit it by hand",
-    )
+        with suppress(ConfigError):
+            if plain_copy(parse_yaml(result, file)) == expected:
+                return result
+    problem = "writes what is edited in a way that cannot be kept (an alias, or a merge key); edit it by hand"
+    raise ConfigError(file, "", problem)
 
 
 class _Plain:
     """Maker of plain data, in which nothing is shared."""
 
     def make_node(self, value: Any) -> Any:
-        return _unshare_parts(value)
+        return plain_copy(value)
 
     def own(self, at: Any, key: Any) -> Any:
         return at[key]
@@ -111,12 +105,10 @@ class _Writer:
         try:
             self.tree = self._yaml.load(text)
         except yaml.error.YAMLError as error:
-            raise ConfigError(
-                file, "", f"cannot be edited ({type(error).__name__}); edit it by hand"
-            ) from error
+            problem = f"cannot be edited ({type(error).__name__}); edit it by hand"
+            raise ConfigError(file, "", problem) from error
 
     def to_text(self) -> str:
-        """Return the tree as text."""
         stream = io.StringIO()
         self._yaml.dump(self.tree, stream)
         return stream.getvalue()
@@ -148,9 +140,12 @@ class _Writer:
         return found
 
     def _quote_ambiguous_text(self, value: Any) -> Any:
-        """Quote text that would be read as another type; return other values unchanged."""
-        if isinstance(value, str) and _is_misread(value):
-            return self._strings.DoubleQuotedScalarString(value)
+        """Quote text that YAML 1.1 reads as another type (number, truth value, date); keep other values."""
+        if isinstance(value, str):
+            yaml = importlib.import_module("yaml")
+            tag: str = yaml.SafeLoader("").resolve(yaml.ScalarNode, value, (True, False))
+            if not tag.endswith(":str"):
+                return self._strings.DoubleQuotedScalarString(value)
         return value
 
 
@@ -167,14 +162,6 @@ def _holders(tree: Any, part_of: Any) -> int:
             if isinstance(part, dict | list):
                 left.append(part)
     return count
-
-
-def _is_misread(text: str) -> bool:
-    """Return whether YAML 1.1 reads bare text as another type: a number, a truth value, a date, nothing."""
-    yaml = importlib.import_module("yaml")
-    loader = yaml.SafeLoader("")
-    tag: str = loader.resolve(yaml.ScalarNode, text, (True, False))
-    return not tag.endswith(":str")
 
 
 def _float(representer: Any, value: float) -> Any:
@@ -208,8 +195,11 @@ def taken_over(text: str, before: str, after: str) -> str:
         first = 0 if begin == 0 else place[begin - 1] + 1
         last = len(own) if end == len(base) else place[end]
         replaced = own[first:last]
-        while not replaced and lines and first > done and _is_beside(own[first - 1], lines[0]):
-            first -= 1  # insert before the comments on the following lines
+        while not replaced and lines and first > done:
+            line = own[first - 1]
+            if line.strip() and not (_is_remark(line) and _indent(line) < _indent(lines[0])):
+                break
+            first -= 1  # insert before empty lines, and before less indented comments on the following lines
         moved = own[first:last] if not replaced else _remarks_after(replaced, lines)
         result += [*own[done:first], *lines, *moved]
         done = last
@@ -243,31 +233,12 @@ def _remarks_after(replaced: list[str], lines: list[str]) -> list[str]:
     return remarks
 
 
-def _is_beside(line: str, added: str) -> bool:
-    """Return whether a line is empty or a comment, with less indentation than the lines added after it."""
-    return not line.strip() or (_is_remark(line) and _indent(line) < _indent(added))
-
-
 def _is_remark(line: str) -> bool:
     return line.lstrip().startswith("#")
 
 
 def _indent(line: str) -> int:
     return len(line) - len(line.lstrip())
-
-
-def _reads_as(text: str, expected: Any, file: Path) -> bool:
-    try:
-        return bool(_unshare_parts(parse_yaml(text, file)) == expected)
-    except ConfigError:
-        return False
-
-
-def _unshare_parts(value: Any) -> Any:
-    """Return plain data without shared parts."""
-    if isinstance(value, Mapping):
-        return {key: _unshare_parts(each) for key, each in value.items()}
-    return [_unshare_parts(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 MOST_UNDONE: Final = 500
@@ -287,13 +258,9 @@ class SceneDocument:
     Every change is checked like a loaded file. A change that does not yield a scene is rejected and has no
     effect.
 
-    Args:
-        file: The file.
-        text: Its present content.
-
     Attributes:
         file: The file.
-        saved: Its content as far as it is known here.
+        saved: Its content as far as it is known here, at first `text`.
 
     Raises:
         ConfigError: the text describes no scene.
@@ -348,8 +315,7 @@ class SceneDocument:
         Args:
             edits: The changes, in this order.
             stroke: Consecutive changes with the same stroke, such as those of a dragged handle, are undone
-                together;
-                empty: this one is undone alone.
+                together; empty: this one is undone alone.
 
         Raises:
             ConfigError: they fit nowhere, or the result is no scene; nothing has changed.

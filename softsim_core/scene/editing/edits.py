@@ -7,22 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeAlias
 
 from softsim_core.base import ConfigError, listing
-from softsim_core.scene.io import Item, KeyPath, Steps, key_path, shorten
+from softsim_core.scene.io import Item, Steps, key_path, shorten
 
 EDITED_KEYS: Final = (
-    "dt",
-    "gravity",
-    "solver",
-    "bodies",
-    "joints",
-    "attachments",
-    "rigid_bodies",
-    "collisions",
-    "contact",
-    "effector",
-    "sensors",
-    "poses",
-    "keys",
+    *("dt", "gravity", "solver", "bodies", "joints", "attachments", "rigid_bodies", "collisions", "contact"),
+    *("effector", "sensors", "poses", "keys"),
 )
 """Top-level keys of a scene's file that edits may change; name, board and the like may not be edited."""
 
@@ -46,11 +35,7 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Remove:
-    """Remove a key of a mapping, or an item of a list.
-
-    Attributes:
-        steps: From the scene to it.
-    """
+    """Remove a key of a mapping, or an item of a list, by the steps from the scene to it."""
 
     steps: Steps
 
@@ -74,33 +59,40 @@ def carried_out(tree: Any, edit: Edit, maker: Maker) -> None:
     Unchanged parts stay the same objects, which preserves their comments: mappings are changed key by key and
     lists item by item, not replaced.
 
-    Args:
-        tree: Mapping of the file, plain or of a reader that preserves comments.
-        edit: The change.
-        maker: Factory of the new parts of the tree.
+    `tree` is the mapping of the file, plain or of a reader that preserves comments; `maker` makes new parts.
 
     Raises:
         ConfigError: the steps lead through another type, or to nothing that could be removed.
     """
     steps = edit.steps
-    _check_steps(steps)
+    if not 0 < len(steps) <= MOST_STEPS or steps[0] not in EDITED_KEYS:
+        problem = f"is nothing that edits change; they change {listing(EDITED_KEYS)}"
+        raise ConfigError("edit", _format_steps(steps), problem)
     if isinstance(edit, Put):
         _check_value(edit.value, _format_steps(steps), MOST_DEPTH)
     at = tree
     for number, step in enumerate(steps[:-1]):
-        at = _below(at, step, steps[number + 1], _format_steps(steps[: number + 1]), maker)
-    last, where = steps[-1], _format_steps(steps)
-    if isinstance(edit, Put):
-        _put_value(at, last, edit.value, where, maker)
+        key = _key_of(at, step, _format_steps(steps[: number + 1]))
+        if key is None and isinstance(step, Item):
+            at.append(maker.make_node({"name": step.name}))
+            key = len(at) - 1
+        elif not isinstance(step, Item) and at.get(step) is None:
+            key = step
+            at[step] = [] if isinstance(steps[number + 1], Item) else {}
+        at = maker.own(at, key)
+    where = _format_steps(steps)
+    key = _key_of(at, steps[-1], where)
+    if isinstance(edit, Remove):
+        if key is None:
+            problem = "is not written in this file, so it cannot be taken out of it"
+            raise ConfigError("edit", where, problem)
+        del at[key]
+    elif key is not None:
+        at[key] = overwrite_value(maker.own(at, key), edit.value, maker)
+    elif isinstance(at, list):
+        at.append(maker.make_node(edit.value))
     else:
-        _remove(at, last, where)
-
-
-def _check_steps(steps: Steps) -> None:
-    if not 0 < len(steps) <= MOST_STEPS or steps[0] not in EDITED_KEYS:
-        raise ConfigError(
-            "edit", _format_steps(steps), f"is nothing that edits change; they change {listing(EDITED_KEYS)}"
-        )
+        at[steps[-1]] = maker.make_node(edit.value)
 
 
 def _check_value(value: Any, where: str, depth: int) -> None:
@@ -112,49 +104,8 @@ def _check_value(value: Any, where: str, depth: int) -> None:
         for number, each in enumerate(value):
             _check_value(each, f"{where}[{number}]", depth - 1)
     elif not (value is None or isinstance(value, str | bool | int | float)) or value != value:  # NaN
-        raise ConfigError(
-            "edit", where, "is no value that a file can hold; give text, numbers, lists or mappings"
-        )
-
-
-def _below(at: Any, step: str | Item, following: str | Item, where: str, maker: Maker) -> Any:
-    """Return the value one step further; create it if it does not exist."""
-    if isinstance(step, Item):
-        index = index_of(at, step.name, where)
-        if index is None:
-            at.append(maker.make_node({"name": step.name}))
-            index = len(at) - 1
-        return maker.own(at, index)
-    _need_mapping(at, where)
-    if at.get(step) is None:
-        at[step] = [] if isinstance(following, Item) else {}
-    return maker.own(at, step)
-
-
-def _put_value(at: Any, last: str | Item, value: Any, where: str, maker: Maker) -> None:
-    if isinstance(last, Item):
-        index = index_of(at, last.name, where)
-        if index is None:
-            at.append(maker.make_node(value))
-        else:
-            at[index] = overwrite_value(maker.own(at, index), value, maker)
-        return
-    _need_mapping(at, where)
-    at[last] = overwrite_value(maker.own(at, last), value, maker) if last in at else maker.make_node(value)
-
-
-def _remove(at: Any, last: str | Item, where: str) -> None:
-    if isinstance(last, Item):
-        index = index_of(at, last.name, where)
-        if index is not None:
-            del at[index]
-            return
-    else:
-        _need_mapping(at, where)
-        if last in at:
-            del at[last]
-            return
-    raise ConfigError("edit", where, "is not written in this file, so it cannot be taken out of it")
+        problem = "is no value that a file can hold; give text, numbers, lists or mappings"
+        raise ConfigError("edit", where, problem)
 
 
 def overwrite_value(old: Any, new: Any, maker: Maker) -> Any:
@@ -176,25 +127,19 @@ def overwrite_value(old: Any, new: Any, maker: Maker) -> Any:
     return old if type(new) is not bool and old == new and not isinstance(old, bool) else maker.make_node(new)
 
 
-def index_of(items: Any, name: str, where: str) -> int | None:
-    """Return the index of the item of this name in a list; None: there is none.
-
-    Raises:
-        ConfigError: it is no list.
-    """
-    if not isinstance(items, list):
-        raise ConfigError("edit", where, "is no list of items with names")
-    named = [each.get("name") if isinstance(each, dict) else None for each in items]
-    return named.index(name) if name in named else None
-
-
-def _need_mapping(at: Any, where: str) -> None:
+def _key_of(at: Any, step: str | Item, where: str) -> Any:
+    """Return the index or key of a step in a list of named items or a mapping; None: it is not there."""
+    if isinstance(step, Item):
+        if not isinstance(at, list):
+            raise ConfigError("edit", where, "is no list of items with names")
+        named = [each.get("name") if isinstance(each, dict) else None for each in at]
+        return named.index(step.name) if step.name in named else None
     if not isinstance(at, dict):
         raise ConfigError("edit", where, "lies in something that is no mapping")
+    return step if step in at else None
 
 
 def _format_steps(steps: Sequence[str | Item]) -> str:
     """Format steps as in joints.cable.limits."""
     names = (step.name if isinstance(step, Item) else step for step in steps[:MOST_STEPS])
-    path: KeyPath = tuple(shorten(name) for name in names)
-    return key_path(path)
+    return key_path(shorten(name) for name in names)

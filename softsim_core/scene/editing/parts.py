@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any, Final, Literal
 
 import numpy as np
 
-from softsim_core.base import Array, Box, Placement, SceneError, Sphere, Vector
+from softsim_core.base import Array, Box, Placement, SceneError, Sphere, Vector, vector
 from softsim_core.physics.actuation import Route
 from softsim_core.physics.mechanics import rotation_euler
 from softsim_core.scene import RobotDescription, SceneDescription, nodes_in
@@ -64,9 +64,7 @@ class Region:
     def at(self, center: Array) -> Box | Sphere:
         """Return the same shape with its centre (3,) at another position in the world, in [m]."""
         local = _turn(self.frame.rotation_deg).T @ (center - np.array(self.frame.translation))
-        if isinstance(self.shape, Sphere):
-            return Sphere(center=_vector(local), radius=self.shape.radius)
-        return Box(center=_vector(local), size=self.shape.size, rotation_deg=self.shape.rotation_deg)
+        return replace(self.shape, center=vector(local))
 
 
 def regions_of(scene: SceneDescription) -> dict[str, Region]:
@@ -89,9 +87,8 @@ def regions_of(scene: SceneDescription) -> dict[str, Region]:
             shape = added.box or added.sphere
             if shape is not None:
                 steps = ("bodies", Item(body.name), "added_masses")
-                found.append(
-                    Region(f"bodies/{body.name}/added_masses#{number}", body.name, shape, steps, number)
-                )
+                part = f"bodies/{body.name}/added_masses#{number}"
+                found.append(Region(part, body.name, shape, steps, number))
     for collision in scene.collisions:
         for number, box in enumerate(collision.boxes):
             steps = ("collisions", Item(collision.name), "boxes")
@@ -150,21 +147,8 @@ def plain_vector(values: Any) -> list[float]:
     return [round(float(value), DIGITS) + 0.0 for value in values]
 
 
-def shape_of(plain: Mapping[str, Any]) -> Box | Sphere:
-    """Return the box or sphere of a result of `plain_shape`."""
-    if "radius" in plain:
-        return Sphere(center=_vector(plain["center"]), radius=float(plain["radius"]))
-    turned = _vector(plain.get("rotation_deg", (0.0, 0.0, 0.0)))
-    return Box(center=_vector(plain["center"]), size=_vector(plain["size"]), rotation_deg=turned)
-
-
 def _turn(angles_deg: tuple[float, float, float]) -> Array:
     return rotation_euler(np.radians(angles_deg))
-
-
-def _vector(values: Any) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
 
 
 Edits = tuple[Edit, ...]
@@ -189,11 +173,8 @@ def add_cable(
 
     The cable can be shortened by `most` in [m].
     """
-    cable = {
-        "body": body,
-        "points": [plain_vector(point) for point in points],
-        "pull_point": plain_vector(pull_point),
-    }
+    through = [plain_vector(point) for point in points]
+    cable = {"body": body, "points": through, "pull_point": plain_vector(pull_point)}
     limits = {"lower": 0.0, "upper": round(most, 5), "speed": round(5.0 * most, 5)}
     return _add_joint(robot, "cable", {"limits": limits, "cable": cable})
 
@@ -247,7 +228,7 @@ def routed_points(robot: RobotDescription, name: str) -> list[Vector]:
     Raises:
         SceneError: it is no cable, or its file cannot be read.
     """
-    return [(float(x), float(y), float(z)) for x, y, z in _cable(robot, name)[1].points(None)]
+    return [vector(point) for point in _cable(robot, name)[1].points(None)]
 
 
 def remove(robot: RobotDescription, part: str) -> Edits:

@@ -31,7 +31,6 @@ from .loaders import (
 )
 from .location import (
     Place as Place,
-    locate as locate,
     place_of as place_of,
     places_of as places_of,
 )
@@ -55,11 +54,11 @@ from .structure import (
     structure_scene as structure_scene,
 )
 from .yaml_source import (
-    KeyPath as KeyPath,
     SourcedMapping as SourcedMapping,
     key_path as key_path,
     merge as merge,
     parse_yaml as parse_yaml,
+    plain_copy as plain_copy,
     read_extended as read_extended,
     read_yaml as read_yaml,
     relative_to_file as relative_to_file,

@@ -60,7 +60,11 @@ class SceneCatalog:
     ) -> None:
         self._named = {name: file.absolute() for name, file in (named or {}).items()}
         self._code_folders = tuple(code_folder(each) for each in code_folders)
-        self.start_folder = _working_directory() if start_folder is None else start_folder.absolute()
+        self.start_folder: Path | None
+        try:
+            self.start_folder = Path.cwd() if start_folder is None else start_folder.absolute()
+        except OSError:  # the working directory was removed
+            self.start_folder = None
 
     def scenes(self) -> dict[str, Path]:
         """Return names and files of every known scene, sorted by name."""
@@ -68,7 +72,7 @@ class SceneCatalog:
         for name, file in self._named.items():
             files_by_name.setdefault(name, file)
         for folder in self._code_folders:
-            _add(files_by_name, folder, folder.rglob("*"))
+            _add(files_by_name, folder)
         return dict(sorted(files_by_name.items()))
 
     def names(self) -> tuple[str, ...]:
@@ -84,19 +88,14 @@ class SceneCatalog:
         files_by_name = self.scenes()
         if name not in files_by_name:
             near = known_names(name, map(shorten, files_by_name), "known are")
-            raise ConfigError(
-                shorten(name),
-                "",
-                f"no known scene has this name; {near}; another "
-                "file must be named when the simulator is started",
-            )
+            problem = f"no known scene has this name; {near}; another file must be named when the simulator "
+            raise ConfigError(shorten(name), "", f"{problem}is started")
         if not self.rule_of(files_by_name[name]).allows(files_by_name[name]):
-            raise ConfigError(
-                name,
-                "",
+            problem = (
                 "is a Python scene, which runs code; name it when the simulator is started, or allow the "
-                "code of its folder there (--allow-code DIR, parameter allow_code)",
+                "code of its folder there (--allow-code DIR, parameter allow_code)"
             )
+            raise ConfigError(name, "", problem)
         return files_by_name[name].absolute()
 
     def load(self, name: str, overrides: Mapping[str, Any] | None = None) -> RobotDescription:
@@ -133,14 +132,6 @@ def names_up_to(most: int, names: Iterable[str]) -> str:
     return f"{listing(every[:most])}{more}"
 
 
-def _working_directory() -> Path | None:
-    """Return the working directory; None if it was removed."""
-    try:
-        return Path.cwd()
-    except OSError:
-        return None
-
-
 def code_folder(path: str | os.PathLike[str]) -> Path:
     """Return a folder whose code is allowed.
 
@@ -156,10 +147,10 @@ def code_folder(path: str | os.PathLike[str]) -> Path:
     raise ConfigError(shorten(os.fspath(path)), "", "is no folder; allow the code of an existing one")
 
 
-def _add(files_by_name: dict[str, Path], folder: Path, files: Iterable[Path]) -> None:
-    """Add the scenes among some files of a folder if their names are free."""
+def _add(files_by_name: dict[str, Path], folder: Path) -> None:
+    """Add the scenes in a folder and below if their names are free."""
     try:
-        entries = itertools.islice(files, MOST_ENTRIES)
+        entries = itertools.islice(folder.rglob("*"), MOST_ENTRIES)
         found = sorted(each for each in entries if each.suffix in SUFFIXES and each.name[0] != "_")
     except OSError:
         return

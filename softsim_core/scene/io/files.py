@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 import os
 import sys
@@ -16,7 +15,7 @@ from typing import Any, Final, Literal, TypeAlias
 from softsim_core.base import ConfigError, SceneName, known_names, listing
 from softsim_core.physics.actuation import ActuatorDescription, described_kinds
 from softsim_core.physics.sensing import SimulatedSensorDescription, sensor_kind, sensor_kinds
-from softsim_core.scene import RobotDescription, is_absent, is_beside
+from softsim_core.scene import RobotDescription, hints_of, is_absent, is_beside
 from softsim_core.scene.arm import ArmDescription
 
 Kind: TypeAlias = Literal["robots", "scenes"]
@@ -40,9 +39,8 @@ def installed_roots() -> list[Path]:
     """
     checkout = Path(__file__).resolve().parents[3] / "configs"
     candidates = [checkout] if (checkout / "robots").is_dir() else []
-    candidates += [
-        prefix / "share" / "softsim_bringup" / "configs" for prefix in _paths_of("AMENT_PREFIX_PATH")
-    ]
+    prefixes = _paths_of("AMENT_PREFIX_PATH")
+    candidates += [prefix / "share" / "softsim_bringup" / "configs" for prefix in prefixes]
     candidates.append(Path(sys.prefix) / "share" / "softsim" / "configs")
     return list(dict.fromkeys(root for root in candidates if root.is_dir()))
 
@@ -57,9 +55,8 @@ def config_file(relative: str | os.PathLike[str]) -> Path:
     for root in roots:
         if (root / relative).is_file():
             return root / relative
-    raise ConfigError(
-        relative, "", f"no such file; looked in {listing(roots)}; set SOFTSIM_CONFIG_PATH to your configs"
-    )
+    problem = f"no such file; looked in {listing(roots)}; set SOFTSIM_CONFIG_PATH to your configs"
+    raise ConfigError(relative, "", problem)
 
 
 def known_scenes(kind: Kind | None = None) -> dict[str, Path]:
@@ -165,7 +162,7 @@ def _keys(kind: type) -> Iterator[tuple[str, Any]]:
     if kind is SimulatedSensorDescription:
         for name in sensor_kinds():
             yield from _keys(sensor_kind(name).description)
-    hints = _hints(kind)
+    hints = hints_of(kind)
     for each in fields(kind):
         if is_absent(each):
             continue
@@ -176,9 +173,6 @@ def _keys(kind: type) -> Iterator[tuple[str, Any]]:
             yield from described_kinds().items()
         else:
             yield each.name, hint
-
-
-_hints = functools.cache(typing.get_type_hints)
 
 
 LONGEST: Final = 500

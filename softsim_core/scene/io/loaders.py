@@ -29,6 +29,7 @@ from softsim_core.scene.io.yaml_source import (
     SourcedMapping,
     merge,
     parse_yaml,
+    plain_copy,
     read_extended,
     relative_to_file,
     resolve_extends,
@@ -75,7 +76,7 @@ def override_at(steps: Sequence[str | Item], values: Mapping[str, Any]) -> dict[
     data: Any = dict(values)
     for step in reversed(steps):
         data = [{"name": step.name, **data}] if isinstance(step, Item) else {step: data}
-    return {**data}
+    return dict(data)
 
 
 def read_overrides(text: str) -> dict[str, Any]:
@@ -92,21 +93,13 @@ def write_overrides(overrides: Mapping[str, Any]) -> str:
     if not overrides:
         return ""
     yaml = importlib.import_module("yaml")
-    return str(yaml.safe_dump(_plain(overrides), sort_keys=False, default_flow_style=None, width=100))
+    return str(yaml.safe_dump(plain_copy(overrides), sort_keys=False, default_flow_style=None, width=100))
 
 
 def laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Return `above` merged over `below` by the rules of scenes: mappings and lists of named items merge."""
-    merged: dict[str, Any] = _plain(merge(mark_source(below, ORIGIN), mark_source(above, ORIGIN)))
+    merged: dict[str, Any] = plain_copy(merge(mark_source(below, ORIGIN), mark_source(above, ORIGIN)))
     return merged
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
 
 
 def load_yaml(
@@ -131,11 +124,8 @@ def load_yaml(
         ConfigError: any problem, as one message: file, key path, value, what is allowed.
     """
     path = Path(file).expanduser().absolute()
-    return _build_scene(
-        path,
-        read_extended(path) if text is None else resolve_extends(parse_yaml(text, path), path),
-        overrides,
-    )
+    data = read_extended(path) if text is None else resolve_extends(parse_yaml(text, path), path)
+    return _build_scene(path, data, overrides)
 
 
 def _build_scene(
@@ -167,8 +157,6 @@ def _over_arm(data: SourcedMapping, path: Path, chain: tuple[Path, ...]) -> Sour
 
     try:
         robot = arm_with_tools(str(data.get("name", path.stem)), arm, tool)
-    except ConfigError:
-        raise
     except SceneError as error:
         raise ConfigError(file, "arm", str(error).removeprefix("arm: ")) from error
     return merge(unstructure_scene(robot), data)
@@ -227,7 +215,16 @@ def load_python(
     scene = Scene(name=path.stem)
     program = allowed_program(path)
     with _beside(path), _errors_of(path), limited_to(ANY_PROGRAM):  # it runs, so it may do all
-        create_scene = _module(path, program).__dict__.get("create_scene")
+        try:
+            code = program.read_bytes()
+        except OSError as error:
+            raise ConfigError(path, "", f"cannot be read ({error.strerror or error})") from error
+        linecache.checkcache(str(path))  # tracebacks show the file as it is now
+        module = ModuleType(f"softsim_scene_{path.stem}")
+        module.__file__ = str(path)
+        sys.modules[module.__name__] = module  # dataclasses and pickle look their module up
+        exec(compile(code, str(path), "exec"), module.__dict__)  # a scene file is a program
+        create_scene = module.__dict__.get("create_scene")
         if not callable(create_scene):
             raise ConfigError(path, "", "must define a function create_scene(scene)")
         create_scene(scene, **(arguments or {}))
@@ -245,20 +242,6 @@ def load_python(
         source=path,
         controllers=tuple(_guard_controller(each, path) for each in draft.controllers),
     )
-
-
-def _module(path: Path, program: Path) -> ModuleType:
-    """Run the code of a scene's file from the allowed program, and return its module."""
-    try:
-        source = program.read_bytes()
-    except OSError as error:
-        raise ConfigError(path, "", f"cannot be read ({error.strerror or error})") from error
-    linecache.checkcache(str(path))  # tracebacks show the file as it is now
-    module = ModuleType(f"softsim_scene_{path.stem}")
-    module.__file__ = str(path)
-    sys.modules[module.__name__] = module  # dataclasses and pickle look their module up
-    exec(compile(source, str(path), "exec"), module.__dict__)  # a scene file is a program
-    return module
 
 
 @contextmanager
@@ -293,10 +276,9 @@ def _errors_of(path: Path) -> Iterator[None]:
         line = f"line {error.lineno}" if inside and error.lineno else _line_of(error, path)
         where = "" if inside else f" in {error.filename}, line {error.lineno}"
         raise ConfigError(path, line, f"Python syntax: {error.msg}{where}") from error
-    except SceneError as error:
-        raise ConfigError(path, _line_of(error, path), str(error)) from error
     except (Exception, SystemExit) as error:
-        raise ConfigError(path, _line_of(error, path), _describe_error(error)) from error
+        problem = str(error) if isinstance(error, SceneError) else _describe_error(error)
+        raise ConfigError(path, _line_of(error, path), problem) from error
 
 
 def _guard_controller(controller: Controller, path: Path) -> Controller:

@@ -21,17 +21,25 @@ Place: TypeAlias = tuple[str, int]
 def places_of(file: Path) -> dict[str, Place]:
     """Return the location of every part of a file by its steps: "joints/servo_0/base"; "" is the scene.
 
-    Args:
-        file: The scene's file; the files that it extends are included. In a Python file only the scene itself
-            is found, at its `create_scene`.
+    The files that it extends are included. In a Python file only the scene itself is found, at its
+    `create_scene`; what cannot be read is at line 1.
     """
     if file.suffix == ".py":
-        return {"": (str(file), _line_of_function(file))}
+        try:
+            tree = ast.parse(file.read_bytes())
+        except (OSError, ValueError, SyntaxError):
+            return {"": (str(file), 1)}
+        functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+        return {"": (str(file), next((each.lineno for each in functions if each.name == "create_scene"), 1))}
+    yaml = importlib.import_module("yaml")
     found: dict[str, Place] = {"": (str(file), 1)}
     visited, at = set[Path](), file
     while at not in visited:
         visited.add(at)
-        root = _root(at)
+        try:
+            root = yaml.compose(at.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+        except (OSError, ValueError, yaml.YAMLError):
+            break
         _note(root, "", at, found)
         target = _values(root).get("extends")
         if target is None:
@@ -47,22 +55,6 @@ def place_of(places: Mapping[str, Place], steps: Steps) -> Place | None:
         if (place := places.get("/".join(names[:count]))) is not None:
             return place
     return None
-
-
-def locate(file: Path, steps: Steps) -> tuple[Path, int]:
-    """Return file and line, counted from 1, of a part.
-
-    Args:
-        file: The scene's file.
-        steps: From the scene to the part.
-
-    Returns:
-        The file with the most specific location: this one, or one that it extends. For a Python file the line
-        of its `create_scene`; line 1 if nothing is found.
-    """
-    found = place_of(places_of(file), steps)
-    assert found is not None  # the scene itself is always found
-    return Path(found[0]), found[1]
 
 
 def _note(node: Any, path: str, file: Path, found: dict[str, Place]) -> None:
@@ -86,21 +78,3 @@ def _values(node: Any) -> dict[str, tuple[Any, Any]]:
     """Return keys and values of a mapping node, by the keys' text; empty for another node."""
     pairs = node.value if getattr(node, "id", "") == "mapping" else []
     return {key.value: (key, value) for key, value in pairs if isinstance(key.value, str)}
-
-
-def _root(file: Path) -> Any:
-    """Return the root node of a YAML file; None if it cannot be read."""
-    yaml = importlib.import_module("yaml")
-    try:
-        return yaml.compose(file.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except (OSError, ValueError, yaml.YAMLError):
-        return None
-
-
-def _line_of_function(file: Path) -> int:
-    try:
-        tree = ast.parse(file.read_bytes())
-    except (OSError, ValueError, SyntaxError):
-        return 1
-    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
-    return next((each.lineno for each in functions if each.name == "create_scene"), 1)

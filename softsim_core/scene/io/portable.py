@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from softsim_core.scene import (
 )
 from softsim_core.scene.io.keys import KIND
 from softsim_core.scene.io.structure import structure_scene
-from softsim_core.scene.io.yaml_source import SourcedMapping, parse_yaml
+from softsim_core.scene.io.yaml_source import SourcedMapping, parse_yaml, plain_copy
 
 
 def unstructure_scene(
@@ -38,8 +38,7 @@ def unstructure_scene(
         file: The file to which paths are relative.
         given_only: Leave out default values.
     """
-    data = _plain(robot, file, given_only)
-    assert isinstance(data, SourcedMapping)
+    data: SourcedMapping = _plain(robot, file, given_only)
     return data
 
 
@@ -57,7 +56,8 @@ def _plain(value: Any, file: Path | None, given_only: bool = False) -> Any:
         data = SourcedMapping({}, file)
         for each in fields(value):
             content = getattr(value, each.name)
-            if not is_absent(each) and not (given_only and _is_default(each, content)):
+            usual = each.default if each.default_factory is MISSING else each.default_factory()
+            if not is_absent(each) and not (given_only and usual is not MISSING and content == usual):
                 plain = _plain(content, file, given_only)
                 data.update(plain if is_beside(each) else {each.name: plain})
         if isinstance(value, JointDescription):
@@ -76,11 +76,6 @@ def _plain(value: Any, file: Path | None, given_only: bool = False) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _is_default(field: Field[Any], value: Any) -> bool:
-    usual = field.default_factory() if field.default_factory is not MISSING else field.default
-    return bool(usual is not MISSING and value == usual)
-
-
 ORIGIN = Path("scene")
 """Name in messages in place of a file."""
 
@@ -91,12 +86,14 @@ _DRIVEN = ("name", "dt", "joints", "poses", "commands", "start", "keys", "board"
 def write_description(robot: RobotDescription, *, given_only: bool = False) -> str:
     """Return a robot and its scene as YAML text; meshes made in Python are replaced by their size.
 
-    Args:
-        robot: The robot.
-        given_only: Leave out default values, for readability; otherwise every value is written.
+    With `given_only`, default values are left out for readability.
     """
     yaml = importlib.import_module("yaml")
-    data = _for_yaml(unstructure_scene(robot, given_only=given_only))
+    data = plain_copy(unstructure_scene(robot, given_only=given_only))
+    for body in data.get("bodies", ()):
+        if isinstance(mesh := body.get("mesh"), TetMesh):
+            size = f"{len(mesh.points)} nodes, {len(mesh.tets)} tetrahedra"
+            body["mesh"] = {"file": f"made in Python: {size}"}
     return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110))
 
 
@@ -141,14 +138,3 @@ def _frame_joint(joint: Any) -> Any:
         return joint
     others = {key: value for key, value in joint.items() if key != joint["kind"]}
     return SourcedMapping({**others, "kind": "prismatic"}, ORIGIN)
-
-
-def _for_yaml(value: Any) -> Any:
-    """Convert to types that YAML supports."""
-    if isinstance(value, Mapping):
-        return {key: _for_yaml(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_for_yaml(item) for item in value]
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    return {"file": f"made in Python: {len(value.points)} nodes, {len(value.tets)} tetrahedra"}

@@ -67,10 +67,8 @@ def allowed_program(file: Path) -> Path:
     """
     place = file.resolve()
     if not _rule.get().trusts(place):
-        raise ConfigError(
-            file,
-            "",
-            "is code that would run; name it in the start command, or allow its folder there: --allow-code "
-            f"{place.parent}",
+        problem = (
+            "is code that would run; name it in the start command, or allow its folder there: --allow-code"
         )
+        raise ConfigError(file, "", f"{problem} {place.parent}")
     return place

@@ -5,7 +5,6 @@ It is imported on first use: the core works without it.
 
 from __future__ import annotations
 
-import functools
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -34,6 +33,7 @@ from softsim_core.scene import (
     ServoCalibration,
     Threads,
     beside,
+    hints_of,
     is_absent,
     keys_of,
     need_namespace,
@@ -65,8 +65,6 @@ _SINGLE: Mapping[Any, Callable[[Any], Any]] = {
     Threads: as_threads,
 }
 """Conversion of values of one type that has no parts here."""
-
-_hints = functools.cache(typing.get_type_hints)
 
 
 class _Converter:
@@ -171,7 +169,7 @@ class _Converter:
 
     def _build(self, value: Mapping[str, Any], cls: Any, **built: Any) -> Any:
         """Build a description from a mapping of known keys, and from fields that are built already."""
-        hints, inner = _hints(cls), beside(cls)
+        hints, inner = hints_of(cls), beside(cls)
         for each in fields(cls):
             if each.name in inner:
                 part = {key: value[key] for key in keys_of(inner[each.name]) if key in value}

@@ -23,7 +23,6 @@ MOST_EXTENDED: Final = 32
 KeyPath: TypeAlias = tuple[str | int, ...]
 """Steps from the top of a file to a value: ("bodies", 0, "material")."""
 
-
 Place: TypeAlias = tuple[int, int]
 """Line and column in a file, counted from 1."""
 
@@ -55,6 +54,13 @@ class SourcedMapping(dict[str, Any]):
         self.places.pop(key, None)
         if place is not None:
             self.places[key] = place
+
+
+def plain_copy(value: Any) -> Any:
+    """Return data of files as plain mappings and lists, in which nothing is shared."""
+    if isinstance(value, Mapping):
+        return {key: plain_copy(each) for key, each in value.items()}
+    return [plain_copy(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def key_path(path: Iterable[str | int]) -> str:
@@ -99,16 +105,19 @@ def parse_yaml(text: str, file: Path) -> SourcedMapping:
     """
     if len(text) > MOST_CHARACTERS:
         raise ConfigError(file, "", f"is longer than {MOST_CHARACTERS} characters; make it shorter")
-    yaml = _pyyaml(file)
+    try:
+        yaml: Any = importlib.import_module("yaml")
+    except ImportError as error:
+        problem = "reading YAML needs PyYAML: pip install pyyaml (or apt install python3-yaml)"
+        raise ConfigError(file, "", problem) from error
     try:
         loader = yaml.SafeLoader(text)
         node = loader.get_single_node()
         if node is None or not isinstance(node, yaml.MappingNode):
             raise ConfigError(file, "", "must hold `key: value` lines at the top level")
         if _values_in(node, {}) > MOST_VALUES:
-            raise ConfigError(
-                file, "", f"holds more than {MOST_VALUES} values, aliases counted as all they hold"
-            )
+            problem = f"holds more than {MOST_VALUES} values, aliases counted as all they hold"
+            raise ConfigError(file, "", problem)
         data = _Reader(yaml, loader, file).value(node, ())
     except RecursionError:
         raise ConfigError(file, "", "is nested too deeply; write it flatter") from None
@@ -146,32 +155,32 @@ class _Reader:
             raise ConfigError(self._file, key_path(path), "an alias points to something that contains it")
         self._open.add(id(node))
         if not isinstance(node, self._yaml.ScalarNode) and not node.tag.endswith((":map", ":seq")):
-            raise ConfigError(
-                self._file, key_path(path), f"the YAML tag {node.tag} is not allowed; remove it"
-            )
+            problem = f"the YAML tag {node.tag} is not allowed; remove it"
+            raise ConfigError(self._file, key_path(path), problem)
         if isinstance(node, self._yaml.MappingNode):
             data: Any = self._mapping(node, path)
         elif isinstance(node, self._yaml.SequenceNode):
             data = [self.value(item, (*path, index)) for index, item in enumerate(node.value)]
         else:
-            data = self._scalar(node, path)
+            try:
+                data = self._loader.construct_object(node)
+            except ValueError as error:  # YAML takes 2026-13-45 for a date
+                problem = f"{node.value!r} cannot be read ({error}); quote text"
+                raise ConfigError(self._file, key_path(path), problem) from error
         self._open.discard(id(node))
         self._done[id(node)] = data
         return data
-
-    def _scalar(self, node: Any, path: KeyPath) -> Any:
-        try:
-            return self._loader.construct_object(node)
-        except ValueError as error:  # YAML takes 2026-13-45 for a date
-            raise ConfigError(
-                self._file, key_path(path), f"{node.value!r} cannot be read ({error}); quote text"
-            ) from error
 
     def _mapping(self, node: Any, path: KeyPath) -> SourcedMapping:
         merged, own = SourcedMapping({}, self._file), SourcedMapping({}, self._file)
         for key_node, value_node in node.value:
             if key_node.tag == "tag:yaml.org,2002:merge":
-                for source in self._merge_sources(value_node, path):
+                below = (*path, "<<")
+                sources = self.value(value_node, below)
+                for source in sources if isinstance(sources, list) else [sources]:
+                    if not isinstance(source, SourcedMapping):
+                        problem = "must be a mapping or a list of mappings"
+                        raise ConfigError(self._file, key_path(below), problem)
                     places = {**source.places, **merged.places}
                     merged = SourcedMapping({**source, **merged}, self._file, places)  # the first wins
                 continue
@@ -181,28 +190,14 @@ class _Reader:
             line, column = key_node.start_mark.line + 1, key_node.start_mark.column + 1
             if not isinstance(key, str):
                 text = getattr(key_node, "value", "it")
-                raise ConfigError(
-                    self._file,
-                    key_path(path),
-                    f"line {line}: the key {text!r} is read as {key!r}, not as text; quote it",
-                )
+                problem = f"line {line}: the key {text!r} is read as {key!r}, not as text; quote it"
+                raise ConfigError(self._file, key_path(path), problem)
             if key in own:
-                raise ConfigError(
-                    self._file, key_path((*path, key)), f"given twice (again in line {line}); keep one"
-                )
+                problem = f"given twice (again in line {line}); keep one"
+                raise ConfigError(self._file, key_path((*path, key)), problem)
             own[key] = self.value(value_node, (*path, key))
             own.places[key] = line, column
         return SourcedMapping({**merged, **own}, self._file, {**merged.places, **own.places})
-
-    def _merge_sources(self, node: Any, path: KeyPath) -> list[SourcedMapping]:
-        value = self.value(node, (*path, "<<"))
-        sources = value if isinstance(value, list) else [value]
-        for source in sources:
-            if not isinstance(source, SourcedMapping):
-                raise ConfigError(
-                    self._file, key_path((*path, "<<")), "must be a mapping or a list of mappings"
-                )
-        return sources
 
 
 def merge(base: SourcedMapping, over: SourcedMapping, path: KeyPath = ()) -> SourcedMapping:
@@ -234,7 +229,14 @@ def _merge_values(base: Any, over: Any, path: KeyPath) -> Any:
     if isinstance(base, SourcedMapping) and isinstance(over, SourcedMapping):
         return merge(base, over, path)
     if _is_named_list(base) and isinstance(over, list):
-        _refuse_nameless(over, path)
+        for index, item in enumerate(over):
+            if isinstance(item, SourcedMapping) and "name" not in item:
+                first = next(iter(item), "")
+                problem = (
+                    f"item {index} has no `name`; items are laid over those of the file below by their names"
+                )
+                where = item.file_of(first) or "scene"
+                raise ConfigError(where, key_path((*path, index)), problem, item.places.get(first))
     if _is_named_list(base) and _is_named_list(over):
         items = _by_name(base, path)
         for name, item in _by_name(over, path).items():
@@ -252,18 +254,6 @@ def _by_name(items: list[SourcedMapping], path: KeyPath) -> dict[str, SourcedMap
             raise ConfigError(where, key_path((*path, index)), problem, item.places.get("name"))
         names[item["name"]] = item
     return names
-
-
-def _refuse_nameless(items: list[Any], path: KeyPath) -> None:
-    """Reject items without a name, because items of the file below are found by their names."""
-    for index, item in enumerate(items):
-        if isinstance(item, SourcedMapping) and "name" not in item:
-            first = next(iter(item), "")
-            problem = (
-                f"item {index} has no `name`; items are laid over those of the file below by their names"
-            )
-            where = item.file_of(first) or "scene"
-            raise ConfigError(where, key_path((*path, index)), problem, item.places.get(first))
 
 
 def _is_named_list(value: Any) -> bool:
@@ -320,14 +310,5 @@ def relative_to_file(path: str | Path, file: Path | None) -> Path:
         through_links = file.resolve().parent / path
         return (through_links if through_links.exists() and not direct.exists() else direct).resolve()
     except (OSError, RuntimeError, ValueError) as error:
-        raise ConfigError(
-            file or "", "", f"{str(path)[:60]!r} is no path of a file ({error!s:.60})"
-        ) from error
-
-
-def _pyyaml(file: Path) -> Any:
-    try:
-        return importlib.import_module("yaml")
-    except ImportError as error:
-        problem = "reading YAML needs PyYAML: pip install pyyaml (or apt install python3-yaml)"
-        raise ConfigError(file, "", problem) from error
+        problem = f"{str(path)[:60]!r} is no path of a file ({error!s:.60})"
+        raise ConfigError(file or "", "", problem) from error
