@@ -38,8 +38,8 @@ def float_array(value: object, shape: tuple[int, ...], name: str) -> Array:
         except (TypeError, ValueError) as error:
             raise ArrayError(name, shape, "something that is no array of real numbers") from error
     if array.shape != shape:
-        wanted = zip(shape, array.shape, strict=False)
-        if array.ndim != len(shape) or any(want not in (-1, have) for want, have in wanted):
+        pairs = zip(shape, array.shape, strict=False)
+        if array.ndim != len(shape) or any(want not in (-1, have) for want, have in pairs):
             raise ArrayError(name, shape, f"shape {array.shape}")
     return array
 

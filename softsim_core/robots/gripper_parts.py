@@ -115,10 +115,10 @@ def cable_gripper(collides: bool = True) -> Part:
         for name, (placement, x) in places.items()
     ]
     up_down, to_sides = JointLimits(-0.055, 0.050, 0.05), JointLimits(-0.050, 0.050, 0.05)
-    up, aside = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+    up, across = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
     slides = (
         JointDescription(name="vertical", kind="prismatic", axis=up, limits=up_down),
-        JointDescription(name="sideways", kind="prismatic", parent="vertical", axis=aside, limits=to_sides),
+        JointDescription(name="sideways", kind="prismatic", parent="vertical", axis=across, limits=to_sides),
     )
     return Part(
         bodies=tuple(body for finger in fingers for body in finger.bodies),

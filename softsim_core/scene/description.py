@@ -308,9 +308,9 @@ class SceneDescription:
             check_known("joint", attachment.relative_to, frames)
         for each in self.joints:
             if each.actuator is not None:
-                for known, named in ((bodies, each.actuator.bodies()), (frames, each.actuator.carriers())):
+                for owners, named in ((bodies, each.actuator.bodies()), (frames, each.actuator.carriers())):
                     for field_name, name in named.items():
-                        check_known(f"{field_name} of {each.kind} {each.name}", name, known)
+                        check_known(f"{field_name} of {each.kind} {each.name}", name, owners)
         bases = [f"{name}_base" for name in frames]
         for rigid in self.rigid_bodies:
             check_known(f"carrier of rigid body {rigid.name}", rigid.on, ("world", *free, *frames, *bases))
