@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from softsim_core.base import extras
+from softsim_core.base import machine
 
 
 def test_in_the_environment_of_a_checkout_it_names_that_python_and_its_pins(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sys, "prefix", "/somewhere/venv")
-    words = shlex.split(extras.install_command("study"))
-    root = Path(extras.__file__).resolve().parents[2]
+    words = shlex.split(machine.install_command("study"))
+    root = Path(machine.__file__).resolve().parents[2]
     assert words[:2] == [str(Path(sys.executable).with_name("pip")), "install"]
     assert words[2:] == ["-c", str(root / "constraints.txt"), "-e", f"{root}[study]"]
     assert Path(words[3]).is_file()
@@ -24,4 +24,4 @@ def test_in_the_environment_of_a_checkout_it_names_that_python_and_its_pins(
 
 def test_elsewhere_it_is_that_of_the_distribution(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "prefix", sys.base_prefix)
-    assert extras.install_command("study") == "pip install 'softsim[study]'"
+    assert machine.install_command("study") == "pip install 'softsim[study]'"
