@@ -16,11 +16,8 @@ from pathlib import Path
 from time import monotonic
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from softsim_core.base import (
-    Array,
     IndexArray,
     MeshError,
     install_command,
@@ -29,7 +26,8 @@ from softsim_core.base import (
     write_file,
 )
 from softsim_core.lab.meshing.tetwild import DISTRIBUTION, compiled_part
-from softsim_core.physics.mesh import SurfaceMesh, TetMesh, read_tets, tet_volumes, write_tets
+from softsim_core.lab.meshing.topology import connected
+from softsim_core.physics.mesh import SurfaceMesh, TetMesh, orient_tets, read_tets, write_tets
 
 _FORMAT = 1
 """Version of cached meshes; increased to mesh the same input and options again."""
@@ -160,7 +158,9 @@ def fill_surface(
             "the mesher found nothing inside: its walls are thinner than what the mesh may deviate; allow "
             "less with --deviation",
         )
-    return _tidy(middle + scale * np.asarray(points, dtype=np.float64), tets.astype(np.int64), name)
+    points = middle + scale * np.asarray(points, dtype=np.float64)
+    used, numbers = np.unique(orient_tets(points, tets), return_inverse=True)
+    return TetMesh(np.ascontiguousarray(points[used]), numbers.reshape(-1, 4).astype(np.int64), name)
 
 
 def _run(
@@ -223,20 +223,10 @@ def _why(code: int, error: str) -> str:
     return f"failed ({(lines[-1] if lines else f'exit code {code}')[:_TAIL]}); try another --size"
 
 
-def _tidy(points: Array, tets: IndexArray, name: str) -> TetMesh:
-    """Return a positively oriented mesh without unused points."""
-    wrong = tet_volumes(points, tets) < 0.0
-    tets[wrong] = tets[wrong][:, [0, 1, 3, 2]]
-    used, numbers = np.unique(tets, return_inverse=True)
-    return TetMesh(np.ascontiguousarray(points[used]), numbers.reshape(-1, 4).astype(np.int64), name)
-
-
 def pieces(mesh: TetMesh) -> IndexArray:
     """Return the tetrahedra of each piece that is connected by faces, largest first."""
     faces = np.sort(mesh.tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
     order = np.lexsort(faces.T)
     same = np.flatnonzero((faces[order][1:] == faces[order][:-1]).all(axis=1))
-    rows, columns = order[same] // 4, order[same + 1] // 4
-    graph = sp.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(mesh.tets),) * 2)
-    _, label = connected_components(graph, directed=False)
+    _, label = connected(len(mesh.tets), order[same] // 4, order[same + 1] // 4)
     return np.asarray(np.sort(np.bincount(label))[::-1], dtype=np.int64)

@@ -54,25 +54,26 @@ def guess(mesh: TetMesh) -> Guess:
     All guesses for a part that is rotated in its file are along its own axes.
     """
     axes = own_axes(boundary_surface(mesh))
-    straight = np.array_equal(axes, np.eye(3))
-    found = _along_axes(mesh if straight else replace(mesh, points=mesh.points @ axes))
-    return found if straight else _transform_guess(found, axes)
+    if np.array_equal(axes, np.eye(3)):
+        return _along_axes(mesh)
+    return _transform_guess(_along_axes(replace(mesh, points=mesh.points @ axes)), axes)
 
 
 def _transform_guess(found: Guess, axes: Array) -> Guess:
     """Transform guesses along the axes of a file to a part with axes of its own."""
     angles = _vector(np.degrees(euler_of(axes)))
 
-    def box(own: Box) -> Box:
-        return Box(center=place(own.center), size=own.size, rotation_deg=angles)
-
     def place(own: Vector) -> Vector:
         return _vector(axes @ np.array(own))
 
+    base, tip = (
+        Box(center=place(own.center), size=own.size, rotation_deg=angles)
+        for own in (found.base_box, found.tip)
+    )
     return found._replace(
         axes=axes,
-        base_box=box(found.base_box),
-        tip=box(found.tip),
+        base_box=base,
+        tip=tip,
         tip_place=place(found.tip_place),
         cable=tuple(place(each) for each in found.cable),
         pull_point=place(found.pull_point),

@@ -122,7 +122,10 @@ def mesh_part(
     Raises:
         MeshError: the part cannot be read, repaired or filled, or the mesh does not follow its surface.
     """
-    _check(options)
+    if options.size is not None and options.nodes is not None:
+        raise MeshError("", "size and number of nodes are two ways to say one thing; say one of them")
+    if options.order not in (1, 2):
+        raise MeshError("", f"order {options.order} is not known; 1 is linear, 2 quadratic")
     progress(f"reading {path}")
     part = read_part(path, options.unit)
     count = len(part.surface.triangles)
@@ -139,9 +142,8 @@ def mesh_part(
     made = read_cached_mesh(key)
     if made is None:
         sized = _mesh_to_size(source, options, progress, fill)
-        mesh, edge = sized.mesh, sized.edge
-        result = _check_mesh(part, source, mesh, edge, options)
-        if not store_mesh(key, mesh, edge):
+        result = _check_mesh(part, source, sized.mesh, sized.edge, options)
+        if not store_mesh(key, sized.mesh, sized.edge):
             remark = "the cache cannot be written: the next run makes another mesh"
             result = replace(result, remarks=(*result.remarks, remark))
         return result
@@ -164,13 +166,6 @@ def _plug_cavities(part: Part, source: RepairedSurface, options: MeshingOptions)
         remarks.append(f"plugged the opening of {unit.length(each.width)} at {unit.place(each.place)}")
     remarks.append(f"{source.cavities} closed hollow{'s' * (source.cavities != 1)} now")
     return replace(source, remarks=tuple(remarks))
-
-
-def _check(options: MeshingOptions) -> None:
-    if options.size is not None and options.nodes is not None:
-        raise MeshError("", "size and number of nodes are two ways to say one thing; say one of them")
-    if options.order not in (1, 2):
-        raise MeshError("", f"order {options.order} is not known; 1 is linear, 2 quadratic")
 
 
 def _mesh_to_size(

@@ -13,11 +13,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from softsim_core.base import Array, BoolArray, IndexArray, MeshError
-from softsim_core.lab.meshing.topology import edges_of
+from softsim_core.lab.meshing.topology import connected, edges_of
 from softsim_core.physics.mesh import SurfaceMesh
 
 CELLS: Final = 72
@@ -63,7 +61,7 @@ def open_hollows(surface: SurfaceMesh) -> tuple[OpenHollow, ...]:
     clearance[_border(free.shape)] = np.inf  # the outside is open all around
     found: list[OpenHollow] = []
     found_before = np.zeros_like(free)
-    joined = free & (_parts_with_border(free))
+    joined = free & _parts_with_border(free)
     widest = float(clearance[np.isfinite(clearance)].max())
     for radius in np.arange(1.5, widest, 0.5).tolist():
         apart = clearance > radius
@@ -153,18 +151,6 @@ _SHARE: Final = 0.7
 """Part of the channel that a plug fills; it is no thicker than the channel is wide."""
 
 
-class _Cut(NamedTuple):
-    """A closed line around the channel.
-
-    Attributes:
-        triangles: The crossed triangles, in order, shape (c,).
-        length: In [m].
-    """
-
-    triangles: IndexArray
-    length: float
-
-
 def without_channel(surface: SurfaceMesh, opening: OpenHollow) -> SurfaceMesh:
     """Return the surface without a piece of the wall of an opening's channel, with two flat open loops.
 
@@ -180,16 +166,20 @@ def without_channel(surface: SurfaceMesh, opening: OpenHollow) -> SurfaceMesh:
         for share in _SHARES:  # the narrowest place is known only to a cell of the grid
             base = opening.place + share * opening.width * direction
             cut = _cut(surface, base, direction)
-            if cut is not None and cut.length < shortest:
-                shortest, place, axis = cut.length, base, direction
+            if cut is not None and cut[0] < shortest:
+                shortest, place, axis = cut[0], base, direction
     if not np.isfinite(shortest):
         raise MeshError(
             surface.name, "no plane cuts the wall around its opening; close it in CAD with a plug"
         )
     offsets = opening.width * np.linspace(-2.0, 2.0, _OFFSETS)
     cuts = (_cut(surface, place + s * axis, axis) for s in offsets)
-    narrow = np.array([cut is not None and cut.length < _WIDER * shortest for cut in cuts])
-    first, last = _run_around(narrow, _OFFSETS // 2)
+    narrow = np.array([cut is not None and cut[0] < _WIDER * shortest for cut in cuts])
+    first = last = _OFFSETS // 2
+    if narrow.any():
+        nearest = min(np.flatnonzero(narrow), key=lambda each: abs(each - _OFFSETS // 2))
+        runs, _ = ndimage.label(narrow)
+        first, last = np.flatnonzero(runs == runs[nearest])[[0, -1]].tolist()
     thickness = min(_SHARE * (offsets[last] - offsets[first]), opening.width)
     middle = 0.5 * (offsets[first] + offsets[last])
     if thickness <= 0.0:
@@ -200,7 +190,7 @@ def without_channel(surface: SurfaceMesh, opening: OpenHollow) -> SurfaceMesh:
         base = place + height * axis
         cut = _cut(SurfaceMesh(points, triangles, surface.name), base, axis)
         assert cut is not None
-        points, triangles, line = _split(points, triangles, cut.triangles, base, axis)
+        points, triangles, line = _split(points, triangles, cut[1], base, axis)
         lines.append(line)
     piece = _pieces(triangles, np.concatenate(lines))
     heights = (points[triangles].mean(axis=1) - place) @ axis - middle
@@ -216,23 +206,12 @@ def _directions(count: int) -> Array:
     return np.column_stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z])
 
 
-def _run_around(narrow: BoolArray, middle: int) -> tuple[int, int]:
-    """Return the first and last index of the run of narrow cuts around the middle."""
-    start = (
-        int(np.flatnonzero(narrow)[np.abs(np.flatnonzero(narrow) - middle).argmin()])
-        if narrow.any()
-        else middle
-    )
-    first = last = start
-    while first > 0 and narrow[first - 1]:
-        first -= 1
-    while last + 1 < len(narrow) and narrow[last + 1]:
-        last += 1
-    return first, last
+def _cut(surface: SurfaceMesh, base: Array, normal: Array) -> tuple[float, IndexArray] | None:
+    """Find the shortest closed line in which a plane cuts a surface around the point `base` (3,).
 
-
-def _cut(surface: SurfaceMesh, base: Array, normal: Array) -> _Cut | None:
-    """Return the shortest closed line in which a plane cuts a surface around the point `base` (3,)."""
+    Returns:
+        Its length in [m] and the crossed triangles in order, shape (c,); None: there is no such line.
+    """
     points, triangles = surface.points, surface.triangles
     above = (points - base) @ normal > 0.0
     crossed = np.flatnonzero(above[triangles].any(axis=1) & ~above[triangles].all(axis=1))
@@ -240,9 +219,7 @@ def _cut(surface: SurfaceMesh, base: Array, normal: Array) -> _Cut | None:
         return None
     edges, at = _crossed_edges(triangles[crossed], above)
     places = _places(points, edges, base, normal)
-    count = len(crossed)
-    graph = coo_matrix((np.ones(count), (at[:, 0], at[:, 1])), shape=(len(edges), len(edges)))
-    number, label = connected_components(graph, directed=False)
+    number, label = connected(len(edges), at[:, 0], at[:, 1])
     u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     u /= np.linalg.norm(u)
     flat = (places - base) @ np.column_stack([u, np.cross(normal, u)])
@@ -256,19 +233,25 @@ def _cut(surface: SurfaceMesh, base: Array, normal: Array) -> _Cut | None:
     if not around.any():
         return None
     best = int(np.where(around, total, np.inf).argmin())
-    return _Cut(crossed[of == best], float(total[best]))
+    return float(total[best]), crossed[of == best]
 
 
 def _crossed_edges(crossed: IndexArray, above: BoolArray) -> tuple[IndexArray, IndexArray]:
     """Return the edges (e, 2) that a plane crosses, and the two of each triangle in cut order, (c, 2)."""
-    alone = above[crossed].sum(axis=1) == 1
-    tip = np.where(alone[:, None], above[crossed], ~above[crossed]).argmax(axis=1)
-    rows = np.arange(len(crossed))
-    a, b, c = (crossed[rows, (tip + k) % 3] for k in range(3))
+    a, b, c = _from_tip(crossed, above)
+    alone = above[a]
     entering = np.where(alone, b, c), np.where(alone, c, b)
     ends = np.sort(np.stack([np.column_stack([a, each]) for each in entering], axis=1), axis=2)
     edges, at = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
     return edges, at.reshape(-1, 2)
+
+
+def _from_tip(crossed: IndexArray, above: BoolArray) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """Return the corners of crossed triangles (c, 3) in order, first the one alone on its side, each (c,)."""
+    alone = above[crossed].sum(axis=1) == 1
+    tip = np.where(alone[:, None], above[crossed], ~above[crossed]).argmax(axis=1)
+    a, b, c = (np.take_along_axis(crossed, (tip[:, None] + k) % 3, axis=1).ravel() for k in range(3))
+    return a, b, c
 
 
 def _places(points: Array, edges: IndexArray, base: Array, normal: Array) -> Array:
@@ -282,11 +265,7 @@ def _split(
     points: Array, triangles: IndexArray, which: IndexArray, base: Array, normal: Array
 ) -> tuple[Array, IndexArray, IndexArray]:
     """Cut triangles `which` in three along a plane; return points, triangles and the new points' numbers."""
-    above = (points - base) @ normal > 0.0
-    chosen = triangles[which]
-    alone = np.where((above[chosen].sum(axis=1) == 1)[:, None], above[chosen], ~above[chosen])
-    tip, rows = alone.argmax(axis=1), np.arange(len(chosen))
-    a, b, c = (chosen[rows, (tip + k) % 3] for k in range(3))
+    a, b, c = _from_tip(triangles[which], (points - base) @ normal > 0.0)
     ends = np.sort(np.concatenate([np.column_stack([a, b]), np.column_stack([a, c])]), axis=1)
     edges, at = np.unique(ends, axis=0, return_inverse=True)
     ab, ac = len(points) + at.reshape(2, -1)
@@ -301,5 +280,5 @@ def _pieces(triangles: IndexArray, line: IndexArray) -> IndexArray:
     of = edges.of.reshape(-1)
     remaining = ~np.isin(edges.ends, line).all(axis=1)[of]
     owner, size = np.repeat(np.arange(len(triangles)), 3)[remaining], len(triangles) + len(edges.ends)
-    graph = coo_matrix((np.ones(len(owner)), (owner, len(triangles) + of[remaining])), shape=(size, size))
-    return np.asarray(connected_components(graph, directed=False)[1][: len(triangles)])
+    _, piece = connected(size, owner, len(triangles) + of[remaining])
+    return piece[: len(triangles)]

@@ -9,8 +9,6 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from softsim_core.base import (
@@ -23,7 +21,7 @@ from softsim_core.base import (
     Placement,
     known_names,
 )
-from softsim_core.lab.meshing.topology import shells
+from softsim_core.lab.meshing.topology import connected, shells
 from softsim_core.physics.contact import crossings
 from softsim_core.physics.mesh import SurfaceMesh, enclosed_volume, encloses, read_surface, triangle_normals
 
@@ -117,6 +115,7 @@ class Nesting:
         triangles: Triangles by shell, solids outward, cavities into the cavity, shape (k, 3).
         label: Shell of each triangle, shape (k,).
         volumes: Volume of each shell, > 0, in the unit of the points cubed, shape (s,).
+        diagonals: Diagonal of the box around each shell, in the unit of the points, shape (s,).
         depth: Number of shells around each shell; odd ones are cavities, shape (s,).
         body: Body of each shell: intersecting solids are one, a cavity belongs to the solid around it, (s,).
         crossing: Pairs of intersecting triangles, shape (c, 2).
@@ -126,6 +125,7 @@ class Nesting:
     triangles: IndexArray
     label: IndexArray
     volumes: Array
+    diagonals: Array
     depth: IndexArray
     body: IndexArray
     crossing: IndexArray
@@ -146,7 +146,8 @@ def determine_nesting(points: Array, triangles: IndexArray) -> Nesting:
     """
     count, label = shells(triangles)
     triangles = triangles.copy()
-    parts = [np.flatnonzero(label == k) for k in range(count)] if count < 64 else _split(label, count)
+    order = np.argsort(label, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1])
     volumes = np.array([enclosed_volume(points, triangles[part]) for part in parts])
     crossing = crossings(points[triangles], triangles)
     cross = np.zeros((count, count), dtype=bool)
@@ -166,24 +167,12 @@ def determine_nesting(points: Array, triangles: IndexArray) -> Nesting:
     turned = (volumes < 0.0) != cavity
     for k in np.flatnonzero(turned).tolist():
         triangles[parts[k]] = triangles[parts[k]][:, ::-1]
-    return Nesting(
-        triangles, label, np.abs(volumes), depth, _bodies(cross, inside, depth), crossing, int(turned.sum())
-    )
-
-
-def _split(label: IndexArray, count: int) -> list[IndexArray]:
-    order = np.argsort(label, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1])
-
-
-def _bodies(cross: BoolArray, inside: BoolArray, depth: IndexArray) -> IndexArray:
-    """Return the body of each shell; intersecting shells are one, a cavity belongs to the shell around it."""
-    joined = cross.copy()
-    for k in np.flatnonzero(depth % 2 == 1).tolist():
+    for k in np.flatnonzero(cavity).tolist():  # it belongs to the body around it
         around = np.flatnonzero(inside[k])
-        joined[k, around[depth[around].argmax()]] = True
-    _, body = connected_components(sp.csr_matrix(joined), directed=False)
-    return np.asarray(body, dtype=np.int64)
+        cross[k, around[depth[around].argmax()]] = True
+    _, body = connected(count, *cross.nonzero())
+    diagonals = np.linalg.norm(high - low, axis=1)
+    return Nesting(triangles, label, np.abs(volumes), diagonals, depth, body, crossing, int(turned.sum()))
 
 
 UNITS = {"um": 1.0e-6, "mm": MILLIMETRE, "cm": 1.0e-2, "m": 1.0, "in": 2.54e-2}

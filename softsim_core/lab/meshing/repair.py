@@ -6,13 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from softsim_core.base import Array, BoolArray, FormerAttribute, IndexArray, MeshError
 from softsim_core.lab.meshing.part import SPECK, Nesting, Part, Unit, determine_nesting
-from softsim_core.lab.meshing.topology import Edges, areas, edges_of, shells, touching_points, turned_alike
+from softsim_core.lab.meshing.topology import (
+    areas,
+    connected,
+    edges_of,
+    shells,
+    touching_points,
+    turned_alike,
+)
 from softsim_core.physics.mesh import SurfaceMesh
 
 _LONG_LOOP = 400
@@ -54,11 +59,6 @@ def _walk(first: int, onward: dict[int, list[int]]) -> list[IndexArray]:
             place[following] = len(path)
             path.append(following)
     return [loop for loop in loops if len(loop) > 2]
-
-
-def loop_size(points: Array, loop: IndexArray) -> float:
-    """Return the diagonal of the box around a loop, in the unit of the points."""
-    return float(np.linalg.norm(np.ptp(points[loop], axis=0)))
 
 
 def closing(points: Array, loop: IndexArray) -> tuple[Array, IndexArray]:
@@ -218,9 +218,8 @@ def _bodies(points: Array, triangles: IndexArray, part: Part, largest: bool) -> 
     """Select the shells to use and determine their nesting."""
     name, unit, remarks = part.surface.name, part.unit, list(part.remarks)
     found = determine_nesting(points, triangles)
-    boxes = _diagonals(points, found)
-    usable = boxes > SPECK * boxes.max()
-    usable &= found.volumes > _THIN * boxes**3
+    usable = found.diagonals > SPECK * found.diagonals.max()
+    usable &= found.volumes > _THIN * found.diagonals**3
     if not usable.any():
         raise MeshError(
             name,
@@ -275,16 +274,6 @@ def _several(points: Array, found: Nesting, two: IndexArray, count: int, unit: U
     )
 
 
-def _diagonals(points: Array, found: Nesting) -> Array:
-    """Return the diagonals of the boxes around shells, shape (s,)."""
-    low = np.full((len(found.depth), 3), np.inf)
-    high = -low
-    corners = points[found.triangles]
-    np.minimum.at(low, found.label, corners.min(axis=1))
-    np.maximum.at(high, found.label, corners.max(axis=1))
-    return np.asarray(np.linalg.norm(high - low, axis=1))
-
-
 def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, IndexArray, list[str]]:
     """Merge points, and remove degenerate, duplicate and loose triangles."""
     remarks: list[str] = []
@@ -296,15 +285,14 @@ def _clean(points: Array, triangles: IndexArray, weld: float) -> tuple[Array, In
     if not whole.all():
         remarks.append(f"dropped {_count(int((~whole).sum()), 'triangle')} with two corners in one place")
     triangles = triangles[whole]
-    once = _first_of_each(np.sort(triangles, axis=1))
-    repeated = len(triangles) - int(once.sum())
+    _, first, group, count = np.unique(
+        np.sort(triangles, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    repeated = len(triangles) - len(first)
     if repeated:
         # opposite twins are a wall between two bodies, or a triangle that was written twice
-        _, group, count = np.unique(
-            np.sort(triangles, axis=1), axis=0, return_inverse=True, return_counts=True
-        )
-        alone = (count == 1)[group.reshape(-1)]
-        triangles = _less_odd(triangles, [once, alone])
+        once = np.isin(np.arange(len(triangles)), first)
+        triangles = _less_odd(triangles, [once, (count == 1)[group.reshape(-1)]])
         remarks.append(f"dropped {_count(repeated, 'triangle')} for repeating others")
     corners = points[triangles]
     longest = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=2).max(axis=1, initial=0.0)
@@ -329,16 +317,9 @@ def _weld_points(points: Array, distance: float) -> tuple[Array, IndexArray]:
         if distance > 0.0
         else np.empty((0, 2), dtype=np.int64)
     )
-    graph = sp.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
-    _, label = connected_components(graph, directed=False)
+    _, label = connected(len(points), *pairs.T)
     _, first, numbers = np.unique(label, return_index=True, return_inverse=True)
     return points[first], numbers.reshape(-1).astype(np.int64)
-
-
-def _first_of_each(rows: IndexArray) -> BoolArray:
-    chosen = np.zeros(len(rows), dtype=bool)
-    chosen[np.unique(rows, axis=0, return_index=True)[1]] = True
-    return chosen
 
 
 def _less_odd(triangles: IndexArray, choices: list[BoolArray]) -> IndexArray:
@@ -366,7 +347,7 @@ def _refuse_walls(points: Array, triangles: IndexArray, name: str, unit: Unit) -
             "has no triangle that bounds a volume (a sheet that is drawn from both sides does not); "
             "model a body with a thickness",
         )
-    edges: Edges = edges_of(triangles)
+    edges = edges_of(triangles)
     walls = np.flatnonzero((edges.uses > 2) & edges.odd)
     if len(walls):
         where = unit.place(points[edges.ends[walls[0]]].mean(axis=0))
@@ -385,7 +366,7 @@ def _close_holes(
     if not loops:
         _refuse_unbalanced(points, triangles, name, unit)
         return points, triangles, []
-    sizes = np.array([loop_size(points, loop) for loop in loops])
+    sizes = np.array([np.linalg.norm(np.ptp(points[loop], axis=0)) for loop in loops])
     worst = int(sizes.argmax())
     where, across = unit.place(points[loops[worst]].mean(axis=0)), unit.length(sizes[worst])
     many = f"{len(loops)} holes, the largest" if len(loops) > 1 else "a hole"

@@ -107,19 +107,13 @@ def with_nodes(
         count = len(found[-1][1].points)
         if abs(count / nodes - 1.0) <= tolerance or (count > nodes and edge >= longest):
             break
-        if count > nodes and _stuck(found):
-            break
+        if count > nodes and len(found) > 1:
+            before, many = found[-2]
+            if before < edge and count > _STUCK * len(many.points):
+                break
         edge = min(_next_edge([(each, len(mesh.points)) for each, mesh in found], nodes), longest)
     best, mesh = min(found, key=lambda each: abs(math.log(len(each[1].points) / nodes)))
     return Sized(mesh, best, len(found))
-
-
-def _stuck(found: list[tuple[float, TetMesh]]) -> bool:
-    """Return whether longer edges left almost as many nodes."""
-    if len(found) < 2:
-        return False
-    (before, many), (edge, mesh) = found[-2:]
-    return before < edge and len(mesh.points) > _STUCK * len(many.points)
 
 
 def _next_edge(found: list[tuple[float, int]], nodes: int) -> float:

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from softsim_core.base import Array, BoolArray, IndexArray
-from softsim_core.physics.mesh import SurfaceMesh
+from softsim_core.physics.mesh import SurfaceMesh, triangle_normals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,12 +53,17 @@ def edges_of(triangles: IndexArray) -> Edges:
     return Edges(ends, of.reshape(-1, 3), (start < end).reshape(-1, 3), uses)
 
 
+def connected(size: int, first: IndexArray, second: IndexArray) -> tuple[int, IndexArray]:
+    """Return the number of groups that pairs of numbers below `size` form, and each number's group."""
+    graph = sp.coo_matrix((np.ones(len(first)), (first, second)), shape=(size, size))
+    count, label = connected_components(graph, directed=False)
+    return int(count), label.astype(np.int64)
+
+
 def shells(triangles: IndexArray) -> tuple[int, IndexArray]:
     """Return the number of pieces that edges of two triangles connect, and each triangle's piece (k,)."""
     first, second, _ = _neighbours(edges_of(triangles))
-    graph = sp.coo_matrix((np.ones(len(first)), (first, second)), shape=(len(triangles),) * 2)
-    count, label = connected_components(graph, directed=False)
-    return int(count), label.astype(np.int64)
+    return connected(len(triangles), first, second)
 
 
 def turned_alike(triangles: IndexArray) -> tuple[IndexArray, int, IndexArray]:
@@ -70,18 +75,15 @@ def turned_alike(triangles: IndexArray) -> tuple[IndexArray, int, IndexArray]:
     """
     k, edges = len(triangles), edges_of(triangles)
     first, second, alike = _neighbours(edges)
-    count, label = connected_components(
-        sp.coo_matrix((np.ones(len(first)), (first, second)), shape=(k, k)), directed=False
-    )
-    # a tree over all triangles, joined at one extra node by a triangle of each shell
-    roots = np.unique(label, return_index=True)[1]
+    count, label = connected(k, first, second)
+    # a tree over all triangles, joined at one extra node by a triangle of each shell; -1: oriented otherwise
     rows = np.concatenate([first, np.full(count, k)])
-    columns = np.concatenate([second, roots])
-    graph = sp.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(k + 1, k + 1)).tocsr()
+    columns = np.concatenate([second, np.unique(label, return_index=True)[1]])
+    values = np.concatenate([np.where(alike, 1, -1), np.ones(count, dtype=np.int64)])
+    graph = sp.coo_matrix((values, (rows, columns)), shape=(k + 1, k + 1)).tocsr()
     _, parent = breadth_first_order(graph, k, directed=False)
-    parent = parent[:k].astype(np.int64)
-    sign = np.append(_signs_to_parents(parent, first, second, alike, k), 1)
-    parent = np.append(parent, k)
+    parent = np.append(parent[:k].astype(np.int64), k)
+    sign = np.where(np.asarray((graph + graph.T)[np.arange(k + 1), parent]).ravel() < 0, -1, 1)
     while (parent != k).any():  # pointer doubling
         sign, parent = sign * sign[parent], parent[parent]
     sign = sign[:k]
@@ -104,22 +106,6 @@ def _neighbours(edges: Edges) -> tuple[IndexArray, IndexArray, BoolArray]:
     return one // 3, other // 3, np.asarray(along[one] != along[other])
 
 
-def _signs_to_parents(
-    parent: IndexArray, first: IndexArray, second: IndexArray, alike: BoolArray, k: int
-) -> IndexArray:
-    """Return +1 for triangles oriented as their parent in the tree, -1 for others; roots have +1."""
-    keys = np.concatenate([first * (k + 1) + second, second * (k + 1) + first])
-    values = np.tile(np.where(alike, 1, -1), 2)
-    order = np.argsort(keys, kind="stable")
-    keys, values = keys[order], values[order]
-    asked = np.arange(k) * (k + 1) + parent
-    place = np.minimum(np.searchsorted(keys, asked), max(len(keys) - 1, 0))
-    with_parent = parent < k
-    result = np.ones(k, dtype=np.int64)
-    result[with_parent] = values[place[with_parent]]
-    return result
-
-
 def touching_points(triangles: IndexArray) -> IndexArray:
     """Return vertices at which pieces of surface meet only in a point, with several fans of triangles."""
     edges = edges_of(triangles)
@@ -135,8 +121,7 @@ def touching_points(triangles: IndexArray) -> IndexArray:
     columns = np.concatenate(
         [np.where(crossed, following[b], begin[b]), np.where(crossed, begin[b], following[b])]
     )
-    graph = sp.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(triangles.size,) * 2)
-    _, fan = connected_components(graph, directed=False)
+    _, fan = connected(triangles.size, rows, columns)
     _, one = np.unique(fan, return_index=True)
     vertices, fans = np.unique(triangles.reshape(-1)[one], return_counts=True)
     return np.asarray(vertices[fans > 1], dtype=np.int64)
@@ -144,8 +129,7 @@ def touching_points(triangles: IndexArray) -> IndexArray:
 
 def areas(points: Array, triangles: IndexArray) -> Array:
     """Return the areas of triangles, shape (k,)."""
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    return np.asarray(np.linalg.norm(triangle_normals(points, triangles), axis=1))
 
 
 _PIECES = 4_000
@@ -209,8 +193,7 @@ def cut(corners: Array, longest: float) -> Array:
 
 def _piece(surface: SurfaceMesh) -> float:
     """Return the longest edge of a piece at which a surface has about _PIECES pieces."""
-    a, b, c = np.moveaxis(surface.points[surface.triangles], 1, 0)
-    area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    area = float(areas(surface.points, surface.triangles).sum())
     size = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
     return max(float(np.sqrt(4.0 * area / _PIECES)), 2.0e-3 * size)
 
