@@ -49,11 +49,7 @@ class _BodyPlace:
 
 
 class Places:
-    """The places of a session's sensors in a simulation.
-
-    Args:
-        simulation: Any simulation of the scene, at rest or in motion.
-        sensors: The sensors, s of them.
+    """The places of a session's s sensors in any simulation of the scene, at rest or in motion.
 
     Raises:
         SceneError: the scene has no such frame, or no body at a place.
@@ -151,13 +147,7 @@ class Alignment:
         return np.asarray(measured @ self.rotation.T + self.shift)
 
     def errors(self, positions: Array, rotations: Array, measured: Array) -> Array:
-        """Return model minus measurement in [m], shape (k, s, 3).
-
-        Args:
-            positions: Positions of the parts that carry the sensors in [m], shape (k, s, 3).
-            rotations: Rotations of these parts, shape (k, s, 3, 3).
-            measured: Measured positions in [m], shape (k, s, 3).
-        """
+        """Return model minus measurement in [m], shape (k, s, 3); for the arguments see align."""
         return np.asarray(locate_sensors(positions, rotations, self.points) - self.place(measured))
 
 
@@ -172,12 +162,7 @@ def build_nominal_alignment(points: Array) -> Alignment:
 
 
 def rigid_frame(model: Array, measured: Array, what: str) -> tuple[Array, Array]:
-    """Return R (3, 3) and t (3,) in [m] that minimise the squares of model - (R measured + t).
-
-    Args:
-        model: Positions in [m], shape (k, 3).
-        measured: The same positions in the frame of the data.
-        what: Description of the data in messages.
+    """Return R (3, 3) and t (3,) that minimise the squares of model - (R measured + t), (k, 3) in [m].
 
     Raises:
         DataError: fewer than three points, all on a line, or mirrored.

@@ -18,6 +18,7 @@ from softsim_core.base import (
     FieldError,
     SceneError,
     known_names,
+    listing,
     need_finite,
     need_positive,
     write_file,
@@ -26,6 +27,7 @@ from softsim_core.lab.identification.description import (
     DESCRIPTION,
     DataSet,
     DataSetDescription,
+    find_description,
     known_data_sets,
     load_data_set,
 )
@@ -121,7 +123,7 @@ class CalibrationDescription:
             if name not in used:
                 raise SceneError(f"{owner}: parameter {name} stands nowhere in the overlay; use or remove it")
         if self.loss not in get_args(Loss):
-            raise FieldError(owner, "loss", repr(self.loss), f"one of {', '.join(get_args(Loss))}")
+            raise FieldError(owner, "loss", repr(self.loss), f"one of {listing(get_args(Loss))}")
         need_positive(owner, "scale_mm", self.scale_mm, "mm")
         for field in ("every", "starts"):
             if getattr(self, field) < 1:
@@ -166,23 +168,13 @@ def load_calibration(name_or_path: str | Path) -> tuple[CalibrationDescription, 
     Raises:
         ConfigError: nothing found, or any problem in the description, as one message.
     """
-    file = find_calibration(str(name_or_path))
-    return structure_description(read_extended(file), CalibrationDescription, file, find_files=False), file
-
-
-def find_calibration(text: str) -> Path:
-    """Return the file of a calibration: the given path, or calibration.yaml beside the named data set."""
-    path = Path(text).expanduser()
-    if path.is_file():
-        return path.absolute()
-    if (path / FILE).is_file():
-        return (path / FILE).absolute()
-    calibrations = known_calibrations()
-    if text not in calibrations:
+    text, calibrations = str(name_or_path), known_calibrations()
+    file = find_description(text, FILE, calibrations)
+    if file is None:
         raise ConfigError(
             text, "", f"no such file, and no calibration of that name; {known_names(text, calibrations)}"
         )
-    return calibrations[text]
+    return structure_description(read_extended(file), CalibrationDescription, file, find_files=False), file
 
 
 def known_calibrations() -> dict[str, Path]:
@@ -205,13 +197,7 @@ TIMES: Final = 3.0
 
 
 def write_table(file: Path, columns: Mapping[str, Array], notes: Sequence[str] = ()) -> None:
-    """Write a CSV file with comment lines, a header line and the rows.
-
-    Args:
-        file: The file; an existing one is replaced.
-        columns: Numbers by name, each of shape (k,).
-        notes: Comments.
-    """
+    """Write a CSV file with notes as comments, a header line and rows of columns (k,); replaces the file."""
     head = comment(*notes) + ",".join(columns)
     rows = np.column_stack(list(columns.values()))
     text = io.StringIO()
@@ -235,16 +221,7 @@ def first_calibration(
     """Return a calibration to begin with: servo zeros and stiffness; for sessions in time also the damping.
 
     At prescribed angles, only the weight reveals the stiffness. Means over poses at rest determine it better
-    than noisy readings in time.
-
-    Args:
-        name: Name of the calibration.
-        robot: The robot as described.
-        sessions: Names of the fitted sessions.
-        in_time: Whether the sessions are measured in time.
-
-    Returns:
-        The calibration; None: this robot has no such parameters.
+    than noisy readings in time. None: this robot has no such parameters.
     """
     parameters: list[ParameterDescription] = []
     overlay: dict[str, Any] = {}

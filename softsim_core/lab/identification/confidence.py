@@ -10,17 +10,19 @@ Sources: Stone 1974, Cross-validatory choice; Venzon, Moolgavkar 1988, Profile-l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base import Array, BoolArray, ConfigError, DataError, FieldError
+from softsim_core.base import Array, ConfigError, DataError, FieldError
+from softsim_core.lab.identification.calibration import plain
 from softsim_core.lab.identification.expressions import replace_expressions
 from softsim_core.lab.identification.fitting import Calibration
-from softsim_core.lab.identification.problem import Problem, mean_distance
+from softsim_core.lab.identification.model_replay import Progress
+from softsim_core.lab.identification.problem import mean_distance
 from softsim_core.lab.identification.session import Session
 from softsim_core.lab.identification.validation import compare_session
 from softsim_core.scene.io import read_extended, structure_description
@@ -69,7 +71,9 @@ class DistributionDescription:
         """Draw parameters within the bounds, shape (count, p)."""
         generator, size = np.random.default_rng(seed), len(self.names)
         low, high = np.array(self.lower), np.array(self.upper)
-        values, root = np.zeros((0, size)), _root(np.array(self.covariance))
+        values = np.zeros((0, size))
+        sizes, axes = np.linalg.eigh(np.array(self.covariance))
+        root = axes * np.sqrt(np.maximum(sizes, 0.0))  # also of a singular covariance
         for _ in range(1000):
             drawn = np.array(self.mean) + generator.standard_normal((count, size)) @ root.T
             inside = ((drawn >= low) & (drawn <= high)).all(axis=1)
@@ -88,23 +92,13 @@ class DistributionDescription:
         return overlay
 
 
-def _root(covariance: Array) -> Array:
-    """Return a matrix L with L L^T = covariance; the covariance may be singular."""
-    sizes, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)))
-
-
 def distribution_of(result: Calibration, robot: str) -> DistributionDescription:
     """Return the normal distribution of a calibration; undetermined directions are as wide as the bounds.
 
     For a parameter with a value per session, the distribution describes a new session: about the mean of the
     n sessions with their variance :math:`s^2`, which has n - 1 degrees of freedom, times :math:`1 + 1/n`. The
     errors of the sessions' own values are included in :math:`s^2`; if these values happen to agree, their
-    errors are used instead.
-
-    Args:
-        result: The calibration, not interrupted.
-        robot: The robot that the overlay modifies.
+    errors are used instead. The calibration must not have been interrupted; its overlay modifies `robot`.
     """
     problem, parameters = result.problem, result.description.parameters
     errors = np.minimum(result.widening * result.errors, problem.span / np.sqrt(12.0))
@@ -150,24 +144,8 @@ def load_distribution(file: str | Path) -> DistributionDescription:
 
 def plain_distribution(distribution: DistributionDescription) -> dict[str, Any]:
     """Return a distribution as plain data, for a file that `load_distribution` reads."""
-    return {
-        "name": distribution.name,
-        "robot": distribution.robot,
-        "names": list(distribution.names),
-        "units": list(distribution.units),
-        "mean": list(distribution.mean),
-        "covariance": [list(row) for row in distribution.covariance],
-        "lower": list(distribution.lower),
-        "upper": list(distribution.upper),
-        "overlay": _plain(distribution.overlay),
-    }
-
-
-def _plain(data: Any) -> Any:
-    """Convert mappings and lists to the types that YAML writes."""
-    if isinstance(data, Mapping):
-        return {key: _plain(each) for key, each in data.items()}
-    return [_plain(each) for each in data] if isinstance(data, list | tuple) else data
+    data: dict[str, Any] = plain(distribution)
+    return data
 
 
 ROUNDS: Final = 4
@@ -175,9 +153,6 @@ ROUNDS: Final = 4
 
 CLOSE: Final = 0.05
 """Tolerance of an interval's end, as a part of the required growth."""
-
-Done = Callable[[int, int], None]
-"""Called with the finished and the total number of steps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +169,9 @@ class Folds:
         return float(np.mean(list(self.left_out.values())) / np.mean(list(self.fitted.values())))
 
 
-def cross_validated(result: Calibration, count: int = 5, seed: int = 0, done: Done | None = None) -> Folds:
+def cross_validated(
+    result: Calibration, count: int = 5, seed: int = 0, done: Progress | None = None
+) -> Folds:
     """Cross-validate a calibration: return the errors of rows that were not fitted.
 
     Args:
@@ -228,11 +205,8 @@ def cross_validated(result: Calibration, count: int = 5, seed: int = 0, done: Do
             left_out[session.name].append(mean_distance(errors[whole.fitting & (of == fold) & solved]))
         if done is not None:
             done(fold + 1, count)
-    return Folds(count, _means(fitted), _means(left_out))
-
-
-def _means(parts: dict[str, list[float]]) -> dict[str, float]:
-    return {name: float(np.mean(each)) for name, each in parts.items()}
+    means = [{name: float(np.mean(each)) for name, each in parts.items()} for parts in (fitted, left_out)]
+    return Folds(count, *means)
 
 
 def _dealt(session: Session, count: int, generator: np.random.Generator) -> Array:
@@ -246,15 +220,13 @@ def _dealt(session: Session, count: int, generator: np.random.Generator) -> Arra
     return folds
 
 
-def profiled(result: Calibration, parameter: int, done: Done | None = None) -> tuple[float, float]:
+def profiled(result: Calibration, parameter: int, done: Progress | None = None) -> tuple[float, float]:
     """Return the 95 % interval of a parameter by profile likelihood; an end at or beyond a bound is infinite.
 
-    Args:
-        result: The calibration, not interrupted.
-        parameter: Index of the parameter.
-        done: Called with the number of finished ends, of two.
+    The parameter is an index. The calibration must not have been interrupted. `done` is called with the
+    number of finished ends, of two.
     """
-    problem, ends = result.problem, []
+    problem = result.problem
     best = (result.values - problem.low) / problem.span
     slopes, left = problem.slopes(best), problem.residuals(best)
     least = float(left @ left)
@@ -265,49 +237,27 @@ def profiled(result: Calibration, parameter: int, done: Done | None = None) -> t
     inverse = np.linalg.pinv(slopes[:, others])
     along[others] = -inverse @ slopes[:, parameter]
     first = float(np.sqrt(allowed)) / max(float(np.linalg.norm(slopes @ along)), 1e-12)
+
+    def find_end(sign: float) -> float:
+        """Return the change at which the least sum of squares has grown as allowed; infinite if none is."""
+        away = first
+        most = (1.0 - best[parameter]) if sign > 0.0 else best[parameter]
+        for _ in range(ROUNDS):
+            if away >= most:
+                return np.inf
+            part = np.clip(best + away * sign * along, 0.0, 1.0)
+            residuals = problem.residuals(part)
+            part[others] = np.clip(part[others] - inverse @ residuals, 0.0, 1.0)
+            better = problem.residuals(part)
+            growth = max(min(float(better @ better), float(residuals @ residuals)) - least, 1e-12 * allowed)
+            if abs(growth - allowed) < CLOSE * allowed:
+                break
+            away *= float(np.clip(np.sqrt(allowed / growth), 0.3, 3.0))
+        return away
+
+    ends = []
     for number, sign in enumerate((-1.0, 1.0)):
-        ends.append(_end(problem, best, sign * along, inverse, others, (least, allowed, first)))
+        ends.append(float(result.values[parameter] + sign * problem.span[parameter] * find_end(sign)))
         if done is not None:
             done(number + 1, 2)
-    low, high = ends
-    return (
-        float(result.values[parameter] - problem.span[parameter] * low),
-        float(result.values[parameter] + problem.span[parameter] * high),
-    )
-
-
-def _end(
-    problem: Problem,
-    best: Array,
-    along: Array,
-    inverse: Array,
-    others: BoolArray,
-    sought: tuple[float, float, float],
-) -> float:
-    """Return the change of a parameter at which the least sum of squares has grown as required.
-
-    The change is infinite if it lies beyond a bound.
-
-    Args:
-        problem: The minimised problem.
-        best: The fitted parameters, in parts of their bounds, shape (p,).
-        along: Change of all parameters per unit of the fixed one, shape (p,).
-        inverse: Pseudo-inverse of the slopes of the other parameters, shape (p - 1, n).
-        others: Mask of the other parameters, shape (p,).
-        sought: The least sum of squares, its required growth, and the first value to try.
-    """
-    least, target, away = sought
-    profiled_one = int(np.flatnonzero(~others)[0])
-    most = (1.0 - best[profiled_one]) if along[profiled_one] > 0.0 else best[profiled_one]
-    for _ in range(ROUNDS):
-        if away >= most:
-            return np.inf
-        part = np.clip(best + away * along, 0.0, 1.0)
-        residuals = problem.residuals(part)
-        part[others] = np.clip(part[others] - inverse @ residuals, 0.0, 1.0)
-        better = problem.residuals(part)
-        growth = max(min(float(better @ better), float(residuals @ residuals)) - least, 1e-12 * target)
-        if abs(growth - target) < CLOSE * target:
-            break
-        away *= float(np.clip(np.sqrt(target / growth), 0.3, 3.0))
-    return away
+    return ends[0], ends[1]

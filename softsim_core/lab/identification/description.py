@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
@@ -410,29 +411,26 @@ def load_data_set(name_or_path: str | os.PathLike[str], data: Path | None = None
     Raises:
         ConfigError: nothing found, or any problem in the description, as one message.
     """
-    file = _find(os.fspath(name_or_path))
-    description = structure_description(read_extended(file), DataSetDescription, file, find_files=False)
-    return DataSet(description, file, data if data is not None else _folder(description, file))
-
-
-def _find(text: str) -> Path:
-    path = Path(text).expanduser()
-    if path.is_file():
-        return path.absolute()
-    if (path / DESCRIPTION).is_file():
-        return (path / DESCRIPTION).absolute()
-    data_sets = known_data_sets()
-    if text in data_sets:
-        return data_sets[text].absolute()
-    if path.is_dir():
+    text, data_sets = os.fspath(name_or_path), known_data_sets()
+    file = find_description(text, DESCRIPTION, data_sets)
+    if file is None and Path(text).expanduser().is_dir():
         raise ConfigError(text, "", f"holds no {DESCRIPTION}, which says what its files are")
-    raise ConfigError(
-        text, "", f"no such folder, and no data set of that name; {known_names(text, data_sets)}"
-    )
+    if file is None:
+        raise ConfigError(
+            text, "", f"no such folder, and no data set of that name; {known_names(text, data_sets)}"
+        )
+    description = structure_description(read_extended(file), DataSetDescription, file, find_files=False)
+    if data is None:
+        variable = description.data.variable
+        base = os.environ.get(variable, "") if variable else ""
+        data = (Path(base).expanduser() if base else file.parent) / description.data.folder
+    return DataSet(description, file, data)
 
 
-def _folder(description: DataSetDescription, file: Path) -> Path:
-    """Return the folder of the tables, below the environment variable's folder or the description's."""
-    variable = description.data.variable
-    base = os.environ.get(variable, "") if variable else ""
-    return (Path(base).expanduser() if base else file.parent) / description.data.folder
+def find_description(text: str, file_name: str, named: Mapping[str, Path]) -> Path | None:
+    """Return the file of a description by its path, its folder's path or a known name; None: nothing is."""
+    path = Path(text).expanduser()
+    for file in (path, path / file_name):
+        if file.is_file():
+            return file.absolute()
+    return named[text].absolute() if text in named else None

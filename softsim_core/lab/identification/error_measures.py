@@ -69,11 +69,7 @@ def measures(errors: Array) -> Measures:
 
 
 def by_region(errors: Array, positions: Array) -> dict[str, tuple[float, float, Measures]]:
-    """Return statistics for each third of the extent along x, y and z.
-
-    Args:
-        errors: Errors in [m], shape (k, 3).
-        positions: Positions of the errors in [m], shape (k, 3).
+    """Return statistics of errors (k, 3) in [m] for each third of their positions' extent along x, y and z.
 
     Returns:
         By name: begin and end of the third in [m], and the statistics.

@@ -30,9 +30,8 @@ from softsim_core.base import Array, DataError, FieldError, SceneError, listing,
 from softsim_core.lab.identification.alignment import Alignment, locate_sensors
 from softsim_core.lab.identification.fitting import Calibration
 from softsim_core.lab.identification.model_replay import Near, Prediction, equilibria, in_short_steps
-from softsim_core.lab.identification.problem import Problem
 from softsim_core.lab.identification.validation import compare_session
-from softsim_core.physics.mechanics import cross_matrix
+from softsim_core.physics.mechanics import cross_matrices
 from softsim_core.scene import RobotDescription
 
 Kind: TypeAlias = Literal["grid", "steps", "chirp", "ring_down"]
@@ -150,11 +149,7 @@ class Motion:
 
 
 def motion_limits_of(robot: RobotDescription, reach: float) -> MotionLimits:
-    """Return the motion limits for the used part of a robot's joint ranges.
-
-    Args:
-        robot: The robot.
-        reach: Used part of the range between the start pose and each limit.
+    """Return the motion limits for a part `reach` of a robot's ranges between start pose and joint limits.
 
     Raises:
         SceneError: the robot has no joints, or one without position limits.
@@ -255,13 +250,8 @@ def ring_down(limits: MotionLimits, settings: ExcitationSettings) -> Motion:
     period = settings.period_s
     away = way(limits.home, goal, limits, CLOSE, period)
     back = way(goal, limits.home, limits, CLOSE, period)
-    parts = [
-        _still(limits.home, LEAD_S, settings),
-        away,
-        back,
-        _still(limits.home, settings.ringing_s, settings),
-    ]
-    return Motion("ring_down", np.concatenate(parts), period, free=True)
+    lead, ringing = (_still(limits.home, each, settings) for each in (LEAD_S, settings.ringing_s))
+    return Motion("ring_down", np.concatenate([lead, away, back, ringing]), period, free=True)
 
 
 def motions(limits: MotionLimits, settings: ExcitationSettings) -> list[Motion]:
@@ -305,18 +295,17 @@ def next_poses(
 ) -> NextPoses:
     """Return the poses that add the most information on the parameters.
 
-    Args:
-        result: The calibration, not interrupted.
-        count: Number of poses.
-        candidates: Number of candidates.
-        seed: Seed of the candidates.
-        done: Called with the finished and the total number of candidate replays.
+    The calibration must not have been interrupted. The seed is that of the candidates. `done` is called with
+    the finished and the total number of candidate replays.
 
     Raises:
         DataError: no session consists of poses at rest.
     """
-    problem, chosen = result.problem, _at_rest(result)
-    session = problem.misfit.sessions[chosen]
+    problem, sessions = result.problem, result.problem.misfit.sessions
+    chosen = next((k for k, each in enumerate(sessions) if each.times is None), -1)
+    if chosen < 0:
+        raise DataError(f"calibration {result.description.name}", "", "has no session of poses at rest")
+    session = sessions[chosen]
     best = (result.values - problem.low) / problem.span
     around = problem.look_around(best)
     slopes, _ = problem.information(best)
@@ -338,7 +327,11 @@ def next_poses(
     size = len(best)
     flat = measured.reshape(-1, measured.shape[-1]) / problem.noise
     information = flat.T @ flat
-    information[:size, :size] += _from_others(problem, slopes, chosen)
+    # priors, and all other sessions, each aligned by itself
+    counts = [3 * len(each.description.sensors) * int(each.fitting.sum()) for each in sessions]
+    first = sum(counts[:chosen])
+    other = np.delete(slopes, np.arange(first, first + counts[chosen]), axis=0)
+    information[:size, :size] += other.T @ other + problem.prior_slopes.T @ problem.prior_slopes
     taken: list[int] = []
     errors = [_errors(information, size)]
     each = np.einsum("nra,nrb->nab", offered, offered)
@@ -349,14 +342,6 @@ def next_poses(
         errors.append(_errors(information, size))
     names = problem.misfit.robot(chosen, result.values).joint_names
     return NextPoses(session.name, names, commands[taken], np.array(errors) * problem.span)
-
-
-def _at_rest(result: Calibration) -> int:
-    """Return the index of the first session whose rows are equilibria."""
-    for k, session in enumerate(result.problem.misfit.sessions):
-        if session.times is None:
-            return k
-    raise DataError(f"calibration {result.description.name}", "", "has no session of poses at rest")
 
 
 def _candidates(result: Calibration, chosen: int, count: int, seed: int) -> Array:
@@ -375,10 +360,7 @@ def _candidates(result: Calibration, chosen: int, count: int, seed: int) -> Arra
 def _replay_candidates(
     result: Calibration, chosen: int, commands: Array, steps: Array, done: Callable[[int, int], None] | None
 ) -> list[Prediction]:
-    """Replay candidates with the fitted parameters, then with each parameter changed by its step.
-
-    The steps are in parts of the bounds.
-    """
+    """Replay candidates as fitted, then with each parameter changed by its step in parts of the bounds."""
     problem, found = result.problem, (result.values - result.problem.low) / result.problem.span
     sensors = problem.misfit.sessions[chosen].description.sensors
     near: Near = {}
@@ -393,25 +375,12 @@ def _replay_candidates(
     return replayed
 
 
-def _from_others(problem: Problem, slopes: Array, chosen: int) -> Array:
-    """Return the information of priors and of all other sessions, each aligned by itself, (p, p)."""
-    counts = [3 * len(each.description.sensors) * int(each.fitting.sum()) for each in problem.misfit.sessions]
-    first = sum(counts[:chosen])
-    other = np.delete(slopes, np.arange(first, first + counts[chosen]), axis=0)
-    priors = problem.prior_slopes
-    return np.asarray(other.T @ other + priors.T @ priors)
-
-
 def _slopes(
     replayed: Sequence[Prediction], steps: Array, alignment: Alignment, fit: tuple[bool, bool]
 ) -> Array:
-    """Return slopes of errors by parameters, then by frame and points where fitted, shape (k, 3 s, p + a).
+    """Return slopes of errors by parameters, then by frame and points if they `fit`, shape (k, 3 s, p + a).
 
-    Args:
-        replayed: Replays of the rows, first as fitted, then with each parameter changed by its step.
-        steps: Steps in parts of the bounds, shape (p,).
-        alignment: Alignment of the session.
-        fit: Whether the frame is fitted, and whether the points are.
+    Rows are replayed first as fitted, then with each parameter changed by its step in parts of the bounds.
     """
     here, *moved = replayed
     points, (count, sensors) = alignment.points, here.positions.shape[:2]
@@ -423,8 +392,7 @@ def _slopes(
     frame, point = fit
     if frame:
         centre = np.nanmean(located, axis=(0, 1))
-        turned = np.stack([np.stack([cross_matrix(each) for each in row]) for row in located - centre])
-        columns += [*np.moveaxis(turned, -1, 0)]
+        columns += [*np.moveaxis(cross_matrices(located - centre), -1, 0)]
         columns += [np.broadcast_to(-axis, located.shape) for axis in np.eye(3)]
     if point:
         for s in range(sensors):

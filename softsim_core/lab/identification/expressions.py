@@ -23,11 +23,7 @@ _BINARY: Final[Mapping[type, Callable[[float, float], float]]] = {
 
 
 def replace_expressions(data: Any, values: Mapping[str, float]) -> Any:
-    """Return plain data in which expressions are replaced by their values.
-
-    Args:
-        data: Mappings, lists, numbers, strings.
-        values: Values of the names in expressions.
+    """Return plain data in which expressions are replaced, by the values of the names in them.
 
     Raises:
         SceneError: an expression has another form, an unknown name, or no finite value.

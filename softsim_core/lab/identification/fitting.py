@@ -14,11 +14,12 @@ Source: Seber, Wild 1989, Nonlinear regression (intervals from linearisation).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.stats import qmc, t
 
 from softsim_core.base import Array, BoolArray, DataError, SceneError
@@ -134,25 +135,12 @@ class Calibration:
     @property
     def overlay(self) -> dict[str, Any]:
         """Overlay of the robot with the fitted values; for parameters per session, the mean."""
-        return overlay_of(self.description, self.names, self.values)
-
-
-def overlay_of(description: CalibrationDescription, names: Sequence[str], values: Array) -> dict[str, Any]:
-    """Return the overlay of the robot for values (p,); for parameters per session, the mean over sessions."""
-    each = {
-        parameter.name: float(
-            np.mean([value for name, value in zip(names, values, strict=True) if _of(name) == parameter.name])
-        )
-        for parameter in description.parameters
-    }
-    overlay = replace_expressions(description.overlay, each)
-    assert isinstance(overlay, dict)
-    return overlay
-
-
-def _of(name: str) -> str:
-    """Return the parameter to which a name belongs; see `Misfit.names`."""
-    return name.partition(" ")[0]
+        of = np.array([name.partition(" ")[0] for name in self.names])  # see `Misfit.names`
+        means = {
+            each.name: float(self.values[of == each.name].mean()) for each in self.description.parameters
+        }
+        overlay: dict[str, Any] = replace_expressions(self.description.overlay, means)
+        return overlay
 
 
 Following: TypeAlias = Callable[[int, int], None]
@@ -207,7 +195,9 @@ def fit(
         spread = spread_of(problem, best)
     except KeyboardInterrupt:
         stopped, values, after = True, misfit.best_values, misfit.best_means
-        spread = Spread.unknown(len(values))
+        unlimited = np.full(len(values), np.inf)
+        unknown = np.full((len(values), len(values)), np.nan)
+        spread = Spread(unlimited, unknown, np.ones(len(values)), unlimited)
     return Calibration(
         description,
         misfit.names,
@@ -233,7 +223,11 @@ def _best(problem: Problem, description: CalibrationDescription) -> tuple[Array,
 
     The noise of the first search is used to compare all of them.
     """
-    first, *others = _starts(problem, description)
+    first, others = np.clip(problem.start, 1e-6, 1.0 - 1e-6), np.empty((0, len(problem.start)))
+    if description.starts > 1:  # evenly spread ones (Sobol 1967) beside the described one
+        exponent = int(np.ceil(np.log2(description.starts)))
+        even = qmc.Sobol(len(first), seed=description.seed).random(2**exponent)
+        others = np.clip(even[: description.starts - 1], 1e-3, 1.0 - 1e-3)
     problem.estimate_noise(first)
     found = [_refine_fit(problem, first)]
     for begin in others:
@@ -246,15 +240,6 @@ def _best(problem: Problem, description: CalibrationDescription) -> tuple[Array,
     endings = [_ending(problem, found[k]) for k in order]
     best = found[order[0]]
     return (best if best is found[0] else _refine_fit(problem, best)), endings
-
-
-def _starts(problem: Problem, description: CalibrationDescription) -> list[Array]:
-    """Return the starts in parts of the bounds: the described one, then evenly spread ones (Sobol 1967)."""
-    first = np.clip(problem.start, 1e-6, 1.0 - 1e-6)
-    if description.starts == 1:
-        return [first]
-    even = qmc.Sobol(len(first), seed=description.seed).random(2 ** int(np.ceil(np.log2(description.starts))))
-    return [first, *np.clip(even[: description.starts - 1], 1e-3, 1.0 - 1e-3)]
 
 
 def _refine_fit(problem: Problem, begin: Array) -> Array:
@@ -270,8 +255,6 @@ def _refine_fit(problem: Problem, begin: Array) -> Array:
 
 def _search_minimum(problem: Problem, begin: Array) -> Array:
     """Search from a place with the present noise; return the end."""
-    from scipy.optimize import least_squares  # late import: the rest of the package starts without it
-
     bounds = np.zeros(len(begin)), np.ones(len(begin))
     found = least_squares(
         problem.residuals, begin, problem.slopes, bounds, xtol=ENOUGH, ftol=ENOUGH, x_scale=1.0

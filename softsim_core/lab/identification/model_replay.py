@@ -55,12 +55,7 @@ class Ringing(NamedTuple):
 
 
 def ringing(times: Array, places: Array) -> Ringing | None:
-    """Fit the damped oscillation of a point; return None if it does not oscillate.
-
-    Args:
-        times: Increasing times in [s], shape (k,).
-        places: Positions in [m], shape (k, 3).
-    """
+    """Fit the damped oscillation of places (k, 3) in [m] at times (k,) in [s]; None: it is no oscillation."""
     if len(times) < FEWEST:
         return None
     centred = places - places.mean(axis=0)
@@ -168,12 +163,7 @@ class Prediction:
     stopped: bool = False
 
     def at(self, session: Session, delay: float = 0.0) -> tuple[Array, Array, BoolArray]:
-        """Return positions, rotations and whether they are known, at the rows of a session.
-
-        Args:
-            session: The replayed session.
-            delay: Delay of its sensors in [s].
-        """
+        """Return positions, rotations and whether they are known at the rows of the session; delay in [s]."""
         if self.times is None or session.times is None:
             return self.positions, self.rotations, self.reached
         when = session.times - delay
@@ -256,12 +246,8 @@ def equilibria(
     simulation = Simulation(robot.robot_alone())
     places, start = Places(simulation, sensors), np.array(robot.start_joints)
     walk = _Walk(simulation, start, robot.start_shift, near)
-    different, same = np.unique(commands, axis=0, return_inverse=True)
-    first = np.array([int(np.flatnonzero(same == k)[0]) for k in range(len(different))])
-    if order == "nearest":
-        sequence = in_short_steps(different, start)
-    else:
-        sequence = np.argsort(first)
+    different, first, same = np.unique(commands, axis=0, return_index=True, return_inverse=True)
+    sequence = in_short_steps(different, start) if order == "nearest" else np.argsort(first)
     positions = np.full((len(different), len(sensors), 3), np.nan)
     rotations = np.full((len(different), len(sensors), 3, 3), np.nan)
     stopped = False

@@ -64,7 +64,10 @@ class Misfit:
     ) -> None:
         self._description, self._model, self._progress = description, model, progress
         self._whole = list(sessions)
-        self.sessions = [_each(session, every) for session in sessions]
+        self.sessions = [  # in time, all rows are needed
+            each if each.times is not None else each.part(np.arange(0, len(each.table), every))
+            for each in sessions
+        ]
         self._acting: list[tuple[ParameterDescription, int | None]] = []
         for each in description.parameters:
             own = range(len(sessions)) if each.per_session else (None,)
@@ -107,14 +110,10 @@ class Misfit:
         return total
 
     def replay_sessions(self, values: Array, near: Sequence[Near] | None = None) -> list[Prediction]:
-        """Replay each session with values (p,).
+        """Replay each session with values (p,); equilibria by session are added to `near`.
 
         Rows start from the equilibria of the best values, so that the result does not depend on previous
         attempts.
-
-        Args:
-            values: Values of the parameters.
-            near: Equilibria by session, which the replay extends; None: they are not stored.
 
         Raises:
             KeyboardInterrupt: the replay was interrupted.
@@ -132,10 +131,7 @@ class Misfit:
     ) -> Array:
         """Return the errors (n,) of the fitted rows in a replay with values (p,), aligned to these rows.
 
-        Args:
-            predictions: The replay of each session.
-            values: Values of the replay, for messages.
-            sessions: Replaces `sessions`: the same sessions with other fitted rows.
+        The argument `sessions` replaces the attribute: the same sessions with other fitted rows.
         """
         chosen = self.sessions if sessions is None else sessions
         errors, means = [], {}
@@ -196,11 +192,6 @@ class Misfit:
 def mean_distance(errors: Array) -> float:
     """Return the mean distance between model and measurement in [m], from errors (k, s, 3) in [m]."""
     return float(np.linalg.norm(errors, axis=-1).mean())
-
-
-def _each(session: Session, count: int) -> Session:
-    """Return the session with each `count`-th row; sessions in time stay complete."""
-    return session if session.times is not None else session.part(np.arange(0, len(session.table), count))
 
 
 STEP = 0.004

@@ -19,7 +19,6 @@ from softsim_core.base import (
 from softsim_core.lab.identification.description import (
     DataSet,
     FrameDescription,
-    SensorDescription,
     SessionDescription,
     SplitDescription,
 )
@@ -133,33 +132,32 @@ class Session:
 
 
 def load_session(data: DataSet, description: SessionDescription, every: int = 1) -> Session:
-    """Read and check a session.
-
-    Args:
-        data: Its data set.
-        description: The session.
-        every: Use each N-th row; sessions in time use all.
+    """Read and check a session of a data set, each N-th row only with `every`; sessions in time use all.
 
     Raises:
         DataError: names the problem with file, column and line.
     """
     table = read_table(data.table_of(description), _columns(description))
     if every > 1 and description.time is None:
-        table = table.each(every)
-    frame = description.frame
-    measured = np.stack(
-        [in_robot(_positions(table, each.columns, each.unit), frame) for each in description.sensors], axis=1
-    )
+        table = table.part(np.arange(0, len(table), every))
+
+    def positions_of(columns: tuple[str, ...], unit: str) -> Array:
+        positions = np.stack([table.numbers(column, unit) for column in columns], axis=1)
+        return in_robot(positions, description.frame)
+
+    measured = np.stack([positions_of(each.columns, each.unit) for each in description.sensors], axis=1)
     if description.commands is not None:
         for column in description.commands.columns:
             table.numbers(column, description.commands.unit)  # report errors before any replay
     if len(table) > 2 and len(np.unique(_load_cases(table, description))) > 1:
         for k, sensor in enumerate(description.sensors):
-            _need_motion(table, sensor, measured[:, k])
+            if not np.ptp(measured[:, k], axis=0).any():
+                problem = "reads the same in every row; was it connected?"
+                raise DataError(table.file, f"sensor {sensor.name}", problem)
     others = {
         each.name: (
             description.sensor_names.index(each.sensor) if each.sensor else 0,
-            in_robot(_positions(table, each.columns, each.unit), frame),
+            positions_of(each.columns, each.unit),
         )
         for each in description.others
     }
@@ -198,10 +196,6 @@ def _columns(description: SessionDescription) -> list[str]:
     return list(dict.fromkeys(columns))
 
 
-def _positions(table: Table, columns: tuple[str, ...], unit: str) -> Array:
-    return np.stack([table.numbers(column, unit) for column in columns], axis=1)
-
-
 def _load_cases(table: Table, description: SessionDescription) -> IndexArray:
     if description.time is not None:
         return np.arange(len(table))
@@ -209,11 +203,6 @@ def _load_cases(table: Table, description: SessionDescription) -> IndexArray:
         return np.zeros(len(table), dtype=np.int64)
     commands = np.column_stack([table.numbers(name) for name in description.commands.columns])
     return np.unique(commands, axis=0, return_inverse=True)[1].ravel()
-
-
-def _need_motion(table: Table, sensor: SensorDescription, positions: Array) -> None:
-    if not np.ptp(positions, axis=0).any():
-        raise DataError(table.file, f"sensor {sensor.name}", "reads the same in every row; was it connected?")
 
 
 def _times(table: Table, description: SessionDescription) -> Array:

@@ -33,7 +33,6 @@ from scipy.stats import t
 from softsim_core.base import Array, IndexArray
 from softsim_core.lab.identification.model_replay import in_short_steps
 from softsim_core.lab.identification.problem import Problem
-from softsim_core.lab.identification.session import Session
 
 CHANCE = 2.0
 """Significance of a correlation, in standard deviations of the correlation of independent rows."""
@@ -100,12 +99,6 @@ class Spread:
     widening: Array
     freedom: Array
 
-    @classmethod
-    def unknown(cls, count: int) -> Spread:
-        """Return the uncertainty of an interrupted search: infinite errors."""
-        unlimited = np.full(count, np.inf)
-        return cls(unlimited, np.full((count, count), np.nan), np.ones(count), unlimited)
-
 
 def spread_of(problem: Problem, part: Array) -> Spread:
     """Return the uncertainty of the parameters found at a place."""
@@ -124,15 +117,13 @@ def spread_of(problem: Problem, part: Array) -> Spread:
 
 def neighbours_of(problem: Problem) -> list[tuple[IndexArray, int]]:
     """Return, for each session, the order of neighbouring rows and the number of errors per row."""
-    return [_in_order(each) for each in problem.misfit.sessions]
-
-
-def _in_order(session: Session) -> tuple[IndexArray, int]:
-    size, count = 3 * len(session.description.sensors), int(session.fitting.sum())
-    if session.times is not None:
-        return np.arange(count), size
-    places = session.measured[session.fitting].reshape(count, size)
-    return in_short_steps(places, places[0]), size
+    found = []
+    for session in problem.misfit.sessions:
+        size, count = 3 * len(session.description.sensors), int(session.fitting.sum())
+        places = session.measured[session.fitting].reshape(count, size)
+        in_time = session.times is not None
+        found.append((np.arange(count) if in_time else in_short_steps(places, places[0]), size))
+    return found
 
 
 SURPRISE = 0.01

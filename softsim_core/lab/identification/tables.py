@@ -34,10 +34,6 @@ class Table:
     def __len__(self) -> int:
         return len(self.lines)
 
-    def each(self, count: int) -> Table:
-        """Return each `count`-th row, including the first."""
-        return self.part(np.arange(0, len(self), count))
-
     def part(self, rows: IndexArray) -> Table:
         """Return only the rows of the indices."""
         chosen = rows.tolist()
@@ -83,9 +79,7 @@ class Table:
 def read_csv(file: Path, columns: Sequence[str] = ()) -> Table:
     """Read a CSV file: lines starting with # are comments, the first other line contains the column names.
 
-    Args:
-        file: The file.
-        columns: Not used: all columns are read.
+    All columns are read, whatever is requested.
 
     Raises:
         DataError: it cannot be read, has no rows, names a column twice, or a row has another number of
@@ -137,10 +131,6 @@ def read_c3d(file: Path, columns: Sequence[str]) -> Table:
     A point's columns are LABEL:x_UNIT, LABEL:y_UNIT and LABEL:z_UNIT with the unit of the file, such as
     `tip:x_mm`. The column of an analog channel is LABEL, with its first sample in the frame. The time is
     `time_s`.
-
-    Args:
-        file: The file.
-        columns: The requested columns.
 
     Raises:
         DataError: the file cannot be read, or no frame contains all requested points.

@@ -362,13 +362,7 @@ def summary(results: Sequence[SessionResult]) -> Measures:
 
 
 def plain(name: str, model: str | None, results: Sequence[SessionResult]) -> dict[str, Any]:
-    """Return the whole comparison of a data set with a model as plain data.
-
-    Args:
-        name: Name of the data set.
-        model: Name of the robot; None: only other models were compared.
-        results: Results of the sessions.
-    """
+    """Return the comparison of a data set with a robot; None: only other models were compared."""
     asked = [each for each in results if each.alignment is not None]
     return {
         "data_set": name,
@@ -406,7 +400,13 @@ def _session(result: SessionResult) -> dict[str, Any]:
                 sensor: {"measured": measured._asdict(), "model": model._asdict()}
                 for sensor, (measured, model) in result.ringings().items()
             },
-            "alignment": _alignment(result.alignment),
+            "alignment": {
+                "rotation": result.alignment.rotation.tolist(),
+                "shift_m": result.alignment.shift.tolist(),
+                "points_m": result.alignment.points.tolist(),
+                "point_errors_m": result.alignment.point_errors.tolist(),
+                "delay_s": result.alignment.delay,
+            },
             "beyond_limits": result.beyond,
             "warnings": list(result.warnings),
             "each_row": _each_row(result),
@@ -446,16 +446,6 @@ def _each_row(result: SessionResult) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def _alignment(alignment: Alignment) -> dict[str, Any]:
-    return {
-        "rotation": alignment.rotation.tolist(),
-        "shift_m": alignment.shift.tolist(),
-        "points_m": alignment.points.tolist(),
-        "point_errors_m": alignment.point_errors.tolist(),
-        "delay_s": alignment.delay,
-    }
 
 
 def read_alignments(file: Path) -> dict[str, Alignment]:

@@ -29,8 +29,7 @@ from softsim_core.lab.meshing.tetwild import DISTRIBUTION, compiled_part
 from softsim_core.lab.meshing.topology import connected
 from softsim_core.physics.mesh import SurfaceMesh, TetMesh, orient_tets, read_tets, write_tets
 
-_FORMAT = 1
-"""Version of cached meshes; increased to mesh the same input and options again."""
+_FORMAT = 1  # version of cached meshes; increased to mesh the same input and options again
 
 
 def cache_folder() -> Path:
@@ -170,18 +169,7 @@ def _run(
     waited: Callable[[float], None],
     name: str,
 ) -> bool:
-    """Run the mesher; return whether it ended in time.
-
-    Args:
-        command: The program.
-        folder: Its working folder.
-        limit: Start time on the monotonic clock, and time limit, in [s].
-        waited: Called with the elapsed time.
-        name: Name of the part.
-
-    Raises:
-        MeshError: it ended in an error.
-    """
+    """Run the mesher within a limit, monotonic start and duration in [s]; return whether it ended in time."""
     with start_process(
         command,
         stdin=subprocess.DEVNULL,

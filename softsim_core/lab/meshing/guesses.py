@@ -97,13 +97,7 @@ def _along_axes(mesh: TetMesh) -> Guess:
 
 
 def end_face(points: Array, axis: int = 2, at_top: bool = False) -> Box:
-    """Return a slab around the nodes of an end, thick enough to contain an area and not a tip.
-
-    Args:
-        points: Nodes in [m], shape (n, 3).
-        axis: Axis of the part through both ends.
-        at_top: Use the high end, else the low one.
-    """
+    """Return a slab around the nodes (n, 3) at an end of an axis, thick enough to contain more than a tip."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = high - low
     others = [k for k in range(3) if k != axis]

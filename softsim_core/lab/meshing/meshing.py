@@ -38,13 +38,10 @@ NEAR_ENOUGH = 0.3
 """Tolerance of this default number; an explicit number is met within sizing.TOLERANCE."""
 DEVIATION = 1.0e-3
 """Default of the largest deviation of the mesh from the surface, as a part of the part's diagonal."""
-_FAR = 3.0
-"""A mesh that deviates by more than this multiple of the allowed deviation is rejected."""
-_VOLUME = 0.05
-"""A mesh with a volume error above this part is rejected."""
+_FAR = 3.0  # a mesh that deviates by more than this multiple of the allowed deviation is rejected
+_VOLUME = 0.05  # a mesh with a volume error above this part is rejected
 _POOR_DEG = 5.0
-_LONGEST = 0.2
-"""Longest edges that are tried for a requested number of nodes, as a part of the diagonal."""
+_LONGEST = 0.2  # longest edges that are tried for a requested number of nodes, as a part of the diagonal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,13 +20,10 @@ from softsim_core.physics.mesh import SurfaceMesh
 
 CELLS: Final = 72
 """Cells of the grid along the longest side."""
-_NARROW: Final = 0.6
-"""Largest width of an opening, as a part of the width of the cavity behind it."""
-_LARGE: Final = 0.02
-"""Least volume of a cavity, as a part of the volume of the part's box."""
+_NARROW: Final = 0.6  # largest width of an opening, as a part of the width of the cavity behind it
+_LARGE: Final = 0.02  # least volume of a cavity, as a part of the volume of the part's box
 _NEIGHBOURS: Final = np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
-_MOST: Final = 3
-"""More cavities than this belong to a lattice and are no air chambers."""
+_MOST: Final = 3  # more cavities than this belong to a lattice and are no air chambers
 
 
 class OpenHollow(NamedTuple):
@@ -44,12 +41,9 @@ class OpenHollow(NamedTuple):
 
 
 def open_hollows(surface: SurfaceMesh) -> tuple[OpenHollow, ...]:
-    """Find the cavities of a part that narrow openings connect with the outside, the largest first.
+    """Find the cavities of a closed surface that narrow openings connect with the outside, the largest first.
 
     An opening narrower than two cells of the grid may be missed.
-
-    Args:
-        surface: Closed, outward, in [m].
     """
     low, size = surface.points.min(axis=0), np.ptp(surface.points, axis=0)
     cell = float(size.max()) / CELLS
@@ -139,24 +133,16 @@ def _neck(clearance: Array, core: BoolArray, outside: BoolArray, radius: float) 
     return np.asarray(narrowest, dtype=float)
 
 
-_DIRECTIONS: Final = 200
-"""Number of directions of cuts across the channel, among which the shortest is used."""
+_DIRECTIONS: Final = 200  # number of directions of cuts across the channel, among which the shortest is used
 _SHARES: Final = (-0.2, -0.1, 0.0, 0.1, 0.2)
 """Positions of the cuts, as multiples of the channel's width from its narrowest place."""
-_OFFSETS: Final = 81
-"""Number of cuts along the channel, within two widths of its narrowest place."""
-_WIDER: Final = 1.1
-"""A cut longer than the shortest one by this factor lies outside the channel."""
-_SHARE: Final = 0.7
-"""Part of the channel that a plug fills; it is no thicker than the channel is wide."""
+_OFFSETS: Final = 81  # number of cuts along the channel, within two widths of its narrowest place
+_WIDER: Final = 1.1  # a cut longer than the shortest one by this factor lies outside the channel
+_SHARE: Final = 0.7  # part of the channel that a plug fills; it is no thicker than the channel is wide
 
 
 def without_channel(surface: SurfaceMesh, opening: OpenHollow) -> SurfaceMesh:
-    """Return the surface without a piece of the wall of an opening's channel, with two flat open loops.
-
-    Args:
-        surface: Closed, outward, in [m].
-        opening: Narrowest place and width of the channel.
+    """Return a closed surface without a piece of the wall of an opening's channel: with two flat open loops.
 
     Raises:
         MeshError: no plane cuts the channel in a closed line.

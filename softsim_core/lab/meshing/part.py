@@ -35,10 +35,7 @@ def own_axes(surface: SurfaceMesh) -> Array:
 
     They are the axes of the file, unless a box along others is clearly smaller and more of the part's faces
     are perpendicular to these. Candidates are the largest faces of the convex hull and the principal axes of
-    its corners, each with the best rotation around it.
-
-    Args:
-        surface: Surface of the part, closed.
+    its corners, each with the best rotation around it. The surface must be closed.
     """
     points = surface.points[np.unique(surface.triangles)]
     try:
@@ -138,12 +135,7 @@ class Nesting:
 
 
 def determine_nesting(points: Array, triangles: IndexArray) -> Nesting:
-    """Determine the nesting of closed shells.
-
-    Args:
-        points: Vertices, shape (n, 3).
-        triangles: Consistently oriented within each shell, closed, shape (k, 3).
-    """
+    """Determine the nesting of closed shells of triangles (k, 3), each consistently oriented."""
     count, label = shells(triangles)
     triangles = triangles.copy()
     order = np.argsort(label, kind="stable")
@@ -226,11 +218,7 @@ class Part:
 
 
 def unit(name: str) -> Unit:
-    """Return a unit by its name.
-
-    Raises:
-        MeshError: the name is not known.
-    """
+    """Return a unit by its name, or raise MeshError if it is not known."""
     if name not in UNITS:
         raise MeshError(name, f"is no unit of length that is known; {known_names(name, UNITS, 'known are')}")
     return Unit(name, UNITS[name])

@@ -25,10 +25,9 @@ _LONG_LOOP = 400
 
 
 def hole_loops(triangles: IndexArray) -> list[IndexArray]:
-    """Return the vertices around each hole, in the direction of triangles that close it.
+    """Return the vertices around each hole of consistently oriented triangles (k, 3).
 
-    Args:
-        triangles: Consistently oriented across shared edges, shape (k, 3).
+    They follow the direction of triangles that close the hole.
     """
     edges = edges_of(triangles)
     alone = edges.uses[edges.of] == 1
@@ -62,11 +61,7 @@ def _walk(first: int, onward: dict[int, list[int]]) -> list[IndexArray]:
 
 
 def closing(points: Array, loop: IndexArray) -> tuple[Array, IndexArray]:
-    """Triangulate a loop.
-
-    Args:
-        points: Vertices, shape (n, 3).
-        loop: Vertices around the hole, shape (c,), c >= 3.
+    """Triangulate a loop (c,) of points (n, 3), c >= 3.
 
     Returns:
         New vertices, which are numbered from n on, shape (0 or 1, 3), and triangles, shape (t, 3).
@@ -133,10 +128,8 @@ WELD = 1.0e-6
 """Corners closer than this part of the part's diagonal are merged."""
 HOLE = 0.05
 """Default of the largest hole to close, as a part of the longest side."""
-_FLAT = 1.0e-12
-"""A triangle with a smaller area, relative to its longest side squared, counts as degenerate."""
-_THIN = 1.0e-9
-"""A surface that encloses a smaller part of its diagonal cubed encloses nothing."""
+_FLAT = 1.0e-12  # a triangle with a smaller area, relative to its longest side squared, counts as degenerate
+_THIN = 1.0e-9  # a surface that encloses a smaller part of its diagonal cubed encloses nothing
 _MOST_HOLES = 200
 
 

@@ -20,11 +20,7 @@ MOST_TRIANGLES = 40_000
 def simplify_surface(surface: SurfaceMesh, most: int = MOST_TRIANGLES) -> SurfaceMesh:
     """Simplify a surface to at most about `most` triangles; return the surface itself if it has no more.
 
-    Edges are contracted where that changes the surface least.
-
-    Args:
-        surface: Closed, consistently oriented.
-        most: Number of triangles, >= 4.
+    Edges are contracted where that changes the surface least. It must be closed and consistently oriented.
 
     Raises:
         MeshError: the required package is not installed.

@@ -132,11 +132,9 @@ def areas(points: Array, triangles: IndexArray) -> Array:
     return np.asarray(np.linalg.norm(triangle_normals(points, triangles), axis=1))
 
 
-_PIECES = 4_000
-"""Approximate number of pieces of a subdivided surface, or more if it has more triangles."""
+_PIECES = 4_000  # approximate number of pieces of a subdivided surface, or more if it has more triangles
 _NEAREST = 12
-_FAR = 20.0
-"""Distances of more than this many piece sizes may be overestimated by one size at most."""
+_FAR = 20.0  # distances of more than this many piece sizes may be overestimated by one size at most
 _CHUNK = 4096
 
 
