@@ -10,21 +10,21 @@ import os
 import queue
 import signal
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import islice
 from multiprocessing import resource_tracker
 from pathlib import Path
 from time import monotonic
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from softsim_core.base import SoftSimError, StudyError, install_command, use_safe_path
 from softsim_core.lab.study.preparing import PreparedStudy, values_of_runs
-from softsim_core.lab.study.single import DONE, RAISED, STATUS_WORDS, Outcome, Watch, Work, run_once
-from softsim_core.lab.study.store import Store, versions
+from softsim_core.lab.study.single import DONE, RAISED, Outcome, Watch, Work, run_once
+from softsim_core.lab.study.store import Store, count_runs, versions
 from softsim_core.scene import load_scene
 from softsim_core.scene.io import ProgramRule, limited_to
 from softsim_core.simulation import Simulation
@@ -40,12 +40,11 @@ LOOK_S = 1.0
 KILLED = "its worker process was killed, again and again (out of memory, or a crash of compiled code)"
 
 
-class Recorder(Protocol):
-    """Factory of recordings of runs; it is sent to the processes that run them."""
+Recorder: TypeAlias = Callable[[Work, int], tuple[Watch, Callable[[], None]]]
+"""Starts the recording of a run by its number; returns the functions to call after each step and at the end.
 
-    def __call__(self, work: Work, number: int) -> tuple[Watch, Callable[[], None]]:
-        """Start the recording of a run; return the functions to call after each step and at the end."""
-        ...
+It is sent to the processes that execute the runs.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,12 +113,7 @@ def _recorded_run(work: Work, number: int, values: Sequence[float], recorder: Re
 
 
 class Engine:
-    """A running cluster; `run` yields outcomes as they arrive.
-
-    Args:
-        client: Client of Dask.
-        where: The requested location.
-    """
+    """A running cluster, with its client of Dask; `run` yields outcomes as they arrive."""
 
     def __init__(self, client: Any, where: Where) -> None:
         self._client, self._where = client, where
@@ -135,7 +129,8 @@ class Engine:
             StudyError: the scheduler or all workers disappeared, or workers cannot run the suite.
         """
         suspects: list[Task] = []
-        batches = _batches(tasks, self._where.batch)
+        source = iter(tasks)
+        batches = iter(lambda: list(islice(source, self._where.batch)), [])
         yield from self._pass(work, batches, recorded, self._free_slots, suspects)
         alone, guilty = [[each] for each in suspects], list[Task]()
         yield from self._pass(work, iter(alone), recorded, lambda: 1, guilty)
@@ -226,17 +221,6 @@ class Engine:
         )
 
 
-def _batches(tasks: Iterable[Task], size: int) -> Iterator[list[Task]]:
-    batch: list[Task] = []
-    for task in tasks:
-        batch.append(task)
-        if len(batch) == size:
-            yield batch
-            batch = []
-    if batch:
-        yield batch
-
-
 @contextmanager
 def engine(where: Where) -> Iterator[Engine]:
     """Provide a cluster within the `with` block: local worker processes, which end with it, or a scheduler's.
@@ -314,13 +298,8 @@ def _interrupts_wait() -> Iterator[None]:
 @contextmanager
 def _connect_to_scheduler(distributed: Any, where: Where) -> Iterator[Any]:
     """Connect to a scheduler that has workers, and yield the client."""
-    for name in (
-        "distributed",
-        "distributed.client",
-        "distributed.core",
-        "asyncio",
-        "tornado",
-    ):  # they log a lost scheduler at length
+    # these log a lost scheduler at length
+    for name in ("distributed", "distributed.client", "distributed.core", "asyncio", "tornado"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(where.scheduler, timeout="10s", set_as_default=False)
@@ -398,12 +377,7 @@ class StudySummary:
 
 
 def sweep(prepared: PreparedStudy, folder: Path, options: SweepOptions | None = None) -> StudySummary:
-    """Run all of a study that is not done yet.
-
-    Args:
-        prepared: The study.
-        folder: Its store.
-        options: Options; None: one worker on this machine.
+    """Run all of a study that is not done yet into its store; without options, by one worker here.
 
     Raises:
         StudyError: the store is another study's or cannot be written, or the scheduler disappeared.
@@ -421,26 +395,34 @@ def sweep(prepared: PreparedStudy, folder: Path, options: SweepOptions | None = 
         return summary_of(store, len(left))
 
 
-def run_into(store: Store, cluster: Engine, work: Work, tasks: Iterable[Task], options: SweepOptions) -> None:
-    """Execute some tasks, and store their outcomes."""
-    done = len(store.status) - len(store.left)
-    failed = int((store.status > DONE).sum())
-    options.progress(done, failed, len(store.status))
-    for number, values, outcome in cluster.run(work, tasks, options.choose_recorders(len(store.status))):
-        store.add(number, dict(zip(work.names, values, strict=True)), outcome)
+def run_into(
+    store: Store,
+    cluster: Engine,
+    work: Work,
+    tasks: Iterable[Task],
+    options: SweepOptions,
+    rate: Callable[[Mapping[str, float], Outcome], Outcome] = lambda values, outcome: outcome,
+) -> None:
+    """Execute some tasks, and store their outcomes; `rate` completes each with the values of its run."""
+    runs, failed = len(store.status), int((store.status > DONE).sum())
+    done = runs - len(store.left)
+    options.progress(done, failed, runs)
+    for number, values, outcome in cluster.run(work, tasks, options.choose_recorders(runs)):
+        named = dict(zip(work.names, values, strict=True))
+        outcome = rate(named, outcome)
+        store.add(number, named, outcome)
         done, failed = done + 1, failed + (outcome.status != DONE)
-        options.progress(done, failed, len(store.status))
+        options.progress(done, failed, runs)
 
 
 def summary_of(store: Store, new: int) -> StudySummary:
     """Return the summary of a store, of which `new` runs were executed now."""
-    counts = Counter(STATUS_WORDS[status] for status in store.status.tolist())
     failed = np.flatnonzero(store.status > DONE)[:5].tolist()
     errors = store.errors() if failed else []
     return StudySummary(
         store.folder,
         len(store.status),
         new,
-        {word: counts[word] for word in STATUS_WORDS if counts[word]},
+        count_runs(store.status),
         tuple((number, errors[number]) for number in failed),
     )

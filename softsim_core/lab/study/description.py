@@ -17,6 +17,7 @@ from softsim_core.lab.identification import (
 )
 from softsim_core.scene.io import (
     SourcedMapping,
+    config_roots,
     laid_over,
     mark_source,
     read_extended,
@@ -378,8 +379,6 @@ def find_study(file: str | Path) -> Path:
 
 def known_studies() -> dict[str, Path]:
     """Return names and files of the studies below the config roots, sorted."""
-    from softsim_core.scene.io import config_roots
-
     studies: dict[str, Path] = {}
     for root in config_roots():
         for path in sorted((root / "studies").glob("*.yaml")):

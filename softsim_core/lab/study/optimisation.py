@@ -23,13 +23,12 @@ import numpy as np
 
 from softsim_core.base import Array, ConfigError, SceneError, StudyError, install_command
 from softsim_core.lab.identification import evaluate_expression, names_in
-from softsim_core.lab.study.cluster import Engine, StudySummary, SweepOptions, Task, engine, summary_of
+from softsim_core.lab.study.cluster import Engine, StudySummary, SweepOptions, engine, run_into, summary_of
 from softsim_core.lab.study.preparing import PreparedStudy
 from softsim_core.lab.study.single import DONE, RAISED, Outcome
 from softsim_core.lab.study.store import Column, Plan, Store
 
-_LEAST_CURVATURE = 1e-9
-"""Least reliable curvature of a minimum, as a part of that in the steepest direction."""
+_LEAST_CURVATURE = 1e-9  # least reliable curvature of a minimum, as a part of that in the steepest direction
 
 
 def quadratic_minimum(points: Array, costs: Array) -> Array | None:
@@ -104,9 +103,7 @@ class ResponseSurface:
 def response_surface(points: Array, values: Array) -> ResponseSurface:
     """Fit a surface to results by least squares; with few results, or few levels, one of lower degree.
 
-    Args:
-        points: Values of the variables, shape (k, p), each with a range.
-        values: Finite values of the quantity, shape (k,).
+    The points (k, p) have a range along each variable, the values (k,) of the quantity are finite.
     """
     count, size = points.shape
     lower, upper = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
@@ -158,12 +155,7 @@ class Optimum:
 
 
 def optimise(prepared: PreparedStudy, folder: Path, options: SweepOptions | None = None) -> Optimum:
-    """Run generations of a study until its optimum is found, continuing an earlier start.
-
-    Args:
-        prepared: The study, with an objective.
-        folder: Its store.
-        options: Options of its runs.
+    """Run generations of a study with an objective into its store, and continue earlier ones, to an optimum.
 
     Raises:
         StudyError: as `sweep`; cma is not installed, or no run gave results.
@@ -182,13 +174,21 @@ def optimise(prepared: PreparedStudy, folder: Path, options: SweepOptions | None
             left = [number for number in numbers if store.status[number] == 0]
             if left:
                 cluster = cluster or stack.enter_context(engine(options.where))
-                tasks: list[Task] = [(number, drawn[number - numbers.start]) for number in left]
-                _run(store, cluster, search, tasks, options)
+                tasks = [(number, drawn[number - numbers.start]) for number in left]
+                run_into(store, cluster, prepared.work, tasks, options, search.score_outcome)
             search.learn(store.values(OBJECTIVE)[numbers.start : numbers.stop])
             if reason := search.reason():
                 ended = reason
                 break
-        return _best(store, search, summary_of(store, begun - len(store.left)), generation + 1, ended)
+        summary, sign = summary_of(store, begun - len(store.left)), search.objective.sign
+        costs = sign * store.values(OBJECTIVE)
+        if not np.isfinite(costs).any():
+            raise StudyError(
+                f"{store.folder}: no run gave an objective; look at the errors: {summary.first_errors}"
+            )
+        run = int(np.nanargmin(costs))
+        values = {name: float(store.values(name)[run]) for name in prepared.work.names}
+        return Optimum(summary, run, float(sign * costs[run]), values, generation + 1, ended)
 
 
 class _Search:
@@ -278,22 +278,3 @@ class _Search:
         """Return the reason to stop; empty: continue."""
         stops = dict(self._strategy.stop())
         return f"CMA-ES sees no more to gain ({', '.join(stops)})" if stops else ""
-
-
-def _run(store: Store, cluster: Engine, search: _Search, tasks: list[Task], options: SweepOptions) -> None:
-    names, total = search.prepared.work.names, len(store.status)
-    for number, values, outcome in cluster.run(search.prepared.work, tasks, options.choose_recorders(total)):
-        named = dict(zip(names, values, strict=True))
-        store.add(number, named, search.score_outcome(named, outcome))
-        options.progress(total - len(store.left), int((store.status > DONE).sum()), total)
-
-
-def _best(store: Store, search: _Search, summary: StudySummary, generations: int, ended: str) -> Optimum:
-    costs = search.objective.sign * store.values(OBJECTIVE)
-    if not np.isfinite(costs).any():
-        raise StudyError(
-            f"{store.folder}: no run gave an objective; look at the errors: {summary.first_errors}"
-        )
-    run = int(np.nanargmin(costs))
-    values = {name: float(store.values(name)[run]) for name in search.prepared.work.names}
-    return Optimum(summary, run, float(search.objective.sign * costs[run]), values, generations, ended)

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
@@ -128,10 +127,6 @@ class PreparedStudy:
             columns.append(Column(each.name, found.unit, shape, dimensions, about))
         if study.duration is not None:
             simulation.step()  # compiles, or loads from the cache
-        return Plan(runs, block, tuple(columns), coordinates, self._attributes())
-
-    def _attributes(self) -> dict[str, Any]:
-        study, work = self.study, self.work
         attributes = {
             "study": mark_source(study, None),
             "scene_sha256": scene_hash(work.load_unchanged(), tuple(dict.fromkeys(work.functions.values()))),
@@ -139,7 +134,7 @@ class PreparedStudy:
             "study_text": self.file.read_text(encoding="utf-8"),
             "title": study.about or study.name,
         }
-        return dict(json.loads(json.dumps(attributes)))
+        return Plan(runs, block, tuple(columns), coordinates, json.loads(json.dumps(attributes)))
 
 
 def prepare_study(file: str | Path, code_folders: Iterable[str | Path] = ()) -> PreparedStudy:

@@ -54,7 +54,12 @@ def quantity(
     if find is None or bool(name) != (words[0] in _OF_NAMED):
         find, name = _WHOLE.get(words[0]), ".".join(words[1:])
     if find is None:
-        raise SceneError(f"quantity {description.name}: unknown {description.of!r}; known: {_forms()}")
+        parts = [f"{kind}.NAME.{what}" if kind in _OF_NAMED else f"{kind}.{what}" for kind, what in _KINDS]
+        forms = ", ".join([*parts, *(f"{kind}.NAME" for kind in _WHOLE), "python"])
+        raise SceneError(
+            f"quantity {description.name}: unknown {description.of!r}; known: {forms}; after those of three "
+            "numbers .x, .y or .z"
+        )
     found = find(simulation, name, description)
     if axis is None:
         return found
@@ -62,13 +67,6 @@ def quantity(
         raise SceneError(f"quantity {description.name}: {description.of} has no {AXES[axis]}; leave it out")
     read = found.read
     return Quantity(lambda running: np.asarray(read(running)[axis]), found.unit)
-
-
-def _forms() -> str:
-    """Return the known values of the key `of`."""
-    parts = [f"{kind}.NAME.{what}" if kind in _OF_NAMED else f"{kind}.{what}" for kind, what in _KINDS]
-    whole = [f"{kind}.NAME" for kind in _WHOLE]
-    return ", ".join([*parts, *whole, "python"]) + "; after those of three numbers .x, .y or .z"
 
 
 def _number_of(function: Read, description: QuantityDescription) -> Read:
@@ -177,10 +175,7 @@ def _rigid_velocity(simulation: Simulation, name: str, description: QuantityDesc
 
 
 def _all_contact_forces(simulation: Simulation, name: str, description: QuantityDescription) -> Quantity:
-    def read(running: Simulation) -> Array:
-        return np.asarray(np.linalg.norm(running.contacts.forces, axis=1).sum())
-
-    return Quantity(read, "N")
+    return Quantity(lambda running: np.asarray(np.linalg.norm(running.contacts.forces, axis=1).sum()), "N")
 
 
 def _contact_count(simulation: Simulation, name: str, description: QuantityDescription) -> Quantity:
@@ -246,5 +241,4 @@ _KINDS: dict[tuple[str, str], Callable[[Simulation, str, QuantityDescription], Q
 _OF_NAMED = ("frame", "body", "joint", "rigid")
 """Kinds with several instances in a scene, each with its name before the last word."""
 
-_WHOLE = {"contact": _contact_force, "sensor": _sensor}
-"""Kinds whose name is everything after the first word."""
+_WHOLE = {"contact": _contact_force, "sensor": _sensor}  # kinds whose name is everything after the first word

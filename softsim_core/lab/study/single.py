@@ -17,7 +17,7 @@ import numpy as np
 from softsim_core.base import Array, SceneError, SoftSimError, SolverDivergedError
 from softsim_core.lab.identification import replace_expressions
 from softsim_core.lab.study.description import At, CommandStep, QuantityDescription, StudyDescription
-from softsim_core.lab.study.quantities import Quantity, Read, quantity
+from softsim_core.lab.study.quantities import Read, quantity
 from softsim_core.scene import RobotDescription, load_scene
 from softsim_core.scene.io import ProgramRule, allowed_program, limited_to, load_python, load_yaml
 from softsim_core.simulation import Simulation
@@ -74,10 +74,8 @@ class Work:
             SoftSimError: the scene is invalid with these values.
         """
         acting = dict(zip(self.names, (float(each) for each in values), strict=True))
-        overlay, arguments = (
-            replace_expressions(self.study.overlay, acting),
-            replace_expressions(self.study.arguments, acting),
-        )
+        overlay = replace_expressions(self.study.overlay, acting)
+        arguments = replace_expressions(self.study.arguments, acting)
         with limited_to(self.programs):
             if self.scene.suffix == ".py":
                 return load_python(self.scene, overlay, arguments)
@@ -183,19 +181,24 @@ def _measure_run(work: Work, values: Sequence[float] | Array, watch: Watch | Non
     ]  # displacements are relative to the scene's start
     commands = _commands(study, simulation, acting)
     if study.duration is None or study.begin == "equilibrium":
-        _settle(simulation, commands)
+        pose, base_shift = np.array(simulation.robot.start_joints), simulation.robot.start_shift
+        if commands:  # else where the start move ends
+            _, pose, first_shift = commands[0]
+            base_shift = 0.0 if first_shift is None else first_shift
+        simulation.settle(pose, base_shift)
     if study.duration is None:
         if watch is not None:
             watch(simulation)
         return {description.name: found.read(simulation) for description, found in quantities}
     steps = round(study.duration / simulation.dt)
-    running = [_RunningValues(description, found, simulation.dt) for description, found in quantities]
-    due = {round(each.time / simulation.dt): (joints, shift) for each, joints, shift in commands}
+    values_read: dict[str, list[Array]] = {each.name: [] for each in study.measure}
+    due = {round(command.time / simulation.dt): (joints, shift) for command, joints, shift in commands}
     for step in range(steps + 1):
         if step:
             simulation.step()
-        for each in running:
-            each.look(simulation, step, step == steps)
+        for each, found in quantities:
+            if step == steps if each.at == "end" else step % stride_of(each, simulation.dt) == 0:
+                values_read[each.name].append(np.array(found.read(simulation), dtype=float))
         if watch is not None:
             watch(simulation)
         if step in due:
@@ -203,17 +206,18 @@ def _measure_run(work: Work, values: Sequence[float] | Array, watch: Watch | Non
             if shift is not None:
                 simulation.base_shift = shift
             simulation.command(joints)
-    return {each.description.name: each.result() for each in running}
+    return {each.name: _summarise_values(values_read[each.name], each.at) for each in study.measure}
 
 
-def _settle(simulation: Simulation, commands: list[tuple[CommandStep, Array, float | None]]) -> None:
-    """Move to the equilibrium under the first commands, or in the pose at which the start move ends."""
-    robot = simulation.robot
-    joints, shift = np.array(robot.start_joints), robot.start_shift
-    if commands:
-        _, joints, base_shift = commands[0]
-        shift = 0.0 if base_shift is None else base_shift
-    simulation.settle(joints, shift)
+def _summarise_values(values: list[Array], at: At) -> Array:
+    """Return what a run keeps of the values of a quantity at its steps."""
+    if at == "series":
+        return np.array(values)
+    if at == "mean":
+        return np.asarray(sum(values) / len(values))
+    if at == "end":
+        return values[-1]
+    return np.asarray(np.max(values, axis=0) if at == "max" else np.min(values, axis=0))
 
 
 def _commands(
@@ -243,37 +247,6 @@ def _commands(
 def stride_of(description: QuantityDescription, dt: float) -> int:
     """Return the number of steps of dt in [s] between the values of a series."""
     return 1 if description.every is None else max(1, round(description.every / dt))
-
-
-class _RunningValues:
-    """Accumulated values of a quantity over the steps of a run."""
-
-    def __init__(self, description: QuantityDescription, found: Quantity, dt: float) -> None:
-        self.description, self._found = description, found
-        self._stride = stride_of(description, dt)
-        self._values: list[Array] = []
-        self._count = 0
-
-    def look(self, simulation: Simulation, step: int, last: bool) -> None:
-        at: At = self.description.at
-        if (at == "end" and not last) or (at == "series" and step % self._stride):
-            return
-        value = np.asarray(self._found.read(simulation), dtype=float)
-        self._count += 1
-        if at in ("end", "series") or not self._values:
-            self._values.append(value)
-        elif at == "max":
-            self._values[0] = np.maximum(self._values[0], value)
-        elif at == "min":
-            self._values[0] = np.minimum(self._values[0], value)
-        else:
-            self._values[0] = self._values[0] + value
-
-    def result(self) -> Array:
-        """Return the quantity of the run."""
-        if self.description.at == "series":
-            return np.array(self._values)
-        return self._values[0] / self._count if self.description.at == "mean" else self._values[0]
 
 
 class _LateError(SystemExit):

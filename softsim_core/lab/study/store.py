@@ -61,21 +61,11 @@ def versions() -> dict[str, str]:
 
 
 def scene_hash(robot: RobotDescription, code: tuple[Path, ...] = ()) -> str:
-    """Return the SHA-256 of a scene as built: every value, and the contents of its files, wherever they are.
-
-    Args:
-        robot: The scene.
-        code: Python files that act in it.
-    """
+    """Return the SHA-256 of a scene as built: every value, and the contents of its files and of its code."""
     digest = hashlib.sha256(json.dumps(_plain(unstructure_scene(robot)), sort_keys=True).encode())
     for file in (*code, *((robot.source,) if robot.source and robot.source.suffix == ".py" else ())):
         digest.update(file.read_bytes())
     return digest.hexdigest()
-
-
-def text_hash(data: Any) -> str:
-    """Return the SHA-256 of plain data, independent of the order of keys."""
-    return hashlib.sha256(json.dumps(_plain(data), sort_keys=True).encode()).hexdigest()
 
 
 def _plain(data: Any) -> Any:
@@ -145,11 +135,7 @@ class Plan:
 
 
 class Store:
-    """A store that is written by one process.
-
-    Args:
-        folder: The store.
-        plan: Its contents.
+    """A store in a folder that is written by one process.
 
     Attributes:
         status: Status of each run, shape (runs,).
@@ -211,12 +197,9 @@ class Store:
         return errors
 
     def add(self, number: int, values: Mapping[str, float], outcome: Outcome) -> None:
-        """Store the outcome of a run, and write its block when that is complete.
+        """Store the outcome of a run with its variables, and write its block when that is complete.
 
-        Args:
-            number: Number of the run.
-            values: Values of the variables.
-            outcome: Its outcome; results of another shape than the plan's make it RAISED.
+        Results of another shape than the plan's make it RAISED.
 
         Raises:
             StudyError: the disk is full, or the store cannot be written.
@@ -301,11 +284,7 @@ class Store:
         return status
 
     def _read_journals(self) -> None:
-        """Read the finished runs from the journals; an incomplete last line counts as not finished.
-
-        Raises:
-            StudyError: a journal is damaged.
-        """
+        """Read the finished runs from the journals; an incomplete last line counts as not finished."""
         for file in sorted((self.folder / JOURNAL).glob("*.jsonl")):
             if not (file.stem.isdecimal() and self._range(block := int(file.stem))):
                 raise StudyError(f"{file} is no journal of this store; remove it")
@@ -338,11 +317,7 @@ class Store:
             (self.folder / JOURNAL).rmdir()
 
     def _read_row(self, line: bytes, numbers: range) -> dict[str, Any]:
-        """Parse one line of the journal of a block.
-
-        Raises:
-            ValueError, TypeError, AttributeError, RecursionError: it is damaged.
-        """
+        """Parse one line of the journal of a block; a damaged one raises the errors caught above."""
         row: dict[str, Any] = json.loads(line)
         if set(row) != {"run", "status", "error", "columns"}:
             raise ValueError("it must hold run, status, error and columns")
@@ -380,41 +355,26 @@ def _create(folder: Path, plan: Plan) -> None:
         shutil.rmtree(making, ignore_errors=True)
         making.mkdir(parents=True)
         group = zarr.create_group(str(making), attributes=dict(plan.attributes))
-        size = max(1, min(plan.block, plan.runs))
-        for column in plan.columns:
-            attributes = {"units": column.unit, "long_name": column.about or column.name}
-            attributes["role"] = "variable" if column.is_variable else "quantity"
+
+        def create_array(column: Column, kind: Any, fill_value: Any, attributes: Mapping[str, Any]) -> None:
             group.create_array(
                 column.name,
                 shape=(plan.runs, *column.shape),
-                chunks=(size, *column.shape),
-                dtype="float64",
-                fill_value=np.nan,
+                chunks=(max(1, min(plan.block, plan.runs)), *column.shape),
+                dtype=kind,
+                fill_value=fill_value,
                 dimension_names=("run", *column.dimensions),
                 attributes=attributes,
             )
-        group.create_array(
-            "status",
-            shape=(plan.runs,),
-            chunks=(size,),
-            dtype="int8",
-            fill_value=PENDING,
-            dimension_names=("run",),
-            attributes={
-                "flag_values": list(range(len(STATUS_WORDS))),
-                "flag_meanings": " ".join(STATUS_WORDS),
-                "long_name": "what became of the run",
-            },
-        )
-        group.create_array(
-            "error",
-            shape=(plan.runs,),
-            chunks=(size,),
-            dtype=str,
-            fill_value="",
-            dimension_names=("run",),
-            attributes={"long_name": "why a run is not done"},
-        )
+
+        for column in plan.columns:
+            attributes = {"units": column.unit, "long_name": column.about or column.name}
+            attributes["role"] = "variable" if column.is_variable else "quantity"
+            create_array(column, "float64", np.nan, attributes)
+        flags = {"flag_values": list(range(len(STATUS_WORDS))), "flag_meanings": " ".join(STATUS_WORDS)}
+        status = {**flags, "long_name": "what became of the run"}
+        create_array(Column("status", ""), "int8", PENDING, status)
+        create_array(Column("error", ""), str, "", {"long_name": "why a run is not done"})
         for name, (values, unit) in plan.coordinates.items():
             array = group.create_array(
                 name,
@@ -457,11 +417,7 @@ def lock_store(folder: Path) -> IO[str]:
 
 
 def zarr_package() -> Any:
-    """Return the package Zarr.
-
-    Raises:
-        StudyError: it is not installed.
-    """
+    """Return the package Zarr, or raise StudyError if it is not installed."""
     try:
         return importlib.import_module("zarr")
     except ImportError as error:
@@ -476,6 +432,12 @@ def _pack_array(value: Array) -> str:
 
 def _unpack_array(text: str) -> Array:
     return np.frombuffer(base64.b64decode(text), dtype="<f8")
+
+
+def count_runs(status: IndexArray) -> dict[str, int]:
+    """Return the number of runs by status word, without those that no run has."""
+    counted = {word: int((status == k).sum()) for k, word in enumerate(STATUS_WORDS)}
+    return {word: count for word, count in counted.items() if count}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -508,8 +470,7 @@ class StudyResults:
     @property
     def counts(self) -> dict[str, int]:
         """Number of runs by status word."""
-        counted = {word: int((self.status == k).sum()) for k, word in enumerate(STATUS_WORDS)}
-        return {word: count for word, count in counted.items() if count}
+        return count_runs(self.status)
 
 
 def read_results(folder: str | Path) -> StudyResults:
