@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -54,23 +55,6 @@ def _spaces(episodes: Episodes) -> tuple[Any, Any]:
     )
 
 
-def _again(kind: type[Any], arguments: Mapping[str, Any]) -> Any:
-    """Create an environment with the arguments of another one."""
-    return kind(**arguments)
-
-
-def _state(environment: RobotEnv | RobotVectorEnv) -> dict[str, Any]:
-    """Return the state of an environment that its arguments do not determine."""
-    state = {name: value for name, value in vars(environment).items() if name not in ("episodes", "_painter")}
-    return {**state, "episodes": environment.episodes.save_state()}
-
-
-def _take_over(environment: RobotEnv | RobotVectorEnv, state: Mapping[str, Any]) -> None:
-    """Restore the state of another environment that was created with the same arguments."""
-    environment.episodes.restore(state["episodes"])
-    vars(environment).update({name: value for name, value in state.items() if name != "episodes"})
-
-
 def _mode(mode: str | None) -> str | None:
     if mode is not None and mode not in _MODES:
         raise SceneError(f"render_mode {mode!r} is not known; known: {listing(_MODES)}, or none")
@@ -82,7 +66,40 @@ def _metadata(episodes: Episodes) -> dict[str, Any]:
     return {"render_modes": list(_MODES), "render_fps": round(1.0 / episodes.span)}
 
 
-class RobotEnv(gymnasium.Env[Any, Any]):
+class _Copyable:
+    """Common part of both environments: copies by `deepcopy` or `pickle`, and pictures."""
+
+    render_mode: str | None
+    episodes: Episodes
+    _arguments: dict[str, Any]
+    _painter: Painter | None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # created with the same arguments, then given the state that these do not determine
+        state = {name: value for name, value in vars(self).items() if name not in ("episodes", "_painter")}
+        return partial(type(self), **self._arguments), (), {**state, "episodes": self.episodes.save_state()}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.episodes.restore(state["episodes"])
+        vars(self).update({name: value for name, value in state.items() if name != "episodes"})
+
+    def _drawing(self) -> Painter:
+        if self._painter is None:
+            self._painter = Painter(self.episodes.task, self.episodes.batch)
+        return self._painter
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self._drawing().show(0)
+
+    def _end(self) -> None:
+        """Close the window and stop the simulation processes."""
+        if self._painter is not None:
+            self._painter.close()
+        self.episodes.close()
+
+
+class RobotEnv(_Copyable, gymnasium.Env[Any, Any]):
     """A robot and its task; docs/learning.md describes actions and observations, `info` has SI units.
 
     A copy, by `deepcopy` or `pickle`, continues independently from the same state.
@@ -130,8 +147,7 @@ class RobotEnv(gymnasium.Env[Any, Any]):
         super().reset(seed=seed)
         self.episodes.generators[0] = self.np_random
         observation = self.episodes.begin(_ZERO)
-        if self.render_mode == "human":
-            self.render()
+        self._show()
         return observation[0], self._info(self.episodes.describe_start(_ZERO))
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, dict[str, Any]]:
@@ -141,8 +157,7 @@ class RobotEnv(gymnasium.Env[Any, Any]):
             ArrayError, CommandError: not one finite number for each joint; nothing was moved.
         """
         observations, done = self.episodes.act(_ZERO, np.asarray(action)[None])
-        if self.render_mode == "human":
-            self.render()
+        self._show()
         return (
             observations[0],
             float(done.reward[0]),
@@ -153,33 +168,19 @@ class RobotEnv(gymnasium.Env[Any, Any]):
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return a picture of the present state, or None where a window shows it; see gymnasium.Env."""
-        if self.render_mode is None:
-            return None
-        if self._painter is None:
-            self._painter = Painter(self.episodes.task, self.episodes.batch)
-        if self.render_mode == "human":
-            self._painter.show(0)
-            return None
-        return self._painter.paint(0)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _again, (type(self), self._arguments), _state(self)
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        _take_over(self, state)
+        self._show()
+        return self._drawing().paint(0) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Close the window and stop the simulation processes."""
-        if self._painter is not None:
-            self._painter.close()
-        self.episodes.close()
+        self._end()
 
     def _info(self, observations: Mapping[str, Numbers]) -> dict[str, Any]:
         info = {name: row[0].item() if row.ndim == 1 else row[0].copy() for name, row in observations.items()}
         return {**info, **self.episodes.parameters(0)}
 
 
-class RobotVectorEnv(VectorEnv[Any, Any, Any]):
+class RobotVectorEnv(_Copyable, VectorEnv[Any, Any, Any]):
     """Many robots with the same task in one Batch. Copy i with seed s does the same as one robot with s + i.
 
     Args:
@@ -270,11 +271,7 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         if len(going):
             found, done = self.episodes.act(going, np.asarray(actions)[going])
             self._observations[going] = found
-            reward[going], terminated[going], truncated[going] = (
-                done.reward,
-                done.terminated,
-                done.truncated,
-            )
+            reward[going], terminated[going], truncated[going] = done[:3]
             info = self._info(done.info, going, info)
         self._ended = terminated | truncated
         if self._autoreset == AutoresetMode.SAME_STEP and self._ended.any():
@@ -298,29 +295,11 @@ class RobotVectorEnv(VectorEnv[Any, Any, Any]):
         """Return one picture per robot, or None where a window shows the first; see VectorEnv."""
         if self.render_mode != "rgb_array":
             return None
-        painter = self._drawing()
-        return tuple(painter.paint(number) for number in range(self.num_envs))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _again, (type(self), self._arguments), _state(self)
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        _take_over(self, state)
+        return tuple(self._drawing().paint(number) for number in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the window and stop the simulation processes; gymnasium calls this method from `close`."""
-        if self._painter is not None:
-            self._painter.close()
-        self.episodes.close()
-
-    def _show(self) -> None:
-        if self.render_mode == "human":
-            self._drawing().show(0)
-
-    def _drawing(self) -> Painter:
-        if self._painter is None:
-            self._painter = Painter(self.episodes.task, self.episodes.batch)
-        return self._painter
+        self._end()
 
     def _none(self) -> BoolArray:
         return np.zeros(self.num_envs, dtype=np.bool_)

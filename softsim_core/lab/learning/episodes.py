@@ -248,11 +248,7 @@ class Episodes:
 
 
 def _effector_frame(scene: SceneDescription, task: Task) -> int:
-    """Return the index of the effector among the free frames; -1: the scene has none.
-
-    Raises:
-        SceneError: the task uses the effector, and the scene has none.
-    """
+    """Return the index of the effector among the free frames; -1: there is none, and the task uses none."""
     if scene.effector is None:
         if requested := [name for name in task.asks if name.startswith("effector")]:
             raise SceneError(

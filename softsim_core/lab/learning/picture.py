@@ -21,11 +21,7 @@ _LIGHT = np.array([0.35, -0.5, 0.8])
 
 
 class Painter:
-    """Painter of copies of a task's scene.
-
-    Args:
-        task: The task, for its camera.
-        batch: Its copies.
+    """Painter of the copies of a task's scene, with the task's camera.
 
     Raises:
         ImportError: matplotlib is not installed.

@@ -53,11 +53,9 @@ _BYTES: Final = MappingProxyType({1: 4, 2: 1, 3: 1, 4: 2, 5: 2, 6: 4, 9: 1, 10: 
 
 
 def objection(data: bytes, most_bytes: int) -> str:
-    """Return why a model must not be loaded, as "it reads other files ..."; empty: it may be loaded.
+    """Return why a model's file must not be loaded, as "it reads other files ..."; empty: it may be loaded.
 
-    Args:
-        data: The file.
-        most_bytes: Memory limit of all its constants together.
+    All its constants together may take `most_bytes`.
     """
     total = 0
     waiting: list[tuple[Kind, memoryview]] = [("model", memoryview(data))]
@@ -94,11 +92,7 @@ def objection(data: bytes, most_bytes: int) -> str:
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
-    """Yield number and value of each field: an integer, or bytes.
-
-    Raises:
-        ValueError, IndexError: the bytes are no such message.
-    """
+    """Yield number and value of each field, an integer or bytes; ValueError, IndexError: no such message."""
     at = 0
     while at < len(message):
         key, at = _varint(message, at)
@@ -146,15 +140,11 @@ LONGEST_ACTION_S: Final = 1.0
 MOST_MEMORY: Final = 256 << 20
 """Memory limit in bytes of constants, and of all computations of a process's policies."""
 
-_ROUNDED: Final = 1e-9
-"""Limits of a joint may be narrower than commands of the task by this, in [rad] or [m]."""
+_ROUNDED: Final = 1e-9  # limits of a joint may be narrower than commands of the task by this, in [rad] or [m]
 
 
 def policy_metadata(name: str) -> dict[str, str]:
-    """Return the metadata of a policy's file, in the form of ONNX (`metadata_props`).
-
-    Args:
-        name: The task, such as "TripodReach-v0".
+    """Return the metadata of the file of a task's policy, in the form of ONNX (`metadata_props`).
 
     Returns:
         Task, robot and rate in [Hz]; observation and action in JSON: name, unit and count of numbers of each
@@ -211,11 +201,7 @@ class Policy:
         return found
 
     def _run(self, observations: Numbers) -> Any:
-        """Compute the answer within a time limit.
-
-        Raises:
-            PolicyError: there is none.
-        """
+        """Compute the answer, or raise PolicyError if there is none within the time limit."""
         options = _runtime(self._file).RunOptions()
         options.log_severity_level = 4
         late = threading.Event()
@@ -327,11 +313,7 @@ def _joints(robot: RobotDescription) -> list[str]:
 
 
 def _runtime(path: Path) -> Any:
-    """Return ONNX Runtime.
-
-    Raises:
-        PolicyError: it is not installed.
-    """
+    """Return ONNX Runtime, or raise PolicyError if it is not installed."""
     try:
         return importlib.import_module("onnxruntime")
     except ImportError as error:
@@ -344,10 +326,8 @@ def _limit_memory(runtime: Any) -> None:
     memory = runtime.OrtMemoryInfo(
         "Cpu", runtime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, runtime.OrtMemType.DEFAULT
     )
-    limits = {
-        "max_mem": MOST_MEMORY,
-        "arena_extend_strategy": 1,
-    }  # allocate the requested size, not twice as much
+    # 1: allocate the requested size, not twice as much
+    limits = {"max_mem": MOST_MEMORY, "arena_extend_strategy": 1}
     runtime.create_and_register_allocator(memory, runtime.OrtArenaCfg(limits))
 
 

@@ -68,11 +68,7 @@ class Devices:
 
 
 class Delay:
-    """Delay line of rows; each copy has its own delay, counted in calls.
-
-    Args:
-        copies, width: Shape of the rows of all copies.
-    """
+    """Delay line of rows (copies, width); each copy has its own delay, counted in calls."""
 
     def __init__(self, copies: int, width: int) -> None:
         self._calls = np.zeros(copies, dtype=np.int64)
@@ -173,12 +169,7 @@ class RandomisationDescription:
 
 
 class Randomisation:
-    """Sampler of a description.
-
-    Args:
-        description: The description.
-        posterior: The distribution that it names.
-    """
+    """Sampler of a description and of the distribution that it names."""
 
     def __init__(
         self, description: RandomisationDescription, posterior: DistributionDescription | None = None

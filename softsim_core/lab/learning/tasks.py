@@ -206,8 +206,8 @@ class Task:
         return []
 
     def goal(self, random: np.random.Generator) -> Array:
-        """Draw the goal of an episode, shape (g,)."""
-        raise NotImplementedError
+        """Draw the goal of an episode, shape (g,); empty where all episodes have the same."""
+        return np.zeros(0)
 
     def begin(self, batch: Batch, number: int, random: np.random.Generator) -> None:
         """Place the objects of an episode after the lead-in."""
@@ -233,10 +233,8 @@ class Task:
     def bounds(self) -> tuple[Numbers, Numbers]:
         """Return lower and upper bounds of an observation's numbers, float32 arrays of shape (m,)."""
         sizes = [each.size for each in self.groups]
-        low = np.repeat([each.low for each in self.groups], sizes)
-        return low.astype(np.float32), np.repeat([each.high for each in self.groups], sizes).astype(
-            np.float32
-        )
+        low, high = (np.array([getattr(each, end) for each in self.groups]) for end in ("low", "high"))
+        return np.repeat(low, sizes).astype(np.float32), np.repeat(high, sizes).astype(np.float32)
 
     def of_devices(self, devices: Devices, kind: str) -> Array:
         """Return noise or resolution (`kind`) of each number of an observation, shape (m,)."""
@@ -278,16 +276,9 @@ class Reach(Task):
 
     def sense(self, senses: Senses) -> Array:
         """Return joint positions, effector position, tilts, last commands and goals, shape (k, 14)."""
-        return np.concatenate(
-            [
-                senses.joint_positions,
-                senses.effector_position,
-                tilts(senses.effector_rotation),
-                senses.commands,
-                senses.goals,
-            ],
-            axis=1,
-        )
+        joints, effector = senses.joint_positions, senses.effector_position
+        tilt = tilts(senses.effector_rotation)
+        return np.concatenate([joints, effector, tilt, senses.commands, senses.goals], axis=1)
 
     def rate(self, moment: Moment) -> Rating:
         """Reward minus the distance to the goal in [cm], plus 1 within REACHED_M; no copy fails."""
@@ -305,8 +296,7 @@ class Reach(Task):
 
 PLATE_M, BALL_M = 0.045, 0.008
 """Half the width of the plate, and the radius of the ball in [m]."""
-_PLATE_TOP = 0.008
-"""Height of the plate's upper side above the effector's frame in [m]."""
+_PLATE_TOP = 0.008  # height of the plate's upper side above the effector's frame in [m]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,10 +310,6 @@ class Balance(Task):
     def lead_in(self) -> list[tuple[tuple[float, ...], int]]:
         """Move to the pose `mid` while the ball comes to rest on the plate."""
         return [((-1.0467,) * 3, 80)]
-
-    def goal(self, random: np.random.Generator) -> Array:
-        """Return an empty goal: the target is always the middle of the plate."""
-        return np.zeros(0)
 
     def begin(self, batch: Batch, number: int, random: np.random.Generator) -> None:
         """Place the ball at rest at a random point on the plate."""
@@ -374,10 +360,6 @@ class Lift(Task):
     nearness of the fingertips' middle to the cube, between 0 and 1.
     """
 
-    def goal(self, random: np.random.Generator) -> Array:
-        """Return an empty goal: the target is always upwards."""
-        return np.zeros(0)
-
     def begin(self, batch: Batch, number: int, random: np.random.Generator) -> None:
         """Place the cube within 4 mm of its position in the scene, along x and along y."""
         x, y, z = batch.array("rigid_positions")[number, 0]
@@ -386,15 +368,8 @@ class Lift(Task):
 
     def sense(self, senses: Senses) -> Array:
         """Return joint positions, cable tensions, cube position and last commands, shape (k, 16)."""
-        return np.concatenate(
-            [
-                senses.joint_positions,
-                senses.joint_efforts[:, :3],
-                senses.thing_position,
-                senses.commands,
-            ],
-            axis=1,
-        )
+        joints, tensions = senses.joint_positions, senses.joint_efforts[:, :3]
+        return np.concatenate([joints, tensions, senses.thing_position, senses.commands], axis=1)
 
     def rate(self, moment: Moment) -> Rating:
         """Reward the cube's height over LIFTED_M, at most 1, plus 0.1 times the nearness of the fingers.
