@@ -15,12 +15,11 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from servo_bridge import PortError, ProtocolError
-from servo_bridge.driver.board_port import BoardPort, PoselessPacket
-from servo_bridge.driver.link import BoardLink
+from servo_bridge.driver.link import BoardLink, MetBoard, Reader
 from servo_bridge.driver.ports import Opener, Transport, open_transport
 from servo_bridge.driver.safety import EStop, MotionSettings, ServoMotion, rest_angle, servo_limits
 from servo_bridge.driver.servo import within
-from servo_bridge.driver.takeover import BoardPose, Takeover
+from servo_bridge.driver.takeover import Takeover
 from servo_bridge.driver.writer import run_with_timeout
 from servo_bridge.protocols import AUTO, WAITING, Ability, TiltReading, candidates
 from softsim_core.base import CommandError, SceneError
@@ -31,6 +30,7 @@ from softsim_node import error_text, list_names
 REST_REPEATS = 3
 """Number of repetitions of the last packets, since one lost byte must not decide where the servos stop."""
 
+PoselessPacket: TypeAlias = Literal[Ability.HOLD, Ability.RELAX]
 Mode: TypeAlias = Literal["listen", "follow", "settle"]
 
 
@@ -38,109 +38,48 @@ class DriverMode:
     """The mode of the driver (listen, follow or settle), and the progress of settling.
 
     Attributes:
+        mode: The mode; in "listen" no pose is sent, in "settle" the servos move to the rest pose at the end.
         settled: Set while the servos are not settling.
     """
 
     def __init__(self) -> None:
+        self.mode: Mode = "follow"
         self.settled = threading.Event()
         self.settled.set()
-        self._aim: Mode = "follow"
         self._settle_until = 0.0
         self._rest_packets = 0  # sent at the end of settling
-
-    @property
-    def listens(self) -> bool:
-        """Whether no pose is sent."""
-        return self._aim == "listen"
-
-    @property
-    def settles(self) -> bool:
-        """Whether the servos are moving to the rest pose at the end."""
-        return self._aim == "settle"
 
     @property
     def arrived(self) -> bool:
         """Whether the newest settling ended at the rest pose."""
         return self._rest_packets >= REST_REPEATS
 
-    def follow(self) -> None:
-        """Follow commands from now on."""
-        self._aim = "follow"
-
     def settle(self, until: float) -> None:
         """Move to the rest pose; after the time `until` in [s], brake and stop on the way."""
-        self._aim, self._rest_packets = "settle", 0
+        self.mode, self._rest_packets = "settle", 0
         self._settle_until = until
         self.settled.clear()
 
     def end(self) -> None:
         """Only listen from now on."""
-        self._aim = "listen"
+        self.mode = "listen"
         self.settled.set()
 
     def step(self, motion: ServoMotion, now: float) -> tuple[float, ...]:
         """Return the next pose to send, in [rad]."""
-        if not self.settles:
+        if self.mode != "settle":
             return motion.step(now)
-        return motion.brake(now) if self._late(now) else motion.step_to_rest(now)
+        return motion.brake(now) if now >= self._settle_until else motion.step_to_rest(now)
 
     def record_sent(self, motion: ServoMotion, now: float) -> bool:
         """Record that the pose of `step` was sent; return whether settling ends with it.
 
         Settling ends at the rest pose, or when its time is over and the servos have stopped.
         """
-        if not self.settles:
+        if self.mode != "settle":
             return False
         self._rest_packets += motion.at_rest
-        return self.arrived or (self._late(now) and motion.standing)
-
-    def _late(self, now: float) -> bool:
-        return now >= self._settle_until
-
-
-class ServoCommands:
-    """The joints of a robot, and the subset that servos turn.
-
-    Args:
-        joint_names: The robot's joints, in the order of commands without names.
-        servo_joints: Joint of each servo, in packet order.
-    """
-
-    def __init__(self, joint_names: Sequence[str], servo_joints: Sequence[str]) -> None:
-        self._joint_names, self._servo_joints = tuple(joint_names), tuple(servo_joints)
-        self._order = [self._joint_names.index(name) for name in self._servo_joints]
-
-    def of_all(self, values: Sequence[float]) -> list[float]:
-        """Return the angles of the servos in [rad] from one position per joint of the robot.
-
-        Raises:
-            CommandError: wrong length or a value that is not finite.
-        """
-        checked = check_command(values, self._joint_names)
-        return [checked[index] for index in self._order]
-
-    def of_names(self, positions: Mapping[str, float]) -> list[float]:
-        """Return the angles of the servos from positions in [rad] by joint name; ignore other joints.
-
-        Raises:
-            CommandError: a servo's joint is missing, or its position is not finite.
-        """
-        missing = [name for name in self._servo_joints if name not in positions]
-        if missing:
-            raise CommandError(
-                f"joint states without {list_names(missing)} refused; they name {list_names(positions)};"
-                " nothing was moved"
-            )
-        return check_command([positions[name] for name in self._servo_joints], self._servo_joints)
-
-    def of_some(self, names: Sequence[str], positions: Sequence[float]) -> Mapping[str, float]:
-        """Return the commanded angles in [rad] of the named servos, by joint; a NaN means no command.
-
-        Raises:
-            CommandError: unknown or repeated names, another number of positions, or an infinite one.
-        """
-        command = check_named_command(names, positions, self._joint_names)
-        return {name: command[name] for name in self._servo_joints if name in command}
+        return self.arrived or (now >= self._settle_until and motion.standing)
 
 
 SLOWEST_HZ, FASTEST_HZ = 10.0, 200.0
@@ -171,7 +110,7 @@ class DriverCounts:
     restarts: int = 0
 
 
-class ServoDriver(BoardPort):
+class ServoDriver:
     """Sends the newest command to the board, through limits and ramps, one packet per tick.
 
     Args:
@@ -187,6 +126,13 @@ class ServoDriver(BoardPort):
         clock: Steady clock in [s].
         wait: Sleeps for a time in [s]; used only by `settle`.
         open_port: Opens a port by its name and baud rate.
+
+    Attributes:
+        link: State of the open port; None without one.
+        motion: The motion that the servos are commanded.
+        takeover: Whether and why the board has to be asked for its pose before a pose is sent.
+        settled: Set while the servos are not settling.
+        sent_bytes: Servo bytes sent last; None before the first.
 
     Raises:
         SceneError: the robot has no board; the protocol is unknown or does not fit its servos; the rest byte
@@ -218,13 +164,18 @@ class ServoDriver(BoardPort):
             protocols = candidates(protocol, board)
         except ProtocolError as error:
             raise SceneError(f"robot {robot.name}: {error}") from error
-        super().__init__(
-            board, protocols, baud_rate or protocols[-1].baud_rate or board.baud_rate, on_tilt, clock
-        )
+        self.board, self.servos = board, board.servos
+        self.baud_rate = baud_rate or protocols[-1].baud_rate or board.baud_rate
+        self.link: BoardLink | None = None
+        self._candidates, self._on_tilt = protocols, on_tilt
+        self._transport: Transport | None = None
+        self._reader: Reader | None = None
+        self._met: MetBoard | None = None  # of a port that is closed again
+        self._clock, self._wait, self._open_port = clock, wait, open_port
         self.protocol = protocols[0].name if len(protocols) == 1 else AUTO
         self.may_speak = any(Ability.DETECT in each.abilities for each in protocols)
         self.servo_joints = tuple(servo.joint for servo in self.servos)
-        self._commands = ServoCommands(robot.joint_names, self.servo_joints)
+        self._joint_names = robot.joint_names
         limits = {joint.name: joint.limits for joint in robot.joints}
         self.motion = ServoMotion(
             self.servo_joints,
@@ -237,11 +188,61 @@ class ServoDriver(BoardPort):
         self.avoid_byte_100 = avoid_byte_100
         self.counts = DriverCounts()
         self._mode = DriverMode()
-        self._pose = BoardPose(self.motion, self._lock)
+        self.settled = self._mode.settled
+        self.takeover = Takeover(self.motion, self._lock)
         self._has_sent = False  # the last tick sent a pose, or the command to hold
         self.sent_bytes: tuple[int, ...] | None = None
-        self._wait, self._open_port = wait, open_port
         self._applied: tuple[float, ...] = (math.nan,) * len(self.servos)
+
+    @property
+    def met(self) -> MetBoard | None:
+        """Board accepted since `connect`, or before it with `again`; None before the first."""
+        return self._met if self.link is None else self.link.met
+
+    @property
+    def port(self) -> str:
+        """Name of the open port; empty without one."""
+        return "" if self._transport is None else self._transport.port
+
+    @property
+    def connected(self) -> bool:
+        """Whether a port is open."""
+        return self._transport is not None
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the quiet time after the opening of the port still runs."""
+        return self.link_state == WAITING
+
+    @property
+    def link_state(self) -> str | None:
+        """Name of the protocol in use, or WAITING while it is not known yet; None without a port."""
+        return None if self.link is None else self.link.state(self._clock())
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the board has the ability HOLD; None while that is not known."""
+        link = self.link
+        return None if link is None or self.waiting else Ability.HOLD in link.board.abilities
+
+    @property
+    def telemetry_age(self) -> float | None:
+        """Time in [s] since the newest message that identifies the protocol; None before the first."""
+        return None if self.link is None else self.link.telemetry_age(self._clock())
+
+    @property
+    def tilt_age(self) -> float | None:
+        """Time in [s] since the newest reading of the board's IMU; None before the first."""
+        return None if self.link is None else self.link.tilt_age(self._clock())
+
+    def listen(self) -> None:
+        """Check that the board is still present; detects a vanished port without writing to it.
+
+        Raises:
+            PortError: the port vanished, telemetry stopped, or the board is not the one asked for.
+        """
+        if self.link is not None:
+            self.link.check(self._clock())
 
     @property
     def command_age(self) -> float | None:
@@ -254,19 +255,9 @@ class ServoDriver(BoardPort):
         return self._has_sent and self.connected
 
     @property
-    def takeover(self) -> Takeover:
-        """Whether and why the board has to be asked for its pose before a pose is sent."""
-        return self._pose.takeover
-
-    @property
     def moved(self) -> bool:
         """Whether a pose was sent to the board since `connect`."""
-        return self._pose.moved
-
-    @property
-    def settled(self) -> threading.Event:
-        """Set while the servos are not settling."""
-        return self._mode.settled
+        return self.takeover.moved
 
     def set_timing(self, settings: MotionSettings) -> None:
         """Apply new hold and rest times at once; the longest step stays two periods."""
@@ -293,9 +284,13 @@ class ServoDriver(BoardPort):
         self.disconnect()
         transport = self._open_port(port, self.baud_rate)
         with self._lock:
-            self._open(transport, quiet_s, self.met if again else None, silent_allowed)
-            self._mode.follow()
-            self._pose.record_opening()
+            boards = [each(self.board) for each in self._candidates]
+            before = self._met if again else None
+            self.link = BoardLink(transport.port, boards, quiet_s, self._clock(), before, silent_allowed)
+            self._transport = transport
+            self._reader = Reader(transport, self.link, self._clock, self._on_tilt)
+            self._mode.mode = "follow"
+            self.takeover.record_opening()
 
     def disconnect(self, *, relax: bool = False) -> None:
         """Close the port if one is open; the last pose sent stays known.
@@ -307,10 +302,25 @@ class ServoDriver(BoardPort):
             packets: Sequence[PoselessPacket] = ()
             if self.motion.e_stop.latched:
                 packets = self._holds()
-            elif relax and self._pose.moved and self.motion.at_rest and not self.waiting:
+            elif relax and self.takeover.moved and self.motion.at_rest and not self.waiting:
                 packets = (Ability.RELAX,)
-            close = self._take_out(packets)
+            self._met = self.met
+            reader, self._reader = self._reader, None
+            transport, self._transport = self._transport, None
+            link, self.link = self.link, None
             self._stop_sending()
+
+        def close() -> None:
+            """Send the last packets and close; blocks for as long as the port or the protocol does."""
+            if transport is not None and link is not None:
+                with contextlib.suppress(PortError):
+                    for packet_kind in packets:
+                        _say(transport, link, packet_kind)
+            if reader is not None:
+                reader.stop()
+            if transport is not None:
+                transport.close()
+
         run_with_timeout(close)
 
     def start(self) -> None:
@@ -320,8 +330,8 @@ class ServoDriver(BoardPort):
         """
         with self._lock:
             self.motion.start(self._clock())
-            self._pose.begin()
-            self._mode.follow()
+            self.takeover.start()
+            self._mode.mode = "follow"
 
     def stand_by(self) -> None:
         """Only listen from now on; while the e-stop is latched, ticks still send hold to a board that can."""
@@ -335,9 +345,8 @@ class ServoDriver(BoardPort):
             CommandError: wrong length or a value that is not finite; nothing of it is used.
         """
         with self._counting_refusals():
-            angles = self._commands.of_all(values)
-            with self._lock:
-                self.motion.command(angles, self._clock())
+            checked = dict(zip(self._joint_names, check_command(values, self._joint_names), strict=True))
+            self._command([checked[name] for name in self.servo_joints])
 
     def command_named(self, positions: Mapping[str, float]) -> None:
         """Accept positions in [rad] by joint name; names that drive no servo are ignored.
@@ -346,9 +355,13 @@ class ServoDriver(BoardPort):
             CommandError: a servo's joint is missing, or its value is not finite; nothing of it is used.
         """
         with self._counting_refusals():
-            angles = self._commands.of_names(positions)
-            with self._lock:
-                self.motion.command(angles, self._clock())
+            missing = [name for name in self.servo_joints if name not in positions]
+            if missing:
+                raise CommandError(
+                    f"joint states without {list_names(missing)} refused; they name {list_names(positions)};"
+                    " nothing was moved"
+                )
+            self._command(check_command([positions[name] for name in self.servo_joints], self.servo_joints))
 
     def command_some(self, names: Sequence[str], positions: Sequence[float]) -> None:
         """Accept positions in [rad] of some of the robot's joints; other servos keep their targets.
@@ -360,13 +373,17 @@ class ServoDriver(BoardPort):
                 of it is used.
         """
         with self._counting_refusals():
-            command = self._commands.of_some(names, positions)
-            if not command:
+            command = check_named_command(names, positions, self._joint_names)
+            if command.keys().isdisjoint(self.servo_joints):
                 return
             with self._lock:
                 now = self._clock()
-                angles = {**dict(zip(self.servo_joints, self.motion.goal(now), strict=True)), **command}
-                self.motion.command([angles[name] for name in self.servo_joints], now)
+                goals = zip(self.servo_joints, self.motion.goal(now), strict=True)
+                self.motion.command([command.get(name, goal) for name, goal in goals], now)
+
+    def _command(self, angles_rad: Sequence[float]) -> None:
+        with self._lock:
+            self.motion.command(angles_rad, self._clock())
 
     def refuse(self, error: CommandError) -> None:
         """Count a refused command and store its message."""
@@ -413,7 +430,7 @@ class ServoDriver(BoardPort):
             Whether a move has begun; False without a port, and for a board that was never sent a pose.
         """
         with self._lock:
-            if self._transport is None or self.motion.e_stop.latched or not self._pose.moved:
+            if self._transport is None or self.motion.e_stop.latched or not self.takeover.moved:
                 self._stop_sending()
                 return False
             self._mode.settle(self._clock() + timeout_s)
@@ -453,26 +470,26 @@ class ServoDriver(BoardPort):
         if transport is None or link is None:
             raise PortError("", "no port is open; configure the bridge first")
         link.check(now)
-        stalled_s = self._pose.passed_s(now)
+        stalled_s = self.takeover.passed_s(now)
         if link.state(now) == WAITING:
             with self._lock:
                 self.motion.forget(now)  # commands given in the quiet time do not count
             self._ask()
             return None
         if self.motion.e_stop.latched:
-            if self._mode.settles:
+            if self._mode.mode == "settle":
                 self._stop_sending()
             if self._say(Ability.HOLD):
-                self._pose.record_hold()
+                self.takeover.record_hold()
                 self.counts.packets += 1
                 return self.sent_bytes
-        restarted, listens = link.take_restart(), self._mode.listens
+        restarted, listens = link.take_restart(), self._mode.mode == "listen"
         self.counts.restarts += restarted
-        self._pose.look(link, now, stalled_s, restarted=restarted, listens=listens)
+        self.takeover.look(link, now, stalled_s, restarted=restarted, listens=listens)
         if listens:
             self._ask()
             return None
-        if question := self._pose.question(link):
+        if question := self.takeover.question(link):
             transport.write(question)
             return None
         return self._send(transport, link, now)
@@ -494,7 +511,7 @@ class ServoDriver(BoardPort):
             raise
         self.counts.packets += 1
         self.counts.avoided += packet.avoided
-        self._pose.moved = True
+        self.takeover.moved = True
         self.sent_bytes = packet.servo_bytes
         self._applied = packet.angles_rad if measured is None else tuple(measured)
         with self._lock:
@@ -505,6 +522,21 @@ class ServoDriver(BoardPort):
     def _holds(self) -> Sequence[PoselessPacket]:
         hold: PoselessPacket = Ability.HOLD
         return () if self.waiting else (hold,) * REST_REPEATS
+
+    def _say(self, packet_kind: PoselessPacket) -> bool:
+        """Send a packet without a pose; return False, with nothing sent, if the board lacks the ability."""
+        transport, link = self._transport, self.link
+        return transport is not None and link is not None and _say(transport, link, packet_kind)
+
+    def _ask(self) -> None:
+        """Send the next query of the protocol, if there is one and the board may be queried."""
+        transport, link = self._transport, self.link
+        if transport is None or link is None:
+            return
+        with link.speaking() as board:
+            question = board.ask() if link.asks else b""
+        if question:
+            transport.write(question)
 
     def _stop_sending(self) -> None:
         self._mode.end()
@@ -542,3 +574,13 @@ def _period(robot: str, rate: float) -> float:
             f" {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
         )
     return 1.0 / rate
+
+
+def _say(transport: Transport, link: BoardLink, packet_kind: PoselessPacket) -> bool:
+    """Send a packet without a pose; return False, with nothing sent, if the board lacks the ability."""
+    with link.speaking() as board:
+        if packet_kind not in board.abilities:
+            return False
+        packet = board.hold() if packet_kind is Ability.HOLD else board.relax()
+    transport.write(packet)
+    return True

@@ -14,50 +14,6 @@ from softsim_core.physics.mechanics import check_command
 MOST_MESSAGES = 20
 """Messages stored until they are reported; older ones are dropped."""
 
-
-class Takeover:
-    """A takeover, from the moment at which the board's pose becomes unknown until it is known again.
-
-    A board with the ability LIMITS is sent the servos' ranges repeatedly until it acknowledges them: a pose
-    that it reports from then on is newer than the request. Any other board has answered at once.
-
-    Attributes:
-        pending: Whether the response of the board is still missing.
-        reason: Message that says why the pose has to be taken over; empty for an ordinary start.
-        count: Number of takeovers with a reason.
-        news: Messages about them, oldest first; the caller that reports a message removes it.
-    """
-
-    def __init__(self) -> None:
-        self.pending = False
-        self.reason = ""
-        self.count = 0
-        self.news: deque[str] = deque(maxlen=MOST_MESSAGES)
-        self._asked = False
-
-    def begin(self, reason: str = "") -> None:
-        """Start a takeover: the board's pose is unknown from now on."""
-        self.pending, self._asked = True, False
-        self.reason = reason
-        if reason:
-            self.count += 1
-            self.news.append(f"{reason}; the bridge continues from the board's pose")
-
-    def ask(self, board: BoardProtocol) -> bytes:
-        """Return the packet to write; empty once the board has answered."""
-        if not self._asked:
-            self._asked = True
-            board.begin_takeover()
-        elif board.acknowledged():
-            return self._end()
-        packet = board.limits() if Ability.LIMITS in board.abilities else b""
-        return packet or self._end()
-
-    def _end(self) -> bytes:
-        self.pending, self.reason = False, ""
-        return b""
-
-
 STALL_S = 0.4
 """A longer time between ticks in [s] is a stall of the bridge; our firmware holds after 0.5 s by itself."""
 
@@ -65,8 +21,11 @@ SAME_POSE = math.radians(1.5)
 """Poses of board and bridge closer than this in [rad] are the same: a hobby servo's dead band."""
 
 
-class BoardPose:
+class Takeover:
     """Detects that the board's pose has become unknown, and takes it over.
+
+    A board with the ability LIMITS is sent the servos' ranges repeatedly until it acknowledges them: a pose
+    that it reports from then on is newer than the request. Any other board has answered at once.
 
     Args:
         motion: The motion that continues from the pose that is taken over.
@@ -74,25 +33,31 @@ class BoardPose:
 
     Attributes:
         moved: Whether a pose was sent to the board since its port was opened.
-        takeover: Whether and why the board has to be asked for its pose before a pose is sent.
+        pending: Whether the board has to be asked for its pose before a pose is sent.
+        reason: Message that says why the pose has to be taken over; empty for an ordinary start.
+        count: Number of takeovers with a reason.
+        news: Messages about them, oldest first; the caller that reports a message removes it.
     """
 
     def __init__(self, motion: ServoMotion, lock: threading.RLock) -> None:
-        self.moved = False
-        self.takeover = Takeover()
+        self.moved = self.pending = False
+        self.reason = ""
+        self.count = 0
+        self.news: deque[str] = deque(maxlen=MOST_MESSAGES)
         self._motion, self._lock = motion, lock
+        self._asked = False
         self._hold_sent = False  # commanded to hold, and no pose sent since
         self._last_tick: float | None = None
 
     def record_opening(self) -> None:
         """Record that a port was opened: the pose of the board behind it is unknown."""
         self.moved = self._hold_sent = False
-        self.begin()
+        self.start()
 
-    def begin(self) -> None:
+    def start(self) -> None:
         """Record that sending begins: the time before does not count as a stall."""
         self._last_tick = None
-        self.takeover.begin()
+        self._begin()
 
     def record_hold(self) -> None:
         """Record that the board was commanded to hold."""
@@ -120,33 +85,45 @@ class BoardPose:
             self._lose("the board has started" if self.moved else "", now)
         elif self._hold_sent:
             self._hold_sent = False
-            self.takeover.begin()
+            self._begin()
         elif not listens and stalled_s > STALL_S:
             self._lose(f"the bridge was stalled for {stalled_s:.1f} s", now)
-        elif not listens and not self.takeover.pending:
+        elif not listens and not self.pending:
             with link.speaking() as board:
                 deviation = board.deviation()
             if deviation:
                 self._lose(f"the board {deviation}", now)
 
     def question(self, link: BoardLink) -> bytes:
-        """Return the packet that asks the board for its pose; empty if the pose is known.
+        """Return the packet that asks the board for its pose; empty once the pose is known.
 
         Raises:
             PortError: the protocol failed.
         """
-        if not self.takeover.pending:
+        if not self.pending:
             return b""
         with link.speaking() as board:
-            packet = self.takeover.ask(board)
+            answered = self._asked and board.acknowledged()
+            if not self._asked:
+                self._asked = True
+                board.begin_takeover()
+            packet = b"" if answered or Ability.LIMITS not in board.abilities else board.limits()
             if not packet:
+                self.pending, self.reason = False, ""
                 self._take(board)
             return packet
+
+    def _begin(self, reason: str = "") -> None:
+        self.pending, self._asked = True, False
+        self.reason = reason
+        if reason:
+            self.count += 1
+            self.news.append(f"{reason}; the bridge continues from the board's pose")
 
     def _lose(self, reason: str, now: float) -> None:
         with self._lock:
             self._motion.forget(now)
-            self.takeover.begin(reason)
+            self._begin(reason)
 
     def _take(self, board: BoardProtocol) -> None:
         """Continue from the pose that the board reports; without one, from the last pose sent."""
@@ -160,7 +137,7 @@ class BoardPose:
         away = max(abs(one - other) for one, other in zip(before, self._motion.positions, strict=True))
         if away > SAME_POSE and self.moved:
             degrees = ", ".join(f"{math.degrees(each):.1f}" for each in self._motion.positions)
-            self.takeover.news.append(
+            self.news.append(
                 f"the board is {math.degrees(away):.0f} deg away from its commands; the bridge continues"
                 f" from there ({degrees} deg)"
             )
