@@ -52,9 +52,7 @@ from .legacy import (
     LegacyProtocol as LegacyProtocol,
     PacketParser as PacketParser,
     avoid_byte_100 as avoid_byte_100,
-    decode_packet as decode_packet,
     encode_packet as encode_packet,
-    rest_packet as rest_packet,
 )
 from .protocol import (
     Ability as Ability,

@@ -163,34 +163,22 @@ def encode_line(servo_bytes: Sequence[int]) -> bytes:
 
 
 class AsciiImuBoard(BoardModel):
-    """A board that takes lines of servo bytes and responds to each with tilts of 0.
+    """A board that takes lines of `servo_count` servo bytes and responds to each with tilts of 0."""
 
-    Args:
-        servo_count: Number of servo bytes per line.
-    """
+    accepted = dropped = 0
 
     def __init__(self, servo_count: int) -> None:
         self._servo_count = servo_count
         self._line = b""
-        self._accepted = self._dropped = self._answers = 0
-
-    @property
-    def accepted(self) -> int:
-        """Number of lines accepted so far."""
-        return self._accepted
-
-    @property
-    def dropped(self) -> int:
-        """Number of lines dropped so far."""
-        return self._dropped
+        self._answers = 0
 
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
         """Return the servo bytes of the lines that these bytes complete, oldest first."""
         *lines, rest = (self._line + data).split(b"\n")
         self._line = rest[:LONGEST_LINE]
         poses = [pose for pose in map(self._take, lines) if pose is not None]
-        self._accepted += len(poses)
-        self._dropped += len(lines) - len(poses)
+        self.accepted += len(poses)
+        self.dropped += len(lines) - len(poses)
         self._answers += len(poses)
         return poses
 

@@ -55,15 +55,8 @@ class DynamixelProtocol(BoardProtocol):
 
     name = "dynamixel"
     drives = BusServo
-    abilities = (
-        Ability.DETECT
-        | Ability.ASKED
-        | Ability.TELEMETRY
-        | Ability.HOLD
-        | Ability.RELAX
-        | Ability.LIMITS
-        | Ability.MEASURES
-    )
+    abilities = Ability.DETECT | Ability.ASKED | Ability.TELEMETRY | Ability.MEASURES
+    abilities |= Ability.HOLD | Ability.RELAX | Ability.LIMITS
     advice = "check the servos' supply and cable, their ids, and the baud rate"
 
     def __init__(self, board: BoardDescription) -> None:
@@ -114,14 +107,24 @@ class DynamixelProtocol(BoardProtocol):
         self._goals = {servo.id: angle_to_pulse(angle, servo) for angle, servo in pairs}
         self._hold_goals = None
         return EncodedPacket(
-            self._encode_goals(self._goals) + self._question(),
+            self._encode_goals(self._goals) + self.ask(),
             tuple(self._goals.values()),
             tuple(pulse_to_angle(self._goals[servo.id], servo) for _, servo in pairs),
         )
 
     def ask(self) -> bytes:
-        """Return a request alone."""
-        return self._question()
+        """Return a ping of the next servo not known yet; else a request to all, to one in turn for more."""
+        ids = list(self._servos)
+        unknown = [each for each in ids if each not in self._models]
+        among = unknown or ids
+        self._next += 1
+        chosen = among[self._next % len(among)]
+        if unknown:
+            self._asked[chosen] += 1
+            return packets.ping(chosen)
+        self._asked.update(ids)
+        more = table.STATE if chosen in self._settings else table.SETTINGS
+        return packets.bulk_read({each: more if each == chosen else table.PRESENT for each in ids})
 
     def limits(self) -> bytes:
         """Return the packet that prepares every servo: first its goal, then torque, as its responses allow.
@@ -131,7 +134,7 @@ class DynamixelProtocol(BoardProtocol):
         load by any distance.
         """
         if self._fresh != set(self._servos):
-            return self._question()
+            return self.ask()
         before = self._goals or {}
         with_torque = {each for each in before if self._states[each].torque}
         goals = {each: before[each] if each in with_torque else self._stand(each) for each in self._servos}
@@ -145,7 +148,7 @@ class DynamixelProtocol(BoardProtocol):
             data += packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(ready, b"\x01"))
             data += packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(ready, bytes([WATCHDOG])))
         self._goals = goals
-        return data + self._question()
+        return data + self.ask()
 
     def hold(self) -> bytes:
         """Return goals at the present positions, the same for the whole hold; torque that is off stays off.
@@ -154,10 +157,10 @@ class DynamixelProtocol(BoardProtocol):
         and damage it, so its goals are repeated until all of these are over.
         """
         if self._hold_goals is not None:
-            return self._encode_goals(self._hold_goals) + self._question()
+            return self._encode_goals(self._hold_goals) + self.ask()
         self._hold_goals = {servo_id: self._stand(servo_id) for servo_id in self._servos}
         data = self._encode_goals(self._hold_goals)
-        return data * (2 + int(_answers_s(self.board) / _line_s(self.board, len(data)))) + self._question()
+        return data * (2 + int(_answers_s(self.board) / _line_s(self.board, len(data)))) + self.ask()
 
     def relax(self) -> bytes:
         """Return the packet that switches torque and watchdog off."""
@@ -168,22 +171,6 @@ class DynamixelProtocol(BoardProtocol):
         return packets.sync_write(
             table.GOAL_POSITION, {servo_id: table.four(goal) for servo_id, goal in goals.items()}
         )
-
-    def _question(self) -> bytes:
-        """Ping the next servo that is not known yet; else query all, and one in turn for more."""
-        ids = list(self._servos)
-        unknown = [each for each in ids if each not in self._models]
-        chosen = self._turn(unknown or ids)
-        if unknown:
-            self._asked[chosen] += 1
-            return packets.ping(chosen)
-        self._asked.update(ids)
-        more = table.STATE if chosen in self._settings else table.SETTINGS
-        return packets.bulk_read({each: more if each == chosen else table.PRESENT for each in ids})
-
-    def _turn(self, among: Sequence[int]) -> int:
-        self._next += 1
-        return among[self._next % len(among)]
 
     # Receiving
 
@@ -204,8 +191,7 @@ class DynamixelProtocol(BoardProtocol):
         if len(parameters) == 3:
             self._models[servo_id] = int.from_bytes(parameters[:2], "little")
         elif len(parameters) == table.PRESENT[1]:
-            current, _, self._positions[servo_id] = table.read_present(parameters)
-            self._currents[servo_id] = current
+            self._currents[servo_id], self._positions[servo_id] = table.read_present(parameters)
         elif len(parameters) == table.SETTINGS[1]:
             self._settings[servo_id] = table.read_settings(parameters)
         elif len(parameters) == table.STATE[1]:
@@ -238,9 +224,8 @@ class DynamixelProtocol(BoardProtocol):
 
     def fault(self) -> str:
         """Report a servo that is missing, is no XM, is set unsuitably, or has switched its torque off."""
-        if missing := [
-            each for each in self._servos if each not in self._models and self._asked[each] >= MOST_PINGS
-        ]:
+        silent = [each for each in self._servos if each not in self._models]
+        if missing := [each for each in silent if self._asked[each] >= MOST_PINGS]:
             there = [str(each) for each in self._servos if each in self._models]
             return (
                 f"receives nothing from {self._list_servos(missing)} at {self.board.baud_rate} baud (answers"

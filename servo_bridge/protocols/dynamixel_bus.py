@@ -14,6 +14,7 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import NamedTuple
 
 from servo_bridge.driver import PULSES_PER_RAD
 from servo_bridge.protocols import dynamixel_packets as table
@@ -40,15 +41,8 @@ LONGEST_STEP_S = 0.005
 HARDWARE_ERROR, WATCHDOG, PROFILE_VELOCITY = 70, table.BUS_WATCHDOG, table.PROFILE + 4
 
 
-@dataclass(frozen=True, slots=True)
-class Item:
-    """One number of the control table.
-
-    Attributes:
-        size: Number of bytes.
-        initial: Value after power-on.
-        range: Values that may be written; None for a read-only number.
-    """
+class Item(NamedTuple):
+    """One number of the control table: bytes, value after power-on, range to write (None: read-only)."""
 
     size: int
     initial: int
@@ -58,7 +52,6 @@ class Item:
 ITEMS: Mapping[int, Item] = MappingProxyType(
     {
         0: Item(2, MODEL),
-        2: Item(4, 0),
         6: Item(1, FIRMWARE),
         7: Item(1, 1, (0, 252)),
         8: Item(1, 3, (0, 7)),
@@ -81,7 +74,6 @@ ITEMS: Mapping[int, Item] = MappingProxyType(
         64: Item(1, 0, (0, 1)),
         65: Item(1, 0, (0, 1)),
         68: Item(1, 2, (0, 2)),
-        69: Item(1, 0),
         HARDWARE_ERROR: Item(1, 0),
         76: Item(2, 1920, (0, 16383)),
         78: Item(2, 100, (0, 16383)),
@@ -97,30 +89,21 @@ ITEMS: Mapping[int, Item] = MappingProxyType(
         table.PROFILE: Item(4, 0, (0, 32767)),
         PROFILE_VELOCITY: Item(4, 0, (0, 32767)),
         table.GOAL_POSITION: Item(4, 0, (0, 4095)),
-        120: Item(2, 0),
-        122: Item(1, 0),
-        123: Item(1, 0),
-        124: Item(2, 0),
-        126: Item(2, 0),
         128: Item(4, 0),
         132: Item(4, 0),
-        136: Item(4, 0),
-        140: Item(4, 0),
         144: Item(2, 120),
         146: Item(1, 30),
     }
 )
-"""The table up to the temperature; addresses in between are not defined and read as 0."""
+"""The table up to the temperature; other addresses are read-only, and read as 0."""
 
 
 class EmulatedServo:
     """One XM430-W210; times are seconds of any steady clock.
 
-    Args:
-        servo_id: Id of the servo.
-
     Attributes:
         answers: Whether it is on the bus and has power.
+        fed: Time in [s] of the newest instruction packet on the bus.
         position: Position in pulses.
         velocity: Velocity in [pulses/s].
         goals: Smallest and largest goal that was ever sent to it, accepted or not; None before the first.
@@ -136,7 +119,7 @@ class EmulatedServo:
         for address in ITEMS:
             self.put(address, ITEMS[address].initial)
         self.put(7, servo_id)
-        self._fed = 0.0  # time of the newest instruction packet on the bus
+        self.fed = 0.0
         self.power_cycle()
 
     def power_cycle(self) -> None:
@@ -180,10 +163,6 @@ class EmulatedServo:
         """Turn it by hand to a position in pulses."""
         self.position = pulse
 
-    def record_instruction(self, now: float) -> None:
-        """Record that an instruction packet was on the bus."""
-        self._fed = now
-
     def read(self, address: int, size: int) -> bytes | StatusError:
         """Return bytes of the control table, or the error of the request."""
         if size < 1 or address + size > TABLE_SIZE:
@@ -208,9 +187,9 @@ class EmulatedServo:
         """Advance by `passed_s` to the time `now`."""
         start = now - passed_s
         limit_s = self.get(WATCHDOG) * table.WATCHDOG_UNIT_S
-        trips = self.torque and 0 < self.get(WATCHDOG) <= 127 and now - self._fed > limit_s
+        trips = self.torque and 0 < self.get(WATCHDOG) <= 127 and now - self.fed > limit_s
         if trips:
-            self._move(max(self._fed + limit_s - start, 0.0))
+            self._move(max(self.fed + limit_s - start, 0.0))
             self.put(WATCHDOG, table.WATCHDOG_TRIPPED)
             self.put(table.GOAL_POSITION, round(self.position))
             self.put(table.PROFILE, 0)
@@ -290,14 +269,13 @@ class LineFaults:
 class DynamixelBus(BoardModel):
     """Servos on one line, and the adapter through which a computer reaches them.
 
-    Args:
-        servo_ids: Ids of the servos.
-
     Attributes:
         servos: Servos by id.
         faults: Faults of the line; none at first.
+        accepted: Number of sync writes with goals for all servos that all have accepted.
     """
 
+    accepted = 0
     say_period_s = 0.02
     largest = 4095
 
@@ -307,13 +285,8 @@ class DynamixelBus(BoardModel):
         self._stream = PacketStream()
         self._answers: list[bytes] = []
         self._late: list[bytes] = []
-        self._accepted = self._damaged = 0
+        self._damaged = 0
         self._now: float | None = None
-
-    @property
-    def accepted(self) -> int:
-        """Number of sync writes with goals for all servos that all have accepted."""
-        return self._accepted
 
     @property
     def dropped(self) -> int:
@@ -333,10 +306,10 @@ class DynamixelBus(BoardModel):
             if packet.instruction == Instruction.STATUS or self.faults.happens(self.faults.unheard):
                 continue
             for servo in self.servos.values():
-                servo.record_instruction(now)
+                servo.fed = now
             if self._carry_out(packet):
                 poses.append(tuple(servo.goal for servo in self.servos.values()))
-        self._accepted += len(poses)
+        self.accepted += len(poses)
         return poses
 
     def answer(self, now: float) -> bytes:
@@ -346,7 +319,7 @@ class DynamixelBus(BoardModel):
             if self.faults.happens(self.faults.lost):
                 continue
             if self.faults.happens(self.faults.damaged):
-                each = self._damage(each)
+                each = _damage(each, self.faults.draw)
             (self._late if self.faults.happens(self.faults.late) else answers).append(each)
         self._answers = []
         return b"".join(answers)
@@ -388,12 +361,8 @@ class DynamixelBus(BoardModel):
         address, size = struct.unpack_from("<HH", body)
         taken = set()
         for at in range(4, len(body) - size, size + 1):
-            servo = self.servos.get(body[at])
-            if (
-                servo is not None
-                and servo.answers
-                and servo.write(address, body[at + 1 : at + 1 + size]) is None
-            ):
+            servo, data = self.servos.get(body[at]), body[at + 1 : at + 1 + size]
+            if servo is not None and servo.answers and servo.write(address, data) is None:
                 taken.add(body[at])
         return address == table.GOAL_POSITION and taken == set(self.servos)
 
@@ -426,13 +395,15 @@ class DynamixelBus(BoardModel):
         else:
             self._answers.append(status(servo_id, response, alert))
 
-    def _damage(self, answer: bytes) -> bytes:
-        draw, spoilt = self.faults.draw, bytearray(answer)
-        at = draw.randrange(len(spoilt))
-        if draw.random() < 0.3:
-            return bytes(spoilt[:at])
-        spoilt[at] ^= 1 << draw.randrange(8)
-        return bytes(spoilt)
+
+def _damage(answer: bytes, draw: random.Random) -> bytes:
+    """Cut a packet short, or flip one of its bits."""
+    spoilt = bytearray(answer)
+    at = draw.randrange(len(spoilt))
+    if draw.random() < 0.3:
+        return bytes(spoilt[:at])
+    spoilt[at] ^= 1 << draw.randrange(8)
+    return bytes(spoilt)
 
 
 def _places(instruction: int, body: bytes) -> Iterator[tuple[int, int, int]]:

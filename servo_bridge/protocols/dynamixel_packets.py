@@ -7,9 +7,10 @@ and parameters contain FF FF FD, another FD is inserted, so that a header occurs
 include it. A status packet has the instruction 0x55, and an error byte before its parameters. The CRC-16
 (polynomial 0x8005, initial value 0, high bit first) runs from the header to the last parameter.
 
-Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
+Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0"; "XM430-W210", section Control Table.
 
-Source: ROBOTIS e-Manual, "XM430-W210", section Control Table.
+The packets are made here and not by the servo makers' dynamixel-sdk (4.1.0): it sends a body that holds
+FF FF FD without its stuffing, reads only from a blocking port, and loses packets behind a damaged one.
 """
 
 from __future__ import annotations
@@ -252,9 +253,6 @@ CURRENT_UNIT = 2.69e-3
 WATCHDOG_UNIT_S, WATCHDOG_TRIPPED = 0.020, 255
 """Unit of the bus watchdog in [s], and its value once it has stopped the servo."""
 
-RETURN_DELAY_UNIT_S = 2e-6
-"""Unit of the return delay in [s]."""
-
 DRIVE_MODE_TIME_PROFILE = 0x04
 """Bit of the drive mode: profiles are times, not speeds."""
 
@@ -285,18 +283,14 @@ class ServoSettings:
     """Settings that a servo stores without power.
 
     Attributes:
-        model: Model number.
-        firmware: Version.
-        return_delay_s: Pause before each answer in [s].
-        drive_mode: Bits.
-        operating_mode: Quantity that goals command.
+        model, firmware: Model number, and version of the firmware.
+        drive_mode, operating_mode: Bits, and quantity that goals command.
         lowest, highest: Range of goals that the servo takes, in pulses.
         shutdown: Errors that switch the torque off.
     """
 
     model: int
     firmware: int
-    return_delay_s: float
     drive_mode: int
     operating_mode: int
     lowest: int
@@ -318,13 +312,10 @@ class ServoState:
 
     Attributes:
         torque: Whether it has torque.
-        hardware_error: Hardware errors.
         watchdog: Bus watchdog; `WATCHDOG_TRIPPED` if it has stopped the servo.
         profile: Acceleration and velocity of its profile, raw.
-        goal: Goal position in pulses.
+        goal, position: Goal and present position in pulses.
         current: Current in [A].
-        velocity: Velocity in [pulses/s].
-        position: Position in pulses.
         voltage: Supply voltage in [V].
         temperature: Temperature in [degrees Celsius].
     """
@@ -335,7 +326,6 @@ class ServoState:
     profile: tuple[int, int]
     goal: int
     current: float
-    velocity: float
     position: int
     voltage: float
     temperature: int
@@ -344,18 +334,16 @@ class ServoState:
 def read_settings(block: bytes) -> ServoSettings:
     """Parse a block SETTINGS."""
     model, firmware = struct.unpack_from("<H4xB", block, 0)
-    delay, drive, mode = struct.unpack_from("<BBB", block, 9)
+    drive, mode = struct.unpack_from("<BB", block, 10)
     highest, lowest = struct.unpack_from("<ii", block, 48)
-    return ServoSettings(
-        model, firmware, delay * RETURN_DELAY_UNIT_S, drive, mode, lowest, highest, _errors(block[63])
-    )
+    return ServoSettings(model, firmware, drive, mode, lowest, highest, _errors(block[63]))
 
 
 def read_state(block: bytes) -> ServoState:
     """Parse a block STATE."""
     start = STATE[0]
     acceleration, velocity, goal = struct.unpack_from("<iii", block, PROFILE - start)
-    current, speed, position = read_present(block[PRESENT[0] - start :][: PRESENT[1]])
+    current, position = read_present(block[PRESENT[0] - start :][: PRESENT[1]])
     voltage, temperature = struct.unpack_from("<HB", block, 144 - start)
     return ServoState(
         torque=bool(block[TORQUE_ENABLE - start]),
@@ -364,17 +352,16 @@ def read_state(block: bytes) -> ServoState:
         profile=(acceleration, velocity),
         goal=goal,
         current=current,
-        velocity=speed,
         position=position,
         voltage=voltage / 10.0,
         temperature=temperature,
     )
 
 
-def read_present(block: bytes) -> tuple[float, float, int]:
-    """Return current in [A], velocity in [pulses/s] and position in pulses of a block PRESENT."""
-    current, velocity, position = struct.unpack("<hii", block)
-    return current * CURRENT_UNIT, velocity * VELOCITY_UNIT * 4096.0 / (2.0 * math.pi), position
+def read_present(block: bytes) -> tuple[float, int]:
+    """Return current in [A] and position in pulses of a block PRESENT, which has the velocity in between."""
+    current, position = struct.unpack("<h4xi", block)
+    return current * CURRENT_UNIT, position
 
 
 def four(number: int) -> bytes:
@@ -383,5 +370,4 @@ def four(number: int) -> bytes:
 
 
 def _errors(value: int) -> HardwareError:
-    all_bits = sum(HardwareError)
-    return HardwareError(value & all_bits)
+    return HardwareError(value & sum(HardwareError))  # other bits have no meaning

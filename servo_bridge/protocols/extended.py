@@ -10,7 +10,6 @@ import math
 import secrets
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from servo_bridge.driver import (
     PULSE_US_PER_180,
@@ -26,7 +25,6 @@ from servo_bridge.protocols.frames import (
     SEQUENCES,
     Banner,
     BoardFlags,
-    Frame,
     FrameParser,
     FrameType,
     Telemetry,
@@ -117,7 +115,6 @@ class PoseComparison:
 
 RESET_CAUSES = {1: "power-on", 2: "external (port opened, or button)", 4: "brown-out", 8: "watchdog"}
 
-
 MOST_QUESTIONS = 50
 """A board that was asked for its number this often without an answer has none."""
 
@@ -127,21 +124,6 @@ def reset_cause_text(cause: int) -> str:
     return ", ".join(text for bit, text in RESET_CAUSES.items() if cause & bit) or f"unknown ({cause})"
 
 
-@dataclass(slots=True)
-class FrameCounts:
-    """Number of frames received from the board since the port was opened.
-
-    Attributes:
-        telemetry: Telemetry frames.
-        banners: Banners: starts of the board.
-        most_unacknowledged: Largest number of frames that a telemetry had not acknowledged yet.
-    """
-
-    telemetry: int = 0
-    banners: int = 0
-    most_unacknowledged: int = 0
-
-
 class ExtendedProtocol(BoardProtocol):
     """Frames to and from our firmware; lines of tilts between them are parsed.
 
@@ -149,8 +131,9 @@ class ExtendedProtocol(BoardProtocol):
         banner: Newest banner; None before the first.
         telemetry: Newest telemetry since the board's start; None before the first.
         seq: Sequence number of the newest frame encoded; None before the first.
-        unacknowledged: Number of frames that the newest telemetry had not acknowledged.
-        counts: Number of frames received from the board.
+        unacknowledged, most_unacknowledged: Number of frames that the newest telemetry had not acknowledged,
+            and its largest value.
+        telemetry_frames, banners: Number of telemetry frames, and of banners (starts of the board).
     """
 
     name = "extended"
@@ -165,8 +148,7 @@ class ExtendedProtocol(BoardProtocol):
         self.banner: Banner | None = None
         self.telemetry: Telemetry | None = None
         self.seq: int | None = None
-        self.unacknowledged = 0
-        self.counts = FrameCounts()
+        self.unacknowledged = self.most_unacknowledged = self.telemetry_frames = self.banners = 0
         self._frames, self._lines = FrameParser(), LineParser()
         self._following = PoseComparison()
         self._limits_seq: int | None = None  # of the ranges sent since the takeover began
@@ -206,10 +188,12 @@ class ExtendedProtocol(BoardProtocol):
         recognised = restarted = False
         for frame in self._frames.feed(data):
             if frame.kind is FrameType.BANNER:
-                self._take_banner(frame)
+                self.banner = frames.read_banner(frame)
+                self.telemetry = None  # the telemetry was from before the reset
+                self.banners += 1
                 recognised = restarted = True
             elif frame.kind is FrameType.TELEMETRY:
-                self._take_telemetry(frame)
+                self._take_telemetry(frames.read_telemetry(frame))
                 recognised = True
             elif frame.kind is FrameType.IDENTITY:
                 self._take_number(frames.read_number(frame))
@@ -265,15 +249,12 @@ class ExtendedProtocol(BoardProtocol):
         if not self._answered and self._may_answer:
             self._questions += 1
             question = frames.identify(self._next_seq(), self._offered)
-        return question + self._set_limits()
-
-    def _set_limits(self) -> bytes:
         if self._limits_seq is None:
             self._limits_seq = self._next_seq()
             # With the number that telemetry shows now, the frame would count as acknowledged at once.
             if self.telemetry is not None and self._limits_seq == self.telemetry.seq:
                 self._limits_seq = self._next_seq()
-        return frames.set_limits(self._limits_seq, [width_limits(servo) for servo in self.servos])
+        return question + frames.set_limits(self._limits_seq, [width_limits(servo) for servo in self.servos])
 
     def acknowledged(self) -> bool:
         """Return whether telemetry acknowledges the ranges, and the board has reported its number."""
@@ -319,17 +300,12 @@ class ExtendedProtocol(BoardProtocol):
                 "pulse widths [us]": " ".join(map(str, telemetry.widths_us)),
                 "acknowledged": telemetry.seq,
                 "frames unacknowledged": self.unacknowledged,
-                "most unacknowledged": self.counts.most_unacknowledged,
+                "most unacknowledged": self.most_unacknowledged,
                 "board rejects": telemetry.rejects,
                 "board overruns": telemetry.overruns,
                 "telemetry damaged": self.frames_dropped,
             }
         return {**values, **self._lines.values()}
-
-    def _take_banner(self, frame: Frame) -> None:
-        self.banner = frames.read_banner(frame)
-        self.telemetry = None  # the telemetry was from before the reset
-        self.counts.banners += 1
 
     def _take_number(self, number: int) -> None:
         """Store the board's number; a board without one is offered one with the next query."""
@@ -346,15 +322,15 @@ class ExtendedProtocol(BoardProtocol):
         old = banner is not None and (banner.major, banner.minor) < frames.IDENTIFYING_FIRMWARE
         return not old and self._questions < MOST_QUESTIONS
 
-    def _take_telemetry(self, frame: Frame) -> None:
-        self.telemetry = frames.read_telemetry(frame)
-        self.counts.telemetry += 1
-        self._following.compare(self.telemetry)
+    def _take_telemetry(self, telemetry: Telemetry) -> None:
+        self.telemetry = telemetry
+        self.telemetry_frames += 1
+        self._following.compare(telemetry)
         if self.seq is not None:
-            self.unacknowledged = (self.seq - self.telemetry.seq) % frames.SEQUENCES
-            self.counts.most_unacknowledged = max(self.counts.most_unacknowledged, self.unacknowledged)
+            self.unacknowledged = (self.seq - telemetry.seq) % SEQUENCES
+            self.most_unacknowledged = max(self.most_unacknowledged, self.unacknowledged)
 
     def _next_seq(self) -> int:
         self._following.record_frame()
-        self.seq = 1 if self.seq is None else (self.seq + 1) % frames.SEQUENCES
+        self.seq = 1 if self.seq is None else (self.seq + 1) % SEQUENCES
         return self.seq

@@ -164,10 +164,7 @@ class BoardMotion:
 
 
 class ExtendedBoard(BoardModel):
-    """A board that takes legacy packets and frames; times are seconds of any steady clock.
-
-    Args:
-        legacy: Parser of legacy packets.
+    """A board that takes legacy packets, with the parser `legacy`, and frames.
 
     Attributes:
         refused: Number of well-formed packets and frames refused for their content.
@@ -179,13 +176,14 @@ class ExtendedBoard(BoardModel):
     """
 
     say_period_s = TELEMETRY_PERIOD_S
+    accepted = 0
 
     def __init__(self, legacy: PacketParser) -> None:
         self.silent = self.deaf = False
         self.motion = BoardMotion()
         self.identity = frames.NO_IDENTITY
         self._identity_requested = False
-        self.refused = self._accepted = 0
+        self.refused = 0
         self._legacy, self._frames = legacy, FrameParser()
         self._begun = 0.0  # time at which the newest frame began
         self.reset()
@@ -205,11 +203,6 @@ class ExtendedBoard(BoardModel):
         if not self._limits_set:
             return ()
         return tuple((low / TICKS_PER_US, high / TICKS_PER_US) for low, high in self.motion.ranges)
-
-    @property
-    def accepted(self) -> int:
-        """Number of poses accepted since its creation, in packets and frames."""
-        return self._accepted
 
     @property
     def dropped(self) -> int:
@@ -236,7 +229,7 @@ class ExtendedBoard(BoardModel):
                 elif frame.kind is FrameType.SET:
                     widths = frames.join12(frame.payload)
                     poses.append(tuple(round(width_to_byte(width)) for width in widths))
-        self._accepted += len(poses)
+        self.accepted += len(poses)
         return poses
 
     def say(self, now: float) -> bytes:
@@ -247,8 +240,19 @@ class ExtendedBoard(BoardModel):
             self._banner_due = False
             content = Banner(frames.PROTOCOL_VERSION, *frames.FIRMWARE_VERSION, self._reset_cause)
             data += frames.banner(self._next(), content)
-        widths = tuple(int(width + 0.5) for width in self.motion.telemetry_us)
-        state = Telemetry(self.seq, self._flags(), widths, self.dropped & _COUNTER, 0)
+        motion = self.motion
+        states = {
+            BoardFlags.LINK: motion.linked,
+            BoardFlags.HOLD: motion.holding,
+            BoardFlags.HOMING: motion.homing,
+            BoardFlags.ACTIVE: motion.active,
+            BoardFlags.RELAXED: motion.relaxed,
+            BoardFlags.LIMITS_SET: self._limits_set,
+            BoardFlags.WATCHDOG: bool(self._reset_cause & 8),
+        }
+        flags = BoardFlags(sum(flag for flag, is_set in states.items() if is_set))
+        widths = tuple(int(width + 0.5) for width in motion.telemetry_us)
+        state = Telemetry(self.seq, flags, widths, self.dropped & _COUNTER, 0)
         data += frames.telemetry(self._next(), state)
         return b"" if self.silent else data
 
@@ -266,19 +270,6 @@ class ExtendedBoard(BoardModel):
     def widths_us(self) -> tuple[float, ...] | None:
         """Widths that the servos have reached in [us]; None without pulses."""
         return self.motion.widths_us
-
-    def _flags(self) -> BoardFlags:
-        motion = self.motion
-        states = {
-            BoardFlags.LINK: motion.linked,
-            BoardFlags.HOLD: motion.holding,
-            BoardFlags.HOMING: motion.homing,
-            BoardFlags.ACTIVE: motion.active,
-            BoardFlags.RELAXED: motion.relaxed,
-            BoardFlags.LIMITS_SET: self._limits_set,
-            BoardFlags.WATCHDOG: bool(self._reset_cause & 8),
-        }
-        return BoardFlags(sum(flag for flag, is_set in states.items() if is_set))
 
     def _take_packet(self, servo_bytes: tuple[int, ...]) -> bool:
         """Accept a legacy packet, except during a hold, or while frames arrive.

@@ -6,6 +6,9 @@ Every byte after the first carries six bits, as 0x80 | value: a frame never cont
 legacy servo byte, or a command of the Uno's boot loader. Numbers of 12 bits take two sextets, high one first.
 The type fixes the length. The CRC-8 (polynomial 0x07, initial value 0) runs over the sextet values of type,
 seq and payload.
+
+Functions that encode raise PacketError for a wrong number of values, or one that does not fit; those that
+read raise it for a frame of another type.
 """
 
 from __future__ import annotations
@@ -56,7 +59,7 @@ class FrameType(IntEnum):
     IDENTITY = 18
 
 
-PAYLOAD_SEXTETS: dict[FrameType, int] = {
+PAYLOAD_SEXTETS: dict[int, int] = {
     FrameType.SET: 2 * SERVOS,
     FrameType.RELAX: 0,
     FrameType.HOLD: 0,
@@ -69,8 +72,6 @@ PAYLOAD_SEXTETS: dict[FrameType, int] = {
     FrameType.IDENTITY: IDENTITY_SEXTETS,
 }
 """Length of each type's payload in sextets."""
-
-_PAYLOAD_OF_NUMBER = {int(kind): length for kind, length in PAYLOAD_SEXTETS.items()}
 
 
 class BoardFlags(IntFlag):
@@ -145,11 +146,7 @@ def crc8(values: Iterable[int]) -> int:
 
 
 def split12(values: Sequence[int]) -> tuple[int, ...]:
-    """Return two sextets, high one first, for each 12-bit number.
-
-    Raises:
-        PacketError: a number is not within 0..4095.
-    """
+    """Return two sextets, high one first, for each 12-bit number."""
     for value in values:
         if not 0 <= value <= _LARGEST_12_BIT:
             raise PacketError(f"{value} does not fit into 12 bits; allowed are 0..{_LARGEST_12_BIT}")
@@ -162,11 +159,7 @@ def join12(sextets: Sequence[int]) -> tuple[int, ...]:
 
 
 def encode(frame: Frame) -> bytes:
-    """Return the bytes of a frame.
-
-    Raises:
-        PacketError: the payload has the wrong length for its type, or a number does not fit.
-    """
+    """Return the bytes of a frame."""
     length = PAYLOAD_SEXTETS[frame.kind]
     if len(frame.payload) != length:
         raise PacketError(f"{frame.kind.name} takes {length} sextets, not {len(frame.payload)}")
@@ -179,11 +172,7 @@ def encode(frame: Frame) -> bytes:
 
 
 def set_widths(seq: int, widths_us: Sequence[int]) -> bytes:
-    """Encode SET: pulse widths in [us], one per servo.
-
-    Raises:
-        PacketError: wrong number of widths, or one that does not fit into 12 bits.
-    """
+    """Encode SET: pulse widths in [us], one per servo."""
     return encode(Frame(FrameType.SET, seq, split12(widths_us)))
 
 
@@ -203,49 +192,29 @@ def ping(seq: int) -> bytes:
 
 
 def set_limits(seq: int, limits_us: Sequence[tuple[int, int, int]]) -> bytes:
-    """Encode SET_LIMITS: smallest, rest and largest pulse width in [us], three per servo.
-
-    Raises:
-        PacketError: wrong number of servos, or a width that does not fit into 12 bits.
-    """
+    """Encode SET_LIMITS: smallest, rest and largest pulse width in [us], three per servo."""
     return encode(Frame(FrameType.SET_LIMITS, seq, split12([each for three in limits_us for each in three])))
 
 
 def slew(seq: int, us_per_frame: int) -> bytes:
-    """Encode SLEW: largest change of a pulse width in [us] per pulse period of 20 ms.
-
-    Raises:
-        PacketError: the change does not fit into 12 bits.
-    """
+    """Encode SLEW: largest change of a pulse width in [us] per pulse period of 20 ms."""
     return encode(Frame(FrameType.SLEW, seq, split12([us_per_frame])))
 
 
 def identify(seq: int, number: int = NO_IDENTITY) -> bytes:
-    """Encode IDENTIFY: ask a board for its number, and assign one if it has none; nothing moves.
-
-    Raises:
-        PacketError: the number is not within 0..NO_IDENTITY.
-    """
+    """Encode IDENTIFY: ask a board for its number, and assign one if it has none; nothing moves."""
     return encode(Frame(FrameType.IDENTIFY, seq, _number_sextets(number)))
 
 
 def identity(seq: int, number: int) -> bytes:
-    """Encode IDENTITY, as the board sends it.
-
-    Raises:
-        PacketError: the number is not within 0..NO_IDENTITY.
-    """
+    """Encode IDENTITY, as the board sends it."""
     return encode(Frame(FrameType.IDENTITY, seq, _number_sextets(number)))
 
 
 def read_number(frame: Frame) -> int:
-    """Return the number in an IDENTIFY or IDENTITY frame.
-
-    Raises:
-        PacketError: the frame is of another type.
-    """
+    """Return the number in an IDENTIFY or IDENTITY frame."""
     if frame.kind is not FrameType.IDENTIFY:
-        _need(frame, FrameType.IDENTITY)
+        _check_kind(frame, FrameType.IDENTITY)
     number = 0
     for sextet in frame.payload:
         number = number << 6 | sextet
@@ -259,47 +228,31 @@ def _number_sextets(number: int) -> tuple[int, ...]:
 
 
 def banner(seq: int, content: Banner) -> bytes:
-    """Encode BANNER, as the board sends it.
-
-    Raises:
-        PacketError: a number does not fit into a sextet.
-    """
+    """Encode BANNER, as the board sends it."""
     payload = (content.protocol, content.major, content.minor, content.reset_cause)
     return encode(Frame(FrameType.BANNER, seq, payload))
 
 
 def telemetry(seq: int, content: Telemetry) -> bytes:
-    """Encode TELEMETRY, as the board sends it.
-
-    Raises:
-        PacketError: wrong number of widths, or a number that does not fit.
-    """
+    """Encode TELEMETRY, as the board sends it."""
     numbers = split12([int(content.flags), *content.widths_us, content.rejects, content.overruns])
     return encode(Frame(FrameType.TELEMETRY, seq, (content.seq, *numbers)))
 
 
 def read_banner(frame: Frame) -> Banner:
-    """Return the content of a BANNER frame.
-
-    Raises:
-        PacketError: the frame is of another type.
-    """
-    _need(frame, FrameType.BANNER)
+    """Return the content of a BANNER frame."""
+    _check_kind(frame, FrameType.BANNER)
     return Banner(*frame.payload)
 
 
 def read_telemetry(frame: Frame) -> Telemetry:
-    """Return the content of a TELEMETRY frame.
-
-    Raises:
-        PacketError: the frame is of another type.
-    """
-    _need(frame, FrameType.TELEMETRY)
+    """Return the content of a TELEMETRY frame."""
+    _check_kind(frame, FrameType.TELEMETRY)
     flags, *widths, rejects, overruns = join12(frame.payload[1:])
     return Telemetry(frame.payload[0], BoardFlags(flags), tuple(widths), rejects, overruns)
 
 
-def _need(frame: Frame, kind: FrameType) -> None:
+def _check_kind(frame: Frame, kind: FrameType) -> None:
     if frame.kind is not kind:
         raise PacketError(f"frame of type {frame.kind.name} where {kind.name} was expected")
 
@@ -332,7 +285,8 @@ class FrameParser:
     def drop(self) -> None:
         """Discard an unfinished frame and count it; without one nothing happens."""
         if self._body is not None:
-            self._drop()
+            self._body = None
+            self.dropped += 1
 
     def feed(self, data: bytes) -> list[Frame]:
         """Return the frames completed by these bytes, oldest first; never raises."""
@@ -340,29 +294,24 @@ class FrameParser:
 
     def _take(self, value: int) -> Frame | None:
         if value == FRAME_HEADER:
-            if self._body is not None:
-                self._drop()
+            self.drop()
             self._body = []
-        elif self._body is not None:
-            if 0x80 <= value <= 0xBF:
-                self._body.append(value & 0x3F)
-                return self._complete(self._body)
-            self._drop()
-        return None
-
-    def _complete(self, body: list[int]) -> Frame | None:
-        length = _PAYLOAD_OF_NUMBER.get(body[0])
+            return None
+        body = self._body
+        if body is None:
+            return None
+        if not 0x80 <= value <= 0xBF:
+            self.drop()
+            return None
+        body.append(value & 0x3F)
+        length = PAYLOAD_SEXTETS.get(body[0])
         if length is None:
-            self._drop()
+            self.drop()
         elif len(body) == 4 + length:
             content, (high, low) = body[:-2], body[-2:]
             if (high << 6) | low == crc8(content):  # also refuses the four unused bits
                 self._body = None
                 self.accepted += 1
                 return Frame(FrameType(content[0]), content[1], tuple(content[2:]))
-            self._drop()
+            self.drop()
         return None
-
-    def _drop(self) -> None:
-        self._body = None
-        self.dropped += 1

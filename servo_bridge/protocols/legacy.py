@@ -9,17 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from servo_bridge import PacketError
 from servo_bridge.driver import angles_to_bytes, bytes_to_angles
-from servo_bridge.protocols.ascii_imu import LineParser, text_of
+from servo_bridge.protocols.ascii_imu import BYTE_HIGH, BYTE_LOW, LineParser, text_of
 from servo_bridge.protocols.protocol import BoardModel, BoardProtocol, Decoded, EncodedPacket
 from softsim_core.scene import BoardDescription, Servo, ServoCalibration
 
 HEADER = 255
 """First byte of a packet; servo bytes never reach it."""
-
-BYTE_LOW, BYTE_HIGH = 60, 180
-"""Range of servo bytes that the board's own parser accepts."""
 
 PARTIAL_TIMEOUT_S = 0.040
 """Age in [s] at which the board drops a packet that is not complete."""
@@ -69,11 +65,6 @@ def encode_packet(
     return bytes([header, *angles_to_bytes(angles_rad, servos)])
 
 
-def rest_packet(servos: Sequence[ServoCalibration], header: int = HEADER) -> bytes:
-    """Return the packet of the safe pose: every servo at its rest byte."""
-    return bytes([header, *(servo.rest_byte for servo in servos)])
-
-
 def avoid_byte_100(packet: bytes, servos: Sequence[ServoCalibration]) -> bytes:
     """Replace every servo byte 100 by 101, or by 99 for a servo whose range ends at 100.
 
@@ -89,22 +80,6 @@ def avoid_byte_100(packet: bytes, servos: Sequence[ServoCalibration]) -> bytes:
         value if value != BOOT_LOADER_BYTE else (above if servo.byte_max >= above else below)
         for value, servo in zip(packet[1:], servos, strict=True)
     )
-
-
-def decode_packet(packet: bytes, servo_count: int, header: int = HEADER) -> tuple[int, ...]:
-    """Return the servo bytes of one whole packet.
-
-    Raises:
-        PacketError: wrong length, wrong header, or a servo byte outside 60..180.
-    """
-    if len(packet) != servo_count + 1 or packet[0] != header:
-        raise PacketError(
-            f"{packet.hex(' ') or 'no bytes'}: expected {header:02x} and {servo_count} servo bytes"
-        )
-    for value in packet[1:]:
-        if not BYTE_LOW <= value <= BYTE_HIGH:
-            raise PacketError(f"{packet.hex(' ')}: servo byte {value} lies outside {BYTE_LOW}..{BYTE_HIGH}")
-    return tuple(packet[1:])
 
 
 @dataclass(slots=True)
@@ -139,12 +114,8 @@ class PacketParser:
 
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
         """Return the packets completed by bytes received at `now` in [s] (any steady clock), oldest first."""
-        packets: list[tuple[int, ...]] = []
-        for value in data:
-            packet = self._take(value, now)
-            if packet is not None:
-                packets.append(packet)
-        return packets
+        packets = (self._take(value, now) for value in data)
+        return [packet for packet in packets if packet is not None]
 
     def _take(self, value: int, now: float) -> tuple[int, ...] | None:
         self.drop_older(now, PARTIAL_TIMEOUT_S)
@@ -171,22 +142,16 @@ class PacketParser:
 class LegacyBoard(BoardModel):
     """A board that takes legacy packets and sends nothing."""
 
+    accepted = dropped = 0
+
     def __init__(self, servo_count: int) -> None:
         self._packets = PacketParser(servo_count)
 
-    @property
-    def accepted(self) -> int:
-        """Number of packets accepted so far."""
-        return self._packets.accepted
-
-    @property
-    def dropped(self) -> int:
-        """Number of packets dropped so far."""
-        return self._packets.dropped
-
     def feed(self, data: bytes, now: float) -> list[tuple[int, ...]]:
         """Return the servo bytes of the packets that these bytes complete, oldest first."""
-        return self._packets.feed(data, now)
+        packets = self._packets.feed(data, now)
+        self.accepted, self.dropped = self._packets.accepted, self._packets.dropped
+        return packets
 
     def reset(self, cause: int) -> None:
         """Drop an unfinished packet; the counters stay."""

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from servo_bridge import PacketError
 from servo_bridge.driver import angle_to_byte, byte_to_angle, bytes_to_angles
-from servo_bridge.protocols import avoid_byte_100, decode_packet, encode_packet, rest_packet
+from servo_bridge.protocols import PacketParser, avoid_byte_100, encode_packet
 from softsim_core.base import CommandError
 from softsim_core.scene import ServoCalibration
 
@@ -74,7 +74,6 @@ def test_table(angle_rad: float, expected: int) -> None:
 
 
 def test_before_the_start_every_servo_is_sent_150() -> None:
-    assert rest_packet(SERVOS) == bytes([255, 150, 150, 150])
     assert encode_packet(bytes_to_angles([150, 150, 150], SERVOS), SERVOS) == bytes([255, 150, 150, 150])
     assert byte_to_angle(150, SERVO) == pytest.approx(math.radians(-29.0), abs=1e-14)
     assert angle_to_byte(math.radians(-29.0) - 1e-9, SERVO) == 149
@@ -166,7 +165,7 @@ def test_an_impossible_byte_has_no_angle(bad: int) -> None:
 
 
 def test_decode_is_the_inverse_of_encode() -> None:
-    assert decode_packet(encode_packet([-1.4965, -1.0, 0.0], SERVOS), 3) == (93, 121, 179)
+    assert PacketParser(3).feed(encode_packet([-1.4965, -1.0, 0.0], SERVOS), 0.0) == [(93, 121, 179)]
 
 
 @pytest.mark.parametrize(
@@ -182,5 +181,4 @@ def test_decode_is_the_inverse_of_encode() -> None:
     ],
 )
 def test_decode_refuses_what_the_board_would_drop(packet: bytes) -> None:
-    with pytest.raises(PacketError):
-        decode_packet(packet, 3)
+    assert PacketParser(3).feed(packet, 0.0) == []

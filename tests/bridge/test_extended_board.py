@@ -119,9 +119,9 @@ def test_a_board_that_restarts_is_told_its_ranges_and_goes_on_where_it_stood(
     link = driver.link
     assert link is not None
     assert wait_until(lambda: board.servo_bytes == (122,) * 3 and board.model.motion.arrived)
-    banners = link.board.counts.banners
+    banners = link.board.banners
     board.restart(cause=8)
-    assert wait_until(lambda: link.board.counts.banners == banners + 1)
+    assert wait_until(lambda: link.board.banners == banners + 1)
     assert wait_until(lambda: driver.link_state == "extended")
     assert wait_until(lambda: BoardFlags.WATCHDOG in flags(driver))
     assert driver.tick() is None

@@ -128,7 +128,7 @@ def test_a_reset_on_the_way_is_noticed_and_its_pose_not_believed_before_new_tele
     link.receive(said(), 12.05)
     assert link.state(12.05) == "extended"
     assert link.take_restart()
-    assert link.board.counts.banners == 2
+    assert link.board.banners == 2
     assert link.board.banner is not None
     assert reset_cause_text(link.board.banner.reset_cause) == "watchdog"
 
@@ -140,8 +140,8 @@ def test_acknowledgements_are_counted_around_the_wrap_of_the_sequence() -> None:
         link.board.seq = sent
         link.receive(said(acknowledged), 11.1)
         assert link.board.unacknowledged == open_frames
-    assert link.board.counts.most_unacknowledged == 3
-    assert link.board.counts.telemetry == 4
+    assert link.board.most_unacknowledged == 3
+    assert link.board.telemetry_frames == 4
 
 
 def test_damaged_telemetry_is_counted_and_not_used() -> None:
@@ -158,7 +158,7 @@ def test_lines_of_an_imu_are_read_whatever_stands_around_them() -> None:
     readings = link.receive(b"hello\r\n" + said() + b"1.0,2.0,\r\n" + said(), 11.0)
     assert [round(math.degrees(reading.tilt_x), 9) for reading in readings] == [2.0]
     assert link.tilt_age(11.5) == 0.5
-    assert link.board.counts.telemetry == 2
+    assert link.board.telemetry_frames == 2
 
 
 def test_every_reset_cause_has_words() -> None:
