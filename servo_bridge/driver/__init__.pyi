@@ -2,6 +2,7 @@ from .board_session import (
     DELAYS_S as DELAYS_S,
     BoardSession as BoardSession,
     Recovery as Recovery,
+    RequestedState as RequestedState,
 )
 from .calibration import (
     START_TIMEOUT_S as START_TIMEOUT_S,

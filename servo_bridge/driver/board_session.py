@@ -71,12 +71,9 @@ class Recovery:
 
     def record_failure(self, now: float) -> None:
         """Record a failed attempt and lengthen the delay before the next one."""
-        self._next_try = now + self._delay(self.tries)
+        delay = DELAYS_S[min(self.tries, len(DELAYS_S) - 1)]
+        self._next_try = now + delay * (1.0 + self._jitter * self._random.uniform(-1.0, 1.0))
         self.tries += 1
-
-    def _delay(self, tries: int) -> float:
-        delay = DELAYS_S[min(tries, len(DELAYS_S) - 1)]
-        return delay * (1.0 + self._jitter * self._random.uniform(-1.0, 1.0))
 
 
 LOOK_PERIOD_S = 0.1

@@ -305,7 +305,8 @@ def _observe(
 ) -> ServoObservation:
     rest = byte_to_angle(servo.rest_byte, servo)
     mirrored = _turns_the_other_way(servo, rest, mover, ask)
-    reference = _reference(robot, servo.joint, rest)
+    index = robot.joint_names.index(servo.joint)  # in the robot's first joint pose
+    reference = next((float(pose[index]) for pose in robot.poses.values()), rest)
     reached = mover.move(servo.joint, reference)
     say(f"It should be at {math.degrees(reached):.1f} deg of joint angle now (pose of the robot's file).")
     say(f"Correct it until it does: {ALLOWED_NUDGES}.")
@@ -345,8 +346,11 @@ def _nudge(servo: ServoCalibration, start: float, mover: ServoMover, ask: Ask, s
         answer = _answer(ask, f"{what} [{offset:+.3g} deg, byte {mover.sent_byte(servo.joint)}]")
         if not answer:
             return offset
-        step = _degrees(answer)
-        if step is None:
+        try:
+            step = NUDGES[answer] if answer in NUDGES else float(answer)
+        except ValueError:
+            step = math.nan
+        if not math.isfinite(step):
             say(f"{answer!r} moves nothing; type {ALLOWED_NUDGES}, or Enter when it is right.")
             continue
         reached = mover.move(servo.joint, start + servo.sign * math.radians(offset + step))
@@ -355,23 +359,8 @@ def _nudge(servo: ServoCalibration, start: float, mover: ServoMover, ask: Ask, s
             say("The joint's limits or the servo's range end here.")
 
 
-def _degrees(answer: str) -> float | None:
-    """Parse a typed step in [deg]; return None if the text is no finite number."""
-    try:
-        step = NUDGES[answer] if answer in NUDGES else float(answer)
-    except ValueError:
-        return None
-    return step if math.isfinite(step) else None
-
-
 def _answer(ask: Ask, question: str) -> str:
     answer = ask(question).strip().lower()
     if answer == "q":
         raise CalibrationAbortedError
     return answer
-
-
-def _reference(robot: RobotDescription, joint: str, rest: float) -> float:
-    """Return the joint's angle in the robot's first joint pose; its rest angle if there is none."""
-    index = robot.joint_names.index(joint)
-    return next((float(pose[index]) for pose in robot.poses.values()), rest)

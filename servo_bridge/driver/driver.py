@@ -158,7 +158,13 @@ class ServoDriver:
             raise SceneError(
                 f"robot {robot.name} has no servo board; add a section board to {robot.source or 'it'}"
             )
-        self.period = _period(robot.name, rate or robot.board.rate)
+        rate = rate or robot.board.rate
+        if not SLOWEST_HZ <= rate <= FASTEST_HZ:  # also refuses NaN
+            raise SceneError(
+                f"robot {robot.name}: {rate:g} packets a second refused; allowed are"
+                f" {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+            )
+        self.period = 1.0 / rate
         board = _board(robot, robot.board, 1.0 / self.period, baud_rate or robot.board.baud_rate)
         try:
             protocols = candidates(protocol, board)
@@ -234,15 +240,6 @@ class ServoDriver:
     def tilt_age(self) -> float | None:
         """Time in [s] since the newest reading of the board's IMU; None before the first."""
         return None if self.link is None else self.link.tilt_age(self._clock())
-
-    def listen(self) -> None:
-        """Check that the board is still present; detects a vanished port without writing to it.
-
-        Raises:
-            PortError: the port vanished, telemetry stopped, or the board is not the one asked for.
-        """
-        if self.link is not None:
-            self.link.check(self._clock())
 
     @property
     def command_age(self) -> float | None:
@@ -437,9 +434,7 @@ class ServoDriver:
             return True
 
     def settle(self, timeout_s: float = 1.5, sent: Callable[[], None] = lambda: None) -> bool:
-        """Settle like `begin_settling`, but tick here and block until the end.
-
-        `sent` is called after each packet.
+        """Settle like `begin_settling`, but tick here until the end, calling `sent` after each packet.
 
         Returns:
             Whether the last packet was the rest pose.
@@ -543,19 +538,12 @@ class ServoDriver:
         self._has_sent = False
 
     def applied_angles(self) -> tuple[float, ...]:
-        """Return joint angles in [rad], in servo order: as measured if the servos measure, else as sent.
-
-        NaN before the first packet.
-        """
+        """Return joint angles in [rad], in servo order: measured if servos measure, else sent; NaN first."""
         return self._applied
 
 
 def _board(robot: RobotDescription, board: BoardDescription, rate: float, baud_rate: int) -> BoardDescription:
-    """Return the board as it is used: the ranges of bus servos narrowed to the limits of their joints.
-
-    Raises:
-        SceneError: the joint of a servo is not revolute, or a servo's rest lies outside the limits.
-    """
+    """Return the board as it is used: the ranges of bus servos narrowed to the limits of their joints."""
     joints = {joint.name: joint for joint in robot.joints}
     for servo in board.servos:
         if joints[servo.joint].kind != "revolute":
@@ -565,15 +553,6 @@ def _board(robot: RobotDescription, board: BoardDescription, rate: float, baud_r
         for servo in board.servos
     )
     return replace(board, servos=servos, rate=rate, baud_rate=baud_rate)
-
-
-def _period(robot: str, rate: float) -> float:
-    if not SLOWEST_HZ <= rate <= FASTEST_HZ:  # also refuses NaN
-        raise SceneError(
-            f"robot {robot}: {rate:g} packets a second refused; allowed are"
-            f" {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
-        )
-    return 1.0 / rate
 
 
 def _say(transport: Transport, link: BoardLink, packet_kind: PoselessPacket) -> bool:

@@ -11,11 +11,11 @@ import select
 import socket
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol, TypeAlias
 
 import serial
 from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from servo_bridge import PortError
 from softsim_core.base import SoftSimError, listing, open_lock, runtime_folder
@@ -37,19 +37,15 @@ class Transport(Protocol):
 
     def write(self, packet: bytes) -> None:
         """Send one packet; raise PortError if the port failed."""
-        ...
 
     def read(self) -> bytes:
         """Return received bytes, none after a short time without any; raise PortError if the port failed."""
-        ...
 
     def cancel_read(self) -> None:
         """End a `read` that waits in another thread."""
-        ...
 
     def close(self) -> None:
         """Close the port; a second call does nothing."""
-        ...
 
 
 class SerialTransport:
@@ -127,21 +123,6 @@ class SerialTransport:
         except (OSError, AttributeError):  # vanished or closed: nothing waits any more
             return
 
-    def discard_input(self) -> int:
-        """Read and drop what was received, without waiting.
-
-        Returns:
-            Number of bytes dropped.
-
-        Raises:
-            PortError: the port vanished.
-        """
-        try:
-            waiting = self._serial.in_waiting
-            return len(self._serial.read(waiting)) if waiting else 0
-        except (OSError, TypeError) as error:
-            raise PortError(self.port, self._describe_loss()) from error
-
     def close(self) -> None:
         """Close the port; a second call, or one on a vanished port, does nothing."""
         try:
@@ -152,9 +133,7 @@ class SerialTransport:
     def __enter__(self) -> SerialTransport:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _describe_loss(self) -> str:
@@ -203,11 +182,7 @@ class UdpTransport:
             self._try(self._socket.send, packet)
 
     def read(self) -> bytes:
-        """Return the next datagram; after 0.05 s without one, send an empty one.
-
-        Raises:
-            PortError: as for `write`.
-        """
+        """Return the next datagram; after 0.05 s without one, send an empty one."""
         ready, _, _ = self._try(select.select, [self._socket], [], [], READ_TIMEOUT_S)
         if not ready:
             self.write(b"")
@@ -236,11 +211,7 @@ class UdpTransport:
 
 
 class _OneUserTransport:
-    """A port that the system does not lock, for one program of this user; the lock ends with the program.
-
-    Raises:
-        PortError: another program has it, or it cannot be opened.
-    """
+    """A port that the system does not lock, for one program of this user; the lock ends with the program."""
 
     def __init__(self, port: str, baud_rate: int, opener: Opener) -> None:
         import fcntl  # not on every system whose users convert angles
@@ -284,12 +255,8 @@ def register_transport(kind: str, opener: Opener) -> None:
 
     A kind that is registered again gets the new opener, since a scene that is loaded again registers again.
 
-    Args:
-        kind: Small letters, digits and _.
-        opener: Opens such a port.
-
     Raises:
-        PortError: the kind cannot be used.
+        PortError: the kind has other characters than small letters, digits and _.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", kind):
         raise PortError("", f"kind of port {kind!r} cannot be used; give small letters, digits and _")
@@ -297,11 +264,7 @@ def register_transport(kind: str, opener: Opener) -> None:
 
 
 def open_transport(port: str, baud_rate: int) -> Transport:
-    """Open a port: a serial one, one on the network (UdpTransport), or one of a registered kind.
-
-    Args:
-        port: Name of a serial device, or "KIND:...".
-        baud_rate: Bits per second.
+    """Open a port by its name: a serial device, "udp:HOST:PORT", or "KIND:..." of a registered kind.
 
     Raises:
         PortError: the port cannot be opened; the message says why and what to do.
@@ -389,19 +352,7 @@ Many of them have no serial number, or all the same one.
 NAME_PORT_HINT = "name it with the parameter port (port:=/dev/...)"
 
 
-class PortInfo(Protocol):
-    """The part of pyserial's ListPortInfo that is used here."""
-
-    device: str
-    vid: int | None
-    pid: int | None
-    serial_number: str | None
-    location: str | None
-    manufacturer: str | None
-    description: str
-
-
-def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id: Path = BY_ID) -> str:
+def find_port(port: str = "", *, ports: Iterable[ListPortInfo] | None = None, by_id: Path = BY_ID) -> str:
     """Return the board's port: `port` itself if given, else the port of the one board that is plugged in.
 
     Args:
@@ -417,9 +368,7 @@ def find_port(port: str = "", *, ports: Iterable[PortInfo] | None = None, by_id:
     """
     if port:
         return port
-    found_ports: list[PortInfo] = sorted(
-        list_ports.comports() if ports is None else ports, key=lambda info: info.device
-    )
+    found_ports = sorted(list_ports.comports() if ports is None else ports, key=lambda info: info.device)
     boards = {Path(info.device).resolve(): info.device for info in found_ports if _is_board(info)}
     links = sorted(by_id.iterdir()) if by_id.is_dir() else []
     for link in links:
@@ -450,7 +399,7 @@ def stable_name(port: str, by_id: Path = BY_ID) -> str:
     return next((str(link) for link in links if link.resolve() == target), "")
 
 
-def usb_identity(port: str, ports: Iterable[PortInfo] | None = None) -> str:
+def usb_identity(port: str, ports: Iterable[ListPortInfo] | None = None) -> str:
     """Return the identity of a port's USB chip, which stays the same when it is plugged in again.
 
     Args:
@@ -466,7 +415,7 @@ def usb_identity(port: str, ports: Iterable[PortInfo] | None = None) -> str:
     return next((_identity(info) for info in found_ports if Path(info.device).resolve() == target), "")
 
 
-def _identity(info: PortInfo) -> str:
+def _identity(info: ListPortInfo) -> str:
     if info.vid is None or info.pid is None:
         return ""
     socket = info.location or ""
@@ -478,7 +427,7 @@ def _identity(info: PortInfo) -> str:
 
 
 def find_same_device(
-    port: str, stable: str, usb: str = "", *, ports: Iterable[PortInfo] | None = None
+    port: str, stable: str, usb: str = "", *, ports: Iterable[ListPortInfo] | None = None
 ) -> str:
     """Return the port to open after one was lost: that of the same device, whatever its number.
 
@@ -513,5 +462,5 @@ def find_same_device(
     )
 
 
-def _is_board(info: PortInfo) -> bool:
+def _is_board(info: ListPortInfo) -> bool:
     return (info.vid, info.pid) in BOARD_USB_IDS or "arduino" in (info.manufacturer or "").lower()

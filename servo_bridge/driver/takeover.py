@@ -71,15 +71,8 @@ class Takeover:
     def look(self, link: BoardLink, now: float, stalled_s: float, *, restarted: bool, listens: bool) -> None:
         """Check for an event after which the board has to be asked for its pose, and start a takeover then.
 
-        Args:
-            link: The link to the board.
-            now: The time in [s].
-            stalled_s: Time in [s] since the tick before.
-            restarted: Whether the board reports that it has started.
-            listens: Whether no pose is sent at present.
-
-        Raises:
-            PortError: the protocol failed.
+        The last tick was `stalled_s` before `now`; `restarted`: the board reports that it has started;
+        `listens`: no pose is sent at present.
         """
         if restarted:
             self._lose("the board has started" if self.moved else "", now)
@@ -95,11 +88,7 @@ class Takeover:
                 self._lose(f"the board {deviation}", now)
 
     def question(self, link: BoardLink) -> bytes:
-        """Return the packet that asks the board for its pose; empty once the pose is known.
-
-        Raises:
-            PortError: the protocol failed.
-        """
+        """Return the packet that asks the board for its pose; empty once the pose is known."""
         if not self.pending:
             return b""
         with link.speaking() as board:

@@ -95,34 +95,31 @@ class PeriodicThread:
 
     def _run(self) -> None:
         try:
-            self._keep_time()
+            due = time.monotonic()
+            last: float | None = None
+            while True:
+                hurried = self._wake.wait(max(due - time.monotonic(), 0.0))
+                if self._stopped:
+                    return
+                now = time.monotonic()
+                if hurried:
+                    self._wake.clear()
+                    due = now
+                elif last is not None:
+                    self._periods.append(now - last)
+                last = now
+                self._calls += 1
+                self.call = self._calls
+                self._tick()
+                self.call = None
+                due += self.period
+                late = time.monotonic() - due
+                if late > 0.0:  # skip the missed calls; the next one is on the original schedule
+                    skipped = int(late / self.period) + 1
+                    self._missed += skipped
+                    due += skipped * self.period
         except Exception as error:  # reported by the supervisor of the thread, see `failure`
             self.failure = error
-
-    def _keep_time(self) -> None:
-        due = time.monotonic()
-        last: float | None = None
-        while True:
-            hurried = self._wake.wait(max(due - time.monotonic(), 0.0))
-            if self._stopped:
-                return
-            now = time.monotonic()
-            if hurried:
-                self._wake.clear()
-                due = now
-            elif last is not None:
-                self._periods.append(now - last)
-            last = now
-            self._calls += 1
-            self.call = self._calls
-            self._tick()
-            self.call = None
-            due += self.period
-            late = time.monotonic() - due
-            if late > 0.0:  # skip the missed calls; the next one is on the original schedule
-                skipped = int(late / self.period) + 1
-                self._missed += skipped
-                due += skipped * self.period
 
 
 class HangDetector:
@@ -155,8 +152,8 @@ class HangDetector:
         return self.hangs
 
 
-def run_with_timeout(call: Callable[[], object], timeout_s: float = JOIN_S) -> bool:
-    """Run a call that may hang in a thread of its own; return whether it ended in time, also by an error."""
+def run_with_timeout(call: Callable[[], object]) -> None:
+    """Run a call that may hang in a thread of its own, and wait for its end, also by an error, for JOIN_S."""
 
     def run() -> None:
         with contextlib.suppress(Exception):  # nothing more can be done about a port that fails to close
@@ -164,5 +161,4 @@ def run_with_timeout(call: Callable[[], object], timeout_s: float = JOIN_S) -> b
 
     thread = threading.Thread(target=run, name="servo_board_closer", daemon=True)
     thread.start()
-    thread.join(timeout_s)
-    return not thread.is_alive()
+    thread.join(JOIN_S)

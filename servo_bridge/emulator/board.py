@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple
 
 from servo_bridge.emulator.simavr import BAUD_RATE, EXTERNAL, FREQUENCY, POWER_ON, Processor, read_image
@@ -60,13 +59,11 @@ class PulseLog:
         """Process an edge."""
         rise = self._rise[channel]
         if level:
-            if rise is None:
-                self._rise[channel] = cycle
+            self._rise[channel] = cycle if rise is None else rise
         elif rise is not None:
             self._rise[channel] = None
-            pulse = Pulse(channel, rise, cycle - rise)
+            self._last[channel] = pulse = Pulse(channel, rise, cycle - rise)
             self.pulses.append(pulse)
-            self._last[channel] = pulse
 
     def reset(self, cycle: int) -> None:
         """Record a reset of the processor: a pulse in progress ends here."""
@@ -103,6 +100,9 @@ class EmulatedBoard:
         log_length: Number of pulses stored in `pulses`; older ones are dropped.
         baud_rate: Speed of the line to the board.
 
+    Attributes:
+        processor: The emulated processor, for tests of its internals.
+
     Raises:
         EmulatorMissingError: libsimavr is not installed.
         EmulatorError: an image cannot be read or does not fit.
@@ -116,31 +116,24 @@ class EmulatedBoard:
         baud_rate: int = BAUD_RATE,
     ) -> None:
         image = [read_image(FIRMWARE if hex_path is None else hex_path)]
-        start = 0
         if bootloader is not None:
-            loader = read_image(bootloader)
-            image.append(loader)
-            start = loader[0]
+            image.append(read_image(bootloader))
+        start = 0 if bootloader is None else image[-1][0]
         self._log = PulseLog(log_length)
         self._sent = bytearray()
-        self._processor = Processor(
+        self.processor = Processor(
             image,
             start,
             self._log.edge,
             self._sent.append,
-            lambda: self._log.reset(self._processor.cycle),
+            lambda: self._log.reset(self.processor.cycle),
             baud_rate,
         )
 
     @property
     def time_s(self) -> float:
         """Virtual time since the first power-on, in [s]."""
-        return self._processor.cycle / FREQUENCY
-
-    @property
-    def processor(self) -> Processor:
-        """The emulated processor, for tests of its internals."""
-        return self._processor
+        return self.processor.cycle / FREQUENCY
 
     @property
     def pulses(self) -> list[Pulse]:
@@ -160,12 +153,12 @@ class EmulatedBoard:
     @property
     def resets(self) -> int:
         """Number of resets so far: power-on, external ones, the watchdog's."""
-        return self._processor.resets
+        return self.processor.resets
 
     @property
     def pending(self) -> int:
         """Number of bytes still on the line to the board."""
-        return self._processor.waiting
+        return self.processor.waiting
 
     def take_transmitted(self) -> bytes:
         """Return the bytes that the firmware sent, and drop them here."""
@@ -180,11 +173,11 @@ class EmulatedBoard:
 
     def feed(self, data: bytes) -> None:
         """Put bytes on the line; they arrive one after the other as time passes."""
-        self._processor.feed(data)
+        self.processor.feed(data)
 
     def run(self, seconds: float) -> None:
         """Advance virtual time by `seconds`."""
-        self._processor.run_to(self._processor.cycle + round(seconds * FREQUENCY))
+        self.processor.run_to(self.processor.cycle + round(seconds * FREQUENCY))
 
     def run_until(self, predicate: Callable[[EmulatedBoard], bool], limit_s: float = 10.0) -> bool:
         """Advance virtual time, a quarter period at a time, until `predicate(board)` holds.
@@ -201,7 +194,7 @@ class EmulatedBoard:
 
     def widths_us(self) -> tuple[float, ...] | None:
         """Return the widths of the newest pulses on pins 9, 10, 11 in [us]; None without pulses."""
-        newest = self._log.last(self._processor.cycle)
+        newest = self._log.last(self.processor.cycle)
         return None if newest is None else tuple(pulse.width_us for pulse in newest)
 
     def settle(self, limit_s: float = 10.0) -> tuple[float, ...] | None:
@@ -224,23 +217,21 @@ class EmulatedBoard:
 
     def reset(self) -> None:
         """Press the reset button, as opening the port does on a real board."""
-        self._log.reset(self._processor.cycle)
-        self._processor.reset(EXTERNAL)
+        self._log.reset(self.processor.cycle)
+        self.processor.reset(EXTERNAL)
 
     def power_cycle(self) -> None:
         """Switch the power off and on: the processor's memory is lost."""
-        self._log.reset(self._processor.cycle)
-        self._processor.forget_memory()
-        self._processor.reset(POWER_ON)
+        self._log.reset(self.processor.cycle)
+        self.processor.forget_memory()
+        self.processor.reset(POWER_ON)
 
     def close(self) -> None:
         """Free the emulator's memory."""
-        self._processor.close()
+        self.processor.close()
 
     def __enter__(self) -> EmulatedBoard:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()

@@ -20,7 +20,6 @@ import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple, TypeVar
 
 from servo_bridge import PortError
@@ -97,13 +96,18 @@ class PtyBoard(ABC):
 
     Args:
         link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
+
+    Attributes:
+        is_open: Whether some program has the port open.
+        open_count: Number of times that the port was opened; each one resets a real board.
+        received: Number of bytes received from the computer so far, valid or not.
     """
 
     def __init__(self, link: Path | str | None) -> None:
         self.link = None if link is None else Path(link)
         self._changed = threading.Condition()  # guards and announces every change of state
-        self._opened = False
-        self._open_count = self._received = 0
+        self.is_open = False
+        self.open_count = self.received = 0
         self._end: MasterEnd | None = None
         self._thread: threading.Thread | None = None
 
@@ -127,24 +131,6 @@ class PtyBoard(ABC):
         end = self._end
         return "" if end is None else end.device
 
-    @property
-    def is_open(self) -> bool:
-        """Whether some program has the port open."""
-        with self._changed:
-            return self._opened
-
-    @property
-    def open_count(self) -> int:
-        """Number of times that the port was opened; each one resets a real board."""
-        with self._changed:
-            return self._open_count
-
-    @property
-    def received(self) -> int:
-        """Number of bytes received from the computer so far, valid or not."""
-        with self._changed:
-            return self._received
-
     def wait_for(self: Board, predicate: Callable[[Board], bool], deadline_s: float = 120.0) -> bool:
         """Wait until `predicate(board)` holds; it is evaluated after every change of the board.
 
@@ -162,9 +148,10 @@ class PtyBoard(ABC):
         if self._thread is not None:
             self._thread.join()
         self._end.close()
-        remove_link(self.link, self._end.device)
+        if self.link is not None and self.link.is_symlink() and str(self.link.readlink()) == self._end.device:
+            self.link.unlink()
         with self._changed:
-            self._end, self._opened = None, False
+            self._end, self.is_open = None, False
             self._power_off()
             self._changed.notify_all()
 
@@ -197,9 +184,7 @@ class PtyBoard(ABC):
     def __enter__(self: Board) -> Board:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 
@@ -222,9 +207,3 @@ def make_link(link: Path | None, device: str) -> None:
         raise PortError(
             str(link), f"link {link} cannot be made ({error.strerror}); give another path"
         ) from error
-
-
-def remove_link(link: Path | None, device: str) -> None:
-    """Remove `link` if it still points to `device`."""
-    if link is not None and link.is_symlink() and str(link.readlink()) == device:
-        link.unlink()

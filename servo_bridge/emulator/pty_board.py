@@ -32,15 +32,15 @@ class EmulatedBoardPty(PtyBoard):
     """A servo board with its real firmware behind a pseudo-terminal; use it as a context manager.
 
     Args:
-        hex_path: Firmware; None selects the one of this package.
-        bootloader: Boot loader (Intel hex) that runs first after a reset; None for none.
-        link: Path of a symbolic link to the port, replaced at once when the port changes; None for none.
+        hex_path, bootloader: As for `EmulatedBoard`.
+        link: As for `PtyBoard`.
         baud_rate: Speed of the line to the board; the rate with which the port is opened does not matter.
         line: Function applied to bytes on the line in both directions, such as noise for tests; None changes
             nothing.
         log_length: Number of pulses stored in `pulses`; older ones are dropped.
 
     Attributes:
+        failure: Message about why the processor stopped for good; empty while it runs.
         reset_wired: Whether opening the port resets the processor; False models a cut reset wire.
 
     Raises:
@@ -63,7 +63,7 @@ class EmulatedBoardPty(PtyBoard):
         self._line = line or bytes
         self.reset_wired = True
         self._running = True
-        self._failure = ""
+        self.failure = ""
         self.replug()
 
     @property
@@ -83,12 +83,6 @@ class EmulatedBoardPty(PtyBoard):
         """Whole pulses on the three pins, oldest first."""
         with self._changed:
             return self._board.pulses
-
-    @property
-    def failure(self) -> str:
-        """Message about why the processor stopped for good; empty while it runs."""
-        with self._changed:
-            return self._failure
 
     def widths_us(self) -> tuple[float, ...] | None:
         """Return the widths of the newest pulses on pins 9, 10, 11 in [us]; None without pulses."""
@@ -134,28 +128,20 @@ class EmulatedBoardPty(PtyBoard):
             if behind > LARGEST_LAG_S:
                 ahead += behind - LARGEST_SLICE_S
             with self._changed:
-                self._look_at_line(line_input.opened)
-                self._received += len(data)
-                self._step(data, min(behind, LARGEST_SLICE_S))
+                if line_input.opened and not self.is_open:
+                    self.open_count += 1
+                    if self._running and self.reset_wired:
+                        self._board.reset()
+                        self._board.take_transmitted()
+                self.is_open = line_input.opened
+                self.received += len(data)
+                if self._running:
+                    self._board.feed(data)
+                    try:
+                        self._board.run(min(behind, LARGEST_SLICE_S))
+                    except EmulatorError as error:
+                        self.failure, self._running = str(error), False
                 sent = self._board.take_transmitted()
                 self._changed.notify_all()
-            if sent and self._opened:
+            if sent and self.is_open:
                 end.write(self._line(sent))
-
-    def _look_at_line(self, opened: bool) -> None:
-        if opened and not self._opened:
-            self._open_count += 1
-            if self._running and self.reset_wired:
-                self._board.reset()
-                self._board.take_transmitted()
-        self._opened = opened
-
-    def _step(self, data: bytes, seconds: float) -> None:
-        if not self._running:
-            return
-        self._board.feed(data)
-        try:
-            self._board.run(seconds)
-        except EmulatorError as error:
-            self._failure = str(error)
-            self._running = False

@@ -121,7 +121,18 @@ def read_image(path: Path | str) -> tuple[int, bytes]:
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
-        kind, address, data = _record(line.strip(), f"{path}, line {number}")
+        where, record = f"{path}, line {number}", line.strip()
+        try:
+            raw = bytes.fromhex(record[1:])
+        except ValueError:
+            raw = b""
+        if record[:1] != ":" or len(raw) < 5 or len(raw) != raw[0] + 5:
+            raise EmulatorError(f"{where}: {record[:20]!r} is no line of an Intel hex file")
+        if sum(raw) & 0xFF:
+            raise EmulatorError(
+                f"{where}: the checksum is wrong; the file is damaged, build or copy it again"
+            )
+        kind, address, data = raw[3], int.from_bytes(raw[1:3], "big"), raw[4:-1]
         if kind == 0:
             pieces[base + address] = data
         elif kind == 1:
@@ -135,19 +146,6 @@ def read_image(path: Path | str) -> tuple[int, bytes]:
     for at, data in pieces.items():
         image[at - start : at - start + len(data)] = data
     return start, bytes(image)
-
-
-def _record(line: str, where: str) -> tuple[int, int, bytes]:
-    """Return kind, address and data of one line."""
-    try:
-        raw = bytes.fromhex(line[1:])
-    except ValueError:
-        raw = b""
-    if line[:1] != ":" or len(raw) < 5 or len(raw) != raw[0] + 5:
-        raise EmulatorError(f"{where}: {line[:20]!r} is no line of an Intel hex file")
-    if sum(raw) & 0xFF:
-        raise EmulatorError(f"{where}: the checksum is wrong; the file is damaged, build or copy it again")
-    return raw[3], int.from_bytes(raw[1:3], "big"), raw[4:-1]
 
 
 FREQUENCY = 16_000_000
@@ -207,7 +205,18 @@ def load_library() -> ctypes.CDLL:
             except AttributeError as error:
                 raise EmulatorMissingError(f"{library._name} is no simavr ({error}); {INSTALL}") from error
             library.avr_global_logger_set(_silent)
-            _check_layout(library)
+            core = library.avr_make_mcu_by_name(b"atmega328p")
+            if not core:
+                raise EmulatorMissingError("the emulator's library knows no ATmega328P; " + INSTALL)
+            library.avr_init(core)
+            places = (_FLASHEND, _FREQUENCY, _STATE)
+            layout = tuple(ctypes.c_uint32.from_address(core + place).value for place in places)
+            if layout != (FLASH_SIZE - 1, 1_000_000, _RUNNING):
+                raise EmulatorMissingError(
+                    f"the emulator's library is of a version whose layout is not known (it shows {layout});"
+                    f" versions 1.6 and 1.7 are: {INSTALL}"
+                )
+            library.avr_terminate(core)
             _library = library
         return _library
 
@@ -253,22 +262,6 @@ def _declare(library: ctypes.CDLL) -> None:
         function.restype, function.argtypes = result, arguments
 
 
-def _check_layout(library: ctypes.CDLL) -> None:
-    core = library.avr_make_mcu_by_name(b"atmega328p")
-    if not core:
-        raise EmulatorMissingError("the emulator's library knows no ATmega328P; " + INSTALL)
-    library.avr_init(core)
-    layout = tuple(
-        ctypes.c_uint32.from_address(core + offset).value for offset in (_FLASHEND, _FREQUENCY, _STATE)
-    )
-    if layout != (FLASH_SIZE - 1, 1_000_000, _RUNNING):
-        raise EmulatorMissingError(
-            f"the emulator's library is of a version whose layout is not known (it shows {layout}); versions "
-            "1.6 and 1.7 are: " + INSTALL
-        )
-    library.avr_terminate(core)
-
-
 class Processor:
     """One emulated ATmega328P; time passes only inside `run_to`.
 
@@ -279,6 +272,11 @@ class Processor:
         on_byte: Called with every byte that the firmware sends.
         on_reset: Called after every reset by the watchdog.
         baud_rate: Speed of the line to the board; a byte takes ten bits.
+
+    Attributes:
+        flash: The program memory; writing to it changes what the processor runs.
+        lost_bytes: Number of bytes that arrived while the chip's receiver was full; on the chip they overrun.
+        resets: Number of resets so far, including the first power-on.
 
     Raises:
         EmulatorMissingError: no usable libsimavr here.
@@ -308,11 +306,7 @@ class Processor:
         self._bus_hooks: list[Any] = []
         self._waiting: deque[int] = deque()
         self._feeding = False
-        self.lost_bytes = 0
-        """Number of bytes that arrived while the chip's receiver was full; on the chip they overrun."""
-        self.resets = 0
-        """Number of resets so far, including the first power-on."""
-
+        self.lost_bytes = self.resets = 0
         ctypes.c_uint32.from_address(core + _FREQUENCY).value = FREQUENCY
         ctypes.c_uint32.from_address(core + _RESET_PC).value = start
         ctypes.c_void_p.from_address(core + _SLEEP).value = ctypes.cast(_awake, ctypes.c_void_p).value
@@ -324,11 +318,11 @@ class Processor:
         assert flash is not None
         assert memory is not None
         self._ram = (ctypes.c_uint8 * _RAM_SIZE).from_address(memory + _RAM_START)
-        self._flash = (ctypes.c_uint8 * FLASH_SIZE).from_address(flash)
+        self.flash = (ctypes.c_uint8 * FLASH_SIZE).from_address(flash)
         self._bus_control = ctypes.c_uint8.from_address(memory + _TWCR)
         self._mcusr = ctypes.c_uint8.from_address(memory + _MCUSR)
         for address, piece in image:
-            self._flash[address : address + len(piece)] = list(piece)
+            self.flash[address : address + len(piece)] = list(piece)
 
         self._connect(on_pin, on_byte)
         self.reset(POWER_ON)
@@ -342,11 +336,6 @@ class Processor:
     def program_counter(self) -> int:
         """Address in bytes of the next instruction."""
         return self._pc.value
-
-    @property
-    def flash(self) -> ctypes.Array[ctypes.c_uint8]:
-        """The program memory; writing to it changes what the processor runs."""
-        return self._flash
 
     @property
     def waiting(self) -> int:
@@ -363,9 +352,8 @@ class Processor:
     def attach(self, device: I2cRegisters) -> None:
         """Put a device on the I2C bus."""
         library, core = self._library, self._core
-        bus = _ioctl_code("twi\0")
+        bus, control = _ioctl_code("twi\0"), self._bus_control
         into = library.avr_io_getirq(core, bus, 0)
-        control = self._bus_control
 
         def hook(irq: int, value: int, parameter: int) -> None:
             answer = device.answer(value)

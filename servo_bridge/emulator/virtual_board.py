@@ -118,12 +118,26 @@ class VirtualBoard(PtyBoard):
         self._servo_bytes = None
 
     def _serve(self, end: MasterEnd) -> None:
-        while (line_input := end.receive(self._patience_s())) is not None:
+        while True:
+            patience_s: float | None = 0.0  # the opening of the port alone does not wake a poll
+            if self.is_open:
+                speaks = self.model.say_period_s is not None
+                patience_s = max(self._say_due - time.monotonic(), 0.0) if speaks else None
+            line_input = end.receive(patience_s)
+            if line_input is None:
+                return
             if line_input.data:
                 self._take(line_input.data, end)
-            self._set_open(line_input.opened)
-            if line_input.opened:
-                self._speak(end)
+            if line_input.opened != self.is_open:
+                with self._changed:
+                    self.is_open = line_input.opened
+                    if self.is_open:
+                        self.open_count += 1
+                        self.model.reset(RESET_EXTERNAL)
+                        self._say_due = time.monotonic() + START_S
+                    self._changed.notify_all()
+            if self.is_open:
+                self._say_if_due(end)
                 continue
             with self._changed:
                 self.model.advance(time.monotonic())
@@ -131,15 +145,7 @@ class VirtualBoard(PtyBoard):
             if end.pause(IDLE_POLL_S):
                 return
 
-    def _patience_s(self) -> float | None:
-        if not self._opened:
-            return 0.0  # the opening of the port alone does not wake a poll
-        if self.model.say_period_s is None:
-            return None
-        return max(self._say_due - time.monotonic(), 0.0)
-
-    def _speak(self, end: MasterEnd) -> None:
-        """Send what the board has to send by now without a request."""
+    def _say_if_due(self, end: MasterEnd) -> None:
         now, period_s = time.monotonic(), self.model.say_period_s
         if period_s is None or now < self._say_due:
             return
@@ -150,20 +156,10 @@ class VirtualBoard(PtyBoard):
         if data:
             end.write(data)
 
-    def _set_open(self, opened: bool) -> None:
-        with self._changed:
-            if opened != self._opened:
-                self._opened = opened
-                self._open_count += opened
-                if opened:
-                    self.model.reset(RESET_EXTERNAL)
-                    self._say_due = time.monotonic() + START_S
-                self._changed.notify_all()
-
     def _take(self, data: bytes, end: MasterEnd) -> None:
         now = time.monotonic()
         with self._changed:
-            self._received += len(data)
+            self.received += len(data)
             for servo_bytes in self.model.feed(data, now):
                 self._servo_bytes = servo_bytes
                 self._log.append(ReceivedPacket(now, servo_bytes))

@@ -13,8 +13,8 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
-from servo_bridge import PortError, WriterError
-from servo_bridge.driver import BoardSession, EStop, Recovery, ServoDriver, find_port
+from servo_bridge import PortError
+from servo_bridge.driver import BoardSession, EStop, Recovery, RequestedState, ServoDriver, find_port
 from servo_bridge.nodes import parameters
 from servo_bridge.nodes.bridge_services import EStopServices, GuardedLifecycleNode
 from servo_bridge.nodes.commands import CommandInput
@@ -92,7 +92,12 @@ class ServoBridge(GuardedLifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Send from the board's present pose; refused without a port and while the e-stop is latched."""
         with self._lock:
-            driver, refusal = self._session.driver, self._activation_refusal()
+            driver, refusal = self._session.driver, ""
+            if self._e_stop.latched:
+                refusal = "activation refused: the e-stop is latched; call ~/clear_e_stop first"
+            elif driver is None or not self._session.connected:
+                why = self._reports.trouble or "configure first"
+                refusal = f"activation refused: no port is open ({why})"
             if refusal or driver is None:
                 self.get_logger().error(refusal)
                 return TransitionCallbackReturn.FAILURE
@@ -155,9 +160,9 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _configure(self) -> None:
         settings = self._live.values
-        assembled = assemble(settings, self._scene, self._e_stop, self._reports.publish_tilt)
-        driver, before, reports = assembled.driver, self._session.driver, self._reports
-        reports.imu_frame, reports.calibration = assembled.imu_frame, assembled.calibration
+        before, reports = self._session.driver, self._reports
+        driver, reports.calibration = assemble(settings, self._scene, self._e_stop, reports.publish_tilt)
+        reports.imu_frame = settings.imu_frame or f"{settings.frame_prefix}effector"
         if before is not None and before.servo_joints == driver.servo_joints:
             driver.motion.resume_from(before.motion.positions)
         self._session.open(driver, find_port(settings.port), settings.open_wait_s)
@@ -171,13 +176,6 @@ class ServoBridge(GuardedLifecycleNode):
 
     def _active_driver(self) -> ServoDriver | None:
         return self._session.driver if self._session.sending else None
-
-    def _activation_refusal(self) -> str:
-        if self._e_stop.latched:
-            return "activation refused: the e-stop is latched; call ~/clear_e_stop first"
-        if not self._session.connected:
-            return f"activation refused: no port is open ({self._reports.trouble or 'configure first'})"
-        return ""
 
     def _stop_sending(self) -> None:
         with self._lock:
@@ -210,31 +208,22 @@ class ServoBridge(GuardedLifecycleNode):
                 return
             self._reports.log_events()
             fault = self._session.fault()
-            if isinstance(fault, PortError):
-                self._lose_port(fault)
-            elif fault is not None:
-                self._lose_writer(fault)
-            now = time.monotonic()
-            if self._recovery.due(now):
+            if isinstance(fault, PortError):  # close the port, open it again, and continue as before
+                requested: RequestedState = "activate" if self._session.sending else "configure"
+                self._session.close()
+                self._reports.report(f"{fault}; the bridge tries to open it again")
+                self._leave_active()
+                self._recovery.request(requested, time.monotonic(), wait=True)
+            elif fault is not None:  # a dead thread: the servos hold until the bridge is activated again
+                self._session.hold()
+                self._reports.report(str(fault))
+                self._leave_active()
+                self._recovery.cancel()
+            if self._recovery.due(time.monotonic()):
                 if self._pursue():
                     self._recovery.record_success(time.monotonic())
                 else:
                     self._recovery.record_failure(time.monotonic())
-
-    def _lose_writer(self, error: WriterError) -> None:
-        """React to a dead thread: the servos hold, and the bridge is inactive until it is activated."""
-        self._session.hold()
-        self._reports.report(str(error))
-        self._leave_active()
-        self._recovery.cancel()
-
-    def _lose_port(self, error: PortError) -> None:
-        """React to a lost port: become inactive, close it, and request to open it and continue as before."""
-        was_sending = self._session.sending
-        self._session.close()
-        self._reports.report(f"{error}; the bridge tries to open it again")
-        self._leave_active()
-        self._recovery.request("activate" if was_sending else "configure", time.monotonic(), wait=True)
 
     def _leave_active(self) -> None:
         if self.lifecycle_state == "active":

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from functools import partial
+from typing import Any
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
@@ -22,18 +23,6 @@ from softsim_node import error_text, list_names
 
 MOST_BYTES = 65_536
 """Longest ROS message that is deserialised: a thousand joints, which delays no packet."""
-
-
-class NamedCommand(NamedTuple):
-    """A command for some joints, not yet checked against the robot's joints.
-
-    Attributes:
-        names: Names of the joints.
-        positions: Positions in [rad].
-    """
-
-    names: Sequence[str]
-    positions: Sequence[float]
 
 
 def command_values(data: bytes) -> Sequence[float]:
@@ -68,8 +57,8 @@ def joint_positions(data: bytes) -> dict[str, float]:
     return positions
 
 
-def named_command(data: bytes, now_s: float) -> NamedCommand:
-    """Return the command in a serialised JointState.
+def named_command(data: bytes, now_s: float) -> tuple[Sequence[str], Sequence[float]]:
+    """Return the joint names and positions in [rad] of a serialised JointState; the names are not checked.
 
     Args:
         data: The serialised message.
@@ -82,7 +71,7 @@ def named_command(data: bytes, now_s: float) -> NamedCommand:
     stamp = message.header.stamp
     check_age(stamp.sec + 1e-9 * stamp.nanosec, now_s)
     check_positions_only(message.velocity, message.effort)
-    return NamedCommand(message.name, message.position)
+    return message.name, message.position
 
 
 def _deserialize(data: bytes, message_type: type[Any]) -> Any:
@@ -97,8 +86,6 @@ def _deserialize(data: bytes, message_type: type[Any]) -> Any:
             f"message refused: its {len(data)} bytes are no {message_type.__name__}; nothing was moved"
         ) from error
 
-
-Values = TypeVar("Values")
 
 NAMED_DEPTH = 10
 """Queue length for commands by name: each may be for other joints."""
@@ -119,14 +106,14 @@ class CommandInput:
     """
 
     def __init__(self, node: Node, source: str, active_driver: Callable[[], ServoDriver | None]) -> None:
-        self._node, self._active_driver = node, active_driver
-        message_type, topic, callback, self._depth = {
-            "joint_states": (JointState, "joint_states", self._on_joint_states, 1),
-            "commands": (Float64MultiArray, "position_controller/commands", self._on_command, 1),
-            "joint_commands": (JointState, "joint_commands", self._on_joint_commands, NAMED_DEPTH),
+        self._node, self._active_driver, self._source = node, active_driver, source
+        message_type, self._name, self._depth = {
+            "joint_states": (JointState, "joint_states", 1),
+            "commands": (Float64MultiArray, "position_controller/commands", 1),
+            "joint_commands": (JointState, "joint_commands", NAMED_DEPTH),
         }[source]
         self._subscription: Subscription = node.create_subscription(
-            message_type, topic, callback, QoSProfile(depth=self._depth), raw=True
+            message_type, self._name, self._take, QoSProfile(depth=self._depth), raw=True
         )
         self.topic = str(self._subscription.topic_name)
 
@@ -146,35 +133,26 @@ class CommandInput:
         """Remove the subscription."""
         self._node.destroy_subscription(self._subscription)
 
-    def _on_command(self, data: bytes) -> None:
-        self._apply("position_controller/commands", data, command_values, ServoDriver.command)
-
-    def _on_joint_states(self, data: bytes) -> None:
-        self._apply("joint_states", data, joint_positions, ServoDriver.command_named)
-
-    def _on_joint_commands(self, data: bytes) -> None:
-        def unpack(data: bytes) -> NamedCommand:
-            return named_command(data, 1e-9 * self._node.get_clock().now().nanoseconds)
-
-        self._apply("joint_commands", data, unpack, lambda driver, each: driver.command_some(*each))
-
-    def _apply(
-        self,
-        topic: str,
-        data: bytes,
-        unpack: Callable[[bytes], Values],
-        command: Callable[[ServoDriver, Values], None],
-    ) -> None:
+    def _take(self, data: bytes) -> None:
         driver = self._active_driver()
         if driver is None:
             return
         try:
-            try:
-                values = unpack(data)
-            except CommandError as error:
-                driver.refuse(error)
-                raise
-            command(driver, values)
+            command = self._unpack(driver, data)
+            command()
         except CommandError as error:
-            text = f"{topic}: {error_text(error)}"
+            text = f"{self._name}: {error_text(error)}"
             self._node.get_logger().warning(text, throttle_duration_sec=REFUSAL_LOG_PERIOD_S)
+
+    def _unpack(self, driver: ServoDriver, data: bytes) -> Callable[[], None]:
+        """Return the call of the driver that a message stands for; one that is none counts as refused."""
+        try:
+            if self._source == "commands":
+                return partial(ServoDriver.command, driver, command_values(data))
+            if self._source == "joint_states":
+                return partial(ServoDriver.command_named, driver, joint_positions(data))
+            now_s = 1e-9 * self._node.get_clock().now().nanoseconds
+            return partial(ServoDriver.command_some, driver, *named_command(data, now_s))
+        except CommandError as error:
+            driver.refuse(error)
+            raise

@@ -42,10 +42,7 @@ class EmulatedBoardNode(BoardNode):
     """An emulated board and its measured pulse widths, on `emulated_board/pulse_widths` ([us]; empty: none).
 
     Args:
-        link: Path of a link to the port; None takes the parameter `link` (empty: no link).
-        show: Whether to write the port's name and a status line to standard output.
-        node_name: Name of the node.
-        **node_kwargs: Passed on to rclpy's Node.
+        link, show, node_name, **node_kwargs: As for `BoardNode`.
 
     Raises:
         EmulatorMissingError: libsimavr is not installed.

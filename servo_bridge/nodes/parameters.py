@@ -183,34 +183,22 @@ def check(
         )
 
 
-@dataclass(frozen=True, slots=True)
-class ConfiguredDriver:
-    """A driver that is not connected yet, and the files that it was made from.
-
-    Attributes:
-        driver: The driver.
-        calibration: File of the servos' calibration; empty without one.
-        imu_frame: Frame of the topic imu.
-    """
-
-    driver: ServoDriver
-    calibration: str
-    imu_frame: str
-
-
 def assemble(
     settings: BridgeSettings,
     scene: RobotDescription | None,
     e_stop: EStop,
     on_tilt: Callable[[TiltReading], None],
-) -> ConfiguredDriver:
-    """Create the driver that the settings describe.
+) -> tuple[ServoDriver, str]:
+    """Create the driver that the settings describe, and connect nothing.
 
     Args:
         settings: Settings of the bridge.
         scene: A robot that is already loaded; None loads the one of the settings.
         e_stop: The latch that the driver checks.
         on_tilt: Called with every reading of a board's IMU.
+
+    Returns:
+        The driver, and the file of its servos' calibration (empty without one).
 
     Raises:
         SoftSimError: robot or calibration cannot be read, or the robot has no board that fits the settings.
@@ -232,6 +220,4 @@ def assemble(
         on_tilt=on_tilt,
         e_stop=e_stop,
     )
-    return ConfiguredDriver(
-        driver, str(calibration or ""), settings.imu_frame or f"{settings.frame_prefix}effector"
-    )
+    return driver, str(calibration or "")

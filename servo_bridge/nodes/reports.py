@@ -6,6 +6,7 @@ import math
 from array import array
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -13,7 +14,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, String
 
 from servo_bridge import PortError
-from servo_bridge.driver import BoardLink, BoardSession, EStop, PeriodFigures, ServoDriver
+from servo_bridge.driver import BoardLink, BoardSession, EStop, ServoDriver
 from servo_bridge.nodes.bridge_services import GuardedLifecycleNode
 from servo_bridge.protocols import Ability, TiltReading
 from softsim_node import Facts, printable
@@ -39,89 +40,11 @@ def imu_message(reading: TiltReading, frame: str, stamp: Any) -> Imu:
     message.header.stamp, message.header.frame_id = stamp, frame
     orientation = message.orientation
     orientation.x, orientation.y, orientation.z, orientation.w = reading.quaternion_xyzw()
-    message.orientation_covariance = [
-        TILT_VARIANCE,
-        0.0,
-        0.0,
-        0.0,
-        TILT_VARIANCE,
-        0.0,
-        0.0,
-        0.0,
-        HEADING_VARIANCE,
-    ]
+    variances = (TILT_VARIANCE, TILT_VARIANCE, HEADING_VARIANCE)
+    message.orientation_covariance = np.diag(variances).ravel()
     message.angular_velocity_covariance = [-1.0, *[0.0] * 8]
     message.linear_acceleration_covariance = [-1.0, *[0.0] * 8]
     return message
-
-
-def bridge_status(
-    name: str,
-    state: str,
-    driver: ServoDriver | None,
-    *,
-    e_stopped: bool,
-    trouble: str,
-    reconnects: int,
-    calibration: str = "",
-    period: PeriodFigures | None = None,
-) -> DiagnosticStatus:
-    """Return the status of the bridge for /diagnostics.
-
-    Args:
-        name: Full name of the node.
-        state: Lifecycle state.
-        driver: The driver; None before the first configure.
-        e_stopped: Whether the software e-stop is latched.
-        trouble: Message about the problem that stops the bridge; empty without one.
-        reconnects: Times that a lost port was opened again.
-        calibration: File of the servos' calibration; empty without one.
-        period: How evenly packets are sent; None while none are.
-    """
-    level, message = DiagnosticStatus.OK, state
-    values: dict[str, object] = {"state": state, "e_stop": e_stopped, "reconnects": reconnects}
-    if driver is not None:
-        age, counts = driver.command_age, driver.counts
-        if state == "active":
-            if driver.waiting:
-                message = "active, waiting for the board to start"
-            else:
-                message = f"active, {driver.motion.mode}"
-                level = DiagnosticStatus.OK if driver.motion.mode == "track" else DiagnosticStatus.WARN
-            if driver.takeover.pending and not driver.waiting:
-                why = driver.takeover.reason or "sending has begun"
-                message, level = f"active, requesting the board's pose: {why}", DiagnosticStatus.ERROR
-        values |= {
-            "port": driver.port or "none",
-            "mode": driver.motion.mode,
-            "packets sent": counts.packets,
-            "servo bytes": " ".join(map(str, driver.sent_bytes or ())) or "none",
-            "command age [s]": "none" if age is None else f"{age:.3f}",
-            "takeovers": driver.takeover.count,
-            "commands clipped": driver.motion.clipped,
-            "commands refused": counts.refused,
-            "last refusal": counts.last_refusal or "none",
-            "byte 100 replaced": counts.avoided,
-            "calibration": calibration or "none",
-        }
-        values |= _link_values(driver)
-    if period is not None:
-        values |= {
-            "send period [ms]": f"{period.mean_s * 1e3:.2f}",
-            "send period off by [ms]": f"{period.worst_s * 1e3:.2f}",
-            "packets left out": period.missed,
-        }
-    if e_stopped:
-        level, message = DiagnosticStatus.WARN, f"{state}, e-stop latched"
-    if trouble:
-        level, message = DiagnosticStatus.ERROR, trouble
-    return DiagnosticStatus(
-        level=level,
-        name=f"{name.lstrip('/')}: servo board",
-        message=message,
-        hardware_id="" if driver is None else driver.port,
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-    )
 
 
 def _link_values(driver: ServoDriver) -> dict[str, object]:
@@ -248,19 +171,57 @@ class Reports:
         """Publish the status of the bridge."""
         if not self._node.context.ok():
             return
-        status = bridge_status(
-            self._node.get_fully_qualified_name(),
-            self._node.lifecycle_state,
-            self._session.driver,
-            e_stopped=self._e_stop.latched,
-            trouble=self.trouble,
-            reconnects=self.reconnects,
-            calibration=self.calibration,
-            period=self._session.figures(),
-        )
-        message = DiagnosticArray(status=[status])
+        message = DiagnosticArray(status=[self._status()])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publish(self._diagnostics, message)
+
+    def _status(self) -> DiagnosticStatus:
+        state, driver, latched = self._node.lifecycle_state, self._session.driver, self._e_stop.latched
+        level, message = DiagnosticStatus.OK, state
+        values: dict[str, object] = {"state": state, "e_stop": latched, "reconnects": self.reconnects}
+        if driver is not None:
+            age, counts = driver.command_age, driver.counts
+            if state == "active":
+                if driver.waiting:
+                    message = "active, waiting for the board to start"
+                else:
+                    message = f"active, {driver.motion.mode}"
+                    level = DiagnosticStatus.OK if driver.motion.mode == "track" else DiagnosticStatus.WARN
+                if driver.takeover.pending and not driver.waiting:
+                    why = driver.takeover.reason or "sending has begun"
+                    message, level = f"active, requesting the board's pose: {why}", DiagnosticStatus.ERROR
+            values |= {
+                "port": driver.port or "none",
+                "mode": driver.motion.mode,
+                "packets sent": counts.packets,
+                "servo bytes": " ".join(map(str, driver.sent_bytes or ())) or "none",
+                "command age [s]": "none" if age is None else f"{age:.3f}",
+                "takeovers": driver.takeover.count,
+                "commands clipped": driver.motion.clipped,
+                "commands refused": counts.refused,
+                "last refusal": counts.last_refusal or "none",
+                "byte 100 replaced": counts.avoided,
+                "calibration": self.calibration or "none",
+            }
+            values |= _link_values(driver)
+        period = self._session.figures()
+        if period is not None:
+            values |= {
+                "send period [ms]": f"{period.mean_s * 1e3:.2f}",
+                "send period off by [ms]": f"{period.worst_s * 1e3:.2f}",
+                "packets left out": period.missed,
+            }
+        if latched:
+            level, message = DiagnosticStatus.WARN, f"{state}, e-stop latched"
+        if self.trouble:
+            level, message = DiagnosticStatus.ERROR, self.trouble
+        return DiagnosticStatus(
+            level=level,
+            name=f"{self._node.get_fully_qualified_name().lstrip('/')}: servo board",
+            message=message,
+            hardware_id="" if driver is None else driver.port,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
 
     def _sending(self) -> bool:
         driver = self._session.driver

@@ -55,10 +55,7 @@ class VirtualBoardNode(BoardNode):
 
     Args:
         described: Board of the robot; None takes the one of the parameter `robot`.
-        link: Path of a link to the port; None takes the parameter `link` (empty: no link).
-        show: Whether to write the port's name and a status line to standard output.
-        node_name: Name of the node.
-        **node_kwargs: Passed on to rclpy's Node.
+        link, show, node_name, **node_kwargs: As for `BoardNode`.
 
     Raises:
         PortError: the link cannot be made.
@@ -87,10 +84,10 @@ class VirtualBoardNode(BoardNode):
         self.board = VirtualBoard(servos, self.link_path, protocol=protocol or AUTO, log_length=LOG_LENGTH)
         self._published_count = 0
         self._in_degrees = self.board.model.largest <= 255
+        self._message_type = UInt8MultiArray if self._in_degrees else UInt16MultiArray
+        topic = f"virtual_board/servo_{'bytes' if self._in_degrees else 'pulses'}"
         self._pose_publisher: Publisher = self.create_publisher(
-            UInt8MultiArray if self._in_degrees else UInt16MultiArray,
-            f"virtual_board/servo_{'bytes' if self._in_degrees else 'pulses'}",
-            QoSProfile(depth=10),
+            self._message_type, topic, QoSProfile(depth=10)
         )
         self.begin("virtual board", PUBLISH_PERIOD_S)
 
@@ -98,11 +95,9 @@ class VirtualBoardNode(BoardNode):
     def pose_text(self) -> str:
         """Newest command of the servos and the number of dropped packets, as text for the status line."""
         servo_bytes, unit = self.board.servo_bytes, "°" if self._in_degrees else ""
-        pose = (
-            "not commanded yet"
-            if servo_bytes is None
-            else " ".join(f"{value:3d}{unit}" for value in servo_bytes)
-        )
+        pose = "not commanded yet"
+        if servo_bytes is not None:
+            pose = " ".join(f"{value:3d}{unit}" for value in servo_bytes)
         return f"servos {pose}  dropped {self.board.dropped}"
 
     def publish_pose(self) -> None:
@@ -111,9 +106,7 @@ class VirtualBoardNode(BoardNode):
         if accepted != self._published_count and servo_bytes is not None and self.context.ok():
             self._published_count = accepted
             data = bytes(servo_bytes) if self._in_degrees else array("H", servo_bytes)
-            self._pose_publisher.publish(
-                (UInt8MultiArray if self._in_degrees else UInt16MultiArray)(data=data)
-            )
+            self._pose_publisher.publish(self._message_type(data=data))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -142,9 +142,13 @@ class DynamixelProtocol(BoardProtocol):
         data = packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(goals, b"\x00"))
         data += packets.sync_write(table.PROFILE, {each: self._profile(each) for each in goals})
         data += self._encode_goals(goals)
-        if ready := [
-            each for each, state in self._states.items() if state.torque or self._may_wake(each, state)
-        ]:
+        ready = [
+            each
+            for each, state in self._states.items()
+            if state.torque  # or it has just reported its position as its goal
+            or (self._asked[each] <= STALE and abs(state.goal - state.position) <= DEAD_BAND)
+        ]
+        if ready:
             data += packets.sync_write(table.TORQUE_ENABLE, dict.fromkeys(ready, b"\x01"))
             data += packets.sync_write(table.BUS_WATCHDOG, dict.fromkeys(ready, bytes([WATCHDOG])))
         self._goals = goals
@@ -337,10 +341,6 @@ class DynamixelProtocol(BoardProtocol):
         if goal is not None and (self._asked[servo_id] > STALE or abs(position - goal) <= DEAD_BAND):
             position = goal
         return min(max(position, servo.pulse_min), servo.pulse_max)
-
-    def _may_wake(self, servo_id: int, state: ServoState) -> bool:
-        """Return whether a servo without torque has just reported its position as its goal."""
-        return self._asked[servo_id] <= STALE and abs(state.goal - state.position) <= DEAD_BAND
 
     def _is_armed(self, servo_id: int) -> bool:
         """Return whether a servo has torque, its watchdog and its profile."""

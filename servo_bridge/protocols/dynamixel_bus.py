@@ -347,12 +347,15 @@ class DynamixelBus(BoardModel):
         if packet.instruction == Instruction.SYNC_WRITE and len(body) >= 4:
             return self._sync_write(body)
         if packet.instruction in (Instruction.SYNC_READ, Instruction.BULK_READ):
-            self._read_all(packet.instruction, body)
+            for servo_id, address, size in _places(packet.instruction, body):
+                servo = self.servos.get(servo_id)
+                if servo is None or not servo.answers:
+                    break  # they respond in turn, and none after a missing one
+                self._respond(servo_id, servo.read(address, size))
         elif packet.servo_id == BROADCAST:
-            if packet.instruction == Instruction.PING:
-                for servo_id, servo in sorted(self.servos.items()):
-                    if servo.answers:
-                        self._ask(servo_id, packet)
+            for servo_id, servo in sorted(self.servos.items()):
+                if packet.instruction == Instruction.PING and servo.answers:
+                    self._ask(servo_id, packet)
         elif packet.servo_id in self.servos and self.servos[packet.servo_id].answers:
             self._ask(packet.servo_id, packet)
         return False
@@ -365,14 +368,6 @@ class DynamixelBus(BoardModel):
             if servo is not None and servo.answers and servo.write(address, data) is None:
                 taken.add(body[at])
         return address == table.GOAL_POSITION and taken == set(self.servos)
-
-    def _read_all(self, instruction: int, body: bytes) -> None:
-        """Let the servos respond in turn; none responds after a missing one."""
-        for servo_id, address, size in _places(instruction, body):
-            servo = self.servos.get(servo_id)
-            if servo is None or not servo.answers:
-                return
-            self._respond(servo_id, servo.read(address, size))
 
     def _ask(self, servo_id: int, packet: Packet) -> None:
         servo, body = self.servos[servo_id], packet.parameters

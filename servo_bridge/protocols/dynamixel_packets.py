@@ -187,13 +187,17 @@ class PacketStream:
         self._data += data
         found: list[Packet] = []
         while (end := self._whole()) is not None:
-            taken = _parse_packet(bytes(self._data[:end])) if end else None
-            if taken is None:
+            data = bytes(self._data[:end])
+            whole = end > 0 and crc16(data[:-2]) == int.from_bytes(data[-2:], "little")
+            body = data[_BEFORE_INSTRUCTION:-2].replace(_STUFFED, _PATTERN)
+            status = whole and body[0] == Instruction.STATUS
+            if not whole or (status and len(body) < 2):  # a status has an error byte
                 self.damaged += 1
                 del self._data[:1]
-            else:
-                found.append(taken)
-                del self._data[:end]
+                continue
+            del self._data[:end]
+            error, parameters = (body[1], body[2:]) if status else (0, body[1:])
+            found.append(Packet(data[4], body[0], parameters, error))
         return found
 
     def _whole(self) -> int | None:
@@ -213,16 +217,6 @@ class PacketStream:
         if self._data.find(HEADER, len(HEADER), end - 2) >= 0:
             return 0  # stuffing keeps headers out of packets, but for the CRC: this one was cut short
         return end if len(self._data) >= end else None
-
-
-def _parse_packet(data: bytes) -> Packet | None:
-    """Parse a packet; return None if its CRC is wrong, or if it is a status without an error byte."""
-    if crc16(data[:-2]) != int.from_bytes(data[-2:], "little"):
-        return None
-    body = data[_BEFORE_INSTRUCTION:-2].replace(_STUFFED, _PATTERN)
-    if body[0] != Instruction.STATUS:
-        return Packet(data[4], body[0], body[1:])
-    return Packet(data[4], body[0], body[2:], body[1]) if len(body) > 1 else None
 
 
 def _is_id(value: int) -> bool:
