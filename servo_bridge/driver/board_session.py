@@ -76,9 +76,7 @@ class Recovery:
         self.tries += 1
 
 
-LOOK_PERIOD_S = 0.1
-"""Interval in [s] at which a waiting call checks whether the thread has ended."""
-
+LOOK_PERIOD_S = 0.1  # interval in [s] at which a waiting call checks whether the thread has ended
 SETTLING_MARGIN_S = 2.0
 """Time in [s] beyond its limit that settling is waited for; covers braking and the rest packets."""
 
@@ -142,7 +140,8 @@ class BoardSession:
         driver.connect(port, open_wait_s)
         self.driver = driver
         self._stable_port, self._usb = stable_name(port), usb_identity(port)
-        self._stand_by(driver)
+        driver.stand_by()
+        self._start_writer(driver)
 
     def open_again(self, port: str, open_wait_s: float) -> None:
         """Open the port of the same board again, whatever its number is now.
@@ -179,7 +178,8 @@ class BoardSession:
         if usb_identity(name) != self._usb:
             driver.disconnect()
             raise PortError(name, f"another device is on {name}; plug in the one that was configured")
-        self._stand_by(driver)
+        driver.stand_by()
+        self._start_writer(driver)
 
     def start(self) -> None:
         """Start to send from the board's present pose; a thread that died is replaced."""
@@ -242,10 +242,6 @@ class BoardSession:
     def figures(self) -> PeriodFigures | None:
         """Return how regularly packets are sent; None while none are."""
         return self._writer.figures() if self._writer is not None and self.sending else None
-
-    def _stand_by(self, driver: ServoDriver) -> None:
-        driver.stand_by()
-        self._start_writer(driver)
 
     def _start_writer(self, driver: ServoDriver) -> None:
         self._end_writer()

@@ -139,9 +139,7 @@ def _apply_entry(servo: AnyServo, entry: dict[str, Any], file: Path, where: str)
         raise ConfigError(file, where, str(error)) from error
 
 
-Ask = Callable[[str], str]
-"""Shows a question and returns the line that the user typed."""
-
+Ask = Callable[[str], str]  # shows a question and returns the line that the user typed
 Say = Callable[[str], None]
 
 SMALL_MOVE_DEG, MOVE_TIMEOUT_S, START_TIMEOUT_S = 10.0, 15.0, 10.0

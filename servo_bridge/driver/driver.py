@@ -31,55 +31,7 @@ REST_REPEATS = 3
 """Number of repetitions of the last packets, since one lost byte must not decide where the servos stop."""
 
 PoselessPacket: TypeAlias = Literal[Ability.HOLD, Ability.RELAX]
-Mode: TypeAlias = Literal["listen", "follow", "settle"]
-
-
-class DriverMode:
-    """The mode of the driver (listen, follow or settle), and the progress of settling.
-
-    Attributes:
-        mode: The mode; in "listen" no pose is sent, in "settle" the servos move to the rest pose at the end.
-        settled: Set while the servos are not settling.
-    """
-
-    def __init__(self) -> None:
-        self.mode: Mode = "follow"
-        self.settled = threading.Event()
-        self.settled.set()
-        self._settle_until = 0.0
-        self._rest_packets = 0  # sent at the end of settling
-
-    @property
-    def arrived(self) -> bool:
-        """Whether the newest settling ended at the rest pose."""
-        return self._rest_packets >= REST_REPEATS
-
-    def settle(self, until: float) -> None:
-        """Move to the rest pose; after the time `until` in [s], brake and stop on the way."""
-        self.mode, self._rest_packets = "settle", 0
-        self._settle_until = until
-        self.settled.clear()
-
-    def end(self) -> None:
-        """Only listen from now on."""
-        self.mode = "listen"
-        self.settled.set()
-
-    def step(self, motion: ServoMotion, now: float) -> tuple[float, ...]:
-        """Return the next pose to send, in [rad]."""
-        if self.mode != "settle":
-            return motion.step(now)
-        return motion.brake(now) if now >= self._settle_until else motion.step_to_rest(now)
-
-    def record_sent(self, motion: ServoMotion, now: float) -> bool:
-        """Record that the pose of `step` was sent; return whether settling ends with it.
-
-        Settling ends at the rest pose, or when its time is over and the servos have stopped.
-        """
-        if self.mode != "settle":
-            return False
-        self._rest_packets += motion.at_rest
-        return self.arrived or (now >= self._settle_until and motion.standing)
+Mode: TypeAlias = Literal["listen", "follow", "settle"]  # in "listen" no pose is sent
 
 
 SLOWEST_HZ, FASTEST_HZ = 10.0, 200.0
@@ -128,6 +80,7 @@ class ServoDriver:
         open_port: Opens a port by its name and baud rate.
 
     Attributes:
+        clock: The clock.
         link: State of the open port; None without one.
         motion: The motion that the servos are commanded.
         takeover: Whether and why the board has to be asked for its pose before a pose is sent.
@@ -177,7 +130,7 @@ class ServoDriver:
         self._transport: Transport | None = None
         self._reader: Reader | None = None
         self._met: MetBoard | None = None  # of a port that is closed again
-        self._clock, self._wait, self._open_port = clock, wait, open_port
+        self.clock, self._wait, self._open_port = clock, wait, open_port
         self.protocol = protocols[0].name if len(protocols) == 1 else AUTO
         self.may_speak = any(Ability.DETECT in each.abilities for each in protocols)
         self.servo_joints = tuple(servo.joint for servo in self.servos)
@@ -193,8 +146,11 @@ class ServoDriver:
         self.set_timing(settings or MotionSettings())
         self.avoid_byte_100 = avoid_byte_100
         self.counts = DriverCounts()
-        self._mode = DriverMode()
-        self.settled = self._mode.settled
+        self._mode: Mode = "follow"
+        self.settled = threading.Event()
+        self.settled.set()
+        self._settle_until = 0.0
+        self._rest_packets = 0  # sent at the end of settling
         self.takeover = Takeover(self.motion, self._lock)
         self._has_sent = False  # the last tick sent a pose, or the command to hold
         self.sent_bytes: tuple[int, ...] | None = None
@@ -223,7 +179,7 @@ class ServoDriver:
     @property
     def link_state(self) -> str | None:
         """Name of the protocol in use, or WAITING while it is not known yet; None without a port."""
-        return None if self.link is None else self.link.state(self._clock())
+        return None if self.link is None else self.link.state(self.clock())
 
     @property
     def holds(self) -> bool | None:
@@ -234,17 +190,12 @@ class ServoDriver:
     @property
     def telemetry_age(self) -> float | None:
         """Time in [s] since the newest message that identifies the protocol; None before the first."""
-        return None if self.link is None else self.link.telemetry_age(self._clock())
-
-    @property
-    def tilt_age(self) -> float | None:
-        """Time in [s] since the newest reading of the board's IMU; None before the first."""
-        return None if self.link is None else self.link.tilt_age(self._clock())
+        return None if self.link is None else self.link.telemetry_age(self.clock())
 
     @property
     def command_age(self) -> float | None:
         """Time in [s] since the newest accepted command; None before the first."""
-        return self.motion.command_age(self._clock())
+        return self.motion.command_age(self.clock())
 
     @property
     def sending(self) -> bool:
@@ -283,10 +234,10 @@ class ServoDriver:
         with self._lock:
             boards = [each(self.board) for each in self._candidates]
             before = self._met if again else None
-            self.link = BoardLink(transport.port, boards, quiet_s, self._clock(), before, silent_allowed)
+            self.link = BoardLink(transport.port, boards, quiet_s, self.clock(), before, silent_allowed)
             self._transport = transport
-            self._reader = Reader(transport, self.link, self._clock, self._on_tilt)
-            self._mode.mode = "follow"
+            self._reader = Reader(transport, self.link, self.clock, self._on_tilt)
+            self._mode = "follow"
             self.takeover.record_opening()
 
     def disconnect(self, *, relax: bool = False) -> None:
@@ -326,9 +277,9 @@ class ServoDriver:
         Earlier commands do not count.
         """
         with self._lock:
-            self.motion.start(self._clock())
+            self.motion.start(self.clock())
             self.takeover.start()
-            self._mode.mode = "follow"
+            self._mode = "follow"
 
     def stand_by(self) -> None:
         """Only listen from now on; while the e-stop is latched, ticks still send hold to a board that can."""
@@ -374,13 +325,13 @@ class ServoDriver:
             if command.keys().isdisjoint(self.servo_joints):
                 return
             with self._lock:
-                now = self._clock()
+                now = self.clock()
                 goals = zip(self.servo_joints, self.motion.goal(now), strict=True)
                 self.motion.command([command.get(name, goal) for name, goal in goals], now)
 
     def _command(self, angles_rad: Sequence[float]) -> None:
         with self._lock:
-            self.motion.command(angles_rad, self._clock())
+            self.motion.command(angles_rad, self.clock())
 
     def refuse(self, error: CommandError) -> None:
         """Count a refused command and store its message."""
@@ -407,7 +358,7 @@ class ServoDriver:
         """
         latched = self.motion.e_stop.latched
         try:
-            sent = self._tick(self._clock())
+            sent = self._tick(self.clock())
             self._has_sent = sent is not None
             return sent
         except PortError:
@@ -430,7 +381,9 @@ class ServoDriver:
             if self._transport is None or self.motion.e_stop.latched or not self.takeover.moved:
                 self._stop_sending()
                 return False
-            self._mode.settle(self._clock() + timeout_s)
+            self._mode, self._rest_packets = "settle", 0
+            self._settle_until = self.clock() + timeout_s
+            self.settled.clear()
             return True
 
     def settle(self, timeout_s: float = 1.5, sent: Callable[[], None] = lambda: None) -> bool:
@@ -453,7 +406,7 @@ class ServoDriver:
     @property
     def arrived(self) -> bool:
         """Whether the newest settling ended at the rest pose."""
-        return self._mode.arrived
+        return self._rest_packets >= REST_REPEATS
 
     def hold_board(self) -> None:
         """Command the board to hold, if it can; for a caller that finds the ticks ended."""
@@ -472,13 +425,13 @@ class ServoDriver:
             self._ask()
             return None
         if self.motion.e_stop.latched:
-            if self._mode.mode == "settle":
+            if self._mode == "settle":
                 self._stop_sending()
             if self._say(Ability.HOLD):
                 self.takeover.record_hold()
                 self.counts.packets += 1
                 return self.sent_bytes
-        restarted, listens = link.take_restart(), self._mode.mode == "listen"
+        restarted, listens = link.take_restart(), self._mode == "listen"
         self.counts.restarts += restarted
         self.takeover.look(link, now, stalled_s, restarted=restarted, listens=listens)
         if listens:
@@ -493,7 +446,12 @@ class ServoDriver:
         """Write the next pose of the present mode."""
         with self._lock:
             before = self.motion.positions
-            positions = self._mode.step(self.motion, now)
+            if self._mode != "settle":
+                positions = self.motion.step(now)
+            elif now >= self._settle_until:
+                positions = self.motion.brake(now)
+            else:
+                positions = self.motion.step_to_rest(now)
         try:
             with link.speaking() as board:
                 board.avoid_byte_100 = self.avoid_byte_100
@@ -510,8 +468,10 @@ class ServoDriver:
         self.sent_bytes = packet.servo_bytes
         self._applied = packet.angles_rad if measured is None else tuple(measured)
         with self._lock:
-            if self._mode.record_sent(self.motion, now):
-                self._stop_sending()
+            if self._mode == "settle":  # ends at rest, or, when its time is over, where the servos stop
+                self._rest_packets += self.motion.at_rest
+                if self.arrived or (now >= self._settle_until and self.motion.standing):
+                    self._stop_sending()
         return packet.servo_bytes
 
     def _holds(self) -> Sequence[PoselessPacket]:
@@ -534,7 +494,8 @@ class ServoDriver:
             transport.write(question)
 
     def _stop_sending(self) -> None:
-        self._mode.end()
+        self._mode = "listen"
+        self.settled.set()
         self._has_sent = False
 
     def applied_angles(self) -> tuple[float, ...]:

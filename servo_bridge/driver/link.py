@@ -18,17 +18,12 @@ from servo_bridge import PortError
 from servo_bridge.driver.ports import Transport
 from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
 
-TELEMETRY_TIMEOUT_S = 0.5
-"""A board that has sent telemetry is lost after this time in [s] without any."""
-
+TELEMETRY_TIMEOUT_S = 0.5  # A board that has sent telemetry is lost after this time in [s] without any
 LONGEST_LOOK_S = 0.1
 """Most time in [s] that one check of the port counts for; in a longer gap this computer was asleep."""
 
-LONGEST_TURN_S = 0.5
-"""Longest wait in [s] for the protocol object; after it the protocol counts as hanging."""
-
-BANNER_GRACE_S = 1.0
-"""Time in [s] beyond the quiet time in which a board may identify itself, if it has to."""
+LONGEST_TURN_S = 0.5  # longest wait in [s] for the protocol object; after it the protocol counts as hanging
+BANNER_GRACE_S = 1.0  # time in [s] beyond the quiet time in which a board may identify itself, if it has to
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,10 +96,7 @@ class BoardLink:
     # Called by the reading side
 
     def receive(self, data: bytes, now: float) -> tuple[TiltReading, ...]:
-        """Process what the port returned at `now`, which may be nothing.
-
-        Returns:
-            IMU readings contained in it.
+        """Process what the port returned at `now`, which may be nothing; return the IMU readings in it.
 
         Raises:
             PortError: the protocol failed.
@@ -242,10 +234,7 @@ class BoardLink:
         return Ability.DETECT in self._boards[-1].abilities
 
     def take_restart(self) -> bool:
-        """Return whether the board has (re)started since the last call, and reset that flag.
-
-        A board that has restarted needs its limits and a pose again.
-        """
+        """Return whether the board has (re)started since the last call, and so needs limits and a pose."""
         with self.speaking():
             restarted, self._restarted = self._restarted, False
             return restarted
@@ -268,11 +257,7 @@ def _describe_board(protocol: str, identity: str) -> str:
 class Reader:
     """A thread that passes everything from a port to a link until the port fails or `stop` is called.
 
-    Args:
-        source: The port.
-        link: Receives the bytes.
-        clock: Steady clock in [s].
-        on_tilt: Called in this thread with every reading of an IMU.
+    `clock` is a steady clock in [s]; `on_tilt` is called in this thread with every reading of an IMU.
     """
 
     def __init__(

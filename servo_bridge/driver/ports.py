@@ -77,14 +77,20 @@ class SerialTransport:
     def write(self, packet: bytes) -> None:
         """Send one packet, in one write if the port has room for it.
 
-        Only the port decides whether it accepts data. Pyserial's own time limit reads the clock after it has
-        written: if this process is paused there, it reports a failure for a packet that was sent.
-
         Raises:
             PortError: the port vanished, was closed, or accepts no data for 0.2 s.
         """
+        # Only the port decides whether it accepts data. Pyserial's own time limit reads the clock after it
+        # has written: if this process is paused there, it reports a failure for a packet that was sent.
         while packet:
-            taken = self._take(packet)
+            taken = 0
+            try:
+                _, ready, _ = select.select([], [self._serial.fileno()], [], WRITE_TIMEOUT_S)
+                taken = os.write(self._serial.fileno(), packet) if ready else 0
+            except BlockingIOError:
+                pass
+            except (OSError, TypeError) as error:  # TypeError: another thread closed the port
+                raise PortError(self.port, self._describe_loss()) from error
             if not taken:
                 raise PortError(
                     self.port,
@@ -92,16 +98,6 @@ class SerialTransport:
                     " in",
                 )
             packet = packet[taken:]
-
-    def _take(self, packet: bytes) -> int:
-        """Return the number of bytes that the port accepts once it has room; 0 after 0.2 s without room."""
-        try:
-            _, ready, _ = select.select([], [self._serial.fileno()], [], WRITE_TIMEOUT_S)
-            return os.write(self._serial.fileno(), packet) if ready else 0
-        except BlockingIOError:
-            return 0
-        except (OSError, TypeError) as error:  # TypeError: another thread closed the port
-            raise PortError(self.port, self._describe_loss()) from error
 
     def read(self) -> bytes:
         """Return what was received; wait for the first byte for 0.05 s at most.
@@ -118,10 +114,8 @@ class SerialTransport:
 
     def cancel_read(self) -> None:
         """End a `read` that waits in another thread."""
-        try:
+        with contextlib.suppress(OSError, AttributeError):  # vanished or closed: nothing waits any more
             self._serial.cancel_read()
-        except (OSError, AttributeError):  # vanished or closed: nothing waits any more
-            return
 
     def close(self) -> None:
         """Close the port; a second call, or one on a vanished port, does nothing."""
@@ -337,9 +331,7 @@ def _error_number(error: BaseException | None) -> int | None:
     return None
 
 
-BY_ID = Path("/dev/serial/by-id")
-"""Folder of links that keep their names when a port's number changes."""
-
+BY_ID = Path("/dev/serial/by-id")  # folder of links that keep their names when a port's number changes
 BOARD_USB_IDS = {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243), (0x2341, 0x006A)}
 """Vendor and product ids of genuine Uno boards."""
 

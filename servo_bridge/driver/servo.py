@@ -7,6 +7,9 @@ every angle is the same on every machine (math.degrees multiplies by a rounded 1
 last bit, which floor turns into a whole degree).
 
 pulse = clip( round( sign * angle * 4096 / (2 pi) ) + zero_pulse,  pulse_min,  pulse_max )
+
+An angle that is not finite, or a wrong number of angles, raises CommandError; a byte outside 0..180, or a
+wrong number of bytes, raises PacketError. Nothing is converted then.
 """
 
 from __future__ import annotations
@@ -23,8 +26,7 @@ from softsim_core.scene import BusServo, ServoCalibration
 PULSE_MIN_US, PULSE_US_PER_180 = 544, 1856
 """A servo byte of `a` degrees is a pulse of 544 + a * 1856 / 180 in [us]."""
 
-_ANGLE_STEP = 2.0**-50
-"""A few units in the last place of an angle below 8 rad, in [rad]."""
+_ANGLE_STEP = 2.0**-50  # A few units in the last place of an angle below 8 rad, in [rad]
 
 
 def _degrees_on_servo(angle_rad: float, servo: ServoCalibration) -> float:
@@ -33,11 +35,7 @@ def _degrees_on_servo(angle_rad: float, servo: ServoCalibration) -> float:
 
 
 def angle_to_byte(angle_rad: float, servo: ServoCalibration) -> int:
-    """Return the degree byte of a joint angle in [rad], clipped to the servo's range.
-
-    Raises:
-        CommandError: the angle is not a finite number.
-    """
+    """Return the degree byte of a joint angle in [rad], clipped to the servo's range."""
     # `BoardProtocol.encode` has checked poses; other callers would see infinity clipped to the servo's range.
     if not math.isfinite(angle_rad):
         raise CommandError(
@@ -52,9 +50,6 @@ def byte_to_angle(servo_byte: int, servo: ServoCalibration) -> float:
     """Return the nominal joint angle in [rad] of a degree byte: the lower edge of the byte's interval.
 
     It is the exact inverse: `angle_to_byte(byte_to_angle(b, servo), servo) == b` for every byte in range.
-
-    Raises:
-        PacketError: the byte lies outside 0..180.
     """
     if not 0 <= servo_byte <= 180:
         raise PacketError(f"servo byte {servo_byte} for joint {servo.joint} refused: allowed are 0..180")
@@ -71,9 +66,6 @@ def angle_to_width(angle_rad: float, servo: ServoCalibration) -> int:
     """Return the pulse width in whole [us] of a joint angle in [rad], clipped to the servo's range.
 
     It is finer than a byte. At the nominal angle of a byte it is that byte's width, `byte_to_width`.
-
-    Raises:
-        CommandError: the angle is not a finite number.
     """
     angle_to_byte(angle_rad, servo)  # raises if the angle is not finite
     lowest, highest = servo.byte_min - servo.zero_byte, servo.byte_max - servo.zero_byte
@@ -94,11 +86,7 @@ def width_limits(servo: ServoCalibration) -> tuple[int, int, int]:
 
 
 def angles_to_bytes(angles_rad: Sequence[float], servos: Sequence[ServoCalibration]) -> tuple[int, ...]:
-    """Return degree bytes of joint angles in [rad], one per servo in packet order, clipped to their ranges.
-
-    Raises:
-        CommandError: wrong number of angles, or one that is not finite; nothing is converted.
-    """
+    """Return degree bytes of joint angles in [rad], one per servo in packet order, clipped to its range."""
     if len(angles_rad) != len(servos):
         raise CommandError(
             f"packet of {len(angles_rad)} angles refused: the board has {len(servos)} servos"
@@ -108,11 +96,7 @@ def angles_to_bytes(angles_rad: Sequence[float], servos: Sequence[ServoCalibrati
 
 
 def bytes_to_angles(servo_bytes: Sequence[int], servos: Sequence[ServoCalibration]) -> tuple[float, ...]:
-    """Return nominal joint angles in [rad] of the servo bytes of a packet, in packet order, without header.
-
-    Raises:
-        PacketError: wrong number of bytes, or one outside 0..180.
-    """
+    """Return nominal joint angles in [rad] of the servo bytes of a packet without its header, in order."""
     if len(servo_bytes) != len(servos):
         raise PacketError(f"{len(servo_bytes)} servo bytes for {len(servos)} servos")
     return tuple(byte_to_angle(value, servo) for value, servo in zip(servo_bytes, servos, strict=True))
@@ -131,16 +115,11 @@ def width_to_byte(width_us: float) -> float:
 PULSES_PER_RAD = 4096.0 / (2.0 * math.pi)
 """Pulses per [rad]."""
 
-_SLACK = 1e-9
-"""Fraction of a pulse by which rounding may miss the pulse of a limit."""
+_SLACK = 1e-9  # fraction of a pulse by which rounding may miss the pulse of a limit
 
 
 def angle_to_pulse(angle_rad: float, servo: BusServo) -> int:
-    """Return the pulse of a joint angle in [rad], rounded, clipped to the servo's range.
-
-    Raises:
-        CommandError: the angle is not a finite number.
-    """
+    """Return the pulse of a joint angle in [rad], rounded, clipped to the servo's range."""
     if not math.isfinite(angle_rad):
         raise CommandError(
             f"angle {angle_rad} for joint {servo.joint} refused: expected a finite number of radians"

@@ -11,9 +11,7 @@ from servo_bridge.driver.safety import ServoMotion
 from servo_bridge.protocols import Ability, BoardProtocol
 from softsim_core.physics.mechanics import check_command
 
-MOST_MESSAGES = 20
-"""Messages stored until they are reported; older ones are dropped."""
-
+MOST_MESSAGES = 20  # messages stored until they are reported; older ones are dropped
 STALL_S = 0.4
 """A longer time between ticks in [s] is a stall of the bridge; our firmware holds after 0.5 s by itself."""
 

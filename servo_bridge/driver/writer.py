@@ -13,11 +13,8 @@ from dataclasses import dataclass
 HANG_S = 1.0
 """A call that has lasted this long in [s] counts as hanging: five times what a write may take."""
 
-LONGEST_LOOK_S = 0.15
-"""Most time in [s] that one check counts for; in a longer gap this computer was asleep."""
-
-JOIN_S = 1.0
-"""Longest wait in [s] for the end of a thread, or of a call that may hang."""
+LONGEST_LOOK_S = 0.15  # most time in [s] that one check counts for; in a longer gap this computer was asleep
+JOIN_S = 1.0  # longest wait in [s] for the end of a thread, or of a call that may hang
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +74,7 @@ class PeriodicThread:
         """Wait for the end of the thread; call it without a lock that `tick` takes.
 
         Returns:
-            True if the thread has ended, or ends with the call from which it was joined; False if `tick`
-            hangs.
+            True if it has ended, or ends with the call from which it was joined; False if `tick` hangs.
         """
         if self._thread is threading.current_thread():
             return True

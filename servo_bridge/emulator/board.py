@@ -38,52 +38,6 @@ class Pulse(NamedTuple):
         return self.width * 1e6 / FREQUENCY
 
 
-class PulseLog:
-    """Collects edges of the servo pins into pulses.
-
-    Args:
-        length: Number of pulses stored; older ones are dropped.
-
-    Attributes:
-        pulses: Whole pulses, oldest first.
-        cut: Pulses that a reset cut short (the pins float from then on); not in `pulses`.
-    """
-
-    def __init__(self, length: int) -> None:
-        self.pulses: deque[Pulse] = deque(maxlen=length)
-        self.cut: list[Pulse] = []
-        self._rise: list[int | None] = [None] * CHANNELS
-        self._last: list[Pulse | None] = [None] * CHANNELS
-
-    def edge(self, channel: int, level: int, cycle: int) -> None:
-        """Process an edge."""
-        rise = self._rise[channel]
-        if level:
-            self._rise[channel] = cycle if rise is None else rise
-        elif rise is not None:
-            self._rise[channel] = None
-            self._last[channel] = pulse = Pulse(channel, rise, cycle - rise)
-            self.pulses.append(pulse)
-
-    def reset(self, cycle: int) -> None:
-        """Record a reset of the processor: a pulse in progress ends here."""
-        for channel, rise in enumerate(self._rise):
-            if rise is not None:
-                self.cut.append(Pulse(channel, rise, cycle - rise))
-        self._rise = [None] * CHANNELS
-        self._last = [None] * CHANNELS
-
-    def last(self, cycle: int) -> tuple[Pulse, ...] | None:
-        """Return the newest pulse of each pin; None if a pin has had none for two periods."""
-        newest = tuple(pulse for pulse in self._last if pulse and cycle - pulse.start <= QUIET_CYCLES)
-        return newest if len(newest) == CHANNELS else None
-
-    def clear(self) -> None:
-        """Drop the pulses so far."""
-        self.pulses.clear()
-        self.cut.clear()
-
-
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "tripod.hex"
 """The firmware of this package."""
 
@@ -119,14 +73,17 @@ class EmulatedBoard:
         if bootloader is not None:
             image.append(read_image(bootloader))
         start = 0 if bootloader is None else image[-1][0]
-        self._log = PulseLog(log_length)
+        self._pulses: deque[Pulse] = deque(maxlen=log_length)
+        self._cut_pulses: list[Pulse] = []
+        self._rise: list[int | None] = [None] * CHANNELS  # cycle at which each pin rose, while it is high
+        self._last: list[Pulse | None] = [None] * CHANNELS
         self._sent = bytearray()
         self.processor = Processor(
             image,
             start,
-            self._log.edge,
+            self._take_edge,
             self._sent.append,
-            lambda: self._log.reset(self.processor.cycle),
+            self._cut,
             baud_rate,
         )
 
@@ -138,12 +95,12 @@ class EmulatedBoard:
     @property
     def pulses(self) -> list[Pulse]:
         """Whole pulses on the three pins, oldest first."""
-        return list(self._log.pulses)
+        return list(self._pulses)
 
     @property
     def cut_pulses(self) -> list[Pulse]:
-        """Pulses that a reset cut short."""
-        return list(self._log.cut)
+        """Pulses that a reset cut short (the pins float from then on); not in `pulses`."""
+        return list(self._cut_pulses)
 
     @property
     def transmitted(self) -> bytes:
@@ -168,7 +125,8 @@ class EmulatedBoard:
 
     def clear(self) -> None:
         """Drop the pulses and the sent bytes so far; the board runs on."""
-        self._log.clear()
+        self._pulses.clear()
+        self._cut_pulses.clear()
         self._sent.clear()
 
     def feed(self, data: bytes) -> None:
@@ -194,8 +152,9 @@ class EmulatedBoard:
 
     def widths_us(self) -> tuple[float, ...] | None:
         """Return the widths of the newest pulses on pins 9, 10, 11 in [us]; None without pulses."""
-        newest = self._log.last(self.processor.cycle)
-        return None if newest is None else tuple(pulse.width_us for pulse in newest)
+        since = self.processor.cycle - QUIET_CYCLES
+        newest = tuple(pulse.width_us for pulse in self._last if pulse and pulse.start >= since)
+        return newest if len(newest) == CHANNELS else None
 
     def settle(self, limit_s: float = 10.0) -> tuple[float, ...] | None:
         """Advance until the line is empty and the widths are the same for three periods, or `limit_s`.
@@ -217,14 +176,31 @@ class EmulatedBoard:
 
     def reset(self) -> None:
         """Press the reset button, as opening the port does on a real board."""
-        self._log.reset(self.processor.cycle)
+        self._cut()
         self.processor.reset(EXTERNAL)
 
     def power_cycle(self) -> None:
         """Switch the power off and on: the processor's memory is lost."""
-        self._log.reset(self.processor.cycle)
+        self._cut()
         self.processor.forget_memory()
         self.processor.reset(POWER_ON)
+
+    def _take_edge(self, channel: int, level: int, cycle: int) -> None:
+        rise = self._rise[channel]
+        if level:
+            self._rise[channel] = cycle if rise is None else rise
+        elif rise is not None:
+            self._rise[channel] = None
+            self._last[channel] = pulse = Pulse(channel, rise, cycle - rise)
+            self._pulses.append(pulse)
+
+    def _cut(self) -> None:
+        """Record a reset of the processor: a pulse in progress ends here."""
+        cycle = self.processor.cycle
+        for channel, rise in enumerate(self._rise):
+            if rise is not None:
+                self._cut_pulses.append(Pulse(channel, rise, cycle - rise))
+        self._rise, self._last = [None] * CHANNELS, [None] * CHANNELS
 
     def close(self) -> None:
         """Free the emulator's memory."""

@@ -20,9 +20,7 @@ from servo_bridge.emulator.board import EmulatedBoard, Pulse
 from servo_bridge.emulator.pty import MasterEnd, PtyBoard
 from servo_bridge.emulator.simavr import BAUD_RATE, EmulatorError
 
-SLICE_S = 0.004
-"""Virtual time advances in slices of about this length, in [s]."""
-
+SLICE_S = 0.004  # virtual time advances in slices of about this length, in [s]
 LARGEST_SLICE_S = 0.010
 LARGEST_LAG_S = 0.050
 LOG_LENGTH = 100_000

@@ -148,16 +148,10 @@ def read_image(path: Path | str) -> tuple[int, bytes]:
     return start, bytes(image)
 
 
-FREQUENCY = 16_000_000
-"""Cycles per second of the board's crystal."""
-
-BAUD_RATE = 115200
-"""Default speed of the line to the board."""
-
+FREQUENCY = 16_000_000  # cycles per second of the board's crystal
+BAUD_RATE = 115200  # default speed of the line to the board
 FLASH_SIZE = 0x8000
-POWER_ON, EXTERNAL = 1 << 0, 1 << 1
-"""Reset causes, as in the register MCUSR."""
-
+POWER_ON, EXTERNAL = 1 << 0, 1 << 1  # reset causes, as in the register MCUSR
 LIBRARY_VARIABLE = "SOFTSIM_SIMAVR"
 INSTALL = "install it with: sudo apt-get install libsimavr2 (Debian, Ubuntu)"
 

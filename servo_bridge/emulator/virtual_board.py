@@ -23,8 +23,7 @@ START_S = 0.2
 RESET_POWER_ON, RESET_EXTERNAL = 1, 2
 """Reset causes of a board that is plugged in, and of one with a port that is opened."""
 
-IDLE_POLL_S = 0.02
-"""Interval in [s] at which a port is checked that no program has open."""
+IDLE_POLL_S = 0.02  # interval in [s] at which a port is checked that no program has open
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,10 +60,6 @@ def joint_positions(data: bytes) -> dict[str, float]:
 def named_command(data: bytes, now_s: float) -> tuple[Sequence[str], Sequence[float]]:
     """Return the joint names and positions in [rad] of a serialised JointState; the names are not checked.
 
-    Args:
-        data: The serialised message.
-        now_s: Present time in [s], on the clock of its stamp.
-
     Raises:
         CommandError: the message is too long, damaged or too old, or it has more than positions.
     """
@@ -87,9 +83,7 @@ def _deserialize(data: bytes, message_type: type[Any]) -> Any:
         ) from error
 
 
-NAMED_DEPTH = 10
-"""Queue length for commands by name: each may be for other joints."""
-
+NAMED_DEPTH = 10  # queue length for commands by name: each may be for other joints
 REFUSAL_LOG_PERIOD_S = 2.0
 
 

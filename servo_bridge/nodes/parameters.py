@@ -162,15 +162,10 @@ def robot_namespace(node_name: str) -> str:
 def check(
     settings: BridgeSettings, changed: frozenset[str] = frozenset(), *, configured: bool = False
 ) -> None:
-    """Raise if the values cannot be used, for a reason that their ranges cannot express.
-
-    Args:
-        settings: The values after the change.
-        changed: Names of the parameters that are set.
-        configured: Whether the bridge is configured.
+    """Check the values after the parameters `changed` were set, for what their ranges cannot express.
 
     Raises:
-        ParameterError: the values cannot be used.
+        ParameterError: the values cannot be used while the bridge is, or is not, `configured`.
     """
     fixed = sorted(changed & FIXED_WHILE_CONFIGURED)
     if configured and fixed:
@@ -189,13 +184,7 @@ def assemble(
     e_stop: EStop,
     on_tilt: Callable[[TiltReading], None],
 ) -> tuple[ServoDriver, str]:
-    """Create the driver that the settings describe, and connect nothing.
-
-    Args:
-        settings: Settings of the bridge.
-        scene: A robot that is already loaded; None loads the one of the settings.
-        e_stop: The latch that the driver checks.
-        on_tilt: Called with every reading of a board's IMU.
+    """Create the driver that the settings describe, for the robot `scene`; None loads the one that they name.
 
     Returns:
         The driver, and the file of its servos' calibration (empty without one).

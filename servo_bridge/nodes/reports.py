@@ -22,19 +22,13 @@ from softsim_node import Facts, printable
 TILT_VARIANCE = math.radians(1.0) ** 2
 """Variance in [rad^2] of a tilt: about one degree, as small IMUs with sensor fusion specify."""
 
-HEADING_VARIANCE = math.pi**2
-"""Variance in [rad^2] of the heading, which is not measured."""
+HEADING_VARIANCE = math.pi**2  # variance in [rad^2] of the heading, which is not measured
 
 
 def imu_message(reading: TiltReading, frame: str, stamp: Any) -> Imu:
-    """Return the orientation of two tilts as a ROS message.
+    """Return the orientation of two tilts as a ROS message, for the sensor's frame and a ROS time.
 
     Rates and accelerations are marked as absent (first covariance -1).
-
-    Args:
-        reading: Tilts in [rad].
-        frame: Frame of the sensor.
-        stamp: Time of the reading, builtin_interfaces/Time.
     """
     message = Imu()
     message.header.stamp, message.header.frame_id = stamp, frame
@@ -62,7 +56,7 @@ def _link_values(driver: ServoDriver) -> dict[str, object]:
     age = driver.telemetry_age
     if age is not None:
         values |= {"telemetry age [s]": f"{age:.3f}", "board starts": driver.counts.restarts}
-    tilt_age = driver.tilt_age
+    tilt_age = link.tilt_age(driver.clock())
     if tilt_age is not None or Ability.IMU in abilities:
         values |= {
             "imu age [s]": "none" if tilt_age is None else f"{tilt_age:.3f}",

@@ -27,9 +27,7 @@ from servo_bridge.protocols.protocol import (
 )
 from softsim_core.scene import BoardDescription, Servo
 
-LONGEST_LINE = 80
-"""Number of characters after which a line without an end is dropped."""
-
+LONGEST_LINE = 80  # number of characters after which a line without an end is dropped
 _NUMBER = rb"[+-]?(?:\d{1,4}(?:\.\d{0,8})?|\.\d{1,8})"
 _LINE = re.compile(rb"\s*(" + _NUMBER + rb")\s*,\s*(" + _NUMBER + rb")\s*,[^,]*\Z")
 
@@ -105,8 +103,7 @@ class LineParser:
 ASCII_BAUD_RATE = 57600
 """Bits per second of boards that speak this protocol."""
 
-BYTE_LOW, BYTE_HIGH = 60, 180
-"""Range of servo bytes that such boards accept."""
+BYTE_LOW, BYTE_HIGH = 60, 180  # range of servo bytes that such boards accept
 
 
 class AsciiImuProtocol(BoardProtocol):

@@ -34,12 +34,8 @@ WATCHDOG = 25
 DEAD_BAND = 17
 """A servo closer than this in pulses is at its goal: one and a half degrees."""
 
-MOST_PINGS = 10
-"""A servo that did not respond to this many requests is missing."""
-
-STALE = 2
-"""Number of unanswered requests after which a servo's position is too old to stop at."""
-
+MOST_PINGS = 10  # A servo that did not respond to this many requests is missing
+STALE = 2  # number of unanswered requests after which a servo's position is too old to stop at
 PATIENCE = 2
 """Number of contradicting responses in a row; a single one may date from before."""
 

@@ -24,18 +24,10 @@ from types import MappingProxyType
 
 from servo_bridge import PacketError
 
-HEADER = b"\xff\xff\xfd\x00"
-"""First bytes of a packet."""
-
-BROADCAST = 0xFE
-"""Id that addresses all servos of a bus."""
-
-LARGEST_ID = 252
-"""Largest id of a servo; the smallest is 0."""
-
-ALERT = 0x80
-"""Bit of the error byte: the servo has a hardware error."""
-
+HEADER = b"\xff\xff\xfd\x00"  # first bytes of a packet
+BROADCAST = 0xFE  # id that addresses all servos of a bus
+LARGEST_ID = 252  # largest id of a servo; the smallest is 0
+ALERT = 0x80  # bit of the error byte: the servo has a hardware error
 _STUFFED, _PATTERN = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"
 _BEFORE_INSTRUCTION = len(HEADER) + 3
 _LEAST_LENGTH, _LARGEST_LENGTH = 3, 1024
@@ -232,24 +224,14 @@ MODELS: Mapping[int, str] = MappingProxyType(
 )
 """Servos with this control table and these units, by model number."""
 
-LEAST_FIRMWARE = 38
-"""First firmware version with a bus watchdog."""
-
-POSITION_MODE = 3
-"""Operating mode for positions within one turn."""
-
-VELOCITY_UNIT = 0.229 * 2.0 * math.pi / 60.0
-"""Unit of velocities in [rad/s]."""
-
-CURRENT_UNIT = 2.69e-3
-"""Unit of currents in [A]."""
-
+LEAST_FIRMWARE = 38  # first firmware version with a bus watchdog
+POSITION_MODE = 3  # operating mode for positions within one turn
+VELOCITY_UNIT = 0.229 * 2.0 * math.pi / 60.0  # unit of velocities in [rad/s]
+CURRENT_UNIT = 2.69e-3  # unit of currents in [A]
 WATCHDOG_UNIT_S, WATCHDOG_TRIPPED = 0.020, 255
 """Unit of the bus watchdog in [s], and its value once it has stopped the servo."""
 
-DRIVE_MODE_TIME_PROFILE = 0x04
-"""Bit of the drive mode: profiles are times, not speeds."""
-
+DRIVE_MODE_TIME_PROFILE = 0x04  # bit of the drive mode: profiles are times, not speeds
 TORQUE_ENABLE, BUS_WATCHDOG, PROFILE, GOAL_POSITION = 64, 98, 108, 116
 """Addresses that are written; PROFILE is acceleration (4) and velocity (4)."""
 

@@ -115,8 +115,7 @@ class PoseComparison:
 
 RESET_CAUSES = {1: "power-on", 2: "external (port opened, or button)", 4: "brown-out", 8: "watchdog"}
 
-MOST_QUESTIONS = 50
-"""A board that was asked for its number this often without an answer has none."""
+MOST_QUESTIONS = 50  # A board that was asked for its number this often without an answer has none
 
 
 def reset_cause_text(cause: int) -> str:

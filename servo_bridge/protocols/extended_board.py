@@ -27,9 +27,7 @@ FRAME_S = 0.020
 """Period of the servo pulses in [s]; the widths move once per period."""
 
 TICKS_PER_US = 2
-SLEW_US_PER_FRAME = 61.0
-"""Largest change of a width per pulse period in [us], unless SLEW sets another."""
-
+SLEW_US_PER_FRAME = 61.0  # largest change of a width per pulse period in [us], unless SLEW sets another
 PULSE_MAX_US = PULSE_MIN_US + PULSE_US_PER_180
 SLEW_MAX_US = 124
 
@@ -53,8 +51,7 @@ _COUNTER = 0xFFF
 class BoardMotion:
     """Widths of a board's servos, period by period; times are seconds of any steady clock.
 
-    Args:
-        last_ticks: Widths in ticks of the pulses before the reset; None after a loss of power.
+    `last_ticks` are the widths in ticks of the pulses before the reset; None after a loss of power.
 
     Attributes:
         started: Whether a pose was commanded since the reset; before that there are no pulses.

@@ -19,28 +19,18 @@ from enum import IntEnum, IntFlag
 
 from servo_bridge import PacketError
 
-FRAME_HEADER = 0xFE
-"""First byte of a frame; no other byte of a frame has this value."""
-
-PROTOCOL_VERSION = 2
-"""Protocol version in the banner of a board of this protocol."""
-
+FRAME_HEADER = 0xFE  # first byte of a frame; no other byte of a frame has this value
+PROTOCOL_VERSION = 2  # protocol version in the banner of a board of this protocol
 FIRMWARE_VERSION = (2, 2)
 """Major and minor version of firmware/tripod.c, which the banner carries, too."""
 
-IDENTIFYING_FIRMWARE = (2, 2)
-"""First firmware version that answers IDENTIFY."""
-
-SERVOS = 3
-"""Number of servos in a frame."""
-
+IDENTIFYING_FIRMWARE = (2, 2)  # first firmware version that answers IDENTIFY
+SERVOS = 3  # number of servos in a frame
 IDENTITY_SEXTETS = 8
 NO_IDENTITY = 64**IDENTITY_SEXTETS - 1
 """Number of a board that has none; every smaller one, from 0 on, is a valid number."""
 
-SEQUENCES = 64
-"""Sequence numbers run from 0 to 63 and start again."""
-
+SEQUENCES = 64  # sequence numbers run from 0 to 63 and start again
 _LARGEST_12_BIT = 4095
 
 

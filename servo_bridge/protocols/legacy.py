@@ -14,12 +14,8 @@ from servo_bridge.protocols.ascii_imu import BYTE_HIGH, BYTE_LOW, LineParser, te
 from servo_bridge.protocols.protocol import BoardModel, BoardProtocol, Decoded, EncodedPacket
 from softsim_core.scene import BoardDescription, Servo, ServoCalibration
 
-HEADER = 255
-"""First byte of a packet; servo bytes never reach it."""
-
-PARTIAL_TIMEOUT_S = 0.040
-"""Age in [s] at which the board drops a packet that is not complete."""
-
+HEADER = 255  # first byte of a packet; servo bytes never reach it
+PARTIAL_TIMEOUT_S = 0.040  # age in [s] at which the board drops a packet that is not complete
 BOOT_LOADER_BYTE = 100
 """0x64, "program a page" of the boot loader: received first after a reset it erases the firmware's start."""
 
