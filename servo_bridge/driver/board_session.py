@@ -18,13 +18,10 @@ from servo_bridge.driver.writer import HangDetector, PeriodFigures, PeriodicThre
 from softsim_node import error_text
 
 RequestedState: TypeAlias = Literal["none", "configure", "activate"]
+DELAYS_S = (0.5, 1.0, 2.0, 4.0, 5.0)  # delays between attempts in [s]; the last one repeats
 
-DELAYS_S = (0.5, 1.0, 2.0, 4.0, 5.0)
-"""Delays between attempts in [s]; the last one repeats."""
-
-
+# Time in [s] after which a reached state counts as stable; a state lost earlier continues the back-off
 PROVEN_S = 5.0
-"""Time in [s] after which a reached state counts as stable; a state lost earlier continues the back-off."""
 
 
 class Recovery:
@@ -77,8 +74,8 @@ class Recovery:
 
 
 LOOK_PERIOD_S = 0.1  # interval in [s] at which a waiting call checks whether the thread has ended
+# Time in [s] beyond its limit that settling is waited for; covers braking and the rest packets
 SETTLING_MARGIN_S = 2.0
-"""Time in [s] beyond its limit that settling is waited for; covers braking and the rest packets."""
 
 
 class BoardSession:
@@ -223,11 +220,7 @@ class BoardSession:
             self.driver.hold_board()
 
     def close(self, *, relax: bool = False) -> None:
-        """Close the port; call `stop` before.
-
-        Args:
-            relax: Switch the pulses off first, if the board can and its servos are at rest.
-        """
+        """Close the port; call `stop` before. `relax`: switch the pulses off first, as `disconnect` does."""
         self.sending = False
         self._end_writer()
         if self.driver is not None:

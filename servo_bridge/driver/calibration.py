@@ -46,15 +46,10 @@ def file_for(choice: str, robot: str) -> Path | None:
 
 
 def load_calibration(file: Path, robot: str, servos: Sequence[AnyServo]) -> tuple[AnyServo, ...]:
-    """Return the servos of a board with the values of a calibration file.
-
-    Args:
-        file: The calibration.
-        robot: Name of the robot; a file for another one is refused.
-        servos: The robot's own calibration, in packet order.
+    """Return the servos of a robot's board, in packet order, with the values of a calibration file.
 
     Raises:
-        ConfigError: unreadable file, unknown key or joint, a value that is not allowed.
+        ConfigError: unreadable file, file of another robot, unknown key or joint, a value not allowed.
     """
     data = read_yaml(file)
     for key in data:
@@ -141,7 +136,6 @@ def _apply_entry(servo: AnyServo, entry: dict[str, Any], file: Path, where: str)
 
 Ask = Callable[[str], str]  # shows a question and returns the line that the user typed
 Say = Callable[[str], None]
-
 SMALL_MOVE_DEG, MOVE_TIMEOUT_S, START_TIMEOUT_S = 10.0, 15.0, 10.0
 ALLOWED_NUDGES = "+ or - (1 deg), ++ or -- (5 deg), or degrees such as -2.5"
 NUDGES = {"+": 1.0, "++": 5.0, "-": -1.0, "--": -5.0}
@@ -156,20 +150,12 @@ class CalibrationAbortedError(SoftSimError):
 
 @dataclass(frozen=True, slots=True)
 class ServoObservation:
-    """What the user observed of one servo.
+    """What the user observed of one servo."""
 
-    Attributes:
-        mirrored: Whether the servo turns the other way.
-        reference_rad: Joint angle at which the mounting was compared, in [rad].
-        offset_deg: Degrees of the servo to add to the commanded ones until the joint is at the reference, in
-            [deg].
-        byte_min, byte_max: Ends of the range without obstruction; None leaves them unchanged.
-    """
-
-    mirrored: bool
-    reference_rad: float
-    offset_deg: float
-    byte_min: int | None = None
+    mirrored: bool  # the servo turns the other way
+    reference_rad: float  # joint angle at which the mounting was compared, in [rad]
+    offset_deg: float  # to add to the commanded degrees of the servo until the joint is at the reference
+    byte_min: int | None = None  # end of the range without obstruction; None leaves it unchanged
     byte_max: int | None = None
 
 
@@ -206,8 +192,7 @@ def apply_observation(servo: ServoCalibration, observation: ServoObservation) ->
 class ServoMover:
     """Sends the newest pose at the board's rate from a thread; `move` waits until it is reached.
 
-    Args:
-        driver: A connected driver; the caller disconnects it after `close`.
+    The driver is connected; the caller disconnects it after `close`.
     """
 
     def __init__(self, driver: ServoDriver) -> None:
@@ -276,11 +261,7 @@ class ServoMover:
 def calibrate(robot: RobotDescription, mover: ServoMover, ask: Ask, say: Say) -> tuple[ServoCalibration, ...]:
     """Guide the user through every servo of the board; the last answer to each question counts.
 
-    Args:
-        robot: The robot with the calibration that the driver of `mover` uses, as the first guess.
-        mover: Moves the servos.
-        ask: Asks the user a question.
-        say: Shows a line to the user.
+    The robot has the calibration that the driver of `mover` uses, as the first guess.
 
     Returns:
         The new calibrations, in packet order.

@@ -27,15 +27,13 @@ from softsim_core.physics.mechanics import check_command, check_named_command
 from softsim_core.scene import BoardDescription, BusServo, RobotDescription
 from softsim_node import error_text, list_names
 
+# Number of repetitions of the last packets, since one lost byte must not decide where the servos stop
 REST_REPEATS = 3
-"""Number of repetitions of the last packets, since one lost byte must not decide where the servos stop."""
-
 PoselessPacket: TypeAlias = Literal[Ability.HOLD, Ability.RELAX]
 Mode: TypeAlias = Literal["listen", "follow", "settle"]  # in "listen" no pose is sent
 
-
+# Limits of packets per second. Below, a board takes the pauses for silence; above, the line is full.
 SLOWEST_HZ, FASTEST_HZ = 10.0, 200.0
-"""Limits of packets per second. Below, a board takes the pauses for silence; above, the line is full."""
 
 
 def steady_time() -> float:
@@ -45,21 +43,13 @@ def steady_time() -> float:
 
 @dataclass(slots=True)
 class DriverCounts:
-    """Counters of a driver since it was created.
+    """Counters of a driver since it was created."""
 
-    Attributes:
-        packets: Packets written.
-        refused: Commands that were refused as a whole.
-        last_refusal: Message of the newest refusal.
-        avoided: Packets in which a byte 100 was replaced.
-        restarts: Number of times that a board identified itself, at first or after a reset.
-    """
-
-    packets: int = 0
-    refused: int = 0
-    last_refusal: str = ""
-    avoided: int = 0
-    restarts: int = 0
+    packets: int = 0  # packets written
+    refused: int = 0  # commands that were refused as a whole
+    last_refusal: str = ""  # message of the newest refusal
+    avoided: int = 0  # packets in which a byte 100 was replaced
+    restarts: int = 0  # number of times that a board identified itself, at first or after a reset
 
 
 class ServoDriver:
@@ -243,8 +233,7 @@ class ServoDriver:
     def disconnect(self, *, relax: bool = False) -> None:
         """Close the port if one is open; the last pose sent stays known.
 
-        Args:
-            relax: Switch the pulses off first, if the board can and its servos are at rest.
+        `relax`: switch the pulses off first, if the board can and its servos are at rest.
         """
         with self._lock:
             packets: Sequence[PoselessPacket] = ()

@@ -18,25 +18,19 @@ from servo_bridge import PortError
 from servo_bridge.driver.ports import Transport
 from servo_bridge.protocols import WAITING, Ability, BoardProtocol, TiltReading
 
-TELEMETRY_TIMEOUT_S = 0.5  # A board that has sent telemetry is lost after this time in [s] without any
+TELEMETRY_TIMEOUT_S = 0.5  # a board that has sent telemetry is lost after this time in [s] without any
+# Most time in [s] that one check of the port counts for; in a longer gap this computer was asleep
 LONGEST_LOOK_S = 0.1
-"""Most time in [s] that one check of the port counts for; in a longer gap this computer was asleep."""
-
 LONGEST_TURN_S = 0.5  # longest wait in [s] for the protocol object; after it the protocol counts as hanging
 BANNER_GRACE_S = 1.0  # time in [s] beyond the quiet time in which a board may identify itself, if it has to
 
 
 @dataclass(frozen=True, slots=True)
 class MetBoard:
-    """A board that the bridge has accepted.
+    """A board that the bridge has accepted."""
 
-    Attributes:
-        protocol: Name of the protocol it speaks.
-        identity: What distinguishes it from others, see `BoardProtocol.identity`; empty if unknown.
-    """
-
-    protocol: str
-    identity: str
+    protocol: str  # name of the protocol it speaks
+    identity: str  # what distinguishes it from others, see `BoardProtocol.identity`; empty if unknown
 
 
 class BoardLink:

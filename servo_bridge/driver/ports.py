@@ -54,10 +54,6 @@ class SerialTransport:
     One thread may read while another one writes. The modem lines are not set: opening a port resets most
     boards in any case, and a pseudo-terminal has no modem lines.
 
-    Args:
-        port: Name of the device, for example /dev/ttyACM0.
-        baud_rate: Bits per second.
-
     Raises:
         PortError: the port cannot be opened; the message says why and what to do.
     """
@@ -140,11 +136,8 @@ class UdpTransport:
 
     Only datagrams from that address are received. While none come, empty ones are sent: they contain the
     address to which the board sends. A board that is silent cannot be distinguished from none, unless its
-    computer reports that no program receives at that port.
-
-    Args:
-        port: "udp:HOST:PORT", for example udp:192.168.4.1:4210; an IPv6 address stands in brackets.
-        baud_rate: Not used.
+    computer reports that no program receives at that port. An IPv6 address stands in brackets; the baud rate
+    is not used.
 
     Raises:
         PortError: the name is none of that form, or names no host.
@@ -238,9 +231,8 @@ class _OneUserTransport:
             self._lock.close()
 
 
+# Opens a port by its name and its bits per second; raises PortError if it cannot
 Opener: TypeAlias = Callable[[str, int], Transport]
-"""Opens a port by its name and its bits per second; raises PortError if it cannot."""
-
 _openers: dict[str, Opener] = {"udp": UdpTransport}
 
 
@@ -332,9 +324,8 @@ def _error_number(error: BaseException | None) -> int | None:
 
 
 BY_ID = Path("/dev/serial/by-id")  # folder of links that keep their names when a port's number changes
+# Vendor and product ids of genuine Uno boards
 BOARD_USB_IDS = {(0x2341, 0x0043), (0x2341, 0x0001), (0x2A03, 0x0043), (0x2341, 0x0243), (0x2341, 0x006A)}
-"""Vendor and product ids of genuine Uno boards."""
-
 CLONE_USB_IDS = {(0x1A86, 0x7523), (0x0403, 0x6001), (0x10C4, 0xEA60)}
 """USB-serial chips (CH340, FT232, CP210x) of cheap boards and of other devices; never chosen automatically.
 
@@ -347,13 +338,8 @@ NAME_PORT_HINT = "name it with the parameter port (port:=/dev/...)"
 def find_port(port: str = "", *, ports: Iterable[ListPortInfo] | None = None, by_id: Path = BY_ID) -> str:
     """Return the board's port: `port` itself if given, else the port of the one board that is plugged in.
 
-    Args:
-        port: Name from the user; empty to search.
-        ports: Serial ports of this machine; None asks the system.
-        by_id: Folder of stable links.
-
-    Returns:
-        The name to open; a link of /dev/serial/by-id if there is one.
+    The search is among `ports`, where None asks the system, and returns a link of /dev/serial/by-id if there
+    is one.
 
     Raises:
         PortError: no board, or more than one; the message lists the ports found.
@@ -394,10 +380,6 @@ def stable_name(port: str, by_id: Path = BY_ID) -> str:
 def usb_identity(port: str, ports: Iterable[ListPortInfo] | None = None) -> str:
     """Return the identity of a port's USB chip, which stays the same when it is plugged in again.
 
-    Args:
-        port: Name of the port, or of a link to it.
-        ports: Serial ports of this machine; None asks the system.
-
     Returns:
         Vendor, product and serial number; the USB socket instead of a serial number that does not distinguish
         chips. Empty without a USB chip, as for a pseudo-terminal.
@@ -427,7 +409,7 @@ def find_same_device(
         port: Name from the user; empty searches, see `find_port`.
         stable: Result of `stable_name` while the port was open; empty: none.
         usb: Result of `usb_identity` then; empty: none.
-        ports: Serial ports of this machine; None asks the system.
+        ports: As for `find_port`.
 
     Raises:
         PortError: the device is missing, even if another device now has the user's name for it; errors of

@@ -61,11 +61,11 @@ class EStop:
 
 MotionMode: TypeAlias = Literal["track", "hold", "rest", "e_stop"]
 
+# Top speed in [rad/s] of a servo whose joint sets none; a small hobby servo follows it under load
 SERVO_SPEED = math.radians(200.0)
-"""Top speed in [rad/s] of a servo whose joint sets none; a small hobby servo follows it under load."""
 
+# Top acceleration in [rad/s^2] of a servo whose joint sets none: top speed after 0.1 s
 SERVO_ACCELERATION = 10.0 * SERVO_SPEED
-"""Top acceleration in [rad/s^2] of a servo whose joint sets none: top speed after 0.1 s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

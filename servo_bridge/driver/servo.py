@@ -23,10 +23,9 @@ from softsim_core.base import CommandError, SceneError
 from softsim_core.physics.mechanics import JointLimits
 from softsim_core.scene import BusServo, ServoCalibration
 
+# A servo byte of `a` degrees is a pulse of 544 + a * 1856 / 180 in [us]
 PULSE_MIN_US, PULSE_US_PER_180 = 544, 1856
-"""A servo byte of `a` degrees is a pulse of 544 + a * 1856 / 180 in [us]."""
-
-_ANGLE_STEP = 2.0**-50  # A few units in the last place of an angle below 8 rad, in [rad]
+_ANGLE_STEP = 2.0**-50  # a few units in the last place of an angle below 8 rad, in [rad]
 
 
 def _degrees_on_servo(angle_rad: float, servo: ServoCalibration) -> float:
@@ -34,16 +33,21 @@ def _degrees_on_servo(angle_rad: float, servo: ServoCalibration) -> float:
     return servo.sign * (angle_rad * 180.0 / math.pi) + servo.trim_deg
 
 
-def angle_to_byte(angle_rad: float, servo: ServoCalibration) -> int:
-    """Return the degree byte of a joint angle in [rad], clipped to the servo's range."""
+def _clipped_degrees(angle_rad: float, servo: ServoCalibration) -> float:
+    """Return the degrees of the servo above its zero byte, clipped to its range."""
     # `BoardProtocol.encode` has checked poses; other callers would see infinity clipped to the servo's range.
     if not math.isfinite(angle_rad):
         raise CommandError(
             f"angle {angle_rad} for joint {servo.joint} refused: expected a finite number of radians"
         )
     lowest, highest = servo.byte_min - servo.zero_byte, servo.byte_max - servo.zero_byte
+    return min(max(_degrees_on_servo(angle_rad, servo), lowest), highest)
+
+
+def angle_to_byte(angle_rad: float, servo: ServoCalibration) -> int:
+    """Return the degree byte of a joint angle in [rad], clipped to the servo's range."""
     # Clipping to whole numbers before floor gives the same byte and keeps 1e308 rad (inf degrees) in range.
-    return math.floor(min(max(_degrees_on_servo(angle_rad, servo), lowest), highest)) + servo.zero_byte
+    return math.floor(_clipped_degrees(angle_rad, servo)) + servo.zero_byte
 
 
 def byte_to_angle(servo_byte: int, servo: ServoCalibration) -> float:
@@ -67,11 +71,7 @@ def angle_to_width(angle_rad: float, servo: ServoCalibration) -> int:
 
     It is finer than a byte. At the nominal angle of a byte it is that byte's width, `byte_to_width`.
     """
-    angle_to_byte(angle_rad, servo)  # raises if the angle is not finite
-    lowest, highest = servo.byte_min - servo.zero_byte, servo.byte_max - servo.zero_byte
-    return round(
-        byte_to_width(min(max(_degrees_on_servo(angle_rad, servo), lowest), highest) + servo.zero_byte)
-    )
+    return round(byte_to_width(_clipped_degrees(angle_rad, servo) + servo.zero_byte))
 
 
 def width_to_angle(width_us: float, servo: ServoCalibration) -> float:
@@ -112,9 +112,7 @@ def width_to_byte(width_us: float) -> float:
     return (width_us - PULSE_MIN_US) * 180.0 / PULSE_US_PER_180
 
 
-PULSES_PER_RAD = 4096.0 / (2.0 * math.pi)
-"""Pulses per [rad]."""
-
+PULSES_PER_RAD = 4096.0 / (2.0 * math.pi)  # pulses per [rad]
 _SLACK = 1e-9  # fraction of a pulse by which rounding may miss the pulse of a limit
 
 

@@ -12,11 +12,11 @@ from servo_bridge.protocols import Ability, BoardProtocol
 from softsim_core.physics.mechanics import check_command
 
 MOST_MESSAGES = 20  # messages stored until they are reported; older ones are dropped
+# A longer time between ticks in [s] is a stall of the bridge; our firmware holds after 0.5 s by itself
 STALL_S = 0.4
-"""A longer time between ticks in [s] is a stall of the bridge; our firmware holds after 0.5 s by itself."""
 
+# Poses of board and bridge closer than this in [rad] are the same: a hobby servo's dead band
 SAME_POSE = math.radians(1.5)
-"""Poses of board and bridge closer than this in [rad] are the same: a hobby servo's dead band."""
 
 
 class Takeover:

@@ -10,26 +10,18 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-HANG_S = 1.0
-"""A call that has lasted this long in [s] counts as hanging: five times what a write may take."""
-
+HANG_S = 1.0  # a call that has lasted this long in [s] counts as hanging: five times what a write may take
 LONGEST_LOOK_S = 0.15  # most time in [s] that one check counts for; in a longer gap this computer was asleep
 JOIN_S = 1.0  # longest wait in [s] for the end of a thread, or of a call that may hang
 
 
 @dataclass(frozen=True, slots=True)
 class PeriodFigures:
-    """Regularity of the newest calls.
+    """Regularity of the newest calls."""
 
-    Attributes:
-        mean_s: Mean period in [s].
-        worst_s: Largest deviation of a period from the nominal one in [s].
-        missed: Total number of calls that were skipped because the one before was late.
-    """
-
-    mean_s: float
-    worst_s: float
-    missed: int
+    mean_s: float  # mean period in [s]
+    worst_s: float  # largest deviation of a period from the nominal one in [s]
+    missed: int  # total number of calls that were skipped because the one before was late
 
 
 class PeriodicThread:
@@ -123,10 +115,6 @@ class HangDetector:
 
     One check counts for at most LONGEST_LOOK_S, however long ago the one before was, so a computer that slept
     finds no hang.
-
-    Args:
-        thread: The thread to watch.
-        clock: Steady clock in [s].
     """
 
     def __init__(self, thread: PeriodicThread, clock: Callable[[], float] = time.monotonic) -> None:

@@ -10,22 +10,16 @@ from typing import NamedTuple
 from servo_bridge.emulator.simavr import BAUD_RATE, EXTERNAL, FREQUENCY, POWER_ON, Processor, read_image
 
 CHANNELS = 3
+# A pin without a pulse for this time (40 ms, two periods) does not command its servo
 QUIET_CYCLES = FREQUENCY // 25
-"""A pin without a pulse for this time (40 ms, two periods) does not command its servo."""
 
 
 class Pulse(NamedTuple):
-    """One pulse on one pin.
+    """One pulse on one pin."""
 
-    Attributes:
-        channel: 0, 1, 2 for the pins 9, 10, 11.
-        start: Cycle of the rising edge.
-        width: Cycles from the rising to the falling edge.
-    """
-
-    channel: int
-    start: int
-    width: int
+    channel: int  # 0, 1, 2 for the pins 9, 10, 11
+    start: int  # cycle of the rising edge
+    width: int  # cycles from the rising to the falling edge
 
     @property
     def start_s(self) -> float:
@@ -38,11 +32,8 @@ class Pulse(NamedTuple):
         return self.width * 1e6 / FREQUENCY
 
 
-FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "tripod.hex"
-"""The firmware of this package."""
-
-FRAME_S = 0.020
-"""Period of the servo pulses in [s]."""
+FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "tripod.hex"  # the firmware of this package
+FRAME_S = 0.020  # period of the servo pulses in [s]
 
 
 class EmulatedBoard:

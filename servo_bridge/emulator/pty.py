@@ -20,18 +20,11 @@ import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from servo_bridge import PortError
 
 Board = TypeVar("Board", bound="PtyBoard")
-
-
-class LineInput(NamedTuple):
-    """Received bytes, and whether some program has the port open."""
-
-    data: bytes
-    opened: bool
 
 
 class MasterEnd:
@@ -58,8 +51,12 @@ class MasterEnd:
         for each in (self._line, self._pause):
             each.register(self._awake, select.POLLIN)
 
-    def receive(self, patience_s: float | None) -> LineInput | None:
-        """Wait at most `patience_s` seconds for bytes or a hang-up; return None once the cable is pulled."""
+    def receive(self, patience_s: float | None) -> tuple[bytes, bool] | None:
+        """Wait at most `patience_s` seconds for bytes or a hang-up.
+
+        Returns:
+            The bytes, and whether some program has the port open; None once the cable is pulled.
+        """
         events = dict(self._line.poll(None if patience_s is None else patience_s * 1000.0))
         if self._awake in events:
             return None
@@ -68,7 +65,7 @@ class MasterEnd:
         if state & select.POLLIN:
             with contextlib.suppress(OSError):  # no program has it open any more, which the hang-up shows
                 data = os.read(self._master, 4096)
-        return LineInput(data, not state & select.POLLHUP)
+        return data, not state & select.POLLHUP
 
     def pause(self, seconds: float) -> bool:
         """Wait without listening; return True once the cable is pulled."""

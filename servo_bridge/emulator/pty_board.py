@@ -118,20 +118,20 @@ class EmulatedBoardPty(PtyBoard):
     def _serve(self, end: MasterEnd) -> None:
         ahead = time.monotonic() - self._board.time_s  # wall time minus virtual time
         while not end.pause(SLICE_S):
-            line_input = end.receive(0.0)
-            if line_input is None:
+            received = end.receive(0.0)
+            if received is None:
                 return
-            data = self._line(line_input.data)
+            data, opened = self._line(received[0]), received[1]
             behind = time.monotonic() - ahead - self._board.time_s
             if behind > LARGEST_LAG_S:
                 ahead += behind - LARGEST_SLICE_S
             with self._changed:
-                if line_input.opened and not self.is_open:
+                if opened and not self.is_open:
                     self.open_count += 1
                     if self._running and self.reset_wired:
                         self._board.reset()
                         self._board.take_transmitted()
-                self.is_open = line_input.opened
+                self.is_open = opened
                 self.received += len(data)
                 if self._running:
                     self._board.feed(data)

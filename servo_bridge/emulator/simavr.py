@@ -51,16 +51,11 @@ class I2cRegisters:
     """A device of 256 registers on the I2C bus.
 
     The first written byte selects a register; the next ones are stored from there on.
-
-    Attributes:
-        address: Address on the bus, 7 bits.
-        registers: The registers' contents.
-        present: Whether it responds; False models an unplugged cable.
     """
 
-    address: int
-    registers: bytearray = field(default_factory=lambda: bytearray(256))
-    present: bool = True
+    address: int  # address on the bus, 7 bits
+    registers: bytearray = field(default_factory=lambda: bytearray(256))  # the registers' contents
+    present: bool = True  # whether it responds; False models an unplugged cable
     _selected: int = -1
     _pointer: int | None = None
 
@@ -159,7 +154,6 @@ INSTALL = "install it with: sudo apt-get install libsimavr2 (Debian, Ubuntu)"
 _FLASHEND, _STATE, _FREQUENCY, _CYCLE, _LIMIT = 12, 60, 64, 80, 96
 _SLEEP, _PC, _RESET_PC, _FLASH, _DATA = 168, 204, 208, 11712, 11720
 _UART_FIFO_READ, _UART_FIFO_WRITE, _UART_CYCLES_PER_BYTE = 576, 578, 592
-
 _RUNNING, _DONE, _CRASHED = 2, 6, 7
 _MCUSR = 0x54
 _TWCR, _TWINT = 0xBC, 1 << 7
@@ -167,7 +161,6 @@ _RAM_START, _RAM_SIZE = 0x100, 0x800
 _RUN_LIMIT = 1000
 _HAND_OVER_CYCLES = 8
 _CHIP_FIFO = 2
-
 _TimerFunction = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_void_p)
 _IrqFunction = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p)
 _SleepFunction = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint64)

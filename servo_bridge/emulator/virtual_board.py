@@ -17,12 +17,11 @@ from servo_bridge.emulator.pty import MasterEnd, PtyBoard
 from servo_bridge.protocols import AUTO, model_of_board
 from softsim_core.scene import Servo, ServoCalibration
 
+# Time in [s] from the opening of the port to the first message; a real board's boot loader takes 1.4 s
 START_S = 0.2
-"""Time in [s] from the opening of the port to the first message; a real board's boot loader takes 1.4 s."""
 
+# Reset causes of a board that is plugged in, and of one with a port that is opened
 RESET_POWER_ON, RESET_EXTERNAL = 1, 2
-"""Reset causes of a board that is plugged in, and of one with a port that is opened."""
-
 IDLE_POLL_S = 0.02  # interval in [s] at which a port is checked that no program has open
 
 
@@ -46,6 +45,7 @@ class VirtualBoard(PtyBoard):
 
     Attributes:
         model: The model behind the port.
+        servo_bytes: Newest command of the servos in degrees or pulses; None before the first packet.
 
     Raises:
         ProtocolError: the protocol is unknown, or has no model of a board with these servos.
@@ -65,14 +65,8 @@ class VirtualBoard(PtyBoard):
         self.model = model_of_board(protocol, servos)
         self._say_due = 0.0
         self._log: deque[ReceivedPacket] = deque(maxlen=log_length)
-        self._servo_bytes: tuple[int, ...] | None = None
+        self.servo_bytes: tuple[int, ...] | None = None
         self.replug()
-
-    @property
-    def servo_bytes(self) -> tuple[int, ...] | None:
-        """Newest command of the servos in degrees or pulses; None before the first packet."""
-        with self._changed:
-            return self._servo_bytes
 
     @property
     def widths_us(self) -> tuple[float, ...] | None:
@@ -106,7 +100,7 @@ class VirtualBoard(PtyBoard):
     def restart(self, cause: int) -> None:
         """Reset the board, which loses its pose; `cause` as in `BoardModel.reset`."""
         with self._changed:
-            self._servo_bytes = None
+            self.servo_bytes = None
             self.model.reset(cause)
             self._changed.notify_all()
 
@@ -114,7 +108,7 @@ class VirtualBoard(PtyBoard):
         self.model.reset(RESET_POWER_ON)
 
     def _power_off(self) -> None:
-        self._servo_bytes = None
+        self.servo_bytes = None
 
     def _serve(self, end: MasterEnd) -> None:
         while True:
@@ -122,14 +116,15 @@ class VirtualBoard(PtyBoard):
             if self.is_open:
                 speaks = self.model.say_period_s is not None
                 patience_s = max(self._say_due - time.monotonic(), 0.0) if speaks else None
-            line_input = end.receive(patience_s)
-            if line_input is None:
+            received = end.receive(patience_s)
+            if received is None:
                 return
-            if line_input.data:
-                self._take(line_input.data, end)
-            if line_input.opened != self.is_open:
+            data, opened = received
+            if data:
+                self._take(data, end)
+            if opened != self.is_open:
                 with self._changed:
-                    self.is_open = line_input.opened
+                    self.is_open = opened
                     if self.is_open:
                         self.open_count += 1
                         self.model.reset(RESET_EXTERNAL)
@@ -160,7 +155,7 @@ class VirtualBoard(PtyBoard):
         with self._changed:
             self.received += len(data)
             for servo_bytes in self.model.feed(data, now):
-                self._servo_bytes = servo_bytes
+                self.servo_bytes = servo_bytes
                 self._log.append(ReceivedPacket(now, servo_bytes))
             answer = self.model.answer(now)
             self._changed.notify_all()

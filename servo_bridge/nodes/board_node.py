@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,7 +13,8 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from servo_bridge.emulator import PtyBoard
-from softsim_node import GuardedNode, declare, parameter, takes_escapes
+from servo_bridge.nodes.parameters import robot_namespace
+from softsim_node import GuardedNode, Program, declare, parameter, run_node, takes_escapes
 
 STATUS_PERIOD_S = 0.2
 
@@ -88,6 +90,21 @@ class BoardNode(GuardedNode):
             terminal = takes_escapes(sys.stdout)
             sys.stdout.write(f"\r{line}\x1b[K" if terminal else f"{line}\n")
             sys.stdout.flush()
+
+
+def run_board(program: Program, node: type[Any], args: Sequence[str] | None) -> int:
+    """Run the node of a board until a signal ends it, in the namespace of its robot (parameter `robot`).
+
+    Returns:
+        Exit code: 0 after a normal end, 1 where the board or its link cannot be made, 2 for a wrong command
+        line.
+    """
+
+    def build(options: argparse.Namespace) -> BoardNode:
+        board_node: BoardNode = node(link=options.link, show=True, namespace=robot_namespace(program.name))
+        return board_node
+
+    return run_node(program, build, args)
 
 
 def add_link(parser: argparse.ArgumentParser) -> None:

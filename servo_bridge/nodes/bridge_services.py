@@ -60,11 +60,11 @@ class GuardedLifecycleNode(GuardedNode, LifecycleNode):
 
 SPIN_PERIOD_S = 0.1
 
+# Longest wait in [s] for the packet that carries the stop: longer than a period of the slowest rate
 ACKNOWLEDGE_TIMEOUT_S = 0.25
-"""Longest wait in [s] for the packet that carries the stop: longer than a period of the slowest rate."""
 
+# Time in [s] that the node outlives its last response: an unread response is lost when the process ends
 ARRIVES_S = 0.5
-"""Time in [s] that the node outlives its last response: an unread response is lost when the process ends."""
 
 
 class EStopServices:

@@ -21,8 +21,7 @@ from softsim_core.base import CommandError
 from softsim_core.physics.mechanics import check_age, check_positions_only
 from softsim_node import error_text, list_names
 
-MOST_BYTES = 65_536
-"""Longest ROS message that is deserialised: a thousand joints, which delays no packet."""
+MOST_BYTES = 65_536  # longest ROS message that is deserialised: a thousand joints, which delays no packet
 
 
 def command_values(data: bytes) -> Sequence[float]:

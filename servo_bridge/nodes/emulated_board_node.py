@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +12,8 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
 from servo_bridge.emulator import EmulatedBoardPty
-from servo_bridge.nodes.board_node import BoardNode, BoardSettings, add_link
-from servo_bridge.nodes.parameters import robot_namespace
-from softsim_node import Program, parameter, run_node
+from servo_bridge.nodes.board_node import BoardNode, BoardSettings, add_link, run_board
+from softsim_node import Program, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,9 +31,7 @@ PROGRAM = Program(
 )
 
 PUBLISH_PERIOD_S = 0.1
-
-LOG_LENGTH = 1000
-"""Number of pulses that are stored; bounded since the node may run for days."""
+LOG_LENGTH = 1000  # number of pulses that are stored; bounded since the node may run for days
 
 
 class EmulatedBoardNode(BoardNode):
@@ -89,17 +85,8 @@ class EmulatedBoardNode(BoardNode):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run an emulated board until a signal ends it, in the namespace of its robot (parameter `robot`).
-
-    Returns:
-        Exit code: 0 after a normal end, 1 where the emulator, the firmware or the link is missing, 2 for a
-        wrong command line.
-    """
-
-    def build(options: argparse.Namespace) -> EmulatedBoardNode:
-        return EmulatedBoardNode(link=options.link, show=True, namespace=robot_namespace(PROGRAM.name))
-
-    return run_node(PROGRAM, build, args)
+    """Run an emulated board; see `run_board`."""
+    return run_board(PROGRAM, EmulatedBoardNode, args)
 
 
 if __name__ == "__main__":

@@ -52,9 +52,8 @@ def read_named(parameter: str, value: str, read: Callable[[], Loaded]) -> Loaded
 Source = Literal["joint_states", "commands", "joint_commands"]
 Autostart = Literal["none", "configure", "activate"]
 
+# Parameters that take effect at the next configure and are refused while the node is configured
 FIXED_WHILE_CONFIGURED = frozenset(("source", "rate", "open_wait_s", "baud_rate"))
-"""Parameters that take effect at the next configure and are refused while the node is configured."""
-
 _TIMES = MotionSettings()
 
 

@@ -19,9 +19,8 @@ from servo_bridge.nodes.bridge_services import GuardedLifecycleNode
 from servo_bridge.protocols import Ability, TiltReading
 from softsim_node import Facts, printable
 
+# Variance in [rad^2] of a tilt: about one degree, as small IMUs with sensor fusion specify
 TILT_VARIANCE = math.radians(1.0) ** 2
-"""Variance in [rad^2] of a tilt: about one degree, as small IMUs with sensor fusion specify."""
-
 HEADING_VARIANCE = math.pi**2  # variance in [rad^2] of the heading, which is not measured
 
 
@@ -67,12 +66,6 @@ def _link_values(driver: ServoDriver) -> dict[str, object]:
 
 class Reports:
     """Publishers of a bridge; any thread may call the methods.
-
-    Args:
-        node: The bridge.
-        session: Its board.
-        e_stop: Its latch.
-        base_frame: Frame of the topic applied_joint_states.
 
     Attributes:
         trouble: Message about the problem that stops the bridge; empty without one.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from array import array
 from collections.abc import Sequence
@@ -14,12 +13,12 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import UInt8MultiArray, UInt16MultiArray
 
 from servo_bridge.emulator import VirtualBoard
-from servo_bridge.nodes.board_node import BoardNode, BoardSettings, add_link
-from servo_bridge.nodes.parameters import load_robot, robot_namespace
+from servo_bridge.nodes.board_node import BoardNode, BoardSettings, add_link, run_board
+from servo_bridge.nodes.parameters import load_robot
 from servo_bridge.protocols import AUTO, names
 from softsim_core.base import listing
 from softsim_core.scene import BoardDescription, Servo
-from softsim_node import Program, parameter, run_node
+from softsim_node import Program, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +42,7 @@ PROGRAM = Program(
 )
 
 PUBLISH_PERIOD_S = 0.02
-
-LOG_LENGTH = 100
-"""Number of packets that are stored; bounded since the node may run for days."""
+LOG_LENGTH = 100  # number of packets that are stored; bounded since the node may run for days
 
 
 class VirtualBoardNode(BoardNode):
@@ -110,17 +107,8 @@ class VirtualBoardNode(BoardNode):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run a virtual board until a signal ends it, in the namespace of its robot (parameter `robot`).
-
-    Returns:
-        Exit code: 0 after a normal end, 1 where the link or a board of the protocol cannot be made, 2 for a
-        wrong command line.
-    """
-
-    def build(options: argparse.Namespace) -> VirtualBoardNode:
-        return VirtualBoardNode(link=options.link, show=True, namespace=robot_namespace(PROGRAM.name))
-
-    return run_node(PROGRAM, build, args)
+    """Run a virtual board; see `run_board`."""
+    return run_board(PROGRAM, VirtualBoardNode, args)
 
 
 if __name__ == "__main__":

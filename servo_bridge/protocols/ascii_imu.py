@@ -53,19 +53,11 @@ class LineParser:
     """Parser that finds lines of two angles in a stream of bytes.
 
     A line counts only if its beginning was received: the text before the first line end may be cut.
-
-    Attributes:
-        accepted: Number of readings so far.
-        ignored: Number of other lines so far.
     """
 
-    accepted: int = 0
-    ignored: int = 0
+    accepted: int = 0  # number of readings so far
+    ignored: int = 0  # number of other lines so far
     _line: bytearray | None = field(default=None, repr=False)
-
-    def reset(self) -> None:
-        """Drop an unfinished line; the counters stay."""
-        self._line = None
 
     def values(self) -> Mapping[str, object]:
         """Return the number of other lines for /diagnostics; empty before the first reading."""
@@ -100,9 +92,7 @@ class LineParser:
         return reading
 
 
-ASCII_BAUD_RATE = 57600
-"""Bits per second of boards that speak this protocol."""
-
+ASCII_BAUD_RATE = 57600  # bits per second of boards that speak this protocol
 BYTE_LOW, BYTE_HIGH = 60, 180  # range of servo bytes that such boards accept
 
 

@@ -28,20 +28,14 @@ from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol, 
 from softsim_core.base import listing
 from softsim_core.scene import BoardDescription, BusServo, Servo
 
+# Bus watchdog of every servo with torque, in units of 20 ms: stops it after 0.5 s without a packet
 WATCHDOG = 25
-"""Bus watchdog of every servo with torque, in units of 20 ms: stops it after 0.5 s without a packet."""
-
-DEAD_BAND = 17
-"""A servo closer than this in pulses is at its goal: one and a half degrees."""
-
-MOST_PINGS = 10  # A servo that did not respond to this many requests is missing
+DEAD_BAND = 17  # a servo closer than this in pulses is at its goal: one and a half degrees
+MOST_PINGS = 10  # a servo that did not respond to this many requests is missing
 STALE = 2  # number of unanswered requests after which a servo's position is too old to stop at
-PATIENCE = 2
-"""Number of contradicting responses in a row; a single one may date from before."""
-
+PATIENCE = 2  # number of contradicting responses in a row; a single one may date from before
+# Fraction of the time between two packets that requests and responses may take on the line
 LARGEST_LOAD = 0.8
-"""Fraction of the time between two packets that requests and responses may take on the line."""
-
 BITS_PER_BYTE = 10
 _STATUS_BYTES, _RETURN_DELAY_S = 11, 500e-6
 

@@ -33,11 +33,9 @@ from softsim_core.physics.mechanics import JointLimits
 
 MODEL, FIRMWARE = 1030, 45
 TABLE_SIZE, RAM_START = 147, 64
+# Acceleration of the motor without a profile, in [pulses/s^2]; an estimate without a measurement
 LARGEST_ACCELERATION = 200.0 * PULSES_PER_RAD
-"""Acceleration of the motor without a profile, in [pulses/s^2]; an estimate without a measurement."""
-
 LONGEST_STEP_S = 0.005
-
 HARDWARE_ERROR, WATCHDOG, PROFILE_VELOCITY = 70, table.BUS_WATCHDOG, table.PROFILE + 4
 
 
@@ -49,6 +47,7 @@ class Item(NamedTuple):
     range: tuple[int, int] | None = None
 
 
+# The table up to the temperature; other addresses are read-only, and read as 0
 ITEMS: Mapping[int, Item] = MappingProxyType(
     {
         0: Item(2, MODEL),
@@ -95,7 +94,6 @@ ITEMS: Mapping[int, Item] = MappingProxyType(
         146: Item(1, 30),
     }
 )
-"""The table up to the temperature; other addresses are read-only, and read as 0."""
 
 
 class EmulatedServo:
@@ -245,21 +243,13 @@ LONGEST_LAG_S = 10.0
 
 @dataclass(slots=True)
 class LineFaults:
-    """Faults of status packets on the line, each drawn independently.
+    """Faults of status packets on the line, each drawn independently."""
 
-    Attributes:
-        lost: Fraction of packets that never arrive.
-        late: Fraction of packets that arrive with the next responses only.
-        damaged: Fraction of packets in which a bit is flipped, or that are cut short.
-        unheard: Fraction of packets to the servos that no servo receives.
-        draw: Random number generator.
-    """
-
-    lost: float = 0.0
-    late: float = 0.0
-    damaged: float = 0.0
-    unheard: float = 0.0
-    draw: random.Random = field(default_factory=lambda: random.Random(1))
+    lost: float = 0.0  # fraction of packets that never arrive
+    late: float = 0.0  # fraction of packets that arrive with the next responses only
+    damaged: float = 0.0  # fraction of packets in which a bit is flipped, or that are cut short
+    unheard: float = 0.0  # fraction of packets to the servos that no servo receives
+    draw: random.Random = field(default_factory=lambda: random.Random(1))  # random number generator
 
     def happens(self, fraction: float) -> bool:
         """Draw whether a fault with this fraction happens."""

@@ -60,19 +60,12 @@ class StatusError(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A whole packet with its stuffing removed.
+    """A whole packet with its stuffing removed."""
 
-    Attributes:
-        servo_id: Servo that it addresses, or that responds.
-        instruction: Instruction byte.
-        parameters: Parameters; of a status packet without the error byte.
-        error: Error byte of a status packet; 0 of any other.
-    """
-
-    servo_id: int
-    instruction: int
-    parameters: bytes = b""
-    error: int = 0
+    servo_id: int  # servo that it addresses, or that responds
+    instruction: int  # instruction byte
+    parameters: bytes = b""  # parameters; of a status packet without the error byte
+    error: int = 0  # error byte of a status packet; 0 of any other
 
 
 def _crc_table() -> tuple[int, ...]:
@@ -219,24 +212,23 @@ def _two(number: int) -> bytes:
     return number.to_bytes(2, "little")
 
 
+# Servos with this control table and these units, by model number
 MODELS: Mapping[int, str] = MappingProxyType(
     {1020: "XM430-W350", 1030: "XM430-W210", 1120: "XM540-W270", 1130: "XM540-W150"}
 )
-"""Servos with this control table and these units, by model number."""
 
 LEAST_FIRMWARE = 38  # first firmware version with a bus watchdog
 POSITION_MODE = 3  # operating mode for positions within one turn
 VELOCITY_UNIT = 0.229 * 2.0 * math.pi / 60.0  # unit of velocities in [rad/s]
 CURRENT_UNIT = 2.69e-3  # unit of currents in [A]
+# Unit of the bus watchdog in [s], and its value once it has stopped the servo
 WATCHDOG_UNIT_S, WATCHDOG_TRIPPED = 0.020, 255
-"""Unit of the bus watchdog in [s], and its value once it has stopped the servo."""
-
 DRIVE_MODE_TIME_PROFILE = 0x04  # bit of the drive mode: profiles are times, not speeds
+# Addresses that are written; PROFILE is acceleration (4) and velocity (4)
 TORQUE_ENABLE, BUS_WATCHDOG, PROFILE, GOAL_POSITION = 64, 98, 108, 116
-"""Addresses that are written; PROFILE is acceleration (4) and velocity (4)."""
 
+# Blocks that are read, as (address, size); their sizes differ, so that a response shows which one it is
 SETTINGS, STATE, PRESENT = (0, 64), (64, 83), (126, 10)
-"""Blocks that are read, as (address, size); their sizes differ, so that a response shows which one it is."""
 
 
 class HardwareError(IntFlag):
@@ -256,22 +248,15 @@ class HardwareError(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class ServoSettings:
-    """Settings that a servo stores without power.
-
-    Attributes:
-        model, firmware: Model number, and version of the firmware.
-        drive_mode, operating_mode: Bits, and quantity that goals command.
-        lowest, highest: Range of goals that the servo takes, in pulses.
-        shutdown: Errors that switch the torque off.
-    """
+    """Settings that a servo stores without power."""
 
     model: int
     firmware: int
-    drive_mode: int
-    operating_mode: int
-    lowest: int
+    drive_mode: int  # bits
+    operating_mode: int  # quantity that goals command
+    lowest: int  # goal that the servo takes, in pulses
     highest: int
-    shutdown: HardwareError
+    shutdown: HardwareError  # errors that switch the torque off
 
     @property
     def identity_text(self) -> str:
@@ -284,27 +269,17 @@ class ServoSettings:
 
 @dataclass(frozen=True, slots=True)
 class ServoState:
-    """State and measurements of a servo.
-
-    Attributes:
-        torque: Whether it has torque.
-        watchdog: Bus watchdog; `WATCHDOG_TRIPPED` if it has stopped the servo.
-        profile: Acceleration and velocity of its profile, raw.
-        goal, position: Goal and present position in pulses.
-        current: Current in [A].
-        voltage: Supply voltage in [V].
-        temperature: Temperature in [degrees Celsius].
-    """
+    """State and measurements of a servo."""
 
     torque: bool
     hardware_error: HardwareError
-    watchdog: int
-    profile: tuple[int, int]
-    goal: int
-    current: float
-    position: int
-    voltage: float
-    temperature: int
+    watchdog: int  # WATCHDOG_TRIPPED if it has stopped the servo
+    profile: tuple[int, int]  # acceleration and velocity, raw
+    goal: int  # in pulses
+    current: float  # in [A]
+    position: int  # in pulses
+    voltage: float  # in [V]
+    temperature: int  # in [degrees Celsius]
 
 
 def read_settings(block: bytes) -> ServoSettings:

@@ -39,14 +39,11 @@ from servo_bridge.protocols.protocol import (
 )
 from softsim_core.scene import BoardDescription, Servo
 
+# Widths this far in [us] outside of all commanded ones are another pose: one and a half degrees
 TOLERANCE_US = 15.0
-"""Widths this far in [us] outside of all commanded ones are another pose: one and a half degrees."""
-
-PATIENCE = 2
-"""Number of contradicting telemetry frames in a row; a single one may have been sent in between."""
-
+PATIENCE = 2  # number of contradicting telemetry frames in a row; a single one may have been sent in between
+# Number of telemetry frames in a row without a new acknowledgement, though frames were sent: 0.3 s
 DEAF_PATIENCE = 6
-"""Number of telemetry frames in a row without a new acknowledgement, though frames were sent: 0.3 s."""
 
 
 class PoseComparison:
@@ -114,8 +111,7 @@ class PoseComparison:
 
 
 RESET_CAUSES = {1: "power-on", 2: "external (port opened, or button)", 4: "brown-out", 8: "watchdog"}
-
-MOST_QUESTIONS = 50  # A board that was asked for its number this often without an answer has none
+MOST_QUESTIONS = 50  # a board that was asked for its number this often without an answer has none
 
 
 def reset_cause_text(cause: int) -> str:

@@ -23,14 +23,11 @@ from servo_bridge.protocols.frames import (
 from servo_bridge.protocols.legacy import PARTIAL_TIMEOUT_S, PacketParser
 from servo_bridge.protocols.protocol import BoardModel
 
-FRAME_S = 0.020
-"""Period of the servo pulses in [s]; the widths move once per period."""
-
+FRAME_S = 0.020  # period of the servo pulses in [s]; the widths move once per period
 TICKS_PER_US = 2
 SLEW_US_PER_FRAME = 61.0  # largest change of a width per pulse period in [us], unless SLEW sets another
 PULSE_MAX_US = PULSE_MIN_US + PULSE_US_PER_180
 SLEW_MAX_US = 124
-
 _SLEW, _CREEP = round(SLEW_US_PER_FRAME * TICKS_PER_US), 20  # ticks per pulse period
 _HOLD_FRAMES, _REST_FRAMES = 25, 100
 _REST_BYTE = 150

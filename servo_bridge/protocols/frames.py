@@ -21,15 +21,12 @@ from servo_bridge import PacketError
 
 FRAME_HEADER = 0xFE  # first byte of a frame; no other byte of a frame has this value
 PROTOCOL_VERSION = 2  # protocol version in the banner of a board of this protocol
-FIRMWARE_VERSION = (2, 2)
-"""Major and minor version of firmware/tripod.c, which the banner carries, too."""
-
+FIRMWARE_VERSION = (2, 2)  # major and minor version of firmware/tripod.c, which the banner carries, too
 IDENTIFYING_FIRMWARE = (2, 2)  # first firmware version that answers IDENTIFY
 SERVOS = 3  # number of servos in a frame
 IDENTITY_SEXTETS = 8
+# Number of a board that has none; every smaller one, from 0 on, is a valid number
 NO_IDENTITY = 64**IDENTITY_SEXTETS - 1
-"""Number of a board that has none; every smaller one, from 0 on, is a valid number."""
-
 SEQUENCES = 64  # sequence numbers run from 0 to 63 and start again
 _LARGEST_12_BIT = 4095
 
@@ -49,6 +46,7 @@ class FrameType(IntEnum):
     IDENTITY = 18
 
 
+# Length of each type's payload in sextets
 PAYLOAD_SEXTETS: dict[int, int] = {
     FrameType.SET: 2 * SERVOS,
     FrameType.RELAX: 0,
@@ -61,7 +59,6 @@ PAYLOAD_SEXTETS: dict[int, int] = {
     FrameType.TELEMETRY: 7 + 2 * SERVOS,
     FrameType.IDENTITY: IDENTITY_SEXTETS,
 }
-"""Length of each type's payload in sextets."""
 
 
 class BoardFlags(IntFlag):
@@ -92,37 +89,23 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """Message of the board after a reset: protocol version, firmware version, and cause of the reset.
+    """Message of the board after a reset."""
 
-    Attributes:
-        protocol: Version of this protocol.
-        major, minor: Version of the firmware.
-        reset_cause: The cause bits of the processor (1 power-on, 2 external, 4 brown-out, 8 watchdog).
-    """
-
-    protocol: int
-    major: int
+    protocol: int  # version
+    major: int  # of the firmware's version
     minor: int
-    reset_cause: int
+    reset_cause: int  # bits of the processor: 1 power-on, 2 external, 4 brown-out, 8 watchdog
 
 
 @dataclass(frozen=True, slots=True)
 class Telemetry:
-    """State of the board, 10 to 50 times per second.
+    """State of the board, 10 to 50 times per second."""
 
-    Attributes:
-        seq: Sequence number of the newest accepted frame: the acknowledgement.
-        flags: See `BoardFlags`.
-        widths_us: Pulse widths after the board's slew limit in [us], one per servo.
-        rejects: Frames and packets refused since the reset, 12 bits.
-        overruns: Received bytes lost since the reset, 12 bits.
-    """
-
-    seq: int
-    flags: BoardFlags
-    widths_us: tuple[int, ...]
-    rejects: int
-    overruns: int
+    seq: int  # sequence number of the newest accepted frame: the acknowledgement
+    flags: BoardFlags  # see `BoardFlags`
+    widths_us: tuple[int, ...]  # pulse widths after the board's slew limit in [us], one per servo
+    rejects: int  # frames and packets refused since the reset, 12 bits
+    overruns: int  # received bytes lost since the reset, 12 bits
 
 
 def crc8(values: Iterable[int]) -> int:
@@ -253,14 +236,10 @@ class FrameParser:
 
     The header always starts a new frame. A byte without the form of a sextet, an unknown type or a wrong CRC
     drops the frame. Bytes outside frames (legacy packets, start-up text) are ignored.
-
-    Attributes:
-        accepted: Number of frames accepted so far.
-        dropped: Number of frames dropped so far.
     """
 
-    accepted: int = 0
-    dropped: int = 0
+    accepted: int = 0  # number of frames accepted so far
+    dropped: int = 0  # number of frames dropped so far
     _body: list[int] | None = field(default=None, repr=False)
 
     @property

@@ -16,8 +16,8 @@ from softsim_core.scene import BoardDescription, Servo, ServoCalibration
 
 HEADER = 255  # first byte of a packet; servo bytes never reach it
 PARTIAL_TIMEOUT_S = 0.040  # age in [s] at which the board drops a packet that is not complete
+# 0x64, "program a page" of the boot loader: received first after a reset it erases the firmware's start
 BOOT_LOADER_BYTE = 100
-"""0x64, "program a page" of the boot loader: received first after a reset it erases the firmware's start."""
 
 
 class LegacyProtocol(BoardProtocol):
@@ -84,18 +84,12 @@ class PacketParser:
 
     The header always starts a new packet. A byte outside 60..180 drops the packet, and so does an age of 40
     ms.
-
-    Attributes:
-        servo_count: Servo bytes in a packet.
-        header: First byte of a packet.
-        accepted: Packets accepted so far.
-        dropped: Packets dropped so far (cut short by a new header, out of range, or too old).
     """
 
-    servo_count: int = 3
-    header: int = HEADER
-    accepted: int = 0
-    dropped: int = 0
+    servo_count: int = 3  # servo bytes in a packet
+    header: int = HEADER  # first byte of a packet
+    accepted: int = 0  # packets accepted so far
+    dropped: int = 0  # packets dropped so far (cut short by a new header, out of range, or too old)
     _partial: bytearray | None = field(default=None, repr=False)
     _started: float = field(default=0.0, repr=False)
 

@@ -18,14 +18,10 @@ from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol
 from softsim_core.base import known_names, listing
 from softsim_core.scene import BoardDescription, Servo
 
-AUTO = "auto"
-"""Detect the protocol by listening; a board that does not identify itself gets `FALLBACK`."""
-
-WAITING = "waiting"
-"""State of a link with a board that is not known yet; like `AUTO`, no name of a protocol."""
-
+AUTO = "auto"  # detect the protocol by listening; a board that does not identify itself gets `FALLBACK`
+WAITING = "waiting"  # state of a link with a board that is not known yet; like `AUTO`, no name of a protocol
+# Protocol of a board of hobby servos that does not identify itself
 FALLBACK: type[BoardProtocol] = LegacyProtocol
-"""Protocol of a board of hobby servos that does not identify itself."""
 
 _BUILT_IN: tuple[type[BoardProtocol], ...] = (
     LegacyProtocol,
@@ -137,11 +133,9 @@ def candidates(choice: str, board: BoardDescription) -> tuple[type[BoardProtocol
 
 
 def model_of_board(choice: str, servos: Sequence[Servo]) -> BoardModel:
-    """Return a board without hardware that speaks a protocol.
+    """Return a board without hardware that drives servos and speaks a protocol.
 
-    Args:
-        choice: Name of a protocol; `AUTO` gives a board that does not identify itself, or a bus of servos.
-        servos: The servos that it drives.
+    `AUTO` gives a board that does not identify itself, or a bus of servos.
 
     Raises:
         ProtocolError: unknown name, or a protocol without a model of its board.
