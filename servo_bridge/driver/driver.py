@@ -417,7 +417,7 @@ class ServoDriver:
             if self._mode == "settle":
                 self._stop_sending()
             if self._say(Ability.HOLD):
-                self.takeover.record_hold()
+                self.takeover.hold_sent = True
                 self.counts.packets += 1
                 return self.sent_bytes
         restarted, listens = link.take_restart(), self._mode == "listen"

@@ -31,6 +31,7 @@ class Takeover:
 
     Attributes:
         moved: Whether a pose was sent to the board since its port was opened.
+        hold_sent: Whether the board was commanded to hold, and no pose sent since.
         pending: Whether the board has to be asked for its pose before a pose is sent.
         reason: Message that says why the pose has to be taken over; empty for an ordinary start.
         count: Number of takeovers with a reason.
@@ -38,28 +39,23 @@ class Takeover:
     """
 
     def __init__(self, motion: ServoMotion, lock: threading.RLock) -> None:
-        self.moved = self.pending = False
+        self.moved = self.hold_sent = self.pending = False
         self.reason = ""
         self.count = 0
         self.news: deque[str] = deque(maxlen=MOST_MESSAGES)
         self._motion, self._lock = motion, lock
         self._asked = False
-        self._hold_sent = False  # commanded to hold, and no pose sent since
         self._last_tick: float | None = None
 
     def record_opening(self) -> None:
         """Record that a port was opened: the pose of the board behind it is unknown."""
-        self.moved = self._hold_sent = False
+        self.moved = self.hold_sent = False
         self.start()
 
     def start(self) -> None:
         """Record that sending begins: the time before does not count as a stall."""
         self._last_tick = None
         self._begin()
-
-    def record_hold(self) -> None:
-        """Record that the board was commanded to hold."""
-        self._hold_sent = True
 
     def passed_s(self, now: float) -> float:
         """Return the time in [s] since the tick before, 0 for the first."""
@@ -74,8 +70,8 @@ class Takeover:
         """
         if restarted:
             self._lose("the board has started" if self.moved else "", now)
-        elif self._hold_sent:
-            self._hold_sent = False
+        elif self.hold_sent:
+            self.hold_sent = False
             self._begin()
         elif not listens and stalled_s > STALL_S:
             self._lose(f"the bridge was stalled for {stalled_s:.1f} s", now)

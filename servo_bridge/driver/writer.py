@@ -30,7 +30,6 @@ class PeriodicThread:
     Args:
         tick: Function to call in the thread.
         period: Time between calls in [s], finite and > 0.
-        name: Name of the thread.
 
     Attributes:
         failure: The exception of `tick` that ended the thread; None while it runs, and after `stop`.
@@ -40,7 +39,7 @@ class PeriodicThread:
         ValueError: the period is not allowed.
     """
 
-    def __init__(self, tick: Callable[[], None], period: float, name: str = "servo_board_writer") -> None:
+    def __init__(self, tick: Callable[[], None], period: float) -> None:
         if not 0.0 < period < math.inf:  # also refuses NaN
             raise ValueError(f"period {period} s refused; it must be finite and > 0 s")
         self._tick, self.period = tick, period
@@ -50,7 +49,7 @@ class PeriodicThread:
         self._stopped, self._wake = False, threading.Event()
         self._periods: deque[float] = deque(maxlen=max(1, round(1.0 / period)))
         self._missed = 0
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread = threading.Thread(target=self._run, name="servo_board_writer", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:

@@ -69,14 +69,7 @@ class EmulatedBoard:
         self._rise: list[int | None] = [None] * CHANNELS  # cycle at which each pin rose, while it is high
         self._last: list[Pulse | None] = [None] * CHANNELS
         self._sent = bytearray()
-        self.processor = Processor(
-            image,
-            start,
-            self._take_edge,
-            self._sent.append,
-            self._cut,
-            baud_rate,
-        )
+        self.processor = Processor(image, start, self._take_edge, self._sent.append, self._cut, baud_rate)
 
     @property
     def time_s(self) -> float:

@@ -38,10 +38,7 @@ class ServoBridge(GuardedLifecycleNode):
     it runs as long as the port is open, and checks the e-stop for each packet. Services: the lifecycle ones,
     and `~/e_stop`, `~/clear_e_stop` on an executor of their own.
 
-    Args:
-        scene: A robot that is already loaded; None loads the one of the parameter `robot` at configure.
-        node_name: Name of the node.
-        **node_kwargs: Passed on to rclpy's Node (namespace, parameter_overrides, context, ...).
+    A `scene` is a robot that is already loaded; None loads the one of the parameter `robot` at configure.
     """
 
     def __init__(

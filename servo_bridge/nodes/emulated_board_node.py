@@ -37,8 +37,7 @@ LOG_LENGTH = 1000  # number of pulses that are stored; bounded since the node ma
 class EmulatedBoardNode(BoardNode):
     """An emulated board and its measured pulse widths, on `emulated_board/pulse_widths` ([us]; empty: none).
 
-    Args:
-        link, show, node_name, **node_kwargs: As for `BoardNode`.
+    The arguments are those of `BoardNode`.
 
     Raises:
         EmulatorMissingError: libsimavr is not installed.

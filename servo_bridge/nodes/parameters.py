@@ -130,8 +130,7 @@ class BridgeSettings:
         " makes the boot loader erase the firmware",
     )
     relax_at_end: bool = parameter(
-        True,
-        "Switch the pulses off when the port is closed with the servos at rest, where the board can",
+        True, "Switch the pulses off when the port is closed with the servos at rest, where the board can"
     )
 
     @property

@@ -24,22 +24,6 @@ TILT_VARIANCE = math.radians(1.0) ** 2
 HEADING_VARIANCE = math.pi**2  # variance in [rad^2] of the heading, which is not measured
 
 
-def imu_message(reading: TiltReading, frame: str, stamp: Any) -> Imu:
-    """Return the orientation of two tilts as a ROS message, for the sensor's frame and a ROS time.
-
-    Rates and accelerations are marked as absent (first covariance -1).
-    """
-    message = Imu()
-    message.header.stamp, message.header.frame_id = stamp, frame
-    orientation = message.orientation
-    orientation.x, orientation.y, orientation.z, orientation.w = reading.quaternion_xyzw()
-    variances = (TILT_VARIANCE, TILT_VARIANCE, HEADING_VARIANCE)
-    message.orientation_covariance = np.diag(variances).ravel()
-    message.angular_velocity_covariance = [-1.0, *[0.0] * 8]
-    message.linear_acceleration_covariance = [-1.0, *[0.0] * 8]
-    return message
-
-
 def _link_values(driver: ServoDriver) -> dict[str, object]:
     """Return the protocol, the abilities and the newest values of the board, by name."""
     link = driver.link
@@ -116,9 +100,17 @@ class Reports:
         self._publish(self._applied, message)
 
     def publish_tilt(self, reading: TiltReading) -> None:
-        """Publish a reading of the board's IMU."""
-        stamp = self._node.get_clock().now().to_msg()
-        self._publish(self._imu, imu_message(reading, self.imu_frame, stamp))
+        """Publish a reading of the board's IMU; it has no rates and accelerations (first covariance -1)."""
+        message = Imu()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.frame_id = self.imu_frame
+        orientation = message.orientation
+        orientation.x, orientation.y, orientation.z, orientation.w = reading.quaternion_xyzw()
+        variances = (TILT_VARIANCE, TILT_VARIANCE, HEADING_VARIANCE)
+        message.orientation_covariance = np.diag(variances).ravel()
+        message.angular_velocity_covariance = [-1.0, *[0.0] * 8]
+        message.linear_acceleration_covariance = [-1.0, *[0.0] * 8]
+        self._publish(self._imu, message)
 
     def log_events(self) -> None:
         """Log the events between bridge and board, and once per port that the board cannot hold."""

@@ -48,52 +48,27 @@ class Item(NamedTuple):
 
 
 # The table up to the temperature; other addresses are read-only, and read as 0
-ITEMS: Mapping[int, Item] = MappingProxyType(
-    {
-        0: Item(2, MODEL),
-        6: Item(1, FIRMWARE),
-        7: Item(1, 1, (0, 252)),
-        8: Item(1, 3, (0, 7)),
-        9: Item(1, 250, (0, 254)),
-        10: Item(1, 0, (0, 5)),
-        11: Item(1, table.POSITION_MODE, (0, 16)),
-        12: Item(1, 255, (0, 255)),
-        13: Item(1, 2, (1, 2)),
-        20: Item(4, 0, (-1_044_479, 1_044_479)),
-        24: Item(4, 10, (0, 1023)),
-        31: Item(1, 80, (0, 100)),
-        32: Item(2, 160, (95, 160)),
-        34: Item(2, 95, (95, 160)),
-        36: Item(2, 885, (0, 885)),
-        38: Item(2, 1193, (0, 1193)),
-        44: Item(4, 330, (0, 1023)),
-        48: Item(4, 4095, (0, 4095)),
-        52: Item(4, 0, (0, 4095)),
-        63: Item(1, 0x34, (0, 63)),
-        64: Item(1, 0, (0, 1)),
-        65: Item(1, 0, (0, 1)),
-        68: Item(1, 2, (0, 2)),
-        HARDWARE_ERROR: Item(1, 0),
-        76: Item(2, 1920, (0, 16383)),
-        78: Item(2, 100, (0, 16383)),
-        80: Item(2, 0, (0, 16383)),
-        82: Item(2, 0, (0, 16383)),
-        84: Item(2, 800, (0, 16383)),
-        88: Item(2, 0, (0, 16383)),
-        90: Item(2, 0, (0, 16383)),
-        WATCHDOG: Item(1, 0, (0, 127)),
-        100: Item(2, 885, (-885, 885)),
-        102: Item(2, 1193, (-1193, 1193)),
-        104: Item(4, 0, (-1023, 1023)),
-        table.PROFILE: Item(4, 0, (0, 32767)),
-        PROFILE_VELOCITY: Item(4, 0, (0, 32767)),
-        table.GOAL_POSITION: Item(4, 0, (0, 4095)),
-        128: Item(4, 0),
-        132: Item(4, 0),
-        144: Item(2, 120),
-        146: Item(1, 30),
-    }
-)
+ITEMS: Mapping[int, Item] = MappingProxyType({
+    0: Item(2, MODEL), 6: Item(1, FIRMWARE), 7: Item(1, 1, (0, 252)),  # id
+    8: Item(1, 3, (0, 7)), 9: Item(1, 250, (0, 254)),  # baud rate, return delay
+    10: Item(1, 0, (0, 5)), 11: Item(1, table.POSITION_MODE, (0, 16)),  # drive mode, operating mode
+    12: Item(1, 255, (0, 255)), 13: Item(1, 2, (1, 2)),  # second id, protocol
+    20: Item(4, 0, (-1_044_479, 1_044_479)), 24: Item(4, 10, (0, 1023)),  # homing offset, moving threshold
+    31: Item(1, 80, (0, 100)),  # highest temperature
+    32: Item(2, 160, (95, 160)), 34: Item(2, 95, (95, 160)),  # highest and lowest voltage
+    36: Item(2, 885, (0, 885)), 38: Item(2, 1193, (0, 1193)),  # largest PWM and current
+    44: Item(4, 330, (0, 1023)), 48: Item(4, 4095, (0, 4095)), 52: Item(4, 0, (0, 4095)),  # speed, range
+    63: Item(1, 0x34, (0, 63)),  # shutdown
+    64: Item(1, 0, (0, 1)), 65: Item(1, 0, (0, 1)), 68: Item(1, 2, (0, 2)),  # torque, LED, return level
+    HARDWARE_ERROR: Item(1, 0), WATCHDOG: Item(1, 0, (0, 127)),
+    76: Item(2, 1920, (0, 16383)), 78: Item(2, 100, (0, 16383)),  # gains of the velocity
+    80: Item(2, 0, (0, 16383)), 82: Item(2, 0, (0, 16383)), 84: Item(2, 800, (0, 16383)),  # of the position
+    88: Item(2, 0, (0, 16383)), 90: Item(2, 0, (0, 16383)),  # feedforward
+    100: Item(2, 885, (-885, 885)), 102: Item(2, 1193, (-1193, 1193)), 104: Item(4, 0, (-1023, 1023)),  # goal
+    table.PROFILE: Item(4, 0, (0, 32767)), PROFILE_VELOCITY: Item(4, 0, (0, 32767)),
+    table.GOAL_POSITION: Item(4, 0, (0, 4095)), 128: Item(4, 0), 132: Item(4, 0),  # present speed, position
+    144: Item(2, 120), 146: Item(1, 30),  # voltage, temperature
+})  # fmt: skip
 
 
 class EmulatedServo:

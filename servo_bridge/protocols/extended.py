@@ -11,32 +11,13 @@ import secrets
 from collections import deque
 from collections.abc import Mapping, Sequence
 
-from servo_bridge.driver import (
-    PULSE_US_PER_180,
-    angle_to_width,
-    width_limits,
-    width_to_angle,
-    width_to_byte,
-)
+from servo_bridge.driver import PULSE_US_PER_180, angle_to_width, width_limits, width_to_angle, width_to_byte
 from servo_bridge.protocols import frames
 from servo_bridge.protocols.ascii_imu import LineParser, text_of
 from servo_bridge.protocols.extended_board import FRAME_S, SLEW_US_PER_FRAME, ExtendedBoard
-from servo_bridge.protocols.frames import (
-    SEQUENCES,
-    Banner,
-    BoardFlags,
-    FrameParser,
-    FrameType,
-    Telemetry,
-)
+from servo_bridge.protocols.frames import SEQUENCES, Banner, BoardFlags, FrameParser, FrameType, Telemetry
 from servo_bridge.protocols.legacy import PacketParser
-from servo_bridge.protocols.protocol import (
-    Ability,
-    BoardModel,
-    BoardProtocol,
-    Decoded,
-    EncodedPacket,
-)
+from servo_bridge.protocols.protocol import Ability, BoardModel, BoardProtocol, Decoded, EncodedPacket
 from softsim_core.scene import BoardDescription, Servo
 
 # Widths this far in [us] outside of all commanded ones are another pose: one and a half degrees

@@ -49,12 +49,7 @@ class Ability(Flag):
 
 @dataclass(frozen=True, slots=True)
 class TiltReading:
-    """Tilts measured by an IMU, in [rad].
-
-    Attributes:
-        tilt_x: Rotation about x.
-        tilt_y: Rotation about y.
-    """
+    """Tilts measured by an IMU: rotations about x and about y in [rad]."""
 
     tilt_x: float
     tilt_y: float
@@ -131,8 +126,7 @@ class BoardModel(ABC):
     def reset(self, cause: int) -> None:
         """Restart, as when the port is opened.
 
-        Args:
-            cause: Bits of an Uno's reset cause: 1 power-on, 2 external, 4 brown-out, 8 watchdog.
+        The cause has the bits of an Uno's: 1 power-on, 2 external, 4 brown-out, 8 watchdog.
         """
 
     def say(self, now: float) -> bytes:

@@ -105,11 +105,9 @@ def protocol_named(name: str) -> type[BoardProtocol]:
 def candidates(choice: str, board: BoardDescription) -> tuple[type[BoardProtocol], ...]:
     """Return the protocols that a board may speak; the last one is used if none recognises the board.
 
-    Args:
-        choice: Name of a protocol, or `AUTO`. `AUTO` stands for the protocol that the robot's board names;
-            without one, for every built-in protocol that detects its boards and fits the servos and the baud
-            rate, then the fallback. A registered protocol is only used by name.
-        board: The robot's board.
+    `AUTO` stands for the protocol that the robot's board names; without one, for every built-in protocol that
+    detects its boards and fits the servos and the baud rate, then the fallback. A registered protocol is only
+    used by name.
 
     Raises:
         ProtocolError: unknown name, or a protocol that does not fit the board's servos.
