@@ -68,6 +68,5 @@ from .takeover import STALL_S as STALL_S
 from .writer import (
     HANG_S as HANG_S,
     HangDetector as HangDetector,
-    PeriodFigures as PeriodFigures,
     PeriodicThread as PeriodicThread,
 )

@@ -27,9 +27,7 @@ class PeriodFigures:
 class PeriodicThread:
     """Thread that calls `tick` every `period` seconds of the steady clock until `stop`, or until it raises.
 
-    Args:
-        tick: Function to call in the thread.
-        period: Time between calls in [s], finite and > 0.
+    The period in [s] is finite and > 0.
 
     Attributes:
         failure: The exception of `tick` that ended the thread; None while it runs, and after `stop`.

@@ -175,13 +175,13 @@ class PacketStream:
             data = bytes(self._data[:end])
             whole = end > 0 and crc16(data[:-2]) == int.from_bytes(data[-2:], "little")
             body = data[_BEFORE_INSTRUCTION:-2].replace(_STUFFED, _PATTERN)
-            status = whole and body[0] == Instruction.STATUS
-            if not whole or (status and len(body) < 2):  # a status has an error byte
+            is_status = whole and body[0] == Instruction.STATUS
+            if not whole or (is_status and len(body) < 2):  # a status has an error byte
                 self.damaged += 1
                 del self._data[:1]
                 continue
             del self._data[:end]
-            error, parameters = (body[1], body[2:]) if status else (0, body[1:])
+            error, parameters = (body[1], body[2:]) if is_status else (0, body[1:])
             found.append(Packet(data[4], body[0], parameters, error))
         return found
 
