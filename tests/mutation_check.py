@@ -34,7 +34,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from softsim_ros.cli.upkeep import covering_words, files_of
+from softsim_ros.cli.upkeep import covering_tests
 
 COUNTS = {"softsim_core": 30, "softsim_ros": 14, "softsim_node": 4, "servo_bridge": 12}
 KINDS = ("sign", "bound", "factor", "check")
@@ -233,8 +233,7 @@ def run(root: Path, tests: list[str]) -> tuple[int | None, list[str]]:
 
 def judged(root: Path, mutation: Mutation, executed: Executed | None) -> dict[str, object]:
     """What the tests say of a mutation."""
-    covering = [file for word in covering_words(mutation.file) for file in files_of(word, root)]
-    covering = [file for file in covering if (root / file).exists()]
+    covering = [file for file in covering_tests(mutation.file, root) if (root / file).exists()]
     direct = executed.tests_of(root, mutation) if executed is not None else []
     if direct:
         files = [

@@ -58,35 +58,22 @@ def what_is_missing(error: ImportError) -> str | None:
 
 
 COMMANDS = {
-    "up": Command(
-        "running.up", "simulate a robot, bridge it to a board, drive it from this terminal", uses_ros=True
-    ),
-    "run": Command(
-        "running.run", "run one ROS node by its name: softsim run NODE --ros-args ...", uses_ros=True
-    ),
-    "topics": Command(
-        "graph.topics", "list the live topics, print their messages, measure their rate", uses_ros=True
-    ),
-    "record": Command(
-        "recordings.record", "record a robot's topics into a bag (rosbag2, MCAP)", uses_ros=True
-    ),
-    "replay": Command("recordings.replay", "play a bag again, whole or only its commands", uses_ros=True),
+    "up": Command("running.up", "simulate a robot, bridge it to a board, drive it from this terminal"),
+    "run": Command("running.run", "run one ROS node by its name: softsim run NODE --ros-args ..."),
+    "topics": Command("graph.topics", "list the live topics, print their messages, measure their rate"),
+    "record": Command("recordings.record", "record a robot's topics into a bag (rosbag2, MCAP)"),
+    "replay": Command("recordings.replay", "play a bag again, whole or only its commands"),
     "export": Command("recordings.export", "turn a bag into CSV, VTU (ParaView) and a replay page"),
     "report": Command("recordings.report", "one web page about a bag: charts and the moving picture"),
     "scenes": Command("robots.scenes", "list the robots and scenes that are known by name"),
     "material": Command(
-        "robots.material",
-        "list elastomers; draw one's curve, say its stiffness and a time step",
+        "robots.material", "list elastomers; draw one's curve, say its stiffness and a time step"
     ),
     "mesh": Command(
-        "robots.mesh",
-        "fill a part (STL, OBJ, PLY, OFF) with tetrahedra, say what they are worth",
+        "robots.mesh", "fill a part (STL, OBJ, PLY, OFF) with tetrahedra, say what they are worth"
     ),
     "new": Command("robots.new", "make a robot of a part: softsim new my_finger --from part.stl"),
-    "mjcf": Command(
-        "robots.mjcf",
-        "make a scene of a MuJoCo model, run it in both, make a model of a scene",
-    ),
+    "mjcf": Command("robots.mjcf", "make a scene of a MuJoCo model, run it in both, make a model of a scene"),
     "urdf": Command("robots.urdf", "print or write a robot's URDF, for RViz, MoveIt, ros2_control"),
     "doctor": Command("upkeep.doctor", "say what is installed, which port, which ROS, and what to do"),
     "flash": Command("board.flash", "put the firmware onto the servo board (avrdude)"),
@@ -95,9 +82,7 @@ COMMANDS = {
     ),
     "workspace": Command("robots.workspace", "say how far a robot's effector gets, with a picture"),
     "excite": Command(
-        "measurements.excite",
-        "move a robot to measure it: a data set for validate and calibrate",
-        uses_ros=True,
+        "measurements.excite", "move a robot to measure it: a data set for validate and calibrate"
     ),
     "validate": Command(
         "measurements.validate", "compare a model with measurements of the real robot, in mm"
@@ -108,14 +93,16 @@ COMMANDS = {
     ),
     "sweep": Command("studies.sweep", "run a scene many times with values that vary; draw the results"),
     "optimise": Command(
-        "studies.optimise",
-        "find the values of a study at which its objective is best (CMA-ES)",
+        "studies.optimise", "find the values of a study at which its objective is best (CMA-ES)"
     ),
-    "demo": Command("demos.demo", "show a robot at work: softsim demo grasp, pick_and_place", uses_ros=True),
+    "demo": Command("demos.demo", "show a robot at work: softsim demo grasp, pick_and_place"),
     "bench": Command("upkeep.bench", "measure the speed of a simulation step on this machine"),
-    "test": Command("upkeep.suite", "run the test suite (--quick: under two minutes)", True),
+    "test": Command("upkeep.suite", "run the test suite (--quick: under two minutes)", passes_on=True),
     "completion": Command("completion", "have Tab complete in bash, zsh or fish"),
 }
+USES_ROS = ("up", "run", "topics", "record", "replay", "excite", "demo")
+"""Commands that import rclpy, which some environment variables would make fail."""
+
 GROUPS = {
     "start here": ("up", "demo", "scenes", "new", "doctor"),
     "robots and parts": ("material", "mesh", "mjcf", "urdf", "workspace"),
@@ -198,7 +185,7 @@ def _dispatch(words: Sequence[str]) -> int:
     command = COMMANDS[name]
     limit_blas_threads(os.environ)
     prepare_environment()
-    if command.uses_ros:
+    if name in USES_ROS:
         check_ros_variables()
     module = command.import_module()
     own = Parser(prog=f"softsim {name}", description=command.help, allow_abbrev=False)

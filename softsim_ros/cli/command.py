@@ -56,14 +56,12 @@ class Command(NamedTuple):
     Attributes:
         module: Name of the module in this package.
         help: One line for `softsim --help`.
-        uses_ros: Whether it imports rclpy, which some environment variables would make fail.
         passes_on: Whether unknown arguments are passed to it in `arguments.rest`.
     """
 
     module: str
     help: str
     passes_on: bool = False
-    uses_ros: bool = False
 
     def import_module(self) -> ModuleType:
         """Import and return its module."""

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from softsim_ros.cli.upkeep import TESTS, UncoveredPathError, covering_tests, files_of, suite
+from softsim_ros.cli.upkeep import UncoveredPathError, coverage_table, covering_tests, files_of, suite
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+TESTS = coverage_table(REPOSITORY)
 TEXTS = {
     *("CHANGELOG.md", "CITATION.cff", "CODE_OF_CONDUCT.md", "LICENSE", "MANIFEST.in", "NOTICE"),
     *("SECURITY.md", ".dockerignore", ".gitignore", ".pre-commit-config.yaml"),
@@ -29,10 +29,14 @@ def words(*given: str) -> list[str]:
     return line[line.index("--dist=loadfile") + 1 :]
 
 
-def test_the_table_is_that_of_contributing() -> None:
-    text = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8").split("| changed | tests |")[1]
-    shown = dict(re.findall(r"^\| `([^`]+)` \| (.*) \|$", text, re.MULTILINE))
-    assert shown == {name: f"`{tests}`" for name, tests in TESTS.items()}
+def test_every_row_of_contributing_is_read() -> None:
+    table = (
+        (REPOSITORY / "CONTRIBUTING.md")
+        .read_text(encoding="utf-8")
+        .split("| changed | tests |\n|---|---|\n")[1]
+    )
+    rows = table.split("\n\n")[0].splitlines()
+    assert len(rows) == len(TESTS) > 60
 
 
 @pytest.mark.parametrize("name", TESTS)

@@ -131,7 +131,7 @@ def test_help_of_every_executable_names_it_and_its_parameters(
     ros_domain: int, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     module = importlib.import_module(NODES[name].module)
-    assert importlib.import_module(f"{NODES[name].package}.executables").__dict__[name]
+    assert importlib.import_module(f"{NODES[name].module.partition('.')[0]}.executables").__dict__[name]
     assert module.main(["--help"]) == 0
     shown = capsys.readouterr().out
     assert f"usage: {name} " in shown

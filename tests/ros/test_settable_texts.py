@@ -46,7 +46,7 @@ def context(ros_domain: int) -> Iterator[Context]:
 def programs() -> list[Any]:
     """Of all executables of the suite."""
     sources = map(inspect.getsource, (servo_bridge.executables, softsim_ros.executables))
-    modules = re.findall(r'run_module\("([\w.]+)"\)', "".join(sources))
+    modules = re.findall(r'run_module(?:\(|, )"([\w.]+)"\)', "".join(sources))
     return [importlib.import_module(each).PROGRAM for each in modules]
 
 

@@ -7,7 +7,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -17,9 +17,8 @@ from rclpy.parameter import Parameter
 from servo_bridge.nodes import BoardNode, ServoBridge, VirtualBoardNode
 from softsim_core.base import SceneError
 from softsim_core.scene import RobotDescription
-from softsim_node import ending, ros_process, takes_escapes
+from softsim_node import ending, takes_escapes
 from softsim_ros import SpinThread
-from softsim_ros.cli.running.web_page import WebPage
 from softsim_ros.nodes.inverse import InverseControl
 from softsim_ros.nodes.simulator import Simulator
 from softsim_ros.nodes.teleop import NoTerminalError, Teleop, drive
@@ -52,11 +51,6 @@ class BoardChoice:
     send: bool = False
 
 
-def quiet_s(kind: BoardKind) -> float | None:
-    """Return the time in [s] for which the bridge sends nothing after opening; None: the bridge's default."""
-    return 0.0 if kind is BoardKind.VIRTUAL else None  # the virtual board has no boot loader to wait for
-
-
 def local_board(
     stack: contextlib.ExitStack, robot: RobotDescription, namespace: str, kind: BoardKind
 ) -> BoardNode | None:
@@ -67,14 +61,16 @@ def local_board(
         SceneError: the robot has another number of servos than the emulated firmware.
     """
     node: BoardNode
-    if kind is BoardKind.VIRTUAL or (kind is BoardKind.EMULATED and _has_bus(robot)):
+    servos, bus_servos = (robot.board.servos, robot.board.bus_servos) if robot.board else ((), ())
+    if kind is BoardKind.VIRTUAL or (kind is BoardKind.EMULATED and bus_servos):
+        # It also emulates servos on a bus, each with its control table.
         node = VirtualBoardNode(described=robot.board, link="", namespace=namespace)
     elif kind is BoardKind.EMULATED:
         from servo_bridge.nodes import EmulatedBoardNode  # loads simavr: only when wanted
 
-        if servo_count(robot) != EMULATED_SERVOS:
+        if len(servos) != EMULATED_SERVOS:
             raise SceneError(
-                f"{robot.name} has {servo_count(robot)} servos, and the emulated firmware drives"
+                f"{robot.name} has {len(servos)} servos, and the emulated firmware drives"
                 f" {EMULATED_SERVOS}; use --board {BoardKind.VIRTUAL.value}"
             )
         node = EmulatedBoardNode(link="", namespace=namespace)
@@ -84,58 +80,9 @@ def local_board(
     return node
 
 
-def _has_bus(robot: RobotDescription) -> bool:
-    """Return whether the robot's servos are on a bus.
-
-    The virtual board then emulates them, each with its control table.
-    """
-    return robot.board is not None and bool(robot.board.bus_servos)
-
-
-def servo_count(robot: RobotDescription) -> int:
-    """Return the number of servos of a robot's board; 0 without one."""
-    return len(robot.board.servos) if robot.board else 0
-
-
 LOOK_S = 0.2
 TERMINAL_PERIOD_S = 0.5
 LOG_PERIOD_S = 30.0
-
-
-def status_text(simulator: Simulator, bridge: ServoBridge | None, board: BoardNode | None) -> tuple[str, str]:
-    """Return the status line without and with frequently changing numbers; a change of the first is news."""
-    status = simulator.physics.status
-    state = status.fault or ("paused" if status.paused else "running")
-    news = f"{simulator.get_namespace()}  {state}"
-    figures = f"t {status.time_s:.1f} s  {status.speed.real_time_factor:.2f} x real time"
-    if bridge is not None:
-        news += f"  bridge {bridge.lifecycle_state}"
-    if board is not None:
-        news += f" on {board.board.port}"
-        figures += f"  {board.pose_text}"
-    return news, f"{news}  {figures}"
-
-
-def show_status(
-    simulator: Simulator, bridge: ServoBridge | None, board: BoardNode | None, notice: Callable[[], str] = str
-) -> None:
-    """Show the status line until the process is to end, and the text of `notice` whenever it changes."""
-    terminal = takes_escapes(sys.stdout)
-    period = TERMINAL_PERIOD_S if terminal else LOG_PERIOD_S
-    shown, due, nap = "", 0.0, threading.Event()
-    notice_text = notice()
-    while not ending.asked:
-        if (said := notice()) != notice_text:
-            print(f"\r\x1b[K{said}" if terminal else said, flush=True)
-            notice_text = said
-        news, line = status_text(simulator, bridge, board)
-        now = time.monotonic()
-        if now >= due or (news != shown and not terminal):
-            print(f"\r\x1b[K{line}" if terminal else line, end="" if terminal else "\n", flush=True)
-            shown, due = news, now + period
-        nap.wait(LOOK_S)
-    if terminal:
-        print()
 
 
 class BringUp:
@@ -164,16 +111,12 @@ class BringUp:
         watch: bool = False,
         allow_code: Sequence[str] = (),
     ) -> None:
+        self._robot, self._namespace = robot, namespace
         self.board: BoardNode | None = None
         self.bridge: ServoBridge | None = None
-        self.inverse: InverseControl | None = None
         with contextlib.ExitStack() as stack:  # unwound in order if one of these fails
             values = {"watch": watch, "allow_code": os.pathsep.join(allow_code)}
-            self.simulator = Simulator(
-                robot,
-                namespace=namespace,
-                parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
-            )
+            self.simulator = Simulator(robot, namespace=namespace, parameter_overrides=_parameters(values))
             stack.callback(self.simulator.close)
             bridged = board.kind is not BoardKind.NONE
             hardware = self._add_bridge(stack, robot, namespace, board) if bridged else []
@@ -181,20 +124,14 @@ class BringUp:
             if hardware:
                 stack.enter_context(SpinThread(hardware))
             if inverse:
-                self.inverse = InverseControl(robot, namespace=namespace)
-                stack.callback(self.inverse.close)
-                stack.enter_context(SpinThread([self.inverse]))
+                controller = InverseControl(robot, namespace=namespace)
+                stack.callback(controller.close)
+                stack.enter_context(SpinThread([controller]))
             if policy:
-                from softsim_ros.nodes.policy import (
-                    PolicyNode,  # it imports the tasks, and Gymnasium
-                )
+                from softsim_ros.nodes.policy import PolicyNode  # it imports the tasks, and Gymnasium
 
-                chosen = {"policy": policy, "enabled": True}
-                driver = PolicyNode(
-                    robot,
-                    namespace=namespace,
-                    parameter_overrides=[Parameter(name, value=value) for name, value in chosen.items()],
-                )
+                chosen = _parameters({"policy": policy, "enabled": True})
+                driver = PolicyNode(robot, namespace=namespace, parameter_overrides=chosen)
                 stack.callback(driver.close)
                 stack.enter_context(SpinThread([driver]))
             self._stack = stack.pop_all()
@@ -208,13 +145,9 @@ class BringUp:
             "port": board.port if self.board is None else self.board.board.port,
             "autostart": "activate" if board.send else "configure",
         }
-        if (quiet := quiet_s(board.kind)) is not None:
-            values["open_wait_s"] = quiet
-        self.bridge = ServoBridge(
-            scene=robot,
-            namespace=namespace,
-            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
-        )
+        if board.kind is BoardKind.VIRTUAL:
+            values["open_wait_s"] = 0.0  # it has no boot loader to wait for
+        self.bridge = ServoBridge(scene=robot, namespace=namespace, parameter_overrides=_parameters(values))
         stack.callback(self.bridge.destroy_node)
         return [*([self.board] if self.board else ()), self.bridge]
 
@@ -226,61 +159,63 @@ class BringUp:
         """Stop spinning, move to the safe pose, close the port, end the physics."""
         self._stack.close()
 
+    def run(self, interactive: bool, notice: Callable[[], str]) -> None:
+        """Run until the user or a signal ends it.
 
-def run_bring_up(
-    robot: RobotDescription,
-    namespace: str,
-    board: BoardChoice,
-    interactive: bool,
-    *,
-    inverse: bool = False,
-    policy: str = "",
-    watch: bool = False,
-    allow_code: Sequence[str] = (),
-    page: WebPage | None = None,
-) -> int:
-    """Run a robot until the user or a signal ends it.
-
-    Args:
-        robot: The robot.
-        namespace: Namespace of every node.
-        board: The bridge's board.
-        interactive: Whether to show the teleop in this terminal; otherwise a status line.
-        inverse: Whether to run inverse control.
-        policy: File of a policy that drives the robot; empty: none.
-        watch: Whether to reload the scene when one of its files is saved.
-        allow_code: Folders with Python scenes that may be loaded at run time.
-        page: The viewer, whose address is shown once the robot runs.
-
-    Returns:
-        Exit code: 0 after every orderly end, including Ctrl-C and SIGTERM.
-
-    Raises:
-        SoftSimError: a node could not be created.
-    """
-    switches = {"inverse": inverse, "watch": watch}
-    with (
-        ros_process(),
-        BringUp(robot, namespace, board, **switches, policy=policy, allow_code=allow_code) as nodes,
-    ):
-        notice = str if page is None else page.notice
+        Args:
+            interactive: Whether to show the teleop in this terminal; otherwise a status line.
+            notice: Returns the message about the web page, which is shown whenever it changes.
+        """
         if said := notice():
             print(said, flush=True)
-        if not (interactive and _drive(robot, namespace, notice)):
-            show_status(nodes.simulator, nodes.bridge, nodes.board, notice)
-    print(f"{robot.name}: ended", flush=True)
-    return 0
+        if not (interactive and self._drive(notice)):
+            self._show_status(notice)
+
+    def _drive(self, notice: Callable[[], str]) -> bool:
+        """Run the teleop here, with a permanent line; return False if this terminal cannot be used."""
+        teleop = Teleop(self._robot, namespace=self._namespace)
+        teleop.notice = notice
+        try:
+            drive(teleop)
+        except NoTerminalError as error:
+            print(f"softsim up: no teleop: {error}", file=sys.stderr)
+            return False
+        finally:
+            teleop.close()
+        return True
+
+    def _show_status(self, notice: Callable[[], str]) -> None:
+        """Show the status line until the process is to end, and the notice whenever it changes."""
+        terminal = takes_escapes(sys.stdout)
+        period = TERMINAL_PERIOD_S if terminal else LOG_PERIOD_S
+        shown, due, nap, notice_text = "", 0.0, threading.Event(), notice()
+        while not ending.asked:
+            if (said := notice()) != notice_text:
+                print(f"\r\x1b[K{said}" if terminal else said, flush=True)
+                notice_text = said
+            news, figures = self._status()
+            now, line = time.monotonic(), f"{news}  {figures}"
+            if now >= due or (news != shown and not terminal):
+                print(f"\r\x1b[K{line}" if terminal else line, end="" if terminal else "\n", flush=True)
+                shown, due = news, now + period
+            nap.wait(LOOK_S)
+        if terminal:
+            print()
+
+    def _status(self) -> tuple[str, str]:
+        """Return both parts of the status line: states, whose change is news, and changing numbers."""
+        status = self.simulator.physics.status
+        news = (
+            f"{self.simulator.get_namespace()}  {status.fault or ('paused' if status.paused else 'running')}"
+        )
+        figures = f"t {status.time_s:.1f} s  {status.speed.real_time_factor:.2f} x real time"
+        if self.bridge is not None:
+            news += f"  bridge {self.bridge.lifecycle_state}"
+        if self.board is not None:
+            news += f" on {self.board.board.port}"
+            figures += f"  {self.board.pose_text}"
+        return news, figures
 
 
-def _drive(robot: RobotDescription, namespace: str, notice: Callable[[], str]) -> bool:
-    """Run the teleop here, with a permanent line; return False if this terminal cannot be used."""
-    teleop = Teleop(robot, namespace=namespace)
-    teleop.notice = notice
-    try:
-        drive(teleop)
-    except NoTerminalError as error:
-        print(f"softsim up: no teleop: {error}", file=sys.stderr)
-        return False
-    finally:
-        teleop.close()
-    return True
+def _parameters(values: Mapping[str, object]) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in values.items()]

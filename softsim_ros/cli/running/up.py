@@ -7,7 +7,7 @@ import contextlib
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from softsim_core.base import SoftSimError, open_lock, runtime_folder
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     import rclpy  # noqa: F401  # if it is missing, that is reported before anything starts
 
     from softsim_core.scene import load_scene
-    from softsim_node import environment
+    from softsim_node import environment, ros_process
     from softsim_ros.cli.running.web_page import PageChoice, WebPage
 
     scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
@@ -99,36 +99,28 @@ def run(arguments: argparse.Namespace) -> int:
         stack.enter_context(only_one(namespace))
         print(f"starting {scene.name}: Ctrl-C ends it in the safe pose", flush=True)
         print(environment.describe_range(os.environ), flush=True)
-        page = None
+        notice: Callable[[], str] = str
         if not arguments.no_viewer:
             choice = PageChoice(arguments.host, arguments.port, arguments.lite, arguments.no_token)
-            page = stack.enter_context(WebPage(scene.name, namespace, choice))
-        from softsim_ros.cli.running.bring_up import (  # the nodes, half a second to load
-            BoardChoice,
-            BoardKind,
-            run_bring_up,
-        )
+            notice = stack.enter_context(WebPage(scene.name, namespace, choice)).notice
+        from softsim_ros.cli.running.bring_up import BoardChoice, BoardKind, BringUp  # half a second to load
 
-        named = {VIRTUAL: BoardKind.VIRTUAL, EMULATED: BoardKind.EMULATED}.get(
-            arguments.board, BoardKind.REAL
-        )
+        kinds = {VIRTUAL: BoardKind.VIRTUAL, EMULATED: BoardKind.EMULATED}
+        has_bridge = not arguments.no_bridge and scene.board is not None
         board = BoardChoice(
-            BoardKind.NONE if arguments.no_bridge or scene.board is None else named,
+            kinds.get(arguments.board, BoardKind.REAL) if has_bridge else BoardKind.NONE,
             port="" if arguments.board == SEARCH else arguments.board,
             send=arguments.send,
         )
         interactive = sys.stdin.isatty() and takes_escapes(sys.stdout) and not arguments.headless
-        return run_bring_up(
-            scene,
-            namespace,
-            board,
-            interactive and bool(scene.joints),
-            inverse=arguments.inverse,
-            policy=arguments.policy or "",
-            watch=arguments.watch,
-            allow_code=arguments.allow_code,
-            page=page,
-        )
+        options = {"inverse": arguments.inverse, "watch": arguments.watch, "allow_code": arguments.allow_code}
+        with (
+            ros_process(),
+            BringUp(scene, namespace, board, policy=arguments.policy or "", **options) as nodes,
+        ):
+            nodes.run(interactive and bool(scene.joints), notice)
+        print(f"{scene.name}: ended", flush=True)
+    return 0
 
 
 def _robot_on_mesh(robot: str, level: str | None) -> str:

@@ -3,9 +3,8 @@ from .doctor import (
     Level as Level,
 )
 from .suite import (
-    TESTS as TESTS,
     UncoveredPathError as UncoveredPathError,
+    coverage_table as coverage_table,
     covering_tests as covering_tests,
-    covering_words as covering_words,
     files_of as files_of,
 )

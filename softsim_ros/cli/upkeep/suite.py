@@ -1,151 +1,18 @@
-"""`softsim test`: run the test suite of the checkout; which tests cover which files.
-
-CONTRIBUTING.md shows the same table; a test compares the two.
-"""
+"""`softsim test`: run the test suite of the checkout; which tests cover which files."""
 
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib.util
 import os
+import re
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
-from typing import NoReturn
 
 from softsim_core.base import SoftSimError, install_command, listing, python_command, run_process
-
-TESTS: Mapping[str, str] = {
-    "softsim_core": "analytic attacks/current_folder unit",
-    "softsim_core/physics/actuation": (
-        "analytic/actuator* analytic/cable* analytic/chamber* analytic/cut_steps "
-        "analytic/falling_balloon analytic/joint* analytic/pump* unit/actuator* unit/cable* "
-        "unit/chamber* unit/steppers_agree"
-    ),
-    "softsim_core/simulation/batch": "batch",
-    "softsim_core/physics/contact": (
-        "analytic/ball* analytic/contact* analytic/flat* analytic/soft_on_soft analytic/spinning "
-        "unit/contact* unit/rigid_bodies unit/steppers_agree"
-    ),
-    "softsim_core/physics/dynamics": (
-        "analytic/beams analytic/consistent_mass analytic/hinge* analytic/iterations analytic/joint* "
-        "analytic/motion analytic/rigid_motion analytic/static* analytic/time_integration "
-        "reference/held_centre unit/bounded_forces unit/constraint_rows unit/divergence "
-        "unit/generalised_forces unit/iterative_steps unit/simulation* unit/snapshot unit/state "
-        "unit/step* unit/substeps"
-    ),
-    "softsim_core/scene/editing": "unit/edit*",
-    "softsim_core/physics/fem": (
-        "analytic/beams analytic/element* analytic/nodal_stress analytic/prony analytic/quadratic* "
-        "analytic/reinforcements analytic/rods* analytic/rubber* analytic/stable* unit/compiled_laws "
-        "unit/mass unit/material* unit/nearest_rotation unit/strains"
-    ),
-    "softsim_core/lab/identification": "identification",
-    "softsim_core/control/inverse": (
-        "analytic/*inverse* analytic/maze* unit/arm unit/closed_loop* unit/inverse* unit/path* unit/workspace"
-    ),
-    "softsim_core/physics/kernels": "unit/going_over unit/kernel* unit/steppers_agree",
-    "softsim_core/lab/learning": "learning",
-    "softsim_core/physics/linalg": (
-        "unit/bounded_forces unit/conjugate* unit/divided_trees unit/elimination_order "
-        "unit/iterative_steps unit/linear_solvers unit/steppers_agree unit/threads"
-    ),
-    "softsim_core/physics/mechanics": (
-        "analytic/border_stiffness analytic/fixing_boxes analytic/force_torque analytic/hinge* "
-        "analytic/joint* analytic/motion analytic/moved_bases analytic/rigid_motion analytic/static* "
-        "unit/base_targets unit/constraint_rows unit/limits unit/mass unit/named_command unit/pose "
-        "unit/regions unit/transforms unit/velocities"
-    ),
-    "softsim_core/physics/mesh": (
-        "reference/mesh* unit/mesh* unit/points_beside_bodies unit/regions unit/shapes"
-    ),
-    "softsim_core/lab/meshing": "meshing",
-    "softsim_core/mjcf": "mjcf",
-    "softsim_core/control/observer": "analytic/observer unit/observer*",
-    "softsim_core/robots": (
-        "analytic/maze* analytic/pneu* measured/pneumatic* meshing/stl* unit/finger_mesh "
-        "unit/gripper_scenes unit/maze_mesh unit/mesh_tripod unit/parts unit/tentacle_mesh"
-    ),
-    "softsim_core/scene": (
-        "unit/animation unit/arm unit/builder unit/foreign_file_names unit/inverse_settings "
-        "unit/named_command unit/parts unit/places_of_errors unit/plausibility unit/scene* "
-        "unit/trajectory unit/urdf"
-    ),
-    "softsim_core/physics/sensing": "analytic/force_torque analytic/sensors* unit/sensor*",
-    "softsim_core/simulation": (
-        "analytic/rest analytic/rods_in_motion reference unit/animation unit/base_targets "
-        "unit/divergence unit/going_o* unit/points_beside_bodies unit/simulation* unit/snapshot "
-        "unit/start_at_load unit/state unit/substeps"
-    ),
-    "softsim_core/lab/study": "study",
-    "softsim_node": (
-        "attacks house/access_policies ros/parameters ros/process_end ros/runtime ros/settable_texts "
-        "unit/cli_environment unit/doors unit/ending unit/freed_memory unit/layout unit/moved unit/qos "
-        "unit/terminals unit/transforms unit/work_queue"
-    ),
-    "softsim_ros": (
-        "house/launch ros unit/layout unit/messages* unit/moved unit/optional_messages unit/qos "
-        "unit/report_pages unit/transforms unit/urdf unit/work_queue"
-    ),
-    "benchmarks": "benchmarks ros/bridge_benchmark unit/bridge_latency unit/first_start",
-    "softsim_ros/cli": (
-        "house/bad_networks house/launcher house/hosted_ci ros/topics* ros/up unit/cli* unit/extras "
-        "unit/web_page"
-    ),
-    "softsim_ros/cli/board": "bridge/calibration bridge/bridge_protocols firmware/flash*",
-    "softsim_ros/cli/demos": "analytic/pick_and_place ros/demo*",
-    "softsim_ros/cli/measurements": "identification ros/excite",
-    "softsim_ros/cli/recordings": "recording ros/record*",
-    "softsim_ros/cli/robots": "meshing mjcf unit/cli* unit/parts unit/urdf unit/workspace",
-    "softsim_ros/cli/studies": "study",
-    "softsim_ros/cli/upkeep": "benchmarks house/covering unit/cli*",
-    "softsim_ros/client": "ros/client unit/teleop*",
-    "softsim_ros/description": "house/launch unit/urdf",
-    "softsim_ros/excitation": "ros/excite",
-    "softsim_ros/nodes/inverse": (
-        "ros/closed_loop* ros/inverse* ros/path* unit/closed_loop_timing unit/inverse_node_parts "
-        "unit/path_player unit/simulated_robot"
-    ),
-    "softsim_ros/keys": "unit/teleop*",
-    "softsim_ros/messages": "ros/sensor_topics ros/simulator_topics ros/state_topics unit/messages*",
-    "softsim_ros/nodes/observer": "ros/observer*",
-    "softsim_ros/nodes/policy": "ros/policy*",
-    "softsim_ros/recording": "recording ros/record*",
-    "softsim_ros/nodes/simulator": (
-        "ros/follow_joint* ros/live_scene ros/reload* ros/scene* ros/simul* ros/tuning* unit/going_over "
-        "unit/led_joints unit/printed_lines unit/simulator* unit/stage* unit/step_stages "
-        "unit/trajectory_goal"
-    ),
-    "softsim_ros/nodes/teleop": "ros/teleop* unit/teleop*",
-    "softsim_ros/templates": "identification recording study unit/report_pages",
-    "softsim_ros/nodes/viewer": "viewer unit/edit*",
-    "servo_bridge": "bridge unit/layout unit/moved",
-    "servo_bridge/emulator": "firmware",
-    "servo_bridge/firmware": "firmware",
-    "configs": "house/launch identification/shipped* measured tutorials unit/parts unit/scene* unit/urdf",
-    "configs/dds": "ros/loopback*",
-    "examples": "examples house/launch",
-    "docs": "docs unit/layout",
-    "docs/tutorials": "docs tutorials",
-    "ros2_ws": "house/colcon house/launch house/packaging",
-    "build_backend": "house/distribution",
-    "softsim": "house/bad_networks house/child_processes house/launcher",
-    ".ci": "docs house",
-    ".github": "house/hosted_ci",
-    ".devcontainer": "house/hosted_ci",
-    "Dockerfile": "house/hosted_ci",
-    "pyproject.toml": "house/distribution house/packaging",
-    "constraints.txt": "house/packaging",
-    "requirements.lock": "house/packaging",
-    "mkdocs.yml": "docs",
-    "CONTRIBUTING.md": "docs house/covering",
-    "README.md": "docs house/distribution tutorials",
-}
-"""Tests by folder or file: `unit` is tests/unit, `unit/mesh*` every tests/unit/test_mesh*.py.
-
-The longest entry that a path begins with applies.
-"""
 
 
 class UncoveredPathError(SoftSimError):
@@ -153,14 +20,26 @@ class UncoveredPathError(SoftSimError):
 
     Args:
         path: The path, relative to the checkout.
+        covered: The paths that tests cover.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, covered: Iterable[str]) -> None:
         self.path = path
         super().__init__(
             f"no test covers {path}; name a test (tests/...), or a file or folder of "
-            f"{listing(name for name in TESTS if '/' not in name)}"
+            f"{listing(name for name in covered if '/' not in name)}"
         )
+
+
+@functools.cache
+def coverage_table(root: Path) -> dict[str, str]:
+    """Return the table in CONTRIBUTING.md of the checkout at `root`: tests by folder or file.
+
+    `unit` is tests/unit, `unit/mesh*` every tests/unit/test_mesh*.py. The longest entry that a path begins
+    with applies.
+    """
+    table = (root / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("| changed | tests |")[2]
+    return dict(re.findall(r"^\| `([^`]+)` \| `([^`]+)` \|$", table, re.MULTILINE))
 
 
 def covering_tests(path: str, root: Path) -> list[str]:
@@ -171,26 +50,17 @@ def covering_tests(path: str, root: Path) -> list[str]:
         root: The checkout.
 
     Raises:
-        UncoveredPathError: no entry of TESTS contains the path.
+        UncoveredPathError: no entry of the table contains the path.
     """
-    return [file for word in covering_words(path) for file in files_of(word, root)]
-
-
-def covering_words(path: str) -> list[str]:
-    """Return the words of TESTS that cover a path.
-
-    Raises:
-        UncoveredPathError: no entry of TESTS contains the path.
-    """
-    place = PurePosixPath(path)
-    found = next((str(each) for each in (place, *place.parents) if str(each) in TESTS), None)
+    place, table = PurePosixPath(path), coverage_table(root)
+    found = next((str(each) for each in (place, *place.parents) if str(each) in table), None)
     if found is None:
-        raise UncoveredPathError(path)
-    return TESTS[found].split()
+        raise UncoveredPathError(path, table)
+    return [file for word in table[found].split() for file in files_of(word, root)]
 
 
 def files_of(word: str, root: Path) -> list[str]:
-    """Return the files and folders that a word of TESTS names, relative to the checkout."""
+    """Return the files and folders that a word of the table names, relative to the checkout."""
     folder, _, name = word.partition("/")
     if not name:
         return [f"tests/{folder}"]
@@ -284,9 +154,5 @@ def run(arguments: argparse.Namespace) -> int:
         return 2
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes would compile their sources
     run_process(python_command("softsim_core.simulation.warmup"), cwd=root)
-    _become(words, root)
-
-
-def _become(words: list[str], folder: Path) -> NoReturn:
-    os.chdir(folder)
+    os.chdir(root)
     os.execvp(words[0], words)
