@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -88,7 +89,9 @@ class Bag:
             notes = getattr(self._reader.storage.metadata, "custom", None) or {}
             self.namespace = shorten(str(notes.get("namespace") or self._common_namespace()), 200)
             self.robot = shorten(str(notes.get("robot") or self.namespace.strip("/")), 200)
-            self._register_types()
+            for each in self._reader.connections:  # types that the reader does not know
+                if each.msgtype not in self._types.fielddefs and each.msgdef.data:
+                    self._types.register(get_types_from_msg(each.msgdef.data, each.msgtype))
 
     def __enter__(self) -> Bag:
         """Return the bag, which is open already."""
@@ -129,9 +132,9 @@ class Bag:
     @property
     def counts(self) -> dict[str, int]:
         """Number of messages on each topic."""
-        counts: dict[str, int] = {}
+        counts = Counter[str]()
         for each in self._reader.connections:
-            counts[each.topic] = counts.get(each.topic, 0) + each.msgcount
+            counts[each.topic] += each.msgcount
         return counts
 
     @property
@@ -197,12 +200,6 @@ class Bag:
             if each.topic.endswith("/joint_states"):
                 return each.topic.removesuffix("/joint_states") or "/"
         return "/"
-
-    def _register_types(self) -> None:
-        """Register the message types that the bag describes and the reader does not know."""
-        for each in self._reader.connections:
-            if each.msgtype not in self._types.fielddefs and each.msgdef.data:
-                self._types.register(get_types_from_msg(each.msgdef.data, each.msgtype))
 
 
 def storage_of(path: Path) -> Path:

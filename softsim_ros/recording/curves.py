@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -92,10 +92,17 @@ def charts(bag: Bag, robot: RobotDescription | None) -> list[Chart]:
     return [
         *_joint_charts(bag, robot),
         *_effector_charts(bag),
-        _residuals(bag),
+        _from_diagnostics(
+            bag,
+            "Residuals of inverse control",
+            "mm, rad",
+            "/inverse_controller",
+            "residual_mm",
+            "residual_rad",
+        ),
         _stress(bag),
-        _real_time_factor(bag),
-        _stage_times(bag),
+        _from_diagnostics(bag, "Real-time factor", "-", "/simulator", "real_time_factor", levels=(0.0, 1.0)),
+        _from_diagnostics(bag, "Time of each stage of a step", "ms", "/simulator", "_ms"),
     ]
 
 
@@ -105,11 +112,12 @@ def missing(bag: Bag, *topics: str) -> str:
     return f"Not in this recording: {', '.join(names)}." if names else ""
 
 
-def _series(bag: Bag, topic: str, column: str) -> _Series:
+def _series(bag: Bag, topic: str, row: Callable[[Any], Sequence[float]]) -> _Series:
+    """Return the rows of all messages on a topic of the robot."""
     series = _Series()
     for stamp, message in bag.messages(bag.topic(topic)):
         series.times.append(1e-9 * (stamp - bag.begin_ns))
-        series.rows.append(getattr(message, column).tolist())
+        series.rows.append(row(message))
     return series
 
 
@@ -119,13 +127,18 @@ def _joint_charts(bag: Bag, robot: RobotDescription | None) -> Iterator[Chart]:
         names = list(message.name)
         break
     absent = missing(bag, "joint_states")
-    positions, efforts = (_series(bag, "joint_states", column) for column in ("position", "effort"))
-    commands = _series(bag, "position_controller/commands", "data")
+    positions = _series(bag, "joint_states", lambda message: message.position.tolist())
+    efforts = _series(bag, "joint_states", lambda message: message.effort.tolist())
+    commands = _series(bag, "position_controller/commands", lambda message: message.data.tolist())
     kinds = {joint.name: joint for joint in robot.joints} if robot else {}
     groups = (
         ("Joint angles", "deg", DEGREES, "N m", [n for n in names if _revolute(kinds, n)]),
         ("Joint travels", "mm", MM, "N", [n for n in names if not _revolute(kinds, n)]),
     )
+    if robot is None:
+        no_limits = f"No limits are drawn: there is no robot called {bag.robot} here."
+    else:
+        no_limits = "Dotted: commands. The joints have no limits."
     if not names:
         yield Chart("Joint angles", "deg", caption=absent)
         yield Chart("Torques and tensions", "N m", caption=absent)
@@ -141,7 +154,7 @@ def _joint_charts(bag: Bag, robot: RobotDescription | None) -> Iterator[Chart]:
             if name in kinds:
                 limits = kinds[name].limits
                 levels |= {scale * limit for limit in (limits.lower, limits.upper) if math.isfinite(limit)}
-        caption = "Dotted: commands. Dashed: limits." if levels else _no_limits(bag, robot)
+        caption = "Dotted: commands. Dashed: limits." if levels else no_limits
         yield Chart(title, unit, tuple(curves), tuple(sorted(levels)), caption)
         limit_lines = tuple(
             efforts.curve(name, names.index(name), 1.0, "line", colour) for colour, name in enumerate(group)
@@ -154,23 +167,13 @@ def _revolute(kinds: Mapping[str, object], name: str) -> bool:
     return getattr(kinds.get(name), "kind", "revolute") == "revolute"
 
 
-def _no_limits(bag: Bag, robot: RobotDescription | None) -> str:
-    if robot is None:
-        return f"No limits are drawn: there is no robot called {bag.robot} here."
-    return "Dotted: commands. The joints have no limits."
-
-
-def _positions(bag: Bag, topic: str) -> _Series:
-    series = _Series()
-    for stamp, message in bag.messages(bag.topic(topic)):
-        at = message.pose.position
-        series.times.append(1e-9 * (stamp - bag.begin_ns))
-        series.rows.append((at.x, at.y, at.z))
-    return series
+def _place(message: Any) -> Sequence[float]:
+    at = message.pose.position
+    return at.x, at.y, at.z
 
 
 def _effector_charts(bag: Bag) -> Iterator[Chart]:
-    poses, goals = _positions(bag, "effector_pose"), _positions(bag, "effector_goal")
+    poses, goals = (_series(bag, f"effector_{name}", _place) for name in ("pose", "goal"))
     absent, no_goal = missing(bag, "effector_pose"), missing(bag, "effector_goal")
     curves = [poses.curve(axis, k, MM, "line", k) for k, axis in enumerate("xyz")] if poses.rows else []
     if goals.rows and curves:
@@ -188,61 +191,37 @@ def _effector_charts(bag: Bag) -> Iterator[Chart]:
     yield Chart("Distance to the goal", "mm", (Curve("", times[is_received], MM * distance[is_received]),))
 
 
-def _diagnostics(bag: Bag, component: str, keys: Sequence[str]) -> dict[str, Curve]:
-    """Return values in /diagnostics of the component whose name ends so; keys without values are left out."""
-    points: dict[str, tuple[list[float], list[float]]] = {}
+def _from_diagnostics(
+    bag: Bag, title: str, unit: str, component: str, *keys: str, levels: tuple[float, ...] = ()
+) -> Chart:
+    """Return a chart of values in /diagnostics whose keys end so, of the component whose name ends so."""
+    points: dict[str, _Series] = {}
     for stamp, message in bag.messages("/diagnostics"):
         for status in message.status:
             if not status.name.endswith(component):
                 continue
             for key, value in diagnostic_row(status).items():
-                if isinstance(value, float) and any(key == each or key.endswith(each) for each in keys):
-                    times, values = points.setdefault(key, ([], []))
-                    times.append(1e-9 * (stamp - bag.begin_ns))
-                    values.append(value)
-    return {
-        key: Curve(_words(key), np.array(times), np.array(values), "line", colour)
-        for colour, (key, (times, values)) in enumerate(points.items())
-    }
-
-
-def _words(key: str) -> str:
-    """Return the name of a quantity as words; for a time without the unit, which the axis has."""
-    return key.removesuffix("_ms").replace("_", " ")
-
-
-def _from_diagnostics(bag: Bag, title: str, unit: str, component: str, keys: Sequence[str]) -> Chart:
-    curves = list(_diagnostics(bag, component, keys).values())
-    if len(curves) == 1:  # the title names it
-        curves = [replace(curves[0], name="")]
-    absent = f"Not in this recording: reports of {component.strip('/')} in /diagnostics."
-    return Chart(title, unit, tuple(curves), caption="" if curves else absent)
-
-
-def _residuals(bag: Bag) -> Chart:
-    keys = ("residual_mm", "residual_rad")
-    return _from_diagnostics(bag, "Residuals of inverse control", "mm, rad", "/inverse_controller", keys)
-
-
-def _real_time_factor(bag: Bag) -> Chart:
-    chart = _from_diagnostics(bag, "Real-time factor", "-", "/simulator", ("real_time_factor",))
-    return replace(chart, levels=(0.0, 1.0)) if chart.curves else chart
-
-
-def _stage_times(bag: Bag) -> Chart:
-    return _from_diagnostics(bag, "Time of each stage of a step", "ms", "/simulator", ("_ms",))
+                if isinstance(value, float) and key.endswith(keys):
+                    series = points.setdefault(key, _Series())
+                    series.times.append(1e-9 * (stamp - bag.begin_ns))
+                    series.rows.append((value,))
+    if not points:
+        absent = f"Not in this recording: reports of {component.strip('/')} in /diagnostics."
+        return Chart(title, unit, caption=absent)
+    names = {key: key.removesuffix("_ms").replace("_", " ") for key in points}  # the axis has the unit
+    if len(points) == 1:
+        names = dict.fromkeys(points, "")  # the title names it
+    curves = [each.curve(names[key], 0, 1.0, "line", k) for k, (key, each) in enumerate(points.items())]
+    return Chart(title, unit, tuple(curves), levels)
 
 
 def _stress(bag: Bag) -> Chart:
-    times, highest = [], []
-    for stamp, message in bag.messages(bag.topic("mesh/points")):
-        rows = np.frombuffer(message.data, dtype="<f4").reshape(-1, 4)
-        times.append(1e-9 * (stamp - bag.begin_ns))
-        highest.append(1e-3 * float(rows[:, 3].max(initial=0.0)))
-    curve = Curve("", np.array(times), np.array(highest))
-    return Chart(
-        "Largest von Mises stress", "kPa", (curve,) if times else (), caption=missing(bag, "mesh/points")
-    )
+    def largest(message: Any) -> Sequence[float]:
+        return (float(np.frombuffer(message.data, dtype="<f4").reshape(-1, 4)[:, 3].max(initial=0.0)),)
+
+    series = _series(bag, "mesh/points", largest)
+    curves = (series.curve("", 0, 1e-3),) if series.rows else ()
+    return Chart("Largest von Mises stress", "kPa", curves, caption=missing(bag, "mesh/points"))
 
 
 def draw(chart: Chart, duration_s: float) -> str:

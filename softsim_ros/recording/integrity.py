@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import struct
 from binascii import crc32
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import Any, BinaryIO, Final
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer, reader, storage_mcap
@@ -46,8 +48,10 @@ def end_torn_file(file: Path) -> None:
         OSError: it cannot be written.
     """
     with open_in_place(file, "r+b") as stream:
-        end = _sound_length(stream)
-        if end <= len(MAGIC):
+        end = 0
+        for _, begin, length in _whole_records(stream, DATA_END, FOOTER):
+            end = begin + length
+        if not end:
             raise BagError(file, "is not an MCAP file, or was cut before its first record; nothing to save")
         stream.truncate(end)
         stream.seek(end)
@@ -56,23 +60,22 @@ def end_torn_file(file: Path) -> None:
         stream.write(MAGIC)
 
 
-def _sound_length(stream: BinaryIO) -> int:
-    """Return the number of bytes up to the end of the last whole data record.
+def _whole_records(stream: BinaryIO, *ends: int) -> Iterator[tuple[int, int, int]]:
+    """Yield kind, begin and length of each record, up to one of the kinds `ends` or one that is cut off.
 
-    Return 0 for a file of another kind.
+    A file of another format has none. The begin is that of the content, at which the stream stands.
     """
-    if stream.read(len(MAGIC)) != MAGIC:
-        return 0
     size = stream.seek(0, 2)
-    end = stream.seek(len(MAGIC))
-    while True:
-        head = stream.read(_HEAD.size)
-        if len(head) < _HEAD.size:
-            return end
+    stream.seek(0)
+    if stream.read(len(MAGIC)) != MAGIC:
+        return
+    while len(head := stream.read(_HEAD.size)) == _HEAD.size:
         kind, length = _HEAD.unpack(head)
-        if kind in (DATA_END, FOOTER) or end + _HEAD.size + length > size:
-            return end
-        end = stream.seek(length, 1)
+        begin = stream.tell()
+        if kind in ends or begin + length > size:
+            return
+        yield kind, begin, length
+        stream.seek(begin + length)
 
 
 CRC_OFFSET: Final = 9 + 24
@@ -83,38 +86,6 @@ BLOCK_BYTES: Final = 2**20
 
 _FOOTER: Final = struct.Struct("<QQI")
 _DATA_END: Final = struct.Struct("<BQI")
-
-
-class Checksum(NamedTuple):
-    """A stored checksum and the one computed from the bytes.
-
-    The stored one is 0 if the writer left it out.
-    """
-
-    stored: int
-    counted: int
-
-
-def read_summary(stream: BinaryIO) -> Checksum | None:
-    """Return the checksum of the index at the end of an MCAP file; None if it has no index."""
-    begin, end, stored = _footer(stream)
-    return Checksum(stored, _crc_of(stream, begin, end - 4)) if begin else None
-
-
-def read_data_section(stream: BinaryIO) -> Checksum | None:
-    """Return the checksum of everything before the index of an MCAP file; None if it has no index.
-
-    If the file stores no checksum, none is computed.
-    """
-    begin = _footer(stream)[0]
-    if begin < _DATA_END.size:
-        return None
-    end = begin - _DATA_END.size
-    stream.seek(end)
-    kind, length, stored = _DATA_END.unpack(stream.read(_DATA_END.size))
-    if (kind, length) != (DATA_END, 4):
-        return None
-    return Checksum(stored, _crc_of(stream, 0, end) if stored else 0)
 
 
 def _footer(stream: BinaryIO) -> tuple[int, int, int]:
@@ -220,55 +191,45 @@ def _unpacked_bytes(path: Path, file: Path) -> int:
     """Return the unpacked size that all chunks of a file announce, as far as its records are whole."""
     size, total = file.stat().st_size, 0
     with file.open("rb") as stream:
-        if stream.read(len(MAGIC)) != MAGIC:
-            return 0  # the reader reports that
-        while len(head := stream.read(_HEAD.size)) == _HEAD.size:
-            kind, length = _HEAD.unpack(head)
-            begin = stream.tell()
-            if kind == FOOTER or begin + length > size:
-                break
-            if kind == CHUNK:
-                if length < _CHUNK_HEAD.size:
-                    raise BagError(path, f"is damaged (a chunk of {length} bytes)")
-                unpacked = _CHUNK_HEAD.unpack(stream.read(_CHUNK_HEAD.size))[2]
-                if unpacked > MOST_CHUNK_BYTES:
-                    raise BagError(
-                        path,
-                        f"is refused: a chunk of {length} bytes would unpack to {unpacked >> 20} MiB, "
-                        f"at most {MOST_CHUNK_BYTES >> 20} are read",
-                    )
-                total += unpacked
-            stream.seek(begin + length)
+        for kind, _, length in _whole_records(stream, FOOTER):
+            if kind != CHUNK:
+                continue
+            if length < _CHUNK_HEAD.size:
+                raise BagError(path, f"is damaged (a chunk of {length} bytes)")
+            unpacked = _CHUNK_HEAD.unpack(stream.read(_CHUNK_HEAD.size))[2]
+            if unpacked > MOST_CHUNK_BYTES:
+                raise BagError(
+                    path,
+                    f"is refused: a chunk of {length} bytes would unpack to {unpacked >> 20} MiB, "
+                    f"at most {MOST_CHUNK_BYTES >> 20} are read",
+                )
+            total += unpacked
     if total > MOST_TIMES * size + MOST_CHUNK_BYTES:
         raise BagError(path, f"is refused: it would unpack to {total // size} times its size")
     return total
 
 
 def _check_sums(path: Path, file: Path) -> None:
-    """Compare the data section and the index of a file with their checksums, if it has them."""
+    """Compare the index of a file and everything before it with their checksums; 0 stands for none."""
     with file.open("rb") as stream:
-        summary, data = read_summary(stream), read_data_section(stream)
-    if summary is not None and summary.stored not in (0, summary.counted):
-        raise BagError(path, "is damaged: the index at its end does not match its checksum")
-    if data is not None and data.stored not in (0, data.counted):
-        raise BagError(path, "is damaged: its data do not match their checksum (bits have changed since)")
+        begin, end, stored = _footer(stream)
+        if stored and stored != _crc_of(stream, begin, end - 4):
+            raise BagError(path, "is damaged: the index at its end does not match its checksum")
+        end_of_data = begin - _DATA_END.size
+        if end_of_data < 0:
+            return
+        stream.seek(end_of_data)
+        kind, length, stored = _DATA_END.unpack(stream.read(_DATA_END.size))
+        if (kind, length) == (DATA_END, 4) and stored and stored != _crc_of(stream, 0, end_of_data):
+            raise BagError(path, "is damaged: its data do not match their checksum (bits have changed since)")
 
 
-def _zstd(data: bytes, size: int) -> bytes:
-    module: Any = storage_mcap
-    return _unpack_bounded(module.zstd.ZstdDecompressor(), data, size)
-
-
-def _lz4(data: bytes, size: int) -> bytes:
-    return _unpack_bounded(LZ4FrameDecompressor(), data, size)
-
-
-def _unpack_bounded(decompressor: Any, data: bytes, size: int) -> bytes:
+def _unpack_bounded(decompressor: Callable[[], Any], data: bytes, size: int) -> bytes:
     """Return unpacked data, at most one byte more than `size`."""
     if size > MOST_CHUNK_BYTES:
         raise ReaderError(f"a chunk would unpack to {size} bytes")
     try:
-        return bytes(decompressor.decompress(data, max_length=size + 1))
+        return bytes(decompressor().decompress(data, max_length=size + 1))
     except Exception as error:
         raise ReaderError(f"a chunk cannot be unpacked ({error})") from error
 
@@ -287,6 +248,8 @@ class _NoWholeFiles:
 
 def guard_reader() -> None:
     """Install the bounds in the reader; a second call changes nothing."""
-    storage_mcap.DECOMPRESSORS.update(zstd=_zstd, lz4=_lz4)
-    module: Any = reader
-    module.zstd = _NoWholeFiles
+    mcap: Any = storage_mcap
+    bag: Any = reader
+    mcap.DECOMPRESSORS["zstd"] = partial(_unpack_bounded, mcap.zstd.ZstdDecompressor)
+    mcap.DECOMPRESSORS["lz4"] = partial(_unpack_bounded, LZ4FrameDecompressor)
+    bag.zstd = _NoWholeFiles

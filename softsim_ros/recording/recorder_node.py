@@ -168,8 +168,9 @@ class Recorder(ClosableNode):
         news: Callable[[str], None] | None = None,
     ) -> None:
         overrides = list(parameter_overrides)
-        if namespace is None:
-            namespace = namespace_of(_requested_robot(context, overrides))
+        if namespace is None:  # the parameter is needed before the node
+            with parameter_probe(NODE_NAME, context=context, parameter_overrides=overrides) as probe:
+                namespace = namespace_of(declare(probe, RecorderSettings()).robot)
         super().__init__(NODE_NAME, context=context, namespace=namespace, parameter_overrides=overrides)
         self.failure: RecordingError | None = None
         self._news: Callable[[str], None] = news or self.get_logger().info
@@ -356,12 +357,6 @@ def namespace_of(robot: str) -> str:
         if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", robot, re.ASCII):
             raise RecordingError(f"no robot to record: {error}") from error
         return robot
-
-
-def _requested_robot(context: Context | None, overrides: list[Parameter]) -> str:
-    """Return the parameter `robot`, which is needed before the node because it names the namespace."""
-    with parameter_probe(NODE_NAME, context=context, parameter_overrides=overrides) as probe:
-        return declare(probe, RecorderSettings()).robot
 
 
 PROGRAM = Program(

@@ -238,7 +238,11 @@ class Replay(ClosableNode):
             RecordingError: another node has begun to publish the same topics.
         """
         self._playhead.seek(0.0, time.monotonic())
-        for event in self._events():
+        if self._commands_only:
+            events = commands(self._bag, self._since_ns)
+        else:
+            events = messages(self._bag, self._topics, self._since_ns)
+        for event in events:
             if not self._wait_for(1e-9 * (event.stamp_ns - self._since_ns), executor):
                 return
             self._send(event, executor)
@@ -256,11 +260,6 @@ class Replay(ClosableNode):
             if self._looks.passes(time.monotonic()):
                 self._refuse_rivals()
         return True
-
-    def _events(self) -> Iterator[Event]:
-        if self._commands_only:
-            return commands(self._bag, self._since_ns)
-        return messages(self._bag, self._topics, self._since_ns)
 
     def _send(self, event: Event, executor: Executor) -> None:
         if event.message is not None:

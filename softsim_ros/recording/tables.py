@@ -6,7 +6,7 @@ import csv
 import dataclasses
 import io
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -47,30 +47,32 @@ def write_csv(bag: Bag, folder: Path) -> tuple[list[Path], list[str]]:
             left_out.append(topic)
             continue
         for name, rows in tables.items():
-            files.append(folder / f"{name}.csv")
-            _write(files[-1], rows)
+            text = io.StringIO()
+            writer = csv.DictWriter(text, dict.fromkeys(column for row in rows for column in row), restval="")
+            writer.writeheader()
+            writer.writerows(rows)
+            files.append(write_file(folder / f"{name}.csv", text.getvalue()))
     return files, left_out
 
 
 def _tables(bag: Bag, topic: str) -> dict[str, list[Row]]:
-    name = file_name(bag, topic)
+    """Return the rows of a topic by the name of their file, which begins without the robot's namespace."""
+    name = _safe(topic.removeprefix(bag.namespace.rstrip("/") + "/"))
     tables: dict[str, list[Row]] = {}
-    kind = bag.topics[topic]
     for stamp, message in bag.messages(topic):
         time = {"recorded_s": 1e-9 * (stamp - bag.begin_ns)}
-        if kind == "diagnostic_msgs/msg/DiagnosticArray":
+        if bag.topics[topic] == "diagnostic_msgs/msg/DiagnosticArray":
             for status in message.status:
                 key = f"{name}_{_safe(status.name)}"
                 tables.setdefault(key, []).append({**time, **diagnostic_row(status)})
         else:
-            row = joint_row(message) if kind == "sensor_msgs/msg/JointState" else dict(flat(message))
-            tables.setdefault(name, []).append({**time, **row})
+            tables.setdefault(name, []).append({**time, **_message_row(message)})
     return tables
 
 
-def file_name(bag: Bag, topic: str) -> str:
-    """Return the name of a topic's file: without the robot's namespace, underscores for slashes."""
-    return _safe(topic.removeprefix(bag.namespace.rstrip("/") + "/"))
+def _message_row(message: Any) -> Row:
+    """Return the values of a message by name; those of joint states by the names of the joints."""
+    return joint_row(message) if message.__msgtype__ == "sensor_msgs/msg/JointState" else dict(flat(message))
 
 
 def flat(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -129,16 +131,6 @@ def _safe(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", name).strip("_")
 
 
-def _write(file: Path, rows: Iterable[Row]) -> None:
-    rows = list(rows)
-    columns = list(dict.fromkeys(column for row in rows for column in row))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, restval="")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_file(file, text.getvalue())
-
-
 RECORDED: Final = "recorded_s"
 """Column with the time of each row since the recording's first message, in [s]."""
 
@@ -195,32 +187,23 @@ def _series(bag: Bag, topic: str, field_names: list[str]) -> tuple[Any, dict[str
             bag.path, f"topic {topic}", f"is not there; {known_names(topic, sorted(bag.topics), 'there are')}"
         )
     stamps, values = [], []
-    arrays: dict[str, Any] = {}
-    for stamp, row in _rows(bag, topic):
-        arrays = row
+    row: Row = {}
+    for stamp, message in bag.messages(topic):
+        try:
+            row = _message_row(message)
+        except TooLongError as error:
+            raise DataError(bag.path, f"topic {topic}", "holds long arrays, which are no columns") from error
         stamps.append(stamp)
         values.append([row.get(field, np.nan) for field in field_names])
     for field in field_names:
-        if field not in arrays:
-            raise DataError(
-                bag.path,
-                f"column {topic}:{field}",
-                f"is not there; {known_names(field, arrays, 'there are')}",
-            )
+        if field not in row:
+            known = known_names(field, row, "there are")
+            raise DataError(bag.path, f"column {topic}:{field}", f"is not there; {known}")
     try:
         numbers = np.array(values, dtype=float)
     except ValueError as error:
         raise DataError(bag.path, f"topic {topic}", f"a field is no number ({error})") from error
     return np.array(stamps, dtype=np.int64), {field: numbers[:, k] for k, field in enumerate(field_names)}
-
-
-def _rows(bag: Bag, topic: str) -> Iterator[tuple[int, dict[str, Any]]]:
-    of_joints = bag.topics[topic] == "sensor_msgs/msg/JointState"
-    for stamp, message in bag.messages(topic):
-        try:
-            yield stamp, joint_row(message) if of_joints else dict(flat(message))
-        except TooLongError as error:
-            raise DataError(bag.path, f"topic {topic}", "holds long arrays, which are no columns") from error
 
 
 def register() -> None:
