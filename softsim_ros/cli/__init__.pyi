@@ -7,7 +7,10 @@ from .app import (
 )
 from .command import (
     Colours as Colours,
+    CommandError as CommandError,
     Parser as Parser,
+    UsageError as UsageError,
+    require_matplotlib as require_matplotlib,
 )
 
 def main(words: collections.abc.Sequence[str] | None = None) -> int: ...

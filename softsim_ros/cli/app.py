@@ -11,7 +11,7 @@ from typing import Final
 from softsim_core import __version__
 from softsim_core.base import SoftSimError, install_command, known_names, nearest
 from softsim_node import check_ros_variables, ending, limit_blas_threads, prepare_environment
-from softsim_ros.cli.command import Colours, Command, Parser
+from softsim_ros.cli.command import Colours, Command, CommandError, Parser
 from softsim_ros.cli.completion import ASKED, complete
 
 _ROS: Final = (
@@ -195,7 +195,11 @@ def _dispatch(words: Sequence[str]) -> int:
         arguments.rest = rest
     else:
         arguments = own.parse_args(words[1:])
-    return int(module.run(arguments))
+    try:
+        return int(module.run(arguments))
+    except CommandError as error:
+        print(f"softsim {name}: {error}", file=sys.stderr)
+        return error.code
 
 
 def run_command(words: Sequence[str] | None = None) -> int:

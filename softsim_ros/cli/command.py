@@ -3,15 +3,37 @@
 from __future__ import annotations
 
 import argparse
-import importlib
+import importlib.util
 import os
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, Final, NamedTuple, TextIO
 
-from softsim_core.base import did_you_mean, one_of
+from softsim_core.base import SoftSimError, did_you_mean, install_command, one_of
 
 _CODES: Final = {"bold": "1", "red": "31", "green": "32", "yellow": "33"}
+
+
+class CommandError(SoftSimError):
+    """A command refuses or fails; `softsim` shows the reason after the command's name.
+
+    Attributes:
+        code: Exit code: 1, or 2 for wrong usage.
+    """
+
+    code = 1
+
+
+class UsageError(CommandError):
+    """A command was called with arguments that it does not take."""
+
+    code = 2
+
+
+def require_matplotlib(reason: str) -> None:
+    """Raise CommandError if Matplotlib is not installed; `reason` is the begin of the message."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise CommandError(f"{reason} matplotlib; {install_command('report')}")
 
 
 class Colours:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from softsim_core.base import install_command
-from softsim_ros.cli.command import Command, Parser
+from softsim_ros.cli.command import Command, CommandError, Parser
 
 SHELLS: Final = ("bash", "zsh", "fish")
 LINES: Final = {
@@ -32,12 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the shell's code."""
     try:
         from argcomplete.shell_integration import shellcode
-    except ImportError:
-        print(
-            f"softsim completion: argcomplete is not installed; {install_command('completion')}",
-            file=sys.stderr,
-        )
-        return 1
+    except ImportError as error:
+        raise CommandError(f"argcomplete is not installed; {install_command('completion')}") from error
     print(shellcode(["softsim"], shell=arguments.shell))
     return 0
 

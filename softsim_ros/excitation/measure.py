@@ -111,7 +111,6 @@ class SetFolder:
 TRIES: Final = 5
 """Number of attempts to observe a robot at rest; after them the row is marked as moving."""
 
-
 FEWEST: Final = 6
 """Smallest number of readings of an observation."""
 
@@ -178,9 +177,8 @@ class Measurement:
         names = [f"{name}_{unit}" if len(units) == 1 else name for name in robot.joint_names]
         self._commands = CommandColumns(columns=tuple(names), unit=unit, joints=robot.joint_names)
         self._own = all(each.topic == SIMULATED for each in sensors)
-        self._poses = (
-            grid(self._motion_limits, settings) if "grid" in settings.kinds else np.empty((0, len(names)))
-        )
+        with_grid = "grid" in settings.kinds
+        self._poses = grid(self._motion_limits, settings) if with_grid else np.empty((0, len(names)))
         self._motions = motions(self._motion_limits, settings)
 
     @property
@@ -275,17 +273,15 @@ class Measurement:
         names = [*self._commands.columns, *self._columns, "spread_mm", MOVING]
         columns = dict(zip(names, rows.T, strict=True))
         many = len(rows) >= FEW_POSES
-        return (
-            SessionDescription(
-                name="grid",
-                file=Path("grid.csv"),
-                note=f"Poses at rest: means over {self._looks.hold_s:g} s; spread_mm is their noise.",
-                suspect=MOVING,
-                split=SplitDescription(held_out_share=HELD_OUT, seed=self._settings.seed) if many else None,
-                **self._shared,
-            ),
-            columns,
+        session = SessionDescription(
+            name="grid",
+            file=Path("grid.csv"),
+            note=f"Poses at rest: means over {self._looks.hold_s:g} s; spread_mm is their noise.",
+            suspect=MOVING,
+            split=SplitDescription(held_out_share=HELD_OUT, seed=self._settings.seed) if many else None,
+            **self._shared,
         )
+        return session, columns
 
     # --- motions --------------------------------------------------------------------------------------
 
@@ -305,15 +301,10 @@ class Measurement:
                 columns[name] = np.interp(when, times, values)
         all_finite = np.all([np.isfinite(each) for each in columns.values()], axis=0)
         columns = {name: values[all_finite] for name, values in columns.items()}
-        first = (
-            rings_from(
-                columns["time_s"],
-                commands[all_finite],
-                np.array([columns[name] for name in self._columns[:3]]).T,
-            )
-            if motion.free
-            else 0.0
-        )
+        first = 0.0
+        if motion.free:
+            places = np.array([columns[name] for name in self._columns[:3]]).T
+            first = rings_from(columns["time_s"], commands[all_finite], places)
         time = TimeColumn(column="time_s", first=first, most_delay=0.0 if self._own else MOST_DELAY_S)
         note = NOTES[motion.name] + (RINGS if first else "")
         file = Path(f"{motion.name}.csv")

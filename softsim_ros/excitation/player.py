@@ -14,7 +14,7 @@ from softsim_core.base import Array, SoftSimError
 from softsim_core.lab.identification import ExcitationSettings, motion_limits_of, way
 from softsim_node import LATCHED, ending
 from softsim_ros.client import RobotSession, commandable
-from softsim_ros.excitation.readings import Readings, silence_s
+from softsim_ros.excitation.readings import Readings
 from softsim_ros.excitation.sensors import ExcitationError, Sensor
 
 SILENT_S: Final = 2.0
@@ -64,7 +64,7 @@ class Player:
         self.joints = Readings(topic, self._to_command)
         node.create_subscription(JointState, topic, self.joints, DEPTH)
         node.create_subscription(Float64MultiArray, "position_controller/commands", self._on_command, DEPTH)
-        self._shift: list[float] = []
+        self._shift: float | None = None
         node.create_subscription(Float64, "base_shift", self._on_shift, LATCHED)
 
     # --- commands of the joints ----------------------------------------------------------------------
@@ -75,7 +75,7 @@ class Player:
             self._foreign = True
 
     def _on_shift(self, message: Float64) -> None:
-        self._shift.append(float(message.data))
+        self._shift = float(message.data)
 
     @property
     def command(self) -> Array:
@@ -120,13 +120,14 @@ class Player:
             time.sleep(LOOK_S)
         client = self._session.client
         robot = client.robot
-        shifted = bool(self._shift) and abs(self._shift[-1] - robot.start_shift) < SHIFTED
+        shifted = self._shift is not None and abs(self._shift - robot.start_shift) < SHIFTED
         if not self.real and robot.start is not None and not shifted:
             self._session.do(client.simulator.start)
             self._session.wait_until_there()
         state = commandable(self._session.state, robot)
         assert state.measured is not None
-        self._at = np.clip(state.measured, *self._limits)
+        limits = [joint.limits for joint in robot.joints]
+        self._at = np.clip(state.measured, [each.lower for each in limits], [each.upper for each in limits])
 
     @property
     def is_slow(self) -> bool:
@@ -134,11 +135,6 @@ class Player:
         factor, newest = self._session.state.real_time_factor, self.joints.newest
         on_wall = newest is not None and abs(newest - time.time()) < FIRST_WITHIN_S
         return not self.real and on_wall and factor is not None and factor < KEEPS_UP
-
-    @property
-    def _limits(self) -> tuple[Array, Array]:
-        limits = [joint.limits for joint in self._session.client.robot.joints]
-        return np.array([each.lower for each in limits]), np.array([each.upper for each in limits])
 
     @property
     def _now(self) -> float:
@@ -231,5 +227,5 @@ class Player:
                 "must not be moved by another program"
             )
         for each in self._readings:
-            if silence_s(each) > SILENT_S:
+            if time.monotonic() - each.arrived > SILENT_S:
                 raise ExcitationError(f"nothing came on {each.topic} for {SILENT_S:g} s")

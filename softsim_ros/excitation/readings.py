@@ -58,11 +58,6 @@ class Readings:
         return stamps, arrivals, np.array([row[2] for row in rows], dtype=float).reshape(len(rows), -1)
 
 
-def silence_s(readings: Readings) -> float:
-    """Return the time since the last message, in [s]."""
-    return time.monotonic() - readings.arrived
-
-
 def times_of(all_readings: Sequence[tuple[Array, Array]]) -> list[Array]:
     """Return times of the messages of several topics on one clock: their stamps, else their arrivals.
 
@@ -143,8 +138,5 @@ def commands_at(times: Array, commands: Array, when: Array, *, after: bool) -> A
 
     Joint states of a simulator need `after`.
     """
-    if after:
-        index = np.searchsorted(times, when + SAME, side="right")
-    else:
-        index = np.searchsorted(times, when + SAME, side="right") - 1
+    index = np.searchsorted(times, when + SAME, side="right") - (0 if after else 1)
     return np.asarray(commands[np.clip(index, 0, len(times) - 1)])

@@ -196,7 +196,7 @@ def _subscribe_sensor(node: Node, choice: SensorChoice) -> Sensor:
     if kind == POSE and len(places) != 1:
         raise ExcitationError(f"{full} is one pose, and {len(places)} places are given for it")
     described = () if kind == IMU else _describe_sensors(choice.topic, places)
-    readings = Readings(full, _NUMBERS[kind](len(places)))
+    readings = Readings(full, _numbers(kind, len(places)))
     node.create_subscription(TYPES[kind], full, readings, matching_qos(infos, DEPTH))
     return Sensor(choice.topic, kind, readings, described)
 
@@ -215,29 +215,16 @@ def _word(topic: str) -> str:
     return topic.strip("/").replace("/", "_")
 
 
-def _pose(_: int) -> Callable[[Any], Sequence[float]]:
-    return lambda message: _point(message.pose)
+def _numbers(kind: str, count: int) -> Callable[[Any], Sequence[float]]:
+    """Return the function that reads the numbers of a message: of an IMU, or of `count` positions."""
 
-
-def _poses(count: int) -> Callable[[Any], Sequence[float]]:
     def numbers(message: Any) -> Sequence[float]:
-        if len(message.poses) != count:  # a marker was lost, and it is unknown which
+        if kind == IMU:
+            q, w, a = message.orientation, message.angular_velocity, message.linear_acceleration
+            return q.x, q.y, q.z, q.w, w.x, w.y, w.z, a.x, a.y, a.z
+        places = [each.position for each in ([message.pose] if kind == POSE else message.poses)]
+        if len(places) != count:  # a marker was lost, and it is unknown which
             return ()
-        return [value for pose in message.poses for value in _point(pose)]
+        return [value for place in places for value in (place.x, place.y, place.z)]
 
     return numbers
-
-
-def _imu(_: int) -> Callable[[Any], Sequence[float]]:
-    def numbers(message: Any) -> Sequence[float]:
-        q, w, a = message.orientation, message.angular_velocity, message.linear_acceleration
-        return q.x, q.y, q.z, q.w, w.x, w.y, w.z, a.x, a.y, a.z
-
-    return numbers
-
-
-def _point(pose: Any) -> Sequence[float]:
-    return pose.position.x, pose.position.y, pose.position.z
-
-
-_NUMBERS: Final = {POSE: _pose, MARKERS: _poses, IMU: _imu}

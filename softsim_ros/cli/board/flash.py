@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from softsim_core.base import run_process
+from softsim_ros.cli import CommandError
 
 BAUD_RATE = 115200
 OLD_NANO_BAUD_RATE = 57600
@@ -32,15 +33,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Flash the board; return 0 if avrdude wrote and verified it, 1 if it was refused or could not."""
+    """Flash the board; return 0 if avrdude wrote and verified it.
+
+    Raises:
+        CommandError: it was refused, or could not.
+        PortError: the port is in use, missing, or not allowed; the message says what to do.
+    """
     from servo_bridge import PortError
-    from servo_bridge.driver import find_port
+    from servo_bridge.driver import SerialTransport, find_port
     from servo_bridge.emulator import FIRMWARE, read_image
 
     image = Path(arguments.hex or FIRMWARE)
     _, content = read_image(image)
     if arguments.hex is None and not is_as_recorded(image):
-        return _refuse(
+        raise CommandError(
             f"{image} is not the file its checksum was made of; copy or check out the package again"
         )
     try:
@@ -57,13 +63,16 @@ def run(arguments: argparse.Namespace) -> int:
         print("nothing was done (--dry-run)")
         return 0
     if shutil.which(command[0]) is None:
-        return _refuse("avrdude is not installed; run: sudo apt-get install avrdude")
-    if not arguments.yes and not _ask_confirmation():
-        return _refuse("nothing was done; answer yes, or give --yes")
-    _check_free(port, arguments.baud)
+        raise CommandError("avrdude is not installed; run: sudo apt-get install avrdude")
+    if not arguments.yes and not (
+        sys.stdin.isatty() and input("write it? [yes/no] ").strip().lower() in ("y", "yes")
+    ):
+        raise CommandError("nothing was done; answer yes, or give --yes")
+    with SerialTransport(port, arguments.baud):
+        pass  # refuses a port that another program has open: avrdude would not notice, and both lose bytes
     code = run_process(command).returncode
     if code:
-        return _refuse(
+        raise CommandError(
             f"avrdude failed (exit code {code}); close other programs on {port}, check that the board "
             f"is an Uno or Nano, and on an old Nano add --baud {OLD_NANO_BAUD_RATE}"
         )
@@ -82,26 +91,3 @@ def is_as_recorded(image: Path) -> bool:
     record = image.with_suffix(".sha256")
     expected = [hashlib.sha256(image.read_bytes()).hexdigest(), image.name]
     return any(line.split() == expected for line in record.read_text().splitlines())
-
-
-def _ask_confirmation() -> bool:
-    if not sys.stdin.isatty():
-        return False
-    return input("write it? [yes/no] ").strip().lower() in ("y", "yes")
-
-
-def _check_free(port: str, baud_rate: int) -> None:
-    """Refuse a port that another program has open; avrdude would not notice, and both would lose bytes.
-
-    Raises:
-        PortError: the port is in use, missing, or not allowed; the message says what to do.
-    """
-    from servo_bridge.driver import SerialTransport
-
-    with SerialTransport(port, baud_rate):
-        return
-
-
-def _refuse(message: str) -> int:
-    print(f"softsim flash: {message}", file=sys.stderr)
-    return 1

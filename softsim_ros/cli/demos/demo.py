@@ -11,10 +11,14 @@ import contextlib
 import importlib
 import sys
 import time
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
+
+from softsim_node import ending
+from softsim_ros.cli import CommandError, UsageError
 
 if TYPE_CHECKING:
-    from softsim_ros.client import Done, RobotSession
+    from softsim_ros.cli.demos.show import Show
+    from softsim_ros.client import RobotSession
 
 DEMOS: Final = {
     "grasp": ("softsim_ros.cli.demos.grasp", "Grasp"),
@@ -26,49 +30,6 @@ PATIENCE_S = 60.0
 """Longest time in [s] without a new message of the simulator."""
 
 LOOK_PERIOD_S = 0.05
-
-LEAD_S: Final = 1.0
-"""Delay in simulated [s] between sending a plan and its start, so that it reaches the simulator in time."""
-
-
-class Show(Protocol):
-    """A plan that is sent once, and measurements from topics.
-
-    Attributes:
-        duration_s: Its duration, in simulated [s].
-        began: Simulated time at which it begins in [s]; None: it was not sent.
-    """
-
-    duration_s: float
-    began: float | None
-
-    @property
-    def is_ready(self) -> bool:
-        """Whether messages from and to the simulator get through."""
-        ...
-
-    @property
-    def message_count(self) -> int:
-        """Number of pose messages received from the simulator."""
-        ...
-
-    @property
-    def elapsed(self) -> float:
-        """Simulated seconds since the plan began; < 0 before."""
-        ...
-
-    @property
-    def phase(self) -> str:
-        """Name of the present phase."""
-        ...
-
-    def begin(self, done: Done) -> None:
-        """Send the plan to the robot; `done` receives the outcome of the request."""
-        ...
-
-    def report_results(self) -> tuple[list[str], bool]:
-        """Return the measurements as messages, and whether they meet the requirements."""
-        ...
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -85,8 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, send the plan, print the measurements."""
     if not 0.0 <= arguments.speed <= 1000.0:
-        print("softsim demo: --speed must be between 0 and 1000", file=sys.stderr)
-        return 2
+        raise UsageError("--speed must be between 0 and 1000")
     from rclpy.parameter import Parameter
 
     from softsim_core.scene import load_scene
@@ -113,28 +73,18 @@ def run(arguments: argparse.Namespace) -> int:
         if _play(show, robot):
             results = show.report_results()
     if results is None:
-        return _report_unfinished()
+        if not ending.asked:
+            raise CommandError("the simulator has stopped; see its messages above")
+        print("softsim demo: ended before the plan was done", file=sys.stderr)
+        return 0
     lines, passed = results
     print("\n".join(lines))
     print(f"{arguments.name}: {'passed' if passed else 'missed its marks'}")
     return int(arguments.check and not passed)
 
 
-def _report_unfinished() -> int:
-    """Report why the plan was not played to its end; return the exit code."""
-    from softsim_node import ending
-
-    if ending.asked:
-        print("softsim demo: ended before the plan was done", file=sys.stderr)
-        return 0
-    print("softsim demo: the simulator has stopped; see its messages above", file=sys.stderr)
-    return 1
-
-
 def _play(show: Show, robot: RobotSession) -> bool:
     """Send the plan and wait until it is done; return False if the simulator went silent, or on Ctrl-C."""
-    from softsim_node import ending
-
     phase, message_count, last_message_s = "", 0, time.monotonic()
     while show.elapsed < show.duration_s:
         if show.is_ready and show.began is None:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from rclpy.node import Node
 
 from softsim_core.base import Array
-from softsim_ros.cli.demos.demo import LEAD_S
-from softsim_ros.cli.demos.shown_bodies import ShownBodies, ShownBody
-from softsim_ros.client import Done, RobotClient, RobotState
+from softsim_ros.cli.demos.show import Show, ShownBody, WayPoints
+from softsim_ros.client import RobotClient, RobotState
 
 LOWERED, LIFTED, CLOSED = -0.050, -0.020, 0.012
 """Positions of the slide to grasp and to hold, and pull of the cables, in [m]."""
@@ -88,53 +87,27 @@ class GraspResult:
         )
 
 
-class Grasp:
-    """Sends the plan once and records the topics about the cube.
+class Grasp(Show):
+    """Lifts a cube with the cable gripper, holds it and puts it down."""
 
-    Args:
-        node: The node whose executor delivers the messages.
-        client: Client of the gripper.
-    """
-
-    robot: ClassVar[str] = "cable_gripper"
-    duration_s: ClassVar[float] = PLAN[-1].time_s
+    robot = "cable_gripper"
+    duration_s = PLAN[-1].time_s
 
     def __init__(self, node: Node, client: RobotClient) -> None:
-        self._client = client
+        super().__init__(node, client)
         self.samples: list[Sample] = []
         self.tension = 0.0
-        self.began: float | None = None
         self._cables = [name.endswith("_cable") for name in client.robot.joint_names]
         client.watch(self._on_change)
-        ShownBodies(node, self._on_poses)
-
-    @property
-    def is_ready(self) -> bool:
-        """Whether messages from and to the simulator get through."""
-        has_messages = bool(self.samples) and self._client.state.measured is not None
-        return has_messages and self._client.joints.are_followed
-
-    @property
-    def message_count(self) -> int:
-        """Number of pose messages received from the simulator."""
-        return len(self.samples)
-
-    @property
-    def elapsed(self) -> float:
-        """Simulated seconds since the plan began; < 0 before."""
-        return self.samples[-1].time_s - self.began if self.began is not None else 0.0
 
     @property
     def phase(self) -> str:
         """Present phase of the gripper."""
         return next((point.phase for point in PLAN if self.elapsed < point.time_s), "done")
 
-    def begin(self, done: Done) -> None:
-        """Send the plan: one trajectory of all joints."""
+    def _way_points(self) -> WayPoints:
         names = self._client.robot.joint_names
-        way_points = [(point.time_s, {name: _target(name, point) for name in names}) for point in PLAN]
-        self.began = self.samples[-1].time_s + LEAD_S
-        self._client.joints.follow(way_points, done, begin_s=self.began)
+        return [(point.time_s, {name: _target(name, point) for name in names}) for point in PLAN]
 
     def result(self) -> GraspResult:
         """Return the measurements up to now."""
@@ -163,11 +136,11 @@ class Grasp:
             f"put down, {1e3 * result.returned:.2f} mm above the floor",
         ], result.passed
 
-    def _on_poses(self, time_s: float, bodies: Mapping[str, ShownBody]) -> None:
+    def _observe(self, bodies: Mapping[str, ShownBody]) -> None:
         if CUBE in bodies and FLOOR in bodies:
             cube, floor = bodies[CUBE], bodies[FLOOR]
             clearance = float(cube.corners[:, 2].min() - floor.corners[:, 2].max())
-            self.samples.append(Sample(time_s, cube.position, clearance))
+            self.samples.append(Sample(self._now, cube.position, clearance))
 
     def _on_change(self, state: RobotState) -> None:
         pulls = (effort for effort, is_cable in zip(state.efforts, self._cables, strict=False) if is_cable)

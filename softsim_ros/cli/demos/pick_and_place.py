@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -21,9 +21,8 @@ from softsim_core.control.inverse import reach
 from softsim_core.scene import RobotDescription
 from softsim_core.scene.building import build
 from softsim_node import EVERY_ONE
-from softsim_ros.cli.demos.demo import LEAD_S
-from softsim_ros.cli.demos.shown_bodies import ShownBodies, ShownBody
-from softsim_ros.client import Done, RobotClient
+from softsim_ros.cli.demos.show import Show, ShownBody, WayPoints
+from softsim_ros.client import RobotClient
 from softsim_ros.messages import read_contact_cloud
 
 WRIST: Final = "flange_roll"
@@ -48,11 +47,6 @@ class Phase(NamedTuple):
     duration_s: float
     target: Array
     pull: float
-
-    @property
-    def words(self) -> str:
-        """Name of the phase as shown to the user."""
-        return f"{self.name} {self.object}"
 
 
 def objects_of(robot: RobotDescription) -> dict[str, Array]:
@@ -155,46 +149,28 @@ class MeasuredObject:
         return ""
 
 
-class PickAndPlace:
-    """Sends the plan once and records the topics about the objects.
+class PickAndPlace(Show):
+    """Moves objects with the gripper on the arm, and records the topics about them."""
 
-    Args:
-        node: The node whose executor delivers the messages.
-        client: Client of the arm.
-    """
-
-    robot: ClassVar[str] = "pick_and_place"
+    robot = "pick_and_place"
 
     def __init__(self, node: Node, client: RobotClient) -> None:
-        self._client = client
+        super().__init__(node, client)
         self._phases, self._way = phases_of(client.robot), way_of(client.robot)
         self.duration_s = sum(each.duration_s for each in self._phases)
-        self.began: float | None = None
-        self.message_count, self._now, self._empty = 0, 0.0, 0.0
+        self._empty = 0.0
         self.taken: dict[str, MeasuredObject] = {}
         names = client.robot.scene.body_names
-        self._fingers = np.array([k for k, each in enumerate(client.robot.scene.bodies)])
+        self._fingers = np.arange(len(client.robot.scene.bodies))
         self._numbers = {name: names.index(name) for name in objects_of(client.robot)}
-        ShownBodies(node, self._on_poses)
         node.create_subscription(PointCloud2, "contacts/points", self._on_contacts, EVERY_ONE)
         node.create_subscription(WrenchStamped, "sensors/flange", self._on_wrench, EVERY_ONE)
-
-    @property
-    def is_ready(self) -> bool:
-        """Whether messages from and to the simulator get through."""
-        has_messages = self.message_count > 0 and self._client.state.measured is not None
-        return has_messages and self._client.joints.are_followed
-
-    @property
-    def elapsed(self) -> float:
-        """Simulated seconds since the plan began; < 0 before."""
-        return 0.0 if self.began is None else self._now - self.began
 
     @property
     def phase(self) -> str:
         """Present phase of the arm."""
         phase = self._phase
-        return "done" if phase is None else phase.words
+        return "done" if phase is None else f"{phase.name} {phase.object}"
 
     @property
     def _phase(self) -> Phase | None:
@@ -205,10 +181,8 @@ class PickAndPlace:
             left -= phase.duration_s
         return None
 
-    def begin(self, done: Done) -> None:
-        """Send the plan: one trajectory of all joints."""
-        self.began = self._now + LEAD_S
-        self._client.joints.follow(self._way, done, begin_s=self.began)
+    def _way_points(self) -> WayPoints:
+        return self._way
 
     def report_results(self) -> tuple[list[str], bool]:
         """Return the measurements as messages, and whether all objects are at their targets."""
@@ -221,8 +195,7 @@ class PickAndPlace:
             )
         return lines, bool(self.taken) and not any(each.why_not for each in self.taken.values())
 
-    def _on_poses(self, time_s: float, bodies: Mapping[str, ShownBody]) -> None:
-        self.message_count, self._now = self.message_count + 1, time_s
+    def _observe(self, bodies: Mapping[str, ShownBody]) -> None:
         if self.began is None or not all(name in bodies for name in self._numbers):
             return
         for name in self._numbers:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +16,7 @@ from rclpy.node import Node
 
 from softsim_core.base import known_names
 from softsim_node import ending, environment, matching_qos, ros_process
+from softsim_ros.cli import CommandError
 from softsim_ros.client import FIRST_WITHIN_S, OTHERS_S, running_robots
 from softsim_ros.messages import load_message
 
@@ -138,21 +138,23 @@ def follow(node: Node, topic: str, *, show: bool, count: int | None, limit: int 
 
     Returns:
         Exit code.
+
+    Raises:
+        CommandError: no node publishes the topic, or its type is not known here.
     """
     found = _find_publishers(node, topic, wait_s)
     if found is None:
         if not ending.asked:
             rows = [row[0] for row in topic_rows(node)]
             hint = known_names(topic, rows, lists_all="softsim topics")
-            print(f"softsim topics: no node publishes {topic} in {where()}; {hint}", file=sys.stderr)
+            raise CommandError(f"no node publishes {topic} in {where()}; {hint}")
         return 1
     topic, infos = found
     type_name = infos[0].topic_type
     try:
         message_class = load_message(type_name)
-    except (ImportError, AttributeError):
-        print(f"softsim topics: the type {type_name} of {topic} is not installed here", file=sys.stderr)
-        return 1
+    except (ImportError, AttributeError) as error:
+        raise CommandError(f"the type {type_name} of {topic} is not installed here") from error
     receiver = _Echo(limit) if show else Rate()
     raw = not show  # a rate needs no decoding
     node.create_subscription(message_class, topic, receiver, matching_qos(infos, QUEUE_DEPTH), raw=raw)

@@ -16,6 +16,7 @@ import numpy as np
 
 from softsim_node import takes_escapes
 from softsim_ros import write_page
+from softsim_ros.cli import UsageError
 from softsim_ros.cli.measurements.calibrate_report import (
     RequestedResults,
     page,
@@ -85,20 +86,14 @@ def run(arguments: argparse.Namespace) -> int:
         for name in known_calibrations():
             print(name)
         return 0
-    least = {"every": 1, "folds": 2, "suggest": 1}
-    for option, smallest in least.items():
+    for option, smallest in {"every": 1, "folds": 2, "suggest": 1}.items():
         value = getattr(arguments, option)
         if value is not None and value < smallest:
-            print(f"softsim calibrate: --{option} must be {smallest} or more", file=sys.stderr)
-            return 2
+            raise UsageError(f"--{option} must be {smallest} or more")
     for option in ("out", "report", "distribution"):  # reported before a long search, not after it
         value = getattr(arguments, option)
         if value is not None and (value.is_dir() or not value.absolute().parent.is_dir()):
-            print(
-                f"softsim calibrate: --{option} {value}: give a file in a folder that is there",
-                file=sys.stderr,
-            )
-            return 2
+            raise UsageError(f"--{option} {value}: give a file in a folder that is there")
     description, file = load_calibration(arguments.calibration)
     data = data_of(description, file, arguments.data)
     progress = _Progress()

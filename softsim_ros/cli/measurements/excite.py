@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from softsim_core.base import SoftSimError
 from softsim_core.lab.identification import KINDS, AlignmentDescription, ExcitationSettings
 from softsim_node import takes_escapes
+from softsim_ros.cli import CommandError, UsageError
 
 if TYPE_CHECKING:
     from softsim_core.scene import RobotDescription
@@ -109,8 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_ros.client import CONNECT_WITHIN_S, connect, running_robot
 
     if not (arguments.settle >= 0.0 and arguments.hold > 0.0):
-        print("softsim excite: --settle must be >= 0 s and --hold > 0 s", file=sys.stderr)
-        return 2
+        raise UsageError("--settle must be >= 0 s and --hold > 0 s")
     settings = ExcitationSettings(
         kinds=tuple(arguments.motion) or KINDS,
         reach=arguments.reach,
@@ -128,8 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
     robot = load_scene(name)
     folder = arguments.out or Path(f"{robot.name}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
     if folder.exists():
-        print(f"softsim excite: {folder} is there already; give another with --out", file=sys.stderr)
-        return 1
+        raise CommandError(f"{folder} is there already; give another with --out")
     namespace = (namespace or robot.namespace).strip("/")
     with ros_process(), contextlib.ExitStack() as stack:
         if not arguments.attach:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from softsim_core.base import DataError, known_names
 from softsim_node import takes_escapes
 from softsim_ros import write_page
+from softsim_ros.cli import UsageError
 
 if TYPE_CHECKING:
     from softsim_core.lab.identification import DataSet, Session, SessionDescription, SessionResult
@@ -68,8 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"{name:<{width}}  {load_data_set(file).description.about}")
         return 0
     if arguments.every < 1 or any(not _limit(arguments, name, 1.0) > 0.0 for name in LIMITS):
-        print("softsim validate: --every must be 1 or more, limits must be > 0 mm", file=sys.stderr)
-        return 2
+        raise UsageError("--every must be 1 or more, limits must be > 0 mm")
     if importlib.util.find_spec("rosbags") is not None:
         from softsim_ros.recording import register
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from softsim_ros.cli import CommandError, UsageError
 
 if TYPE_CHECKING:
     from softsim_ros.recording import Bag
@@ -31,8 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_ros.recording import Bag
 
     if arguments.rate is not None and not arguments.rate > 0.0:
-        print("softsim export: --rate must be above 0 Hz", file=sys.stderr)
-        return 2
+        raise UsageError("--rate must be above 0 Hz")
     chosen = [name for name in FORMATS if getattr(arguments, name)] or list(FORMATS)
     folder = arguments.out or arguments.bag.resolve().with_name(f"{arguments.bag.resolve().stem}_export")
     with Bag(arguments.bag) as bag:
@@ -45,8 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
             if "html" in chosen:
                 _export_html(bag, folder)
         except OSError as error:
-            print(f"softsim export: {folder} cannot be written ({error.strerror})", file=sys.stderr)
-            return 1
+            raise CommandError(f"{folder} cannot be written ({error.strerror})") from error
     return 0
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
+
+from softsim_ros.cli import CommandError, UsageError
 
 DEFAULT = "tripod"
 """Robot whose topics to wait for if no robot runs yet."""
@@ -40,8 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(repair(Path(arguments.repair)))
         return 0
     if arguments.size_limit < 0.0 or arguments.time_limit < 0.0:
-        print("softsim record: a limit must be 0 (none) or more", file=sys.stderr)
-        return 2
+        raise UsageError("a limit must be 0 (none) or more")
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
 
@@ -73,6 +73,5 @@ def run(arguments: argparse.Namespace) -> int:
         finally:
             recorder.close()
     if recorder.failure is not None:
-        print(f"softsim record: {recorder.failure}", file=sys.stderr)
-        return 1
+        raise CommandError(str(recorder.failure))
     return 0

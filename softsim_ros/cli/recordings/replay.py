@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
+
+from softsim_ros.cli import UsageError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -24,14 +25,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Play until the end, or until Ctrl-C."""
     if not 0.001 <= arguments.speed <= 1000.0:
-        print("softsim replay: --speed must lie between 0.001 and 1000", file=sys.stderr)
-        return 2
+        raise UsageError("--speed must lie between 0.001 and 1000")
     if not arguments.start >= 0.0:
-        print("softsim replay: --start must be 0 s or more", file=sys.stderr)
-        return 2
+        raise UsageError("--start must be 0 s or more")
     if arguments.reset and not arguments.commands:
-        print("softsim replay: --reset needs --commands", file=sys.stderr)
-        return 2
+        raise UsageError("--reset needs --commands")
     from rclpy.executors import SingleThreadedExecutor
 
     from softsim_node import ending, ros_process

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
-import sys
 from pathlib import Path
 
-from softsim_core.base import install_command
+from softsim_ros.cli import require_matplotlib
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -18,9 +16,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the page."""
-    if importlib.util.find_spec("matplotlib") is None:
-        print(f"softsim report: charts need matplotlib; {install_command('report')}", file=sys.stderr)
-        return 1
+    require_matplotlib("charts need")
     from softsim_ros import write_page
     from softsim_ros.recording import Bag, report
 

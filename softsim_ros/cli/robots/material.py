@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import math
 import sys
@@ -12,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, ConfigError, SceneError, install_command
+from softsim_core.base import Array, ConfigError, SceneError
 from softsim_core.physics.fem.materials import (
     DEFAULT_FIT,
     FITTED_LAWS,
@@ -27,6 +26,7 @@ from softsim_core.physics.fem.materials import (
 )
 from softsim_core.scene import MaterialDescription
 from softsim_ros import save_figure
+from softsim_ros.cli import CommandError, UsageError, require_matplotlib
 
 WIDTH, HEIGHT = 60, 16
 """Columns and lines of the chart."""
@@ -123,14 +123,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the list, or one elastomer with its curve."""
-    if arguments.out is not None and importlib.util.find_spec("matplotlib") is None:
-        print(f"softsim material: --out needs matplotlib; {install_command('report')}", file=sys.stderr)
-        return 1
+    if arguments.out is not None:
+        require_matplotlib("--out needs")
     for name in ("density", "size"):
         value = getattr(arguments, name)
         if value is not None and not 0.0 < value < math.inf:
-            print(f"softsim material: --{name} must be a number > 0, not {value:g}", file=sys.stderr)
-            return 2
+            raise UsageError(f"--{name} must be a number > 0, not {value:g}")
     if not arguments.name:
         print("\n".join(_list()))
         return 0
@@ -141,8 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
             preset=chosen.name, law=arguments.law, stiffness_factor=arguments.factor, **own
         )
     except SceneError as error:
-        print(f"softsim material: {error}", file=sys.stderr)
-        return 1
+        raise CommandError(str(error)) from error
     curve = _curve(chosen, made_of)
     stiffness = rest_stiffness(material(arguments.law), _values(made_of))
     density = arguments.density or chosen.density

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import math
 import sys
@@ -12,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base import MeshError, install_command
+from softsim_core.base import MeshError
 from softsim_core.lab.meshing import UNITS, MeshedPart, MeshingOptions, mesh_part
 from softsim_core.physics.mesh import boundary_surface, dihedral_angles_deg, write_tets
 from softsim_ros import save_figure
+from softsim_ros.cli import UsageError, require_matplotlib
 
 WRITTEN = (".vtk", ".msh")
 _LENGTHS = ("size", "holes", "deviation")
@@ -96,11 +96,9 @@ def run(arguments: argparse.Namespace) -> int:
     files = arguments.out or [Path(arguments.part.stem + ".vtk")]
     unknown = [str(file) for file in files if file.suffix.lower() not in WRITTEN]
     if unknown:
-        print(f"softsim mesh: --out {unknown[0]} must end in {' or '.join(WRITTEN)}", file=sys.stderr)
-        return 2
-    if arguments.picture is not None and importlib.util.find_spec("matplotlib") is None:
-        print(f"softsim mesh: --picture needs matplotlib; {install_command('report')}", file=sys.stderr)
-        return 1
+        raise UsageError(f"--out {unknown[0]} must end in {' or '.join(WRITTEN)}")
+    if arguments.picture is not None:
+        require_matplotlib("--picture needs")
     made = mesh_part(arguments.part, options(arguments), say)
     for file in files:
         write_tets(file, made.mesh)

@@ -18,6 +18,7 @@ from softsim_core.physics.mechanics import euler_of, rotation_euler
 from softsim_core.physics.mesh import write_tets
 from softsim_core.scene.arm import RigidRobot, read_urdf
 from softsim_core.scene.io import on_one_line, scalar
+from softsim_ros.cli import CommandError, UsageError
 from softsim_ros.cli.robots.mesh import add_options, options, say
 from softsim_ros.cli.robots.mesh_speed import DENSITY, POISSON, PRESET, STIFFNESS_FACTOR
 
@@ -287,25 +288,17 @@ def run(arguments: argparse.Namespace) -> int:
     name: str = arguments.name
     folder = Path(name)
     if not _NAME.fullmatch(name):
-        print(
-            f"softsim new: {name!r} is no name: small letters, digits and _, a letter first", file=sys.stderr
-        )
-        return 2
+        raise UsageError(f"{name!r} is no name: small letters, digits and _, a letter first")
     if folder.exists():
         raise ConfigError(folder, "", "is there already; choose another name, or move it away")
     if arguments.link is not None and arguments.arm is None:
-        print(
-            "softsim new: --link names a link of an arm; name the arm's file, too: --arm URDF",
-            file=sys.stderr,
-        )
-        return 2
+        raise UsageError("--link names a link of an arm; name the arm's file, too: --arm URDF")
     try:
         preset = elastomer(arguments.material).name
         rigid = None if arguments.arm is None else read_urdf(arguments.arm)
         link = "" if rigid is None else chosen_link(rigid, arguments.link)
     except SceneError as error:
-        print(f"softsim new: {error}", file=sys.stderr)
-        return 1
+        raise CommandError(str(error)) from error
     made = mesh_part(arguments.part, options(arguments), say)
     assumed = guess(made.mesh)
     on_arm = "" if rigid is None else arm_text(name, arguments.arm, rigid, link, assumed)

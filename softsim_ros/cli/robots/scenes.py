@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 from softsim_core.base import SoftSimError
 from softsim_core.scene.io import config_roots, known_scenes
+from softsim_ros.cli import CommandError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +22,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the known names and the searched folders, or one scene."""
     if arguments.show is not None:
-        return _show(arguments.show)
+        try:
+            from softsim_core.scene import load_scene
+            from softsim_core.scene.io import write_description
+
+            print(write_description(load_scene(arguments.show)), end="")
+        except (SoftSimError, ImportError) as error:
+            raise CommandError(str(error)) from error
+        return 0
     for kind in ("robots", "scenes"):
         print(f"{kind}:")
         scenes = known_scenes(kind)
@@ -32,17 +39,4 @@ def run(arguments: argparse.Namespace) -> int:
             print("  none")
     roots = ", ".join(map(str, config_roots())) or "nowhere: set SOFTSIM_CONFIG_PATH to a configs folder"
     print(f"found in: {roots}")
-    return 0
-
-
-def _show(scene: str) -> int:
-    try:
-        from softsim_core.scene import load_scene
-        from softsim_core.scene.io import write_description
-
-        text = write_description(load_scene(scene))
-    except (SoftSimError, ImportError) as error:
-        print(f"softsim scenes: {error}", file=sys.stderr)
-        return 1
-    print(text, end="")
     return 0

@@ -6,6 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from softsim_ros.cli import CommandError
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
@@ -40,8 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         files = write_folder(robot, arguments.out, namespace)
     except OSError as error:
-        print(f"softsim urdf: {arguments.out} cannot be written ({error.strerror})", file=sys.stderr)
-        return 1
+        raise CommandError(f"{arguments.out} cannot be written ({error.strerror})") from error
     for file in files:
         print(file)
     return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import math
 import sys
@@ -11,9 +10,10 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.base import ConfigError, install_command
+from softsim_core.base import ConfigError
 from softsim_node import takes_escapes
 from softsim_ros import save_figure
+from softsim_ros.cli import UsageError, require_matplotlib
 
 if TYPE_CHECKING:
     from softsim_core.control.inverse import Workspace
@@ -36,15 +36,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Sample, print the summary, draw."""
-    if arguments.out is not None and importlib.util.find_spec("matplotlib") is None:
-        print(f"softsim workspace: --out needs matplotlib; {install_command('report')}", file=sys.stderr)
-        return 1
+    if arguments.out is not None:
+        require_matplotlib("--out needs")
     if arguments.base_shift is not None and not math.isfinite(arguments.base_shift):
-        print("softsim workspace: --base-shift must be a finite number of metres", file=sys.stderr)
-        return 2
+        raise UsageError("--base-shift must be a finite number of metres")
     if arguments.samples < 4:
-        print("softsim workspace: --samples must be 4 or more", file=sys.stderr)
-        return 2
+        raise UsageError("--samples must be 4 or more")
     from softsim_core.control.inverse import sample_workspace
     from softsim_core.scene import load_scene
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
 from softsim_core.base import known_names
 from softsim_node import ending, run_module
+from softsim_ros.cli import UsageError
 from softsim_ros.cli.running.nodes import NODES
 
 NAMING = ("robot:=", "__ns:=", "--params-file")
@@ -32,8 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     if name not in NODES:
         what = f"unknown node '{name}'" if name else "which node?"
         near = known_names(name or "", NODES, "known nodes:")
-        print(f"softsim run: {what}; {near}", file=sys.stderr)
-        return 2
+        raise UsageError(f"{what}; {near}")
     with ending.orderly():
         words = [*arguments.rest, *(_name_running_robot(arguments.rest) if NODES[name].joins else ())]
         return run_module(NODES[name].module, words)

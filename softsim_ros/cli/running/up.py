@@ -12,6 +12,7 @@ from pathlib import Path
 
 from softsim_core.base import SoftSimError, open_lock, runtime_folder
 from softsim_node import takes_escapes
+from softsim_ros.cli import UsageError
 
 VIRTUAL, EMULATED, SEARCH = "virtual", "emulated", "auto"
 PAGE_HOST, PAGE_PORT = "127.0.0.1", 8080
@@ -87,12 +88,10 @@ def run(arguments: argparse.Namespace) -> int:
     scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
     namespace = (arguments.namespace or scene.name).strip("/")
     if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", namespace, re.ASCII):
-        print(
-            f"softsim up: {namespace!r} cannot be a namespace; use letters, digits and underscores, not "
-            "beginning with a digit, such as tripod_2",
-            file=sys.stderr,
+        raise UsageError(
+            f"{namespace!r} cannot be a namespace; use letters, digits and underscores, not "
+            "beginning with a digit, such as tripod_2"
         )
-        return 2
     if scene.board is None and not arguments.no_bridge:
         print(f"{scene.name} has no section board: simulating only, without a servo bridge")
     with contextlib.ExitStack() as stack:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
-from softsim_ros.cli.studies.sweep import Progress, configure_running, options, print_summary, wrong_numbers
+from softsim_ros.cli.studies.sweep import Progress, check_numbers, configure_running, options, print_summary
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -20,9 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run generations until the optimum is found, and print it."""
     from softsim_core.lab.study import optimise, prepare_study
 
-    if (wrong := wrong_numbers(arguments)) is not None:
-        print(f"softsim optimise: {wrong}", file=sys.stderr)
-        return 2
+    check_numbers(arguments)
     prepared = prepare_study(arguments.study, arguments.allow_code)
     store = arguments.out or Path(f"{prepared.study.name}.zarr")
     progress = Progress()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from softsim_core.base import StudyError, install_command
 from softsim_node import takes_escapes
 from softsim_ros import write_page
+from softsim_ros.cli import UsageError
 
 if TYPE_CHECKING:
     from softsim_core.lab.study import StudySummary, SweepOptions
@@ -68,9 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     from softsim_core.lab.study import prepare_study, read_results, sweep, write_parquet
 
-    if (wrong := wrong_numbers(arguments)) is not None:
-        print(f"softsim sweep: {wrong}", file=sys.stderr)
-        return 2
+    check_numbers(arguments)
     prepared = prepare_study(arguments.study, arguments.allow_code)
     store = arguments.out or Path(f"{prepared.study.name}.zarr")
     progress = Progress()
@@ -84,15 +83,14 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def wrong_numbers(arguments: argparse.Namespace) -> str | None:
-    """Return which of the given numbers is invalid, as a message; None if all are valid."""
+def check_numbers(arguments: argparse.Namespace) -> None:
+    """Raise UsageError if one of the given numbers is invalid."""
     for option, least in (("workers", 1), ("batch", 1), ("bags", 0)):
         value = getattr(arguments, option)
         if value is not None and value < least:
-            return f"--{option} must be {least} or more"
+            raise UsageError(f"--{option} must be {least} or more")
     if arguments.workers is not None and arguments.scheduler is not None:
-        return "give --workers or --scheduler, not both"
-    return None
+        raise UsageError("give --workers or --scheduler, not both")
 
 
 def options(arguments: argparse.Namespace, store: Path, progress: Progress) -> SweepOptions:
@@ -139,8 +137,7 @@ def _report(arguments: argparse.Namespace) -> int:
     from softsim_ros.cli.studies.sweep_page import page
 
     if arguments.study is not None:
-        print("softsim sweep: --report names a store, and no study goes with it", file=sys.stderr)
-        return 2
+        raise UsageError("--report names a store, and no study goes with it")
     results = read_results(arguments.report)
     file = arguments.out or Path(f"{arguments.report.name or 'study'}.html")
     write_page(file, page(results))

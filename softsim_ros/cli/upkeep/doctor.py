@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.metadata
 import importlib.util
 import os
 import platform
 import shutil
 import sys
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import NamedTuple
 
 from serial.tools import list_ports
 
@@ -25,23 +26,15 @@ from softsim_ros.cli import Colours
 
 
 class Level(Enum):
-    """Severity: fine, worth knowing, or broken."""
+    """Severity: fine, worth knowing, or broken; the value is its mark in the list."""
 
-    OK = "ok"
-    WARNING = "warning"
-    PROBLEM = "problem"
+    OK = "ok  "
+    WARNING = "warn"
+    PROBLEM = "FAIL"
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One line of the doctor.
-
-    Attributes:
-        level: Severity.
-        subject: What was checked.
-        text: Result of the check.
-        advice: What to do; empty if there is nothing to do.
-    """
+class Finding(NamedTuple):
+    """One line of the doctor: severity, what was checked, the result, and advice (or none)."""
 
     level: Level
     subject: str
@@ -64,10 +57,7 @@ OPTIONAL_PACKAGES = {  # import name -> distribution, and what needs it
     "rosbags": ("rosbags", "record, replay, export and report"),
     "c3d": ("c3d", "motion capture files (C3D) in validate and calibrate"),
     "pytetwild": ("pytetwild", "meshes of parts (mesh, new)"),
-    "fast_simplification": (
-        "fast-simplification",
-        "surfaces of over 40 000 triangles (mesh, new)",
-    ),
+    "fast_simplification": ("fast-simplification", "surfaces of over 40 000 triangles (mesh, new)"),
     "urdf_parser_py": ("urdfdom_py", "robot arms from URDF files (key arm, demo pick_and_place)"),
     "xacro": ("xacro", "robot arms from xacro files"),
     "matplotlib": ("matplotlib", "charts of report, pictures of workspace --out"),
@@ -152,8 +142,9 @@ def check_terminal() -> list[Finding]:
     """Check whether keys can be typed here."""
     if sys.stdin.isatty() and sys.stdout.isatty():
         size = shutil.get_terminal_size()
-        return [Finding(Level.OK, "terminal", f"{size.columns} x {size.lines}, teleop works here")]
-    text = "none: softsim up shows a status line instead of the teleop"
+        text = f"{size.columns} x {size.lines}, teleop works here"
+    else:
+        text = "none: softsim up shows a status line instead of the teleop"
     return [Finding(Level.OK, "terminal", text)]
 
 
@@ -162,9 +153,6 @@ def _version(distribution: str) -> str:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
         return "(version unknown)"
-
-
-NO_ACCESS = "sudo usermod -aG dialout $USER, then log out and in"
 
 
 def check_board(port: str = "") -> list[Finding]:
@@ -180,13 +168,11 @@ def check_board(port: str = "") -> list[Finding]:
         advice = "without a board everything runs on the virtual one: softsim up tripod"
         return [Finding(Level.OK if not devices else Level.WARNING, "board", str(error), advice)]
     if not Path(found).exists():
-        return [
-            Finding(
-                Level.PROBLEM, "board", f"{found} does not exist; ports seen: {', '.join(devices) or 'none'}"
-            )
-        ]
+        text = f"{found} does not exist; ports seen: {', '.join(devices) or 'none'}"
+        return [Finding(Level.PROBLEM, "board", text)]
     if not os.access(found, os.R_OK | os.W_OK):
-        return [Finding(Level.PROBLEM, "board", f"no permission to use {found}", NO_ACCESS)]
+        advice = "sudo usermod -aG dialout $USER, then log out and in"
+        return [Finding(Level.PROBLEM, "board", f"no permission to use {found}", advice)]
     return [Finding(Level.OK, "board", found)]
 
 
@@ -199,18 +185,15 @@ def check_virtual_board() -> list[Finding]:
 def check_emulated_board() -> list[Finding]:
     """Check whether the firmware can run in an emulated board; nothing else needs it."""
     missing = why_missing()
-    if missing:
-        return [Finding(Level.OK, "emulated board", f"not possible here: {missing}")]
-    return [Finding(Level.OK, "emulated board", "works: softsim up tripod --board emulated")]
+    text = f"not possible here: {missing}" if missing else "works: softsim up tripod --board emulated"
+    return [Finding(Level.OK, "emulated board", text)]
 
 
 def check_flashing() -> list[Finding]:
     """Check whether a board's firmware can be uploaded, which is needed once per board."""
     program = shutil.which("avrdude")
-    if program is None:
-        advice = "only to put the firmware onto a board: sudo apt install avrdude"
-        return [Finding(Level.OK, "avrdude", "not installed", advice)]
-    return [Finding(Level.OK, "avrdude", program)]
+    advice = "" if program else "only to put the firmware onto a board: sudo apt install avrdude"
+    return [Finding(Level.OK, "avrdude", program or "not installed", advice)]
 
 
 MESSAGE_PACKAGES = (
@@ -242,16 +225,9 @@ def check_client() -> list[Finding]:
     findings = [Finding(Level.OK, "ROS 2", f"rclpy ({source}) with {middleware} in {place}")]
     missing = [name for name in MESSAGE_PACKAGES if importlib.util.find_spec(name) is None]
     if missing:
-        advice = (
-            "pip install ros-jazzy-common-interfaces==5.3.6, or sudo apt install ros-jazzy-common-interfaces"
-        )
+        package = "ros-jazzy-common-interfaces"
+        advice = f"pip install {package}==5.3.6, or sudo apt install {package}"
         findings.append(Finding(Level.PROBLEM, "messages", f"missing: {', '.join(missing)}", advice))
-    return [*findings, *_optional()]
-
-
-def _optional() -> list[Finding]:
-    """Report the features of optional message packages."""
-    findings = []
     for name, offer in OPTIONAL.items():
         here = importlib.util.find_spec(name) is not None
         text = f"here: {offer}" if here else f"not here (apt's ROS 2 has it); it brings {offer}"
@@ -282,16 +258,12 @@ def check_log_folder() -> list[Finding]:
     """Check whether ROS can write its logs."""
     home = Path(os.environ.get("ROS_HOME", Path(os.environ.get("HOME", "/nonexistent")) / ".ros"))
     folder = Path(os.environ.get("ROS_LOG_DIR", home / "log"))
-    try:
+    with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        writable = os.access(folder, os.W_OK)
-    except OSError:
-        writable = False
-    if writable:
+    if folder.is_dir() and os.access(folder, os.W_OK):
         return [Finding(Level.OK, "logs", str(folder))]
-    return [
-        Finding(Level.PROBLEM, "logs", f"{folder} cannot be written", "set ROS_LOG_DIR to a folder of yours")
-    ]
+    advice = "set ROS_LOG_DIR to a folder of yours"
+    return [Finding(Level.PROBLEM, "logs", f"{folder} cannot be written", advice)]
 
 
 def check_shared_memory() -> list[Finding]:
@@ -308,7 +280,6 @@ def check_shared_memory() -> list[Finding]:
     return [Finding(Level.OK, "shared memory", text)]
 
 
-MARKS = {Level.OK: "ok  ", Level.WARNING: "warn", Level.PROBLEM: "FAIL"}
 COLOURS = {Level.OK: "green", Level.WARNING: "yellow", Level.PROBLEM: "red"}
 
 CHECKS = (
@@ -340,7 +311,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = examine(arguments.port)
     colour = Colours(sys.stdout)
     for finding in found:
-        mark = colour(COLOURS[finding.level], MARKS[finding.level])
+        mark = colour(COLOURS[finding.level], finding.level.value)
         print(f"{mark}  {finding.subject}: {finding.text}")
         if finding.advice:
             print(f"      -> {finding.advice}")

@@ -8,14 +8,14 @@ import importlib.util
 import os
 import re
 import shutil
-import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
-from softsim_core.base import SoftSimError, install_command, listing, python_command, run_process
+from softsim_core.base import install_command, listing, python_command, run_process
+from softsim_ros.cli import CommandError, UsageError
 
 
-class UncoveredPathError(SoftSimError):
+class UncoveredPathError(UsageError):
     """A path that no test covers.
 
     Args:
@@ -140,18 +140,10 @@ def run(arguments: argparse.Namespace) -> int:
     """
     root = Path(__file__).resolve().parents[3]
     if not (root / "tests").is_dir():
-        print(
-            f"softsim test: no tests beside the installed package ({root}); use a checkout", file=sys.stderr
-        )
-        return 1
+        raise CommandError(f"no tests beside the installed package ({root}); use a checkout")
     if importlib.util.find_spec("pytest") is None or importlib.util.find_spec("xdist") is None:
-        print(f"softsim test: pytest or pytest-xdist is missing; {install_command('test')}", file=sys.stderr)
-        return 1
-    try:
-        words = command(arguments, root)
-    except UncoveredPathError as error:
-        print(f"softsim test: {error}", file=sys.stderr)
-        return 2
+        raise CommandError(f"pytest or pytest-xdist is missing; {install_command('test')}")
+    words = command(arguments, root)
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes would compile their sources
     run_process(python_command("softsim_core.simulation.warmup"), cwd=root)
     os.chdir(root)
