@@ -6,7 +6,7 @@ import io
 from pathlib import Path
 from typing import Any, Final
 
-from softsim_core.base import write_file
+from softsim_core.base import ConfigError, write_file
 
 _DOTS_PER_INCH: Final = 120
 
@@ -30,7 +30,9 @@ def save_figure(figure: Any, file: Path) -> None:
     """Write a figure in the format given by the file's suffix, or PNG if it has none.
 
     Raises:
-        OSError: the file cannot be written.
-        ValueError: the suffix names no format.
+        ConfigError: the file cannot be written, or the suffix names no format.
     """
-    write_file(file, figure_data(figure, file.suffix[1:] or "png", dpi=_DOTS_PER_INCH))
+    try:
+        write_file(file, figure_data(figure, file.suffix[1:] or "png", dpi=_DOTS_PER_INCH))
+    except (OSError, ValueError) as error:
+        raise ConfigError(file, "", f"no picture was written: {error}; name a .png file") from error

@@ -9,7 +9,10 @@ from .command import (
     Colours as Colours,
     CommandError as CommandError,
     Parser as Parser,
+    ProgressLine as ProgressLine,
     UsageError as UsageError,
+    add_number as add_number,
+    add_out as add_out,
     require_matplotlib as require_matplotlib,
 )
 

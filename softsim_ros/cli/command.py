@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import os
+import time
 from collections.abc import Sequence
+from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple, TextIO
 
 from softsim_core.base import SoftSimError, did_you_mean, install_command, one_of
+from softsim_node import takes_escapes
 
 _CODES: Final = {"bold": "1", "red": "31", "green": "32", "yellow": "33"}
 
@@ -28,6 +31,19 @@ class UsageError(CommandError):
     """A command was called with arguments that it does not take."""
 
     code = 2
+
+
+def add_number(
+    parser: argparse._ActionsContainer, option: str, default: float | type, metavar: str, about: str
+) -> None:
+    """Declare an option with a number: of the type of its default, or of a type and without a default."""
+    kind, value = (default, None) if isinstance(default, type) else (type(default), default)
+    parser.add_argument(option, type=kind, default=value, metavar=metavar, help=about)
+
+
+def add_out(parser: argparse._ActionsContainer, metavar: str, about: str) -> None:
+    """Declare the option that names the file or folder to write."""
+    parser.add_argument("-o", "--out", type=Path, metavar=metavar, help=about)
 
 
 def require_matplotlib(reason: str) -> None:
@@ -52,6 +68,32 @@ class Colours:
     def __call__(self, colour: str, text: str) -> str:
         """Return the text in a colour: bold, red, green or yellow."""
         return f"\x1b[{_CODES[colour]}m{text}\x1b[0m" if self._on else text
+
+
+class ProgressLine:
+    """A line on a terminal that is rewritten in place; elsewhere only its end is shown.
+
+    Args:
+        stream: Stream to which it is written.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._next = stream, 0.0
+        self._shown = takes_escapes(stream)
+
+    def show(self, text: str, *, at_once: bool = False) -> None:
+        """Replace the line, at most five times per second if not `at_once`."""
+        now = time.monotonic()
+        if self._shown and (at_once or now >= self._next):
+            self._next = now + 0.2
+            print(f"\r{text:<78}", end="", file=self._stream, flush=True)
+
+    def end(self, text: str = "") -> None:
+        """End the line; a text replaces it, and is shown without a terminal, too."""
+        if text:
+            print(f"\r{text:<78}" if self._shown else text, file=self._stream)
+        elif self._shown:
+            print(file=self._stream)
 
 
 class Parser(argparse.ArgumentParser):

@@ -21,6 +21,7 @@ from servo_bridge.driver import (
 from servo_bridge.protocols import AUTO, names
 from softsim_core.base import SceneError, listing
 from softsim_core.scene import ServoCalibration, load_scene
+from softsim_ros.cli import add_number
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -40,9 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"{AUTO} (the default), {listing(names())}, or one that the robot's Python file registers"
     )
     parser.add_argument("--protocol", default=AUTO, metavar="NAME", help=protocol_names)
-    parser.add_argument(
-        "--open-wait", type=float, default=2.5, metavar="S", help="quiet time of a board that starts (2.5 s)"
-    )
+    add_number(parser, "--open-wait", 2.5, "S", "quiet time of a board that starts (2.5 s)")
 
 
 def run(arguments: argparse.Namespace) -> int:

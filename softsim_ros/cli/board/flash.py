@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from softsim_core.base import run_process
-from softsim_ros.cli import CommandError
+from softsim_ros.cli import CommandError, add_number
 
 BAUD_RATE = 115200
 OLD_NANO_BAUD_RATE = 57600
@@ -20,13 +20,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--port", default="", metavar="PATH", help="the board's port (the one plugged in)")
     parser.add_argument("--hex", type=Path, metavar="FILE", help="another firmware (this package's own)")
-    parser.add_argument(
-        "--baud",
-        type=int,
-        default=BAUD_RATE,
-        metavar="N",
-        help=f"speed of the board's boot loader: {BAUD_RATE} (default), {OLD_NANO_BAUD_RATE} on old Nanos",
-    )
+    speeds = f"speed of the board's boot loader: {BAUD_RATE} (default), {OLD_NANO_BAUD_RATE} on old Nanos"
+    add_number(parser, "--baud", BAUD_RATE, "N", speeds)
     parser.add_argument("--dry-run", action="store_true", help="say what would be done, and stop")
     parser.add_argument("--yes", action="store_true", help="do not ask")
     parser.epilog = "Stop the bridge first, and switch off the servos' supply: their pulses end meanwhile."

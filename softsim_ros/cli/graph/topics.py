@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from softsim_ros.cli import add_number
+
 OF_ROS = ("/parameter_events", "/rosout")
 
 
@@ -12,12 +14,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--echo", metavar="TOPIC", help="print the messages of a topic until Ctrl-C")
     what.add_argument("--hz", metavar="TOPIC", help="measure the rate of a topic until Ctrl-C")
-    parser.add_argument("--count", type=int, metavar="N", help="end after N messages (with --hz: N reports)")
+    add_number(parser, "--count", int, "N", "end after N messages (with --hz: N reports)")
     parser.add_argument("--full", action="store_true", help="with --echo: print long arrays whole")
     parser.add_argument("--all", action="store_true", help="list ROS's own topics, too")
-    parser.add_argument(
-        "--wait", type=float, default=10.0, metavar="S", help="longest wait for a topic (10 s)"
-    )
+    add_number(parser, "--wait", 10.0, "S", "longest wait for a topic (10 s)")
 
 
 def run(arguments: argparse.Namespace) -> int:

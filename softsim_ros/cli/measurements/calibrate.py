@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softsim_node import takes_escapes
 from softsim_ros import write_page
-from softsim_ros.cli import UsageError
+from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out
 from softsim_ros.cli.measurements.calibrate_report import (
     RequestedResults,
     page,
@@ -43,16 +42,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="a file, or the name of a data set that comes with one; none lists the known",
     )
     parser.add_argument("--data", type=Path, metavar="DIR", help="folder of the measured files")
-    parser.add_argument(
-        "--every", type=int, metavar="N", help="only each N-th training row (as the file says)"
-    )
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="YAML",
-        help="write the robot with what was found, as a file that extends it",
-    )
+    add_number(parser, "--every", int, "N", "only each N-th training row (as the file says)")
+    add_out(parser, "YAML", "write the robot with what was found, as a file that extends it")
     parser.add_argument(
         "--report",
         type=Path,
@@ -65,15 +56,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="YAML",
         help="write what is left open, as a distribution that sweeps and learning draw from",
     )
-    parser.add_argument("--folds", type=int, metavar="K", help="report errors of rows left out, in K folds")
+    add_number(parser, "--folds", int, "K", "report errors of rows left out, in K folds")
     parser.add_argument(
         "--profile", action="store_true", help="intervals by profile likelihood, some 8 replays for each"
     )
-    parser.add_argument(
-        "--suggest",
-        type=int,
-        metavar="N",
-        help="suggest N poses to measure that would narrow the intervals most",
+    add_number(
+        parser, "--suggest", int, "N", "suggest N poses to measure that would narrow the intervals most"
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
@@ -145,25 +133,18 @@ class _Progress:
     """A line on the terminal: progress, and size of the error."""
 
     def __init__(self) -> None:
-        self._shown, self._begin = takes_escapes(sys.stderr), time.monotonic()
+        self._line, self._begin = ProgressLine(sys.stderr), time.monotonic()
         self._count, self._best = 0, np.inf
 
-    def _line(self, text: str) -> None:
-        if self._shown:
-            print(f"\r{text:<78}", end="", file=sys.stderr, flush=True)
-
     def rows(self, done: int, total: int) -> None:
-        """Show how many rows of a session have been found once."""
         if done % 10 == 0 or done == total:
-            self._line(f"finding all rows once: {done}/{total}")
+            self._line.show(f"finding all rows once: {done}/{total}", at_once=True)
 
     def folds(self, done: int, total: int) -> None:
-        """Show how many folds are done."""
-        self._line(f"folds: {done}/{total}")
+        self._line.show(f"folds: {done}/{total}", at_once=True)
 
     def candidates(self, done: int, total: int) -> None:
-        """Show how often candidates were replayed."""
-        self._line(f"candidates: {done}/{total} replays")
+        self._line.show(f"candidates: {done}/{total} replays", at_once=True)
 
     def __call__(self, count: int, mean: float, values: Array) -> None:
         self._count, self._best = count, min(self._best, mean)
@@ -171,13 +152,10 @@ class _Progress:
         now = count // size + 1  # a round takes one replay per value for the slopes, and a step
         rounds = max(USUAL_ROUNDS, now + 1)
         left = spent * (rounds * size - count)
-        self._line(
-            f"round {now} of some {rounds}, {count} replays, best mean {1e3 * self._best:.3f} mm, "
-            f"about {left / 60.0:.0f} min to go"
-        )
+        line = f"round {now} of some {rounds}, {count} replays, best mean {1e3 * self._best:.3f} mm, "
+        self._line.show(f"{line}about {left / 60.0:.0f} min to go", at_once=True)
 
     def end(self) -> None:
         if self._count:
             spent = time.monotonic() - self._begin
-            line = f"{self._count} replays in {spent:.0f} s, best mean {1e3 * self._best:.3f} mm"
-            print(f"\r{line:<78}" if self._shown else line, file=sys.stderr)
+            self._line.end(f"{self._count} replays in {spent:.0f} s, best mean {1e3 * self._best:.3f} mm")

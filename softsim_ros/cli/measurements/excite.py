@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from softsim_core.base import SoftSimError
 from softsim_core.lab.identification import KINDS, AlignmentDescription, ExcitationSettings
 from softsim_node import takes_escapes
-from softsim_ros.cli import CommandError, UsageError
+from softsim_ros.cli import CommandError, UsageError, add_number, add_out
 
 if TYPE_CHECKING:
     from softsim_core.scene import RobotDescription
@@ -36,13 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "robot", nargs="?", help="robot: a name or a file (with --attach the one that runs, else tripod)"
     )
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="FOLDER",
-        help="the new folder of the data set (ROBOT_DATE_TIME here)",
-    )
+    add_out(parser, "FOLDER", "the new folder of the data set (ROBOT_DATE_TIME here)")
     parser.add_argument(
         "--attach", action="store_true", help="measure the robot that runs already; else one is simulated"
     )
@@ -70,32 +64,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--motion", action="append", default=[], choices=KINDS, help="may be repeated (all of them)"
     )
-    parser.add_argument(
-        "--poses", type=int, default=DEFAULTS.poses, metavar="N", help="most of the grid (30)"
-    )
-    parser.add_argument(
-        "--levels", type=int, default=DEFAULTS.levels, metavar="N", help="of each joint in the grid (3)"
-    )
-    parser.add_argument(
-        "--reach",
-        type=float,
-        default=DEFAULTS.reach,
-        metavar="PART",
-        help="of the way from the start pose to the joints' limits (0.5)",
-    )
-    parser.add_argument(
-        "--speed",
-        type=float,
-        default=DEFAULTS.speed,
-        metavar="PART",
-        help="of the limits of speed and acceleration, from pose to pose (0.5)",
-    )
-    parser.add_argument("--settle", type=float, default=1.0, metavar="S", help="wait at a pose (1)")
-    parser.add_argument("--hold", type=float, default=0.5, metavar="S", help="average at a pose (0.5)")
-    parser.add_argument("--chirp", type=float, default=DEFAULTS.chirp_s, metavar="S", help="its length (10)")
-    parser.add_argument(
-        "--ringing", type=float, default=DEFAULTS.ringing_s, metavar="S", help="watch a ringing down (2)"
-    )
+    add_number(parser, "--poses", DEFAULTS.poses, "N", "most of the grid (30)")
+    add_number(parser, "--levels", DEFAULTS.levels, "N", "of each joint in the grid (3)")
+    reach = "of the way from the start pose to the joints' limits (0.5)"
+    add_number(parser, "--reach", DEFAULTS.reach, "PART", reach)
+    speed = "of the limits of speed and acceleration, from pose to pose (0.5)"
+    add_number(parser, "--speed", DEFAULTS.speed, "PART", speed)
+    add_number(parser, "--settle", 1.0, "S", "wait at a pose (1)")
+    add_number(parser, "--hold", 0.5, "S", "average at a pose (0.5)")
+    add_number(parser, "--chirp", DEFAULTS.chirp_s, "S", "its length (10)")
+    add_number(parser, "--ringing", DEFAULTS.ringing_s, "S", "watch a ringing down (2)")
     parser.add_argument("--seed", type=int, default=0, help="of what is drawn (0)")
     parser.epilog = (
         "Then: softsim validate FOLDER; softsim calibrate FOLDER. Ctrl-C keeps what is recorded. A real "

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softsim_core.base import DataError, known_names
-from softsim_node import takes_escapes
 from softsim_ros import write_page
-from softsim_ros.cli import UsageError
+from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out
 
 if TYPE_CHECKING:
     from softsim_core.lab.identification import DataSet, Session, SessionDescription, SessionResult
@@ -33,9 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--session", action="append", default=[], metavar="NAME", help="only this session; may be given again"
     )
-    parser.add_argument(
-        "--every", type=int, default=1, metavar="N", help="only each N-th row, for a first look (1)"
-    )
+    add_number(parser, "--every", 1, "N", "only each N-th row, for a first look (1)")
     parser.add_argument(
         "--order", choices=("nearest", "rows"), default="nearest", help="of static rows (nearest)"
     )
@@ -47,13 +44,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--others-only", action="store_true", help="run no model, compare the other models'")
     for name in LIMITS:
-        parser.add_argument(
-            f"--max-{name}",
-            type=float,
-            metavar="MM",
-            help=f"largest {name} error of a session that passes, in mm",
-        )
-    parser.add_argument("-o", "--out", type=Path, metavar="HTML", help="write a report as a web page")
+        about = f"largest {name} error of a session that passes, in mm"
+        add_number(parser, f"--max-{name}", float, "MM", about)
+    add_out(parser, "HTML", "write a report as a web page")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
 
 
@@ -68,7 +61,9 @@ def run(arguments: argparse.Namespace) -> int:
         for name, file in data_sets.items():
             print(f"{name:<{width}}  {load_data_set(file).description.about}")
         return 0
-    if arguments.every < 1 or any(not _limit(arguments, name, 1.0) > 0.0 for name in LIMITS):
+    limits = {f"{name}_mm": getattr(arguments, f"max_{name}") for name in LIMITS}
+    limits = {name: value for name, value in limits.items() if value is not None}
+    if arguments.every < 1 or not all(value > 0.0 for value in limits.values()):
         raise UsageError("--every must be 1 or more, limits must be > 0 mm")
     if importlib.util.find_spec("rosbags") is not None:
         from softsim_ros.recording import register
@@ -76,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         register()
     data = load_data_set(arguments.data_set, arguments.data)
     model = None if arguments.others_only else arguments.robot or data.robot
-    results, failed, interrupted = _results(arguments, data, model)
+    results, failed, interrupted = _results(arguments, data, model, limits)
     if arguments.json:
         print(json.dumps(plain(data.description.name, model, results)))
     else:
@@ -92,13 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if beyond or failed else 0
 
 
-def _limit(arguments: argparse.Namespace, name: str, otherwise: float) -> float:
-    value = getattr(arguments, f"max_{name}")
-    return otherwise if value is None else float(value)
-
-
 def _results(
-    arguments: argparse.Namespace, data: DataSet, model: str | None
+    arguments: argparse.Namespace, data: DataSet, model: str | None, limits: dict[str, float]
 ) -> tuple[list[SessionResult], bool, bool]:
     """Return the result of each session, whether one had none, and whether the run was interrupted."""
     from softsim_core.lab.identification import (
@@ -110,7 +100,8 @@ def _results(
     )
 
     alignments = read_alignments(arguments.alignment) if arguments.alignment is not None else None
-    chosen = [_with_limits(each, arguments) for each in _choose_sessions(data, arguments.session)]
+    chosen = _choose_sessions(data, arguments.session)
+    chosen = [replace(each, limits=replace(each.limits, **limits)) for each in chosen]
     sessions = [load_session(data, each, arguments.every) for each in chosen]  # all, before a replay
     results: list[SessionResult] = []
     failed = interrupted = False
@@ -139,46 +130,26 @@ def _choose_sessions(data: DataSet, names: list[str]) -> list[SessionDescription
     session_names = data.description.session_names
     for name in names:
         if name not in session_names:
-            raise DataError(
-                data.description.name,
-                "",
-                f"no session {name!r}; {known_names(name, session_names, 'there are')}",
-            )
+            known = known_names(name, session_names, "there are")
+            raise DataError(data.description.name, "", f"no session {name!r}; {known}")
     return [each for each in data.description.sessions if not names or each.name in names]
-
-
-def _with_limits(session: SessionDescription, arguments: argparse.Namespace) -> SessionDescription:
-    """Return the session with the limits of the command line in place of its own."""
-    options = {
-        f"{name}_mm": value for name in LIMITS if (value := getattr(arguments, f"max_{name}")) is not None
-    }
-    return replace(session, limits=replace(session.limits, **options)) if options else session
 
 
 class _Progress:
     """A line on the terminal: progress, rate, remaining time; at the end, the rate."""
 
     def __init__(self, session: Session) -> None:
-        self._name = session.name
-        self._what = "rows" if session.times is None else "steps"
-        self._shown, self._next = takes_escapes(sys.stderr), 0.0
-        self._begin = time.monotonic()
-        self._done = 0
+        self._name, self._what = session.name, "rows" if session.times is None else "steps"
+        self._line, self._begin, self._done = ProgressLine(sys.stderr), time.monotonic(), 0
 
     def __call__(self, done: int, total: int) -> None:
-        now, self._done = time.monotonic(), done
-        if self._shown and (now >= self._next or done == total):
-            self._next = now + 0.2
-            rate = done / max(now - self._begin, 1e-9)
-            left = (total - done) / rate
-            line = f"{self._name}: {done}/{total} {self._what}, {rate:.1f} per second, {left:.0f} s to go"
-            print(f"\r{line:<78}", end="", file=sys.stderr, flush=True)
+        self._done = done
+        rate = done / max(time.monotonic() - self._begin, 1e-9)
+        line = f"{self._name}: {done}/{total} {self._what}, {rate:.1f} per second"
+        self._line.show(f"{line}, {(total - done) / rate:.0f} s to go", at_once=done == total)
 
     def end(self) -> None:
-        if not self._done:
-            return
-        spent = time.monotonic() - self._begin
-        text = (
-            f"{self._name}: {self._done} {self._what} in {spent:.1f} s, {self._done / spent:.1f} per second"
-        )
-        print(f"\r{text:<78}" if self._shown else text, file=sys.stderr)
+        if self._done:
+            spent = time.monotonic() - self._begin
+            rate = f"{self._done / spent:.1f} per second"
+            self._line.end(f"{self._name}: {self._done} {self._what} in {spent:.1f} s, {rate}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -75,75 +75,60 @@ def _cells(aligned: Measures, raw: Measures) -> tuple[str, ...]:
 
 
 def _details(result: SessionResult) -> list[str]:
-    session = result.session
+    rows = list(_detail_rows(result))
+    width = max(len(name) for name, _ in rows)
+    return [f"  {name:<{width}}  {value}" for name, value in rows]
+
+
+def _detail_rows(result: SessionResult) -> Iterator[tuple[str, str]]:
+    session, description = result.session, result.session.description
     left_out = len(session.used) - int(session.used.sum())
-    rows = [("rows", f"{len(session.used)}, of which {left_out} left out")]
-    held_out = session.used & ~session.training
-    if held_out.any() and result.alignment is not None:
-        fit, tested = result.of(session.fitting), result.of(held_out)
-        rows.append(
-            (
-                "training",
-                f"{fit.count} errors, mean {_mm(fit.mean)}; held out {tested.count}, {_mm(tested.mean)}",
-            )
-        )
+    yield "rows", f"{len(session.used)}, of which {left_out} left out"
     if result.alignment is None:
-        return _lines(rows)
-    description = session.description
-    rows += _alignment(result)
+        return
+    held_out = session.used & ~session.training
+    if held_out.any():
+        fit, tested = result.of(session.fitting), result.of(held_out)
+        text = f"{fit.count} errors, mean {_mm(fit.mean)}; held out {tested.count}, {_mm(tested.mean)}"
+        yield "training", text
+    yield from _alignment(result)
     if len(description.sensors) > 1:
         for s, name in enumerate(description.sensor_names):
             found = measures(result.aligned[result.evaluated, s])
-            rows.append(
-                (f"sensor {name}", f"mean {_mm(found.mean)}, rms {_mm(found.rms)}, max {_mm(found.max)}")
-            )
+            yield f"sensor {name}", f"mean {_mm(found.mean)}, rms {_mm(found.rms)}, max {_mm(found.max)}"
     for name, (measured, of_model) in result.rest_values().items():
-        away = 1e3 * (of_model - measured)
-        rows.append((f"at rest {name}", f"model minus measured ({_three(away)}) mm"))
-    for name, (measured_ring, model_ring) in result.ringings().items():
-        text = ", ".join(
-            f"{words} {ring.frequency:.2f} Hz and damping ratio {ring.damping:.3f}"
-            for words, ring in (("measured", measured_ring), ("model", model_ring))
+        yield f"at rest {name}", f"model minus measured ({_three(1e3 * (of_model - measured))}) mm"
+    for name, rings in result.ringings().items():
+        yield (
+            f"rings {name}",
+            ", ".join(
+                f"{words} {ring.frequency:.2f} Hz and damping ratio {ring.damping:.3f}"
+                for words, ring in zip(("measured", "model"), rings, strict=True)
+            ),
         )
-        rows.append((f"rings {name}", text))
     if session.times is None:
         for region, (begin, end, found) in result.regions.items():
-            text = f"{1e3 * begin:.1f} to {1e3 * end:.1f} mm: mean {_mm(found.mean)} of {found.count}"
-            rows.append((region, text))
+            yield region, f"{1e3 * begin:.1f} to {1e3 * end:.1f} mm: mean {_mm(found.mean)} of {found.count}"
         for row, s, error in worst(result, SHOWN_WORST):
             where = f"line {session.table.lines[row]}, {description.sensor_names[s]}"
-            rows.append(
-                ("worst", f"{where}: {_mm(float(np.linalg.norm(error)))}, ({_three(1e3 * error)}) mm")
-            )
-    rows += [("note", warning) for warning in result.warnings]
-    return _lines(rows)
+            yield "worst", f"{where}: {_mm(float(np.linalg.norm(error)))}, ({_three(1e3 * error)}) mm"
+    for warning in result.warnings:
+        yield "note", warning
 
 
-def _alignment(result: SessionResult) -> list[tuple[str, str]]:
-    """Return what was fitted: the frame of the data, the points of the sensors, the delay."""
+def _alignment(result: SessionResult) -> Iterator[tuple[str, str]]:
+    """Yield what was fitted: the frame of the data, the points of the sensors, the delay."""
     alignment, description = result.alignment, result.session.description
     assert alignment is not None
-    rows = []
     if description.alignment.frame:
         turn = np.degrees(rotation_log(alignment.rotation))
-        rows.append(
-            ("frame", f"turned by ({_three(turn)}) deg, shifted by ({_three(1e3 * alignment.shift)}) mm")
-        )
+        yield "frame", f"turned by ({_three(turn)}) deg, shifted by ({_three(1e3 * alignment.shift)}) mm"
     if description.alignment.point:
-        for name, point, spread in zip(
-            description.sensor_names, alignment.points, alignment.point_errors, strict=True
-        ):
-            rows.append(
-                (f"point {name}", f"({_three(1e3 * point)}) mm, standard error ({_three(1e3 * spread)}) mm")
-            )
+        points = zip(description.sensor_names, alignment.points, alignment.point_errors, strict=True)
+        for name, point, spread in points:
+            yield f"point {name}", f"({_three(1e3 * point)}) mm, standard error ({_three(1e3 * spread)}) mm"
     if description.time is not None and description.time.most_delay:
-        rows.append(("delay", f"{1e3 * alignment.delay:.1f} ms"))
-    return rows
-
-
-def _lines(rows: Sequence[tuple[str, str]]) -> list[str]:
-    width = max(len(name) for name, _ in rows)
-    return [f"  {name:<{width}}  {value}" for name, value in rows]
+        yield "delay", f"{1e3 * alignment.delay:.1f} ms"
 
 
 def _mm(metres: float) -> str:
@@ -207,7 +192,7 @@ def _points(result: SessionResult) -> dict[str, Any]:
             for name, (low, high, found) in result.regions.items()
             if found.count
         ],
-        "alignment": _alignment(result) or [("nothing is fitted", "")],
+        "alignment": list(_alignment(result)) or [("nothing is fitted", "")],
     }
 
 

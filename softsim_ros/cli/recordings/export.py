@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_ros.cli import CommandError, UsageError
+from softsim_ros.cli import CommandError, UsageError, add_number, add_out
 
 if TYPE_CHECKING:
     from softsim_ros.recording import Bag
@@ -17,13 +17,11 @@ FORMATS = ("csv", "vtu", "html")
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("bag", type=Path, help="folder of a recording, or an .mcap or .db3 file")
-    parser.add_argument("-o", "--out", type=Path, metavar="FOLDER", help="where to write (BAG_export)")
+    add_out(parser, "FOLDER", "where to write (BAG_export)")
     parser.add_argument("--csv", action="store_true", help="one table a topic")
     parser.add_argument("--vtu", action="store_true", help="the mesh with its von Mises stress, for ParaView")
     parser.add_argument("--html", action="store_true", help="a replay in one web page")
-    parser.add_argument(
-        "--rate", type=float, metavar="HZ", help="meshes a second of the recording in the VTU files (all)"
-    )
+    add_number(parser, "--rate", float, "HZ", "meshes a second of the recording in the VTU files (all)")
     parser.epilog = "Without --csv, --vtu or --html: all three."
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from softsim_ros.cli import CommandError, UsageError
+from softsim_ros.cli import CommandError, UsageError, add_number
 
 DEFAULT = "tripod"
 """Robot whose topics to wait for if no robot runs yet."""
@@ -24,8 +24,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="record only this topic, such as joint_states or /diagnostics; may be repeated",
     )
-    parser.add_argument("--size-limit", type=float, metavar="MB", default=0.0, help="end at this size")
-    parser.add_argument("--time-limit", type=float, metavar="S", default=0.0, help="end after this time")
+    add_number(parser, "--size-limit", 0.0, "MB", "end at this size")
+    add_number(parser, "--time-limit", 0.0, "S", "end after this time")
     parser.add_argument("--namespace", metavar="NAME", help="namespace of the nodes (the robot's name)")
     parser.add_argument("--repair", metavar="BAG", help="close a bag whose recorder was killed, and end")
     parser.epilog = (

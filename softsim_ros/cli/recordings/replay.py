@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from softsim_ros.cli import UsageError
+from softsim_ros.cli import UsageError, add_number
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -15,9 +15,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--commands", action="store_true", help="only what moves joints, into a simulator that runs"
     )
     parser.add_argument("--reset", action="store_true", help="with --commands: reset the simulator first")
-    parser.add_argument("--speed", type=float, default=1.0, metavar="F", help="times faster (1.0)")
+    add_number(parser, "--speed", 1.0, "F", "times faster (1.0)")
     parser.add_argument("--loop", action="store_true", help="again and again, until Ctrl-C")
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="leave out the first seconds")
+    add_number(parser, "--start", 0.0, "S", "leave out the first seconds")
     parser.add_argument("--namespace", metavar="NAME", help="replay into another namespace")
     parser.epilog = "Pause and continue: service NAMESPACE/replay/pause. Speed: its parameter speed."
 

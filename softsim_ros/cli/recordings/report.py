@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from softsim_ros.cli import require_matplotlib
+from softsim_ros.cli import add_out, require_matplotlib
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("bag", type=Path, help="folder of a recording, or an .mcap or .db3 file")
-    parser.add_argument("-o", "--out", type=Path, metavar="HTML", help="where to write (BAG_report.html)")
+    add_out(parser, "HTML", "where to write (BAG_report.html)")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, ConfigError, SceneError
+from softsim_core.base import Array, SceneError
 from softsim_core.physics.fem.materials import (
     DEFAULT_FIT,
     FITTED_LAWS,
@@ -26,7 +26,7 @@ from softsim_core.physics.fem.materials import (
 )
 from softsim_core.scene import MaterialDescription
 from softsim_ros import save_figure
-from softsim_ros.cli import CommandError, UsageError, require_matplotlib
+from softsim_ros.cli import CommandError, UsageError, add_number, add_out, require_matplotlib
 
 WIDTH, HEIGHT = 60, 16
 """Columns and lines of the chart."""
@@ -77,11 +77,7 @@ def terminal_chart(curve: Curve) -> list[str]:
 
 
 def draw(curve: Curve, file: Path) -> None:
-    """Write a picture.
-
-    Raises:
-        ConfigError: the file cannot be written, or its suffix names no picture format.
-    """
+    """Write a picture; raises ConfigError as `save_figure`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -93,10 +89,7 @@ def draw(curve: Curve, file: Path) -> None:
     axes.set(xlabel="stretch [-]", ylabel="nominal stress [kPa]")
     axes.grid(alpha=0.3)
     axes.legend()
-    try:
-        save_figure(figure, file)
-    except (OSError, ValueError) as error:
-        raise ConfigError(file, "", f"no picture was written: {error}; name a .png file") from error
+    save_figure(figure, file)
 
 
 COMMON_DENSITY = 1070.0
@@ -109,15 +102,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("name", nargs="*", help="an elastomer, such as Dragon Skin 20; none lists all")
     parser.add_argument("--law", choices=FITTED_LAWS, default=DEFAULT_FIT, help=f"({DEFAULT_FIT})")
-    parser.add_argument(
-        "--factor", type=float, default=1.0, metavar="K", help="stiffness factor of your own test (1)"
-    )
-    parser.add_argument("--poisson-ratio", type=float, metavar="NU", help="(0.499)")
-    parser.add_argument("--density", type=float, metavar="RHO", help="in kg/m^3 (that of the table)")
-    parser.add_argument(
-        "--size", type=float, default=0.1, metavar="M", help="length in m of the bar of the advice (0.1)"
-    )
-    parser.add_argument("-o", "--out", type=Path, metavar="PNG", help="draw a picture into this file")
+    add_number(parser, "--factor", 1.0, "K", "stiffness factor of your own test (1)")
+    add_number(parser, "--poisson-ratio", float, "NU", "(0.499)")
+    add_number(parser, "--density", float, "RHO", "in kg/m^3 (that of the table)")
+    add_number(parser, "--size", 0.1, "M", "length in m of the bar of the advice (0.1)")
+    add_out(parser, "PNG", "draw a picture into this file")
     parser.add_argument("--json", action="store_true", help="print the numbers and the curves as JSON")
 
 
@@ -197,33 +186,26 @@ def _report_lines(
     fit = chosen.fit(made_of.law or DEFAULT_FIT)
     mass = density or COMMON_DENSITY
     density_text = f"{mass:g} kg/m^3" + ("" if density else " (assumed, the table has none: weigh a casting)")
-    speed, periods = stiffness.bar_speed(mass), _periods(stiffness, mass, size)
+    waves = (
+        f"{stiffness.bar_speed(mass):.3g} m/s along a bar, {stiffness.shear_speed(mass):.3g} m/s in shear, "
+        f"{stiffness.pressure_speed(mass):.3g} m/s of pressure"
+    )
+    periods = _periods(stiffness, mass, size)
     constants = ", ".join(f"{name} {value:g}" for name, value in made_of.values.items())
+    fits = f"stretch 1.02 to {fit.to_stretch:g}, tension only"
+    every_dt = "every dt is stable; implicit Euler adds pi dt / T to the damping ratio of a period T."
+    bending, stretching = (_ms(DAMPING * period / math.pi) for period in periods)
     rows = [
         ("source", chosen.source),
         (f"law {made_of.law}", constants),
-        (
-            "fits",
-            f"stretch 1.02 to {fit.to_stretch:g}, tension only; the bar tore at {chosen.break_stretch:g}",
-        ),
+        ("fits", f"{fits}; the bar tore at {chosen.break_stretch:g}"),
         ("at rest", f"E {1e-3 * stiffness.young:.4g} kPa, Poisson ratio {stiffness.poisson:.4g},"),
         ("", f"shear {1e-3 * stiffness.shear:.4g} kPa, bulk {1e-6 * stiffness.bulk:.4g} MPa"),
         ("density", density_text),
-        (
-            "waves",
-            f"{speed:.3g} m/s along a bar, {stiffness.shear_speed(mass):.3g} m/s in shear, "
-            f"{stiffness.pressure_speed(mass):.3g} m/s of pressure",
-        ),
-        (
-            "time step",
-            "every dt is stable; implicit Euler adds pi dt / T to the damping ratio of a period T.",
-        ),
+        ("waves", waves),
+        ("time step", every_dt),
         ("", f"A bar of {size:g} m, a third as thick, bends with T = {_ms(periods[0])} and stretches with"),
-        (
-            "",
-            f"T = {_ms(periods[1])}: up to dt = {_ms(DAMPING * periods[0] / math.pi)} and "
-            f"{_ms(DAMPING * periods[1] / math.pi)} it adds less than {DAMPING:g}",
-        ),
+        ("", f"T = {_ms(periods[1])}: up to dt = {bending} and {stretching} it adds less than {DAMPING:g}"),
     ]
     return [chosen.name, *(f"  {name:<10} {value}" for name, value in rows)]
 

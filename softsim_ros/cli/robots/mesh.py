@@ -15,7 +15,7 @@ from softsim_core.base import MeshError
 from softsim_core.lab.meshing import UNITS, MeshedPart, MeshingOptions, mesh_part
 from softsim_core.physics.mesh import boundary_surface, dihedral_angles_deg, write_tets
 from softsim_ros import save_figure
-from softsim_ros.cli import UsageError, require_matplotlib
+from softsim_ros.cli import UsageError, add_number, require_matplotlib
 
 WRITTEN = (".vtk", ".msh")
 _LENGTHS = ("size", "holes", "deviation")
@@ -45,23 +45,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--unit", choices=tuple(UNITS), default="mm", help="unit of the file, and of lengths (mm)"
     )
     size = parser.add_mutually_exclusive_group()
-    size.add_argument("--size", type=float, metavar="L", help="requested length of edges")
-    size.add_argument("--nodes", type=int, metavar="N", help="requested number of nodes (1000)")
+    add_number(size, "--size", float, "L", "requested length of edges")
+    add_number(size, "--nodes", int, "N", "requested number of nodes (1000)")
     parser.add_argument("--order", type=int, choices=(1, 2), default=1, help="2: quadratic elements (1)")
-    parser.add_argument(
-        "--holes",
-        type=float,
-        metavar="L",
-        help="close holes up to this size (longest side / 20)",
-    )
+    add_number(parser, "--holes", float, "L", "close holes up to this size (longest side / 20)")
     parser.add_argument("--largest", action="store_true", help="keep the largest of several bodies")
     parser.add_argument("--plug", action="store_true", help="close the openings of hollows with plugs")
-    parser.add_argument(
-        "--deviation", type=float, metavar="L", help="the mesh may be off by so much (diagonal / 1000)"
-    )
-    parser.add_argument(
-        "--time-limit", type=float, default=300.0, metavar="S", help="of one run of the mesher (300)"
-    )
+    add_number(parser, "--deviation", float, "L", "the mesh may be off by so much (diagonal / 1000)")
+    add_number(parser, "--time-limit", 300.0, "S", "of one run of the mesher (300)")
 
 
 def options(arguments: argparse.Namespace) -> MeshingOptions:
@@ -74,19 +65,17 @@ def options(arguments: argparse.Namespace) -> MeshingOptions:
         value = getattr(arguments, name)
         if value is not None and not 0.0 < value < math.inf:
             raise MeshError(arguments.part, f"--{name.replace('_', '-')} must be a number > 0, not {value:g}")
-    metres = {name: getattr(arguments, name) for name in _LENGTHS}
-    in_metres = {
-        name: None if each is None else each * UNITS[arguments.unit] for name, each in metres.items()
-    }
+    given = {name: getattr(arguments, name) for name in _LENGTHS}
+    metres = {name: value and value * UNITS[arguments.unit] for name, value in given.items()}  # or None
     return MeshingOptions(
         unit=arguments.unit,
-        size=in_metres["size"],
+        size=metres["size"],
         nodes=arguments.nodes,
         order=arguments.order,
-        hole=in_metres["holes"],
+        hole=metres["holes"],
         largest=arguments.largest,
         plug=arguments.plug,
-        deviation=in_metres["deviation"],
+        deviation=metres["deviation"],
         time_limit=arguments.time_limit,
     )
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softsim_core.base import MjcfError, write_file
+from softsim_ros.cli import add_number
 
 if TYPE_CHECKING:
     from softsim_ros.cli.robots.mjcf_comparison import ModelComparison
@@ -40,12 +41,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="LAW",
         help=f"of soft bodies; may be said twice (corotational, {MUJOCO_LAW})",
     )
-    both.add_argument(
-        "--seconds", type=float, default=SECONDS, metavar="S", help=f"simulated time ({SECONDS:g})"
-    )
-    both.add_argument(
-        "--rounds", type=int, default=ROUNDS, metavar="N", help=f"turns of each engine ({ROUNDS})"
-    )
+    add_number(both, "--seconds", SECONDS, "S", f"simulated time ({SECONDS:g})")
+    add_number(both, "--rounds", ROUNDS, "N", f"turns of each engine ({ROUNDS})")
     both.add_argument("--json", action="store_true", help="print the report as JSON, in SI units")
     writing = words.add_parser("export", help="make a MuJoCo model of a scene", allow_abbrev=False)
     writing.add_argument("scene", help="name or file of a robot or scene")

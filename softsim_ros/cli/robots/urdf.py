@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
-from softsim_ros.cli import CommandError
+from softsim_ros.cli import CommandError, add_out
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("robot", help="name of a robot or scene (softsim scenes), or path of its file")
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="FOLDER",
-        help="write ROBOT.urdf here, its meshes, and files for ros2_control, RViz and Foxglove",
+    add_out(
+        parser, "FOLDER", "write ROBOT.urdf here, its meshes, and files for ros2_control, RViz and Foxglove"
     )
     parser.add_argument(
         "--namespace", metavar="NAME", help="namespace of its topics and frames (the robot's name)"

@@ -6,14 +6,11 @@ import argparse
 import json
 import math
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softsim_core.base import ConfigError
-from softsim_node import takes_escapes
 from softsim_ros import save_figure
-from softsim_ros.cli import UsageError, require_matplotlib
+from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out, require_matplotlib
 
 if TYPE_CHECKING:
     from softsim_core.control.inverse import Workspace
@@ -24,13 +21,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "robot", nargs="?", default="tripod", help="robot or scene: a name or a file (tripod)"
     )
-    parser.add_argument(
-        "--samples", type=int, default=200, metavar="N", help="equilibria to look at (200, about 0.1 s each)"
-    )
-    parser.add_argument(
-        "--base-shift", type=float, metavar="M", help="shift of the joint bases in m (that of the start move)"
-    )
-    parser.add_argument("-o", "--out", type=Path, metavar="PNG", help="draw a picture into this file")
+    add_number(parser, "--samples", 200, "N", "equilibria to look at (200, about 0.1 s each)")
+    add_number(parser, "--base-shift", float, "M", "shift of the joint bases in m (that of the start move)")
+    add_out(parser, "PNG", "draw a picture into this file")
     parser.add_argument("--json", action="store_true", help="print every sample as JSON")
 
 
@@ -46,9 +39,13 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_core.scene import load_scene
 
     scene = load_scene(arguments.robot)
-    progress = _Progress()
-    workspace = sample_workspace(scene, arguments.samples, arguments.base_shift, progress)
-    progress.end()
+    line = ProgressLine(sys.stderr)
+
+    def show_progress(done: int, total: int) -> None:
+        line.show(f"equilibria {done}/{total}", at_once=done == total)
+
+    workspace = sample_workspace(scene, arguments.samples, arguments.base_shift, show_progress)
+    line.end()
     if arguments.json:
         print(json.dumps({"robot": scene.name, **workspace.summary(), **_samples(workspace)}))
     else:
@@ -57,22 +54,6 @@ def run(arguments: argparse.Namespace) -> int:
         draw(workspace, scene.name, arguments.out)
         print(f"picture: {arguments.out}", file=sys.stderr)
     return 0
-
-
-class _Progress:
-    """A counter on the terminal; shows nothing if stderr is no terminal."""
-
-    def __init__(self) -> None:
-        self._shown, self._next = takes_escapes(sys.stderr), 0.0
-
-    def __call__(self, done: int, total: int) -> None:
-        if self._shown and (time.monotonic() >= self._next or done == total):
-            self._next = time.monotonic() + 0.2
-            print(f"\requilibria {done}/{total}", end="", file=sys.stderr, flush=True)
-
-    def end(self) -> None:
-        if self._shown:
-            print(file=sys.stderr)
 
 
 def _samples(workspace: Workspace) -> dict[str, object]:
@@ -96,9 +77,8 @@ def _report_lines(robot: str, workspace: Workspace) -> list[str]:
     rows += [
         (f"tilt about {axis}", f"{tilt_low[k]:.1f} to {tilt_high[k]:.1f} deg") for k, axis in enumerate("xy")
     ]
-    rows.append(
-        ("conditioning of the Jacobian", f"{best:.2f} at best, {median:.2f} median, {worst:.3g} at worst")
-    )
+    text = f"{best:.2f} at best, {median:.2f} median, {worst:.3g} at worst"
+    rows.append(("conditioning of the Jacobian", text))
     if len(workspace.failed):
         rows.append(("no equilibrium was found at", f"{len(workspace.failed)} joint positions"))
     title = f"{robot}: {count} equilibria, joint bases shifted by {1e3 * workspace.base_shift:g} mm"
@@ -106,11 +86,7 @@ def _report_lines(robot: str, workspace: Workspace) -> list[str]:
 
 
 def draw(workspace: Workspace, robot: str, file: Path) -> None:
-    """Write a picture; colour is the conditioning of the position Jacobian.
-
-    Raises:
-        ConfigError: the file cannot be written, or its suffix names no picture format.
-    """
+    """Write a picture, colour is the conditioning of the position Jacobian; raises as `save_figure`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -137,7 +113,4 @@ def draw(workspace: Workspace, robot: str, file: Path) -> None:
         f"{robot}: {len(points)} equilibria, bases shifted by {1e3 * workspace.base_shift:g} mm, "
         f"hull {1e6 * workspace.volume:.1f} cm³"
     )
-    try:
-        save_figure(figure, file)
-    except (OSError, ValueError) as error:
-        raise ConfigError(file, "", f"no picture was written: {error}; name a .png file") from error
+    save_figure(figure, file)

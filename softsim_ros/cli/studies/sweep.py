@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from softsim_core.base import StudyError, install_command
 from softsim_node import takes_escapes
 from softsim_ros import write_page
-from softsim_ros.cli import UsageError
+from softsim_ros.cli import UsageError, add_number, add_out
 
 if TYPE_CHECKING:
     from softsim_core.lab.study import StudySummary, SweepOptions
@@ -34,17 +34,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def configure_running(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments about where the runs are executed."""
-    parser.add_argument(
-        "-o", "--out", type=Path, metavar="STORE", help="the store (NAME.zarr in this folder)"
-    )
-    parser.add_argument("--workers", type=int, metavar="N", help="worker processes (one for each core)")
+    add_out(parser, "STORE", "the store (NAME.zarr in this folder)")
+    add_number(parser, "--workers", int, "N", "worker processes (one for each core)")
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="run on this Dask cluster, such as tcp://host:8786"
     )
-    parser.add_argument("--batch", type=int, default=1, metavar="N", help="runs of one task of Dask (1)")
-    parser.add_argument(
-        "--bags", type=int, default=0, metavar="N", help="keep recordings of N runs, spread evenly (0)"
-    )
+    add_number(parser, "--batch", 1, "N", "runs of one task of Dask (1)")
+    add_number(parser, "--bags", 0, "N", "keep recordings of N runs, spread evenly (0)")
     parser.add_argument(
         "--allow-code",
         action="append",
