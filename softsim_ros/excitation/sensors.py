@@ -6,7 +6,7 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from geometry_msgs.msg import PoseArray, PoseStamped
 from rclpy.node import Node
@@ -48,14 +48,8 @@ DEPTH: Final = 500
 IMU_FIELDS: Final = ("qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az")
 
 
-@dataclass(frozen=True, slots=True)
-class SensorChoice:
-    """A topic to record.
-
-    Attributes:
-        topic: In the robot's namespace, or absolute.
-        places: Mount of each of its points: a frame of the robot, or a point of a body in [m].
-    """
+class SensorChoice(NamedTuple):
+    """A topic to record, and the mount of each of its points: a robot's frame, or a body's point in [m]."""
 
     topic: str
     places: tuple[str | Vector, ...] = ()

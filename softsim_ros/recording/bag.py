@@ -40,13 +40,7 @@ MOST_REASON = 150
 
 
 class RawMessage(NamedTuple):
-    """A message as it was recorded.
-
-    Attributes:
-        topic: Full name.
-        stamp_ns: Time of its arrival, in [ns] since 1970.
-        data: Serialised (CDR).
-    """
+    """A message as it was recorded: full topic, time of arrival in [ns] since 1970, serialised data (CDR)."""
 
     topic: str
     stamp_ns: int

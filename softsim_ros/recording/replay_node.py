@@ -71,13 +71,7 @@ BASE_SHIFT = "base_shift"
 
 
 class Event(NamedTuple):
-    """An action of a replay at a bag time.
-
-    Attributes:
-        stamp_ns: When, in [ns] since 1970.
-        message: What to publish; None calls a service.
-        service: Trigger service of the simulator to call: "start" or "reset"; empty for messages.
-    """
+    """A message to publish at a time in [ns] since 1970, or the simulator's service "start" or "reset"."""
 
     stamp_ns: int
     message: RawMessage | None

@@ -20,13 +20,7 @@ POINT_COLUMNS = 4
 
 
 class MeshTopics(NamedTuple):
-    """Topics of a mesh in a bag.
-
-    Attributes:
-        cells: Latched topic with the cells.
-        points: Topic with the moving points.
-        kind: Name of a cell in mesh files.
-    """
+    """Topics of a mesh in a bag: its cells (latched), its moving points; name of its cells in mesh files."""
 
     cells: str
     points: str

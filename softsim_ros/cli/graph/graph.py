@@ -36,18 +36,13 @@ def message_text(message: Any, limit: int | None = 12, indent: str = "") -> str:
             lines += [f"{indent}{name}:", message_text(value, limit, f"{indent}  ")]
         elif _is_list(value) and len(value) and hasattr(value[0], "get_fields_and_field_types"):
             shown = value if limit is None else value[:limit]
-            lines.append(f"{indent}{name}:")
-            lines += [_item(item, limit, indent) for item in shown]
+            texts = (message_text(item, limit, f"{indent}    ") for item in shown)
+            lines += [f"{indent}{name}:", *(f"{indent}  - {text.lstrip()}" for text in texts)]
             if len(shown) < len(value):
                 lines.append(f"{indent}  ... {len(value)} in all")
         else:
             lines.append(f"{indent}{name}: {_value_text(value, limit)}")
     return "\n".join(lines)
-
-
-def _item(item: Any, limit: int | None, indent: str) -> str:
-    text = message_text(item, limit, f"{indent}    ")
-    return f"{indent}  - {text.lstrip()}"
 
 
 def _is_list(value: Any) -> bool:
@@ -106,13 +101,8 @@ def topic_rows(
     def look() -> list[tuple[str, str, int, int]]:
         rows = []
         for name, types in node.get_topic_names_and_types():
-            others = [
-                sum(info.node_name != OWN_NAME for info in infos)
-                for infos in (
-                    node.get_publishers_info_by_topic(name),
-                    node.get_subscriptions_info_by_topic(name),
-                )
-            ]
+            ends = node.get_publishers_info_by_topic(name), node.get_subscriptions_info_by_topic(name)
+            others = [sum(info.node_name != OWN_NAME for info in infos) for infos in ends]
             if shown(name) and any(others):
                 rows.append((name, ", ".join(types), others[0], others[1]))
         return sorted(rows)
@@ -196,8 +186,7 @@ class _Echo:
         self.lines += 1
         print(f"{message_text(message, self.limit)}\n---", flush=True)
 
-    def report(self) -> None:
-        """Do nothing between messages."""
+    def report(self) -> None: ...
 
 
 class Rate:

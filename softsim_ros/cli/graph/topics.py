@@ -38,15 +38,11 @@ def run(arguments: argparse.Namespace) -> int:
     if not rows:
         print(f"no topics: no node runs in {graph.where()}; start one with: softsim up tripod")
         return 0
-    _print_table(rows)
-    return 0
-
-
-def _print_table(rows: list[tuple[str, str, int, int]]) -> None:
-    head = ("topic", "type", "publishers", "subscribers")
-    widths = [max(len(str(row[column])) for row in [head, *rows]) for column in range(len(head))]
-    for row in [head, *rows]:
+    lines = [("topic", "type", "publishers", "subscribers"), *rows]
+    widths = [max(len(str(cell)) for cell in column) for column in zip(*lines, strict=True)]
+    for row in lines:
         print("  ".join(f"{cell!s:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    return 0
 
 
 def _is_background(name: str) -> bool:

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,12 +26,7 @@ STEPS_A_TURN, TURNS_A_FALL = 10, 4
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Distance of the soft and the free rigid bodies from MuJoCo's, at one time.
-
-    Attributes:
-        time: In [s].
-        largest, mean: Largest distance and root mean square in [m].
-    """
+    """Distance of soft and free rigid bodies from MuJoCo's at a time in [s]: largest and RMS value in [m]."""
 
     time: float
     largest: float
@@ -92,15 +88,10 @@ class _Ours:
 
     def __init__(self, imported: ImportedScene, file: Path, law: str) -> None:
         self.simulation = Simulation(load_scene(file))
-        self.name, self.rests = f"ours, {law}", True
-        self.method = "one exact factorisation a step"
-        self.version = ""
-        self._parts = [
-            (each.name, each.nodes) for each in self.simulation.bodies if each.name in imported.flexes
-        ]
-        self._rigid = [
-            [each.name for each in imported.scene.rigid_bodies].index(name) for name in imported.free
-        ]
+        self.name, self.method = f"ours, {law}", "one exact factorisation a step"
+        bodies, rigid_names = self.simulation.bodies, [each.name for each in imported.scene.rigid_bodies]
+        self._parts = [(each.name, each.nodes) for each in bodies if each.name in imported.flexes]
+        self._rigid = [rigid_names.index(name) for name in imported.free]
 
     def restart(self) -> None:
         self.simulation.reset()
@@ -159,9 +150,8 @@ def compare_model(file: Path, laws: Sequence[str], seconds: float, rounds: int) 
         ]
     theirs = _Theirs(scenes[0], file.absolute())
     if seconds > MOST_STEPS * theirs.dt:
-        raise MjcfError(
-            file, f"takes more than {MOST_STEPS} steps for {seconds:g} s; ask for fewer --seconds"
-        )
+        reason = f"takes more than {MOST_STEPS} steps for {seconds:g} s; ask for fewer --seconds"
+        raise MjcfError(file, reason)
     engines: list[_Ours | _Theirs] = [theirs, *ours]
     found = [_run(engine, seconds, theirs.dt) for engine in engines]
     warned = theirs.warnings
@@ -184,17 +174,11 @@ def compare_model(file: Path, laws: Sequence[str], seconds: float, rounds: int) 
         for engine, run in zip(engines, found, strict=True)
     )
     first = ours[0].simulation
-    return ModelComparison(
-        file, theirs.version, theirs.dt, seconds, *_sizes(first), rows, warned, scenes[0].remarks
-    )
+    sizes = len(first.positions), len(first.tets) if first.bodies else 0
+    return ModelComparison(file, theirs.version, theirs.dt, seconds, *sizes, rows, warned, scenes[0].remarks)
 
 
-def _sizes(simulation: Simulation) -> tuple[int, int]:
-    return len(simulation.positions), len(simulation.tets) if simulation.bodies else 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Run:
+class _Run(NamedTuple):
     """Positions (n, 3) at some times in [s], sags, and the final speed."""
 
     times: tuple[float, ...]

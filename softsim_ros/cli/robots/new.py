@@ -53,7 +53,7 @@ def scene_text(
         else f"the low end of its longest side, along {'xyz'[guess.axis]}"
     ) + (f" (of its own axes: it lies askew by {tilt:.0f} degrees in its file)" if tilt else "")
     hollow = made.source.cavities == 1
-    joint = _chamber() if hollow else "".join(f"  # {each}\n" for each in doubts) + _cable(guess)
+    joint = _CHAMBER if hollow else "".join(f"  # {each}\n" for each in doubts) + _cable(guess)
     step, unit = (1000.0, "Pa") if hollow else (0.01 * guess.length, "m")
     pulled = 8000.0 if hollow else 0.06 * guess.length
     moves = ("pump", "let air out") if hollow else ("pull the cable", "let the cable go")
@@ -100,8 +100,7 @@ keys:  # each on the plain key and with Ctrl; by: {unit} from where it is
 """
 
 
-def _chamber() -> str:
-    return """\
+_CHAMBER = """\
   # GUESS: the hollow inside is an air chamber, commanded by its pressure in Pa
   - name: air
     kind: chamber
@@ -195,19 +194,6 @@ sensors:  # what the arm feels there: weight, and every acceleration
 """
 
 
-def chosen_link(rigid: RigidRobot, link: str | None) -> str:
-    """Return the link that carries the robot: the one named, else the last one.
-
-    Raises:
-        SceneError: the arm has no such link.
-    """
-    if link is None:
-        return rigid.last_link
-    if link not in rigid.shapes:
-        raise SceneError(f"{link!r} is no link of {rigid.name}; known: {listing(rigid.shapes)}")
-    return link
-
-
 def arm_text(name: str, urdf: Path, rigid: RigidRobot, link: str, guess: Guess) -> str:
     """Return the scene in YAML, which lies beside that of the robot.
 
@@ -296,7 +282,9 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         preset = elastomer(arguments.material).name
         rigid = None if arguments.arm is None else read_urdf(arguments.arm)
-        link = "" if rigid is None else chosen_link(rigid, arguments.link)
+        link = "" if rigid is None else arguments.link or rigid.last_link
+        if rigid is not None and link not in rigid.shapes:
+            raise SceneError(f"{link!r} is no link of {rigid.name}; known: {listing(rigid.shapes)}")
     except SceneError as error:
         raise CommandError(str(error)) from error
     made = mesh_part(arguments.part, options(arguments), say)
@@ -305,7 +293,15 @@ def run(arguments: argparse.Namespace) -> int:
     inlets = inlet_notes(made.source) if made.source.cavities != 1 else []
     factor = STIFFNESS_FACTOR if preset == PRESET else 1.0
     scene = scene_text(name, made, assumed, preset, factor, inlets)
-    _write(folder, name, scene, made, assumed, on_arm)
+    try:
+        folder.mkdir(parents=True)
+        write_tets(folder / f"{name}.vtk", made.mesh)
+        write_file(folder / f"{name}.yaml", scene)
+        write_file(folder / f"test_{name}.py", test_text(name, made, assumed))
+        if on_arm:
+            write_file(folder / f"{name}_on_arm.yaml", on_arm)
+    except OSError as error:
+        raise ConfigError(folder, "", f"cannot be written: {error.strerror or error}") from error
     print("\n".join(_describe_result(name, made, assumed, link, inlets)))
     return 0
 
@@ -319,18 +315,6 @@ def inlet_notes(source: RepairedSurface) -> list[str]:
         "with a plug (the hose is not modelled)"
         for each in open_hollows(source.surface)
     ]
-
-
-def _write(folder: Path, name: str, scene: str, made: MeshedPart, assumed: Guess, on_arm: str) -> None:
-    try:
-        folder.mkdir(parents=True)
-        write_tets(folder / f"{name}.vtk", made.mesh)
-        write_file(folder / f"{name}.yaml", scene)
-        write_file(folder / f"test_{name}.py", test_text(name, made, assumed))
-        if on_arm:
-            write_file(folder / f"{name}_on_arm.yaml", on_arm)
-    except OSError as error:
-        raise ConfigError(folder, "", f"cannot be written: {error.strerror or error}") from error
 
 
 def _describe_result(name: str, made: MeshedPart, assumed: Guess, link: str, inlets: list[str]) -> list[str]:

@@ -38,13 +38,7 @@ class BoardKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class BoardChoice:
-    """Board that the bridge talks to.
-
-    Attributes:
-        kind: NONE has no bridge at all.
-        port: Port of a real board; empty searches for the one that is plugged in.
-        send: Whether to start sending at once, without waiting for key B.
-    """
+    """Board of the bridge (NONE: no bridge), port of a real one (empty: search), whether to send at once."""
 
     kind: BoardKind
     port: str = ""

@@ -8,8 +8,7 @@ import signal
 import subprocess
 import threading
 import time
-from dataclasses import dataclass
-from typing import IO, Final
+from typing import IO, Final, NamedTuple
 
 from softsim_core.base import install_command, python_command, start_process
 from softsim_node import ending
@@ -22,16 +21,8 @@ END_WITHIN_S: Final = 5.0
 LOOK_S: Final = 0.1
 
 
-@dataclass(frozen=True)
-class PageChoice:
-    """Options of the page on the command line.
-
-    Attributes:
-        host: IP address to listen on.
-        port: TCP port.
-        lite: Cheap light, for browsers without a graphics card.
-        no_token: Require no secret, on this machine only.
-    """
+class PageChoice(NamedTuple):
+    """IP address and port of the page; cheap light for browsers without GPU; no secret on this machine."""
 
     host: str
     port: int
@@ -57,13 +48,7 @@ class WebPage:
             self._last = f"viser is not installed ({install_command('viewer')})"
             self._settled.set()
             return
-        parameters = {
-            "robot": robot,
-            "host": choice.host,
-            "port": choice.port,
-            "lite": str(choice.lite).lower(),
-            "no_token": str(choice.no_token).lower(),
-        }
+        parameters = {"robot": robot, **choice._asdict()}  # YAML reads False as false
         parameter_words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
         module = "softsim_ros.nodes.viewer.viewer_node"
         self._process = start_process(
