@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import math
 import os
 import time
 from collections.abc import Sequence
@@ -71,22 +72,25 @@ class Colours:
 
 
 class ProgressLine:
-    """A line on a terminal that is rewritten in place; elsewhere only its end is shown.
+    """A line on a terminal that is rewritten in place, at most five times per second.
 
     Args:
         stream: Stream to which it is written.
+        log_period_s: Time in [s] between lines where the stream is no terminal.
     """
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._next = stream, 0.0
-        self._shown = takes_escapes(stream)
+    def __init__(self, stream: TextIO, log_period_s: float = math.inf) -> None:
+        self._stream, self._shown = stream, takes_escapes(stream)
+        self._period_s = 0.2 if self._shown else log_period_s
+        self._next = 0.0 if self._shown else time.monotonic() + log_period_s
 
     def show(self, text: str, *, at_once: bool = False) -> None:
-        """Replace the line, at most five times per second if not `at_once`."""
+        """Replace the line if it is due, or `at_once`; in a log, add a line if it is due."""
         now = time.monotonic()
-        if self._shown and (at_once or now >= self._next):
-            self._next = now + 0.2
-            print(f"\r{text:<78}", end="", file=self._stream, flush=True)
+        if now >= self._next or (at_once and self._shown):
+            self._next = now + self._period_s
+            line, end = (f"\r{text:<78}", "") if self._shown else (text, "\n")
+            print(line, end=end, file=self._stream, flush=True)
 
     def end(self, text: str = "") -> None:
         """End the line; a text replaces it, and is shown without a terminal, too."""

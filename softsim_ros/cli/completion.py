@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Iterable, Mapping
+import pkgutil
+from collections.abc import Mapping
 from typing import Any, Final
 
 from softsim_core.base import install_command
@@ -56,47 +57,26 @@ def complete(commands: Mapping[str, Command]) -> None:
             for action in own._actions:
                 names = _NAMES.get((name, action.dest), _NAMES.get(("", action.dest)))
                 if names is not None:
-                    action.completer = _completer(names)  # type: ignore[attr-defined]
+                    action.completer = _Completer(names)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser, always_complete_options=True)
 
 
-def _completer(names: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
-    def complete(prefix: str, **_: Any) -> list[str]:
-        return [name for name in names() if name.startswith(prefix)]
-
-    return complete
-
-
-def _scenes() -> Iterable[str]:
-    from softsim_core.scene.io import known_scenes
-
-    return known_scenes()
-
-
-def _nodes() -> Iterable[str]:
-    from softsim_ros.cli.running import NODES
-
-    return NODES
-
-
-def _materials() -> Iterable[str]:
-    from softsim_core.physics.fem.materials import elastomer_names
-
-    return elastomer_names()
-
-
-def _data_sets() -> Iterable[str]:
-    from softsim_core.lab.identification import known_data_sets
-
-    return known_data_sets()
-
-
-_NAMES: Final[dict[tuple[str, str], Callable[[], Iterable[str]]]] = {
-    ("", "robot"): _scenes,
-    ("scenes", "show"): _scenes,
-    ("run", "node"): _nodes,
-    ("material", "name"): _materials,
-    ("validate", "data_set"): _data_sets,
-    ("calibrate", "calibration"): _data_sets,
+_NAMES: Final = {
+    ("", "robot"): "softsim_core.scene.io:known_scenes",
+    ("scenes", "show"): "softsim_core.scene.io:known_scenes",
+    ("run", "node"): "softsim_ros.cli.running:NODES.keys",
+    ("material", "name"): "softsim_core.physics.fem.materials:elastomer_names",
+    ("validate", "data_set"): "softsim_core.lab.identification:known_data_sets",
+    ("calibrate", "calibration"): "softsim_core.lab.identification:known_data_sets",
 }
 """Functions that list the values of an argument, by command (empty: of any) and argument."""
+
+
+class _Completer:
+    """Lists the names that begin as the word to complete; the function is imported when it is needed."""
+
+    def __init__(self, function: str) -> None:
+        self._function = function
+
+    def __call__(self, prefix: str, **_: Any) -> list[str]:
+        return [name for name in pkgutil.resolve_name(self._function)() if name.startswith(prefix)]

@@ -107,18 +107,17 @@ def ros_wheels_fit() -> str | None:
     return None
 
 
-def likely_cause(log: str) -> str:
-    """Return one sentence on why an installer failed, from its log (its last 200 lines)."""
-    number = _cause(log)
-    return "see the lines above" if number is None else CAUSES[number][1]
+def likely_cause(log: str) -> tuple[str, bool]:
+    """Return a sentence on why an installer failed, and whether another one would fail as well.
 
-
-def _cause(log: str) -> int | None:
+    Args:
+        log: Its output, of which the last 200 lines count.
+    """
     recent = "\n".join(log.splitlines()[-200:])
-    for number, (pattern, _) in enumerate(CAUSES):
+    for number, (pattern, advice) in enumerate(CAUSES):
         if re.search(pattern, recent, re.IGNORECASE):
-            return number
-    return None
+            return advice, number < HOPELESS
+    return "see the lines above", False
 
 
 class Stages:
@@ -166,19 +165,14 @@ class Stages:
             except BaseException:
                 end(child)
                 raise
-        self._say(
-            f"{head}: {'failed' if child.returncode else 'done'} in {time.monotonic() - began:.0f} s",
-            last=True,
-        )
+        outcome = "failed" if child.returncode else "done"
+        self._say(f"{head}: {outcome} in {time.monotonic() - began:.0f} s", last=True)
         if child.returncode:
             text = self.log.read_bytes()[before:].decode(errors="replace")
             for line in text.splitlines()[-TAIL_LINES:]:
                 print(f"    {line[:TAIL_COLUMNS]}", file=sys.stderr)
-            number = _cause(text)
-            raise InstallError(
-                f"{likely_cause(text)} (all of its output: {self.log})",
-                number is not None and number < HOPELESS,
-            )
+            advice, is_hopeless = likely_cause(text)
+            raise InstallError(f"{advice} (all of its output: {self.log})", is_hopeless)
 
     def _watch(self, child: subprocess.Popen[bytes], head: str, began: float) -> None:
         self._say(f"{head} ...", last=not self.terminal)
@@ -188,9 +182,8 @@ class Stages:
                 child.wait(timeout=beat)
                 return
             except subprocess.TimeoutExpired:
-                self._say(
-                    f"{head}: {time.monotonic() - began:.0f} s  {self._newest()}", last=not self.terminal
-                )
+                spent = f"{time.monotonic() - began:.0f} s"
+                self._say(f"{head}: {spent}  {self._newest()}", last=not self.terminal)
 
     def _newest(self) -> str:
         """Return the last line of the log, short enough for one line of the terminal."""
@@ -261,13 +254,10 @@ def uv_variables(pip: Mapping[str, str]) -> dict[str, str]:
 
     Variables that the user has set take precedence.
     """
-    variables = {
-        variable: " ".join(pip[option].split()) for option, variable in OF_UV.items() if pip.get(option)
-    }
-    if "UV_INDEX" in variables:
-        variables["UV_INDEX_STRATEGY"] = (
-            "unsafe-best-match"  # as pip does: any index that has the pinned version
-        )
+    given = ((variable, pip.get(option, "").split()) for option, variable in OF_UV.items())
+    variables = {variable: " ".join(words) for variable, words in given if words}
+    if "UV_INDEX" in variables:  # any index that has the pinned version, as pip does
+        variables["UV_INDEX_STRATEGY"] = "unsafe-best-match"
     if "UV_FIND_LINKS" in variables:
         variables["UV_FIND_LINKS"] = variables["UV_FIND_LINKS"].replace(" ", ",")
     if "HTTPS_PROXY" in variables:
@@ -433,7 +423,7 @@ def main() -> int:
         print(f"softsim: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        print(f"softsim: {error}; {likely_cause(str(error))}", file=sys.stderr)
+        print(f"softsim: {error}; {likely_cause(str(error))[0]}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("\nsoftsim: interrupted; the next start begins again where needed", file=sys.stderr)

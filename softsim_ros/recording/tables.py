@@ -153,21 +153,21 @@ def read_bag(path: Path, columns: Sequence[str]) -> Table:
         BagError: it cannot be read.
         DataError: no such topic or field, or no row.
     """
-    asked = [column for column in columns if column != RECORDED]
+    places: dict[str, tuple[str, str]] = {}
     with Bag(path) as bag:
-        fields: dict[str, list[str]] = {}
-        for column in asked:
+        for column in columns:
             topic, colon, field = column.rpartition(":")
-            if not colon:
+            if colon:
+                places[column] = (bag.topic(topic), field)
+            elif column != RECORDED:
                 raise DataError(path, f"column {column}", "must be TOPIC:FIELD, or recorded_s")
-            fields.setdefault(bag.topic(topic), []).append(field)
-        if not fields:
+        if not places:
             raise DataError(path, "", "no column of a topic is asked for")
-        series = {topic: _series(bag, topic, field_names) for topic, field_names in fields.items()}
+        fields: dict[str, list[str]] = {}
+        for topic, field in places.values():
+            fields.setdefault(topic, []).append(field)
+        series = {topic: _series(bag, topic, names) for topic, names in fields.items()}
         begin = bag.begin_ns
-        names = {
-            column: (bag.topic(column.rpartition(":")[0]), column.rpartition(":")[2]) for column in asked
-        }
     first = next(iter(series))
     stamps = series[first][0]
     newest = {topic: np.searchsorted(own, stamps, side="right") - 1 for topic, (own, _) in series.items()}
@@ -175,7 +175,7 @@ def read_bag(path: Path, columns: Sequence[str]) -> Table:
     if not rows.any():
         raise DataError(path, f"topic {first}", "no message of it comes after the first ones of the others")
     table: dict[str, Sequence[str] | Array] = {RECORDED: 1e-9 * (stamps[rows] - begin)}
-    for column, (topic, field) in names.items():
+    for column, (topic, field) in places.items():
         table[column] = series[topic][1][field][newest[topic][rows]]
     return Table(path, table, (np.flatnonzero(rows) + 1).tolist())
 

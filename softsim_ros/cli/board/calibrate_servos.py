@@ -82,7 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
     if _ask(f"write {file}? [Y/n]").strip().lower() not in ("", "y", "yes"):
         raise CalibrationAbortedError
     save_calibration(file, robot.name, servos)
-    print(f"written; the bridge uses it with the parameter calibration:={_parameter(file, robot.name)}")
+    value = "auto (its default)" if file == default_file(robot.name) else str(file.resolve())
+    print(f"written; the bridge uses it with the parameter calibration:={value}")
     return 0
 
 
@@ -91,10 +92,6 @@ def _ask(question: str) -> str:
         return input(f"{question} ")
     except EOFError:
         raise CalibrationAbortedError from None
-
-
-def _parameter(file: Path, robot: str) -> str:
-    return "auto (its default)" if file == default_file(robot) else str(file.resolve())
 
 
 def _summary(servo: ServoCalibration) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
+import pkgutil
 import sys
 import time
 from typing import TYPE_CHECKING, Final
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from softsim_ros.client import RobotSession
 
 DEMOS: Final = {
-    "grasp": ("softsim_ros.cli.demos.grasp", "Grasp"),
-    "pick_and_place": ("softsim_ros.cli.demos.pick_and_place", "PickAndPlace"),
+    "grasp": "softsim_ros.cli.demos.grasp:Grasp",
+    "pick_and_place": "softsim_ros.cli.demos.pick_and_place:PickAndPlace",
 }
-"""Module and class of each demo; built with a node and a client, it is a Show."""
+"""Class of each demo; built with a node and a client, it is a Show."""
 
 PATIENCE_S = 60.0
 """Longest time in [s] without a new message of the simulator."""
@@ -56,8 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     from softsim_ros.client import RobotClient, RobotSession
     from softsim_ros.nodes.simulator import Simulator
 
-    module, name = DEMOS[arguments.name]
-    show_class = getattr(importlib.import_module(module), name)
+    show_class = pkgutil.resolve_name(DEMOS[arguments.name])
     scene = load_scene(arguments.robot or show_class.robot)
     parameters = [Parameter("publish_clock", value=True), Parameter("speed", value=arguments.speed)]
     results: tuple[list[str], bool] | None = None

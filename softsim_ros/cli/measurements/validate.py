@@ -16,7 +16,7 @@ from softsim_ros import write_page
 from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out
 
 if TYPE_CHECKING:
-    from softsim_core.lab.identification import DataSet, Session, SessionDescription, SessionResult
+    from softsim_core.lab.identification import DataSet, Session, SessionResult
 
 EXIT_INTERRUPTED = 130
 LIMITS = ("mean", "rms", "p95", "max")
@@ -100,8 +100,16 @@ def _results(
     )
 
     alignments = read_alignments(arguments.alignment) if arguments.alignment is not None else None
-    chosen = _choose_sessions(data, arguments.session)
-    chosen = [replace(each, limits=replace(each.limits, **limits)) for each in chosen]
+    all_names, names = data.description.session_names, arguments.session
+    for name in names:
+        if name not in all_names:
+            known = known_names(name, all_names, "there are")
+            raise DataError(data.description.name, "", f"no session {name!r}; {known}")
+    chosen = [
+        replace(each, limits=replace(each.limits, **limits))
+        for each in data.description.sessions
+        if not names or each.name in names
+    ]
     sessions = [load_session(data, each, arguments.every) for each in chosen]  # all, before a replay
     results: list[SessionResult] = []
     failed = interrupted = False
@@ -124,15 +132,6 @@ def _results(
             print("softsim validate: interrupted; what is done follows", file=sys.stderr)
             break
     return results, failed, interrupted
-
-
-def _choose_sessions(data: DataSet, names: list[str]) -> list[SessionDescription]:
-    session_names = data.description.session_names
-    for name in names:
-        if name not in session_names:
-            known = known_names(name, session_names, "there are")
-            raise DataError(data.description.name, "", f"no session {name!r}; {known}")
-    return [each for each in data.description.sessions if not names or each.name in names]
 
 
 class _Progress:

@@ -47,23 +47,21 @@ def run(arguments: argparse.Namespace) -> int:
     workspace = sample_workspace(scene, arguments.samples, arguments.base_shift, show_progress)
     line.end()
     if arguments.json:
-        print(json.dumps({"robot": scene.name, **workspace.summary(), **_samples(workspace)}))
+        samples = {
+            "joints": workspace.joints,
+            "positions_m": workspace.positions,
+            "quaternions_xyzw": workspace.quaternions,
+            "conditions": workspace.conditions,
+            "failed_joints": workspace.failed,
+        }
+        lists = {name: each.tolist() for name, each in samples.items()}
+        print(json.dumps({"robot": scene.name, **workspace.summary(), **lists}))
     else:
         print("\n".join(_report_lines(scene.name, workspace)))
     if arguments.out is not None:
         draw(workspace, scene.name, arguments.out)
         print(f"picture: {arguments.out}", file=sys.stderr)
     return 0
-
-
-def _samples(workspace: Workspace) -> dict[str, object]:
-    return {
-        "joints": workspace.joints.tolist(),
-        "positions_m": workspace.positions.tolist(),
-        "quaternions_xyzw": workspace.quaternions.tolist(),
-        "conditions": workspace.conditions.tolist(),
-        "failed_joints": workspace.failed.tolist(),
-    }
 
 
 def _report_lines(robot: str, workspace: Workspace) -> list[str]:

@@ -82,10 +82,14 @@ def run(arguments: argparse.Namespace) -> int:
     import rclpy  # noqa: F401  # if it is missing, that is reported before anything starts
 
     from softsim_core.scene import load_scene
+    from softsim_core.scene.io import known_scenes
     from softsim_node import environment, ros_process
     from softsim_ros.cli.running.web_page import PageChoice, WebPage
 
-    scene = load_scene(_robot_on_mesh(arguments.robot, arguments.mesh))
+    robot, level = arguments.robot, arguments.mesh
+    if level is not None and (level != "low" or f"{robot}_low" in known_scenes()):
+        robot = f"{robot}_{level}"  # "low" is most robots' own mesh
+    scene = load_scene(robot)
     namespace = (arguments.namespace or scene.name).strip("/")
     if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", namespace, re.ASCII):
         raise UsageError(
@@ -120,19 +124,6 @@ def run(arguments: argparse.Namespace) -> int:
             nodes.run(interactive and bool(scene.joints), notice)
         print(f"{scene.name}: ended", flush=True)
     return 0
-
-
-def _robot_on_mesh(robot: str, level: str | None) -> str:
-    """Return the robot's name on a mesh level: "tripod" and "mid" is "tripod_mid"; "low" is the robot itself.
-
-    Raises:
-        ConfigError: there is no such robot; names the known ones.
-    """
-    from softsim_core.scene.io import known_scenes
-
-    if level is None or (level == "low" and f"{robot}_low" not in known_scenes()):
-        return robot
-    return f"{robot}_{level}"
 
 
 class AlreadyUpError(SoftSimError, RuntimeError):

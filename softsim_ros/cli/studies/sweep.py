@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softsim_core.base import StudyError, install_command
-from softsim_node import takes_escapes
 from softsim_ros import write_page
-from softsim_ros.cli import UsageError, add_number, add_out
+from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out
 
 if TYPE_CHECKING:
     from softsim_core.lab.study import StudySummary, SweepOptions
@@ -113,13 +112,8 @@ def options(arguments: argparse.Namespace, store: Path, progress: Progress) -> S
 def print_summary(summary: StudySummary, as_json: bool) -> None:
     """Print the summary of a study."""
     if as_json:
-        values = {
-            "store": str(summary.folder),
-            "runs": summary.runs,
-            "new": summary.new,
-            "counts": summary.counts,
-        }
-        print(json.dumps(values))
+        values = {"store": str(summary.folder), "runs": summary.runs, "new": summary.new}
+        print(json.dumps({**values, "counts": summary.counts}))
         return
     counted = ", ".join(f"{count} {word.replace('_', ' ')}" for word, count in summary.counts.items())
     print(f"{summary.folder}: {summary.runs} runs: {counted}; {summary.new} of them now")
@@ -147,8 +141,8 @@ class Progress:
     """A line on the terminal: runs done and failed, rate, remaining time; in a log, one line per minute."""
 
     def __init__(self) -> None:
-        self._terminal = takes_escapes(sys.stderr)
-        self._begin, self._first, self._next, self._last = 0.0, 0, 0.0, (0, 0, 0)
+        self._line = ProgressLine(sys.stderr, log_period_s=60.0)
+        self._begin, self._first, self._last = 0.0, 0, (0, 0, 0)
 
     def line(self, text: str) -> None:
         """Print a message beside the progress line."""
@@ -158,31 +152,21 @@ class Progress:
         """Show the state after a run."""
         now = time.monotonic()
         if not self._begin:
-            self._begin, self._first, self._next = now, done, now + (0.0 if self._terminal else 60.0)
+            self._begin, self._first = now, done
         self._last = (done, failed, total)
-        if now >= self._next:
-            self._next = now + (0.2 if self._terminal else 60.0)
-            self._show(now)
-
-    def _show(self, now: float) -> None:
-        done, failed, total = self._last
         rate = (done - self._first) / max(now - self._begin, 1e-9)
         left = f"{_duration((total - done) / rate)} to go" if rate > 0.0 else ""
         filled = round(20 * done / max(total, 1))
         bar = f"[{'#' * filled}{'.' * (20 - filled)}] {done}/{total} runs"
-        line = f"{bar}, {failed} failed, {rate:.1f} per second, {left}"
-        print(
-            f"\r{line:<78}" if self._terminal else line, end="" if self._terminal else "\n", file=sys.stderr
-        )
-        sys.stderr.flush()
+        self._line.show(f"{bar}, {failed} failed, {rate:.1f} per second, {left}")
 
     def end(self) -> None:
         """Print the last line."""
         if self._begin:
             done, failed, total = self._last
             spent = time.monotonic() - self._begin
-            line = f"{done}/{total} runs, {failed} failed; {done - self._first} in {spent:.1f} s"
-            print(f"\r{line:<78}" if self._terminal else line, file=sys.stderr)
+            new = f"{done - self._first} in {spent:.1f} s"
+            self._line.end(f"{done}/{total} runs, {failed} failed; {new}")
             self._begin = 0.0
 
 
