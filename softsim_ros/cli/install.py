@@ -254,8 +254,8 @@ def uv_variables(pip: Mapping[str, str]) -> dict[str, str]:
 
     Variables that the user has set take precedence.
     """
-    given = ((variable, pip.get(option, "").split()) for option, variable in OF_UV.items())
-    variables = {variable: " ".join(words) for variable, words in given if words}
+    values = ((variable, pip.get(option, "").split()) for option, variable in OF_UV.items())
+    variables = {variable: " ".join(words) for variable, words in values if words}
     if "UV_INDEX" in variables:  # any index that has the pinned version, as pip does
         variables["UV_INDEX_STRATEGY"] = "unsafe-best-match"
     if "UV_FIND_LINKS" in variables:

@@ -197,8 +197,8 @@ def _series(bag: Bag, topic: str, field_names: list[str]) -> tuple[Any, dict[str
         values.append([row.get(field, np.nan) for field in field_names])
     for field in field_names:
         if field not in row:
-            known = known_names(field, row, "there are")
-            raise DataError(bag.path, f"column {topic}:{field}", f"is not there; {known}")
+            hint = known_names(field, row, "there are")
+            raise DataError(bag.path, f"column {topic}:{field}", f"is not there; {hint}")
     try:
         numbers = np.array(values, dtype=float)
     except ValueError as error:

@@ -103,8 +103,8 @@ def _results(
     all_names, names = data.description.session_names, arguments.session
     for name in names:
         if name not in all_names:
-            known = known_names(name, all_names, "there are")
-            raise DataError(data.description.name, "", f"no session {name!r}; {known}")
+            hint = known_names(name, all_names, "there are")
+            raise DataError(data.description.name, "", f"no session {name!r}; {hint}")
     chosen = [
         replace(each, limits=replace(each.limits, **limits))
         for each in data.description.sessions

@@ -65,8 +65,8 @@ def options(arguments: argparse.Namespace) -> MeshingOptions:
         value = getattr(arguments, name)
         if value is not None and not 0.0 < value < math.inf:
             raise MeshError(arguments.part, f"--{name.replace('_', '-')} must be a number > 0, not {value:g}")
-    given = {name: getattr(arguments, name) for name in _LENGTHS}
-    metres = {name: value and value * UNITS[arguments.unit] for name, value in given.items()}  # or None
+    lengths = {name: getattr(arguments, name) for name in _LENGTHS}
+    metres = {name: value and value * UNITS[arguments.unit] for name, value in lengths.items()}  # or None
     return MeshingOptions(
         unit=arguments.unit,
         size=metres["size"],
