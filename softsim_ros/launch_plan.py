@@ -120,9 +120,8 @@ def plan(arguments: LaunchArguments, folder: Path) -> Plan:
 
 def board_link(namespace: str, environment: Mapping[str, str] = os.environ) -> Path:
     """Return the link to the port of a board that is a program, in a folder of this user alone."""
-    return (
-        runtime_folder(environment) / f"softsim_{os.getuid()}_{namespace.strip('/').replace('/', '_')}_board"
-    )
+    name = namespace.strip("/").replace("/", "_")
+    return runtime_folder(environment) / f"softsim_{os.getuid()}_{name}_board"
 
 
 def _hardware(arguments: LaunchArguments, robot: RobotDescription, namespace: str) -> list[PlannedNode]:
@@ -134,9 +133,8 @@ def _hardware(arguments: LaunchArguments, robot: RobotDescription, namespace: st
     if board == "none":
         return []
     if not servos:
-        raise ConfigError(
-            "launch", "argument board", f"{robot.name} has no servo board; leave board out, or give none"
-        )
+        reason = f"{robot.name} has no servo board; leave board out, or give none"
+        raise ConfigError("launch", "argument board", reason)
     if arguments.port and board != "real":
         raise ConfigError("launch", "argument port", f"belongs to board:=real, not to {board}; leave one out")
     link, port, quiet, nodes = str(board_link(namespace)), arguments.port, dict[str, str | float](), []

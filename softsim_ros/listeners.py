@@ -67,11 +67,9 @@ class StateListener:
 
         Fast DDS may not report such a publisher as alive.
         """
-        own = {
-            _participant(each)
-            for each in self._node.get_subscriptions_info_by_topic(self._topic)
-            if (each.node_name, each.node_namespace) == (self._node.get_name(), self._node.get_namespace())
-        }
+        name = self._node.get_name(), self._node.get_namespace()
+        subscriptions = self._node.get_subscriptions_info_by_topic(self._topic)
+        own = {_participant(each) for each in subscriptions if (each.node_name, each.node_namespace) == name}
         found = self._node.get_publishers_info_by_topic(self._topic)
         return any(_participant(each) in own for each in found)
 

@@ -38,8 +38,5 @@ def chambers_of(joints: Sequence[JointDescription]) -> dict[int, str]:
 
 
 def chamber_topics(names: Sequence[str]) -> list[str]:
-    """Return the topics of chambers by the names of their joints.
-
-    Characters that topics do not allow become underscores.
-    """
+    """Return the topics of chambers by the names of their joints, as `topic_words`."""
     return [f"chambers/{word}/pressure" for word in topic_words(names, "chamber")]

@@ -51,9 +51,8 @@ class BagWriter:
         except WriterError:
             raise RecordingError(f"{folder} exists already and is kept; record to another folder") from None
         except OSError as error:
-            raise RecordingError(
-                f"cannot record to {folder}: {error.strerror}; choose another folder"
-            ) from error
+            reason = f"cannot record to {folder}: {error.strerror}; choose another folder"
+            raise RecordingError(reason) from error
         storage: Any = self._writer.storage
         self._file = storage  # the MCAP file, whose chunks `flush` closes
         self._file.bio.flush()

@@ -269,10 +269,9 @@ class Recorder(ClosableNode):
         kind = (qos.reliability, qos.durability)
         if topic in self._recorded_topics and (not publishers or self._recorded_topics[topic][1] == kind):
             return
-        try:
+        message_type = None
+        with suppress(ImportError, AttributeError):
             message_type = load_message(type_name)
-        except (ImportError, AttributeError):
-            message_type = None
         if message_type is None or not bag.knows(type_name):
             self._unknown.add(topic)
             self.get_logger().warning(f"{topic} is not recorded: the type {type_name} is not known here")

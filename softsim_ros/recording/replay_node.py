@@ -173,16 +173,14 @@ class Replay(ClosableNode):
         try:
             self._topics = command_topics(bag) if commands_only else whole_topics(bag)
             if start_s > bag.duration_s or not self._topics:
-                raise BagError(
-                    bag.path, f"has nothing after {start_s:g} s; it is {bag.duration_s:.1f} s long"
-                )
+                reason = f"has nothing after {start_s:g} s; it is {bag.duration_s:.1f} s long"
+                raise BagError(bag.path, reason)
             self._live = LiveParameters(self, ReplaySettings(speed=speed), apply=self._change_speed)
             self._playhead.set_speed(self._live.values.speed, time.monotonic())
             self._types = {topic: self._message_type(topic) for topic in self._topics}
             self._senders: dict[str, Publisher] = {}
-            self._simulator = {
-                name: self.create_client(Trigger, f"simulator/{name}") for name in ("start", "reset")
-            }
+            services = ("start", "reset")
+            self._simulator = {name: self.create_client(Trigger, f"simulator/{name}") for name in services}
             self.create_service(SetBool, "~/pause", self._on_pause)
             facts = {"replay/paused": lambda: Bool(data=self._playhead.paused)}
             self._state_topics = StateTopics(self, facts)
@@ -221,9 +219,8 @@ class Replay(ClosableNode):
         else:
             self._serve(executor, DISCOVERY_S)
         if reset and not self._call("reset", executor):
-            raise RecordingError(
-                f"no answer from {self._simulator['reset'].srv_name}; is a simulator running?"
-            )
+            name = self._simulator["reset"].srv_name
+            raise RecordingError(f"no answer from {name}; is a simulator running?")
 
     def play(self, executor: Executor) -> None:
         """Publish everything once, from the start; return early if the process is to end.
@@ -245,15 +242,16 @@ class Replay(ClosableNode):
 
     def _wait_for(self, position: float, executor: Executor) -> bool:
         """Serve callbacks until a bag time is reached; return False if the process is to end."""
-        while (wait := self._playhead.wait_s(position, time.monotonic())) > 0.0 or self._serves.passes(
-            time.monotonic()
-        ):
+        while True:
+            now = time.monotonic()
+            wait = self._playhead.wait_s(position, now)
+            if wait <= 0.0 and not self._serves.passes(now):
+                return True
             serve_once(executor, min(max(wait, 0.0), LOOK_PERIOD_S))
             if ending.asked or not executor.context.ok():
                 return False
             if self._looks.passes(time.monotonic()):
                 self._refuse_rivals()
-        return True
 
     def _send(self, event: Event, executor: Executor) -> None:
         if event.message is not None:
@@ -295,9 +293,8 @@ class Replay(ClosableNode):
         try:
             return load_message(type_name)
         except (ImportError, AttributeError):
-            raise BagError(
-                self._bag.path, f"{topic} has the type {type_name}, which is not installed here"
-            ) from None
+            reason = f"{topic} has the type {type_name}, which is not installed here"
+            raise BagError(self._bag.path, reason) from None
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._playhead.pause(request.data, time.monotonic())

@@ -28,7 +28,7 @@ class RunBags:
     def __call__(self, work: Any, number: int) -> tuple[Callable[[Simulation], None], Callable[[], None]]:
         """Return a function to call after each step, and one that closes the bag."""
         bag = _RunBag(self.folder / f"run_{number:06d}")
-        return bag.look, bag.close
+        return bag.write_state, bag.close
 
 
 class _RunBag:
@@ -38,50 +38,41 @@ class _RunBag:
         make_folder(folder.parent)
         shutil.rmtree(folder, ignore_errors=True)
 
-    def look(self, simulation: Simulation) -> None:
-        """Write the present state."""
+    def write_state(self, simulation: Simulation) -> None:
+        """Write the present state; the first call opens the bag and writes the static part, too."""
         from softsim_node import WORLD
         from softsim_ros import messages
 
-        writer = self._begun(simulation)
+        if self._writer is None:
+            self._open(simulation)
         stamp, at = messages.time_message(simulation.time), 1 + round(1e9 * simulation.time)
-        joint_message = messages.joint_state(
-            stamp,
-            WORLD,
-            simulation.joint_names,
-            simulation.joint_positions,
-            simulation.joint_velocities,
-            simulation.joint_efforts,
-        )
-        self._write(writer, "joint_states", "sensor_msgs/msg/JointState", at, joint_message)
+        motion = simulation.joint_positions, simulation.joint_velocities, simulation.joint_efforts
+        joint_message = messages.joint_state(stamp, WORLD, simulation.joint_names, *motion)
+        self._write("joint_states", "sensor_msgs/msg/JointState", at, joint_message)
         if (pose := simulation.effector_pose) is not None:
             message = messages.pose_stamped(stamp, WORLD, pose.position, pose.quaternion_xyzw)
-            self._write(writer, "effector_pose", "geometry_msgs/msg/PoseStamped", at, message)
+            self._write("effector_pose", "geometry_msgs/msg/PoseStamped", at, message)
         if simulation.time >= self._next - 1e-9:
             self._next = simulation.time + PERIOD_S
             points, stress = simulation.visual_points(), simulation.visual_values(simulation.von_mises())
             cloud = messages.point_cloud(stamp, WORLD, points, stress)
-            self._write(writer, "mesh/points", "sensor_msgs/msg/PointCloud2", at, cloud)
+            self._write("mesh/points", "sensor_msgs/msg/PointCloud2", at, cloud)
 
-    def _begun(self, simulation: Simulation) -> Any:
-        """Return the writer; the first call creates it and writes the static part."""
-        if self._writer is None:
-            from softsim_ros import messages
-            from softsim_ros.recording.bag_writer import BagWriter
+    def _open(self, simulation: Simulation) -> None:
+        from softsim_ros import messages
+        from softsim_ros.recording.bag_writer import BagWriter
 
-            self._namespace = f"/{simulation.robot.name}"
-            notes = {"robot": simulation.robot.name, "namespace": self._namespace}
-            self._writer = BagWriter(self._folder, notes)
-            mesh = messages.topology(simulation.visual_rest_points, simulation.visual_triangles)
-            self._write(self._writer, "mesh/topology", "shape_msgs/msg/Mesh", 1, mesh)
-        return self._writer
+        self._namespace = f"/{simulation.robot.name}"
+        self._writer = BagWriter(self._folder, {"robot": simulation.robot.name, "namespace": self._namespace})
+        mesh = messages.topology(simulation.visual_rest_points, simulation.visual_triangles)
+        self._write("mesh/topology", "shape_msgs/msg/Mesh", 1, mesh)
 
-    def _write(self, writer: Any, topic: str, type_name: str, at: int, message: Any) -> None:
+    def _write(self, topic: str, type_name: str, at: int, message: Any) -> None:
         from rclpy.serialization import serialize_message
 
         full = f"{self._namespace}/{topic}"
-        writer.add_topic(full, type_name)
-        writer.write(full, at, serialize_message(message))
+        self._writer.add_topic(full, type_name)
+        self._writer.write(full, at, serialize_message(message))
 
     def close(self) -> None:
         """Close the bag."""

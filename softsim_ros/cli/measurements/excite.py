@@ -103,6 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.attach and arguments.robot is None:
         found = running_robot(namespace)
         name, namespace = found or (name, namespace)
+    arguments.robot = name
     robot = load_scene(name)
     folder = arguments.out or Path(f"{robot.name}_{datetime.now():%Y-%m-%d_%H-%M-%S}")
     if folder.exists():
@@ -173,9 +174,10 @@ def _measure_robot(
             "the simulation stamps by the wall clock, and does not keep real time: what is measured in time "
             "is wrong by as much; start it with publish_clock:=true"
         )
+    file = Path(arguments.robot).expanduser()  # a file is described by its path relative to the folder
     out = SetFolder(
         folder,
-        _format_robot_name(arguments.robot, folder),
+        os.path.relpath(file, folder) if file.is_file() else arguments.robot,
         f"{robot.name}, moved by softsim excite.",
         f"the {kind} robot, {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC, seed {settings.seed}",
     )
@@ -219,12 +221,6 @@ def _in_robot(sensors: Sequence[Sensor], namespace: str) -> bool:
             "after the other, each with --sensor"
         )
     return are_own == {True}
-
-
-def _format_robot_name(robot: str, folder: Path) -> str:
-    """Return the robot's name in a description in the folder: its own, or a path relative to the folder."""
-    file = Path(robot).expanduser()
-    return os.path.relpath(file, folder) if file.is_file() else robot
 
 
 def _say(message: str) -> None:
