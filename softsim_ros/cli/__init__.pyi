@@ -6,6 +6,7 @@ from .app import (
     run_command as run_command,
 )
 from .command import (
+    EXIT_INTERRUPTED as EXIT_INTERRUPTED,
     Colours as Colours,
     CommandError as CommandError,
     Parser as Parser,

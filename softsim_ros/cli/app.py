@@ -11,7 +11,7 @@ from typing import Final
 from softsim_core import __version__
 from softsim_core.base import SoftSimError, install_command, known_names, nearest
 from softsim_node import check_ros_variables, ending, limit_blas_threads, prepare_environment
-from softsim_ros.cli.command import Colours, Command, CommandError, Parser
+from softsim_ros.cli.command import EXIT_INTERRUPTED, Colours, Command, CommandError, Parser
 from softsim_ros.cli.completion import ASKED, complete
 
 _ROS: Final = (
@@ -123,7 +123,6 @@ EXIT_CODES = {
     130: "interrupted before it was done (Ctrl-C)",
 }
 EXIT_USAGE = 2
-EXIT_INTERRUPTED = 130
 
 _LINE = 100
 """Columns of the overview."""

@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple, TextIO
 from softsim_core.base import SoftSimError, did_you_mean, install_command, one_of
 from softsim_node import takes_escapes
 
+EXIT_INTERRUPTED: Final = 130
 _CODES: Final = {"bold": "1", "red": "31", "green": "32", "yellow": "33"}
 
 

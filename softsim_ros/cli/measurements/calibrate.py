@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softsim_ros import write_page
-from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out
+from softsim_ros.cli import EXIT_INTERRUPTED, ProgressLine, UsageError, add_number, add_out
 from softsim_ros.cli.measurements.calibrate_report import (
     RequestedResults,
     page,
@@ -24,7 +24,6 @@ from softsim_ros.cli.measurements.calibrate_report import (
     write_distribution,
     write_overlay,
 )
-from softsim_ros.cli.measurements.validate import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
     from softsim_core.base import Array

@@ -16,14 +16,13 @@ from typing import TYPE_CHECKING
 from softsim_core.base import SoftSimError
 from softsim_core.lab.identification import KINDS, AlignmentDescription, ExcitationSettings
 from softsim_node import takes_escapes
-from softsim_ros.cli import CommandError, UsageError, add_number, add_out
+from softsim_ros.cli import EXIT_INTERRUPTED, CommandError, UsageError, add_number, add_out
 
 if TYPE_CHECKING:
     from softsim_core.scene import RobotDescription
     from softsim_ros.client import RobotSession
     from softsim_ros.excitation import Sensor
 
-EXIT_INTERRUPTED = 130
 COMPILED_WITHIN_S = 240.0
 """Time limit in [s] for the answer of a simulator started here, since its kernels may have to be compiled."""
 

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING
 
 from softsim_core.base import DataError, known_names
 from softsim_ros import write_page
-from softsim_ros.cli import ProgressLine, UsageError, add_number, add_out
+from softsim_ros.cli import EXIT_INTERRUPTED, ProgressLine, UsageError, add_number, add_out
 
 if TYPE_CHECKING:
     from softsim_core.lab.identification import DataSet, Session, SessionResult
 
-EXIT_INTERRUPTED = 130
 LIMITS = ("mean", "rms", "p95", "max")
 
 
