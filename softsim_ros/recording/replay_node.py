@@ -53,7 +53,7 @@ class ReplayClock:
 
     def set_speed(self, speed: float, now: float) -> None:
         """Continue from here at another speed."""
-        self._position, self._since = self.position(now), now
+        self.seek(self.position(now), now)
         self._speed = speed
 
     def seek(self, position: float, now: float) -> None:
@@ -62,7 +62,7 @@ class ReplayClock:
 
     def pause(self, paused: bool, now: float) -> None:
         """Pause, or continue."""
-        self._position, self._since = self.position(now), now
+        self.seek(self.position(now), now)
         self.paused = paused
 
 

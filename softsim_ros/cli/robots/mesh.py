@@ -129,21 +129,18 @@ def report_lines(made: MeshedPart, files: list[Path], seconds: float | None) -> 
     shortest, longest, requested = map(unit.length, (report.min_edge, report.max_edge, made.edge))
     off = "the surface overlaps itself" if error is None else f"{100.0 * error:+.2f} % of the surface's"
     angles = f"{report.min_dihedral_deg:.1f} to {report.max_dihedral_deg:.1f} degrees (70.5 is regular)"
+    mesh = f"{report.nodes} nodes, {report.elements} {cells} tetrahedra"
+    shapes = f"{report.min_radius_ratio:.2f} at worst, {report.mean_radius_ratio:.2f} mean (1 is regular)"
     rows += [
-        (
-            "mesh",
-            f"{report.nodes} nodes, {report.elements} {cells} tetrahedra" + ", made before" * made.from_cache,
-        ),
+        ("mesh", mesh + ", made before" * made.from_cache),
         ("edges", f"{shortest} to {longest}, requested {requested}"),
         ("angles", angles),
-        (
-            "shapes",
-            f"{report.min_radius_ratio:.2f} at worst, {report.mean_radius_ratio:.2f} mean (1 is regular)",
-        ),
+        ("shapes", shapes),
         ("volume", f"{report.volume / cubic:.5g} {unit.name}^3, {off}"),
         ("deviation", f"at most {unit.length(made.distance)} from the surface"),
     ]
-    rows += [("step", each) for each in ([] if seconds is None else [fitness(seconds)])]
+    if seconds is not None:
+        rows.append(("step", fitness(seconds)))
     rows += [("written", str(file)) for file in files]
     return [str(source.surface.name), *(f"  {name:<10} {value}" for name, value in rows)]
 
