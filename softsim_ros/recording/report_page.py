@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import base64
 import importlib.util
-from contextlib import suppress
 from datetime import datetime
 
+from softsim_core import RobotDescription
 from softsim_core.base import SoftSimError, install_command
 from softsim_core.scene import SceneCatalog
 from softsim_ros import render_page
@@ -24,12 +24,9 @@ def report(bag: Bag) -> str:
     """
     if not bag.topics:
         raise BagError(bag.path, "holds no messages")
-    robot = None
-    with suppress(SoftSimError):
-        robot = SceneCatalog().load(bag.robot)  # only known names, since a bag may name anything
     pictures = (
         (chart, base64.b64encode(draw(chart, bag.duration_s).encode()).decode() if chart.curves else "")
-        for chart in charts(bag, robot)
+        for chart in charts(bag, _scene(bag))
     )
     replay, left_out = _replay(bag)
     return render_page(
@@ -46,6 +43,13 @@ def report(bag: Bag) -> str:
             for topic, kind in sorted(bag.topics.items())
         ],
     )
+
+
+def _scene(bag: Bag) -> RobotDescription | None:
+    try:
+        return SceneCatalog().load(bag.robot)  # only known names, since a bag may name anything
+    except SoftSimError:
+        return None
 
 
 def _replay(bag: Bag) -> tuple[str, str]:
