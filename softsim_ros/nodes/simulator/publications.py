@@ -1,6 +1,6 @@
 """Topics that the simulator publishes from its physics thread, each at its own rate.
 
-`SCENE_TOPICS` and `STATE_TOPICS` list those with one message per scene or state; a new one is one more entry.
+`TOPICS` lists those of every scene; a new one is one more row.
 
 `bodies/poses` (geometry_msgs/PoseArray, frame world, 60 Hz) has the poses of the rigid bodies in scene
 order. `bodies/topology` (latched), `cables`, `chambers` and `contacts` (30 Hz) and `collisions` (10 Hz) have
@@ -24,9 +24,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from functools import cached_property
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -44,10 +45,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 from softsim_core.base import Array
 from softsim_core.physics.actuation.chamber import ATMOSPHERE
 from softsim_core.physics.dynamics import StageShare, stage_tree
+from softsim_core.physics.mechanics import Pose
 from softsim_core.physics.sensing import SensorReading, SimulatedSensorDescription
 from softsim_core.scene import JointDescription, RobotDescription
 from softsim_core.simulation import Simulation
-from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY, WORLD, RobotFrames
+from softsim_node import EVERY_ONE, LATCHED, WORLD, RobotFrames
 from softsim_ros import chambers_of, messages, optional_type, topic_words
 from softsim_ros.description import control_topics, urdf
 from softsim_ros.messages import SensorMessage, contact_cloud, format_value, header, messages_of
@@ -95,54 +97,60 @@ def _status(share: StageShare, robot: str, time: StageTime, whole: float) -> Dia
     )
 
 
-POSES_PERIOD_S = 1.0 / 60.0
-NODES_PERIOD_S = 0.1
-MARKERS_PERIOD_S = 1.0 / 30.0
-COLLISIONS_PERIOD_S = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class ShownScene:
-    """A scene whose static part is published.
+class ShownScene(NamedTuple):
+    """A scene whose topics are published.
 
     Attributes:
-        simulation: The scene.
-        tree: Its frames.
+        frames: Names of the robot's frames.
+        tree: Frames of the scene.
         namespace: Namespace of the robot.
         overrides: Text of the overrides of its file.
         scenes: Names of the scenes that can be loaded in its place.
         generation: Number that grows with every scene, across restarts too.
+        marker: Template of mesh/marker; None if the scene has no visible surface.
     """
 
-    simulation: Simulation
+    frames: RobotFrames
     tree: FrameTree
     namespace: str
     overrides: str
     scenes: Sequence[str]
     generation: int
+    marker: messages.MarkerTemplate | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Moment:
     """A state to publish.
 
     Attributes:
         simulation: The state.
+        scene: Its scene.
         stamp: Time stamp of the messages.
         now: Steady clock in [s].
         whole: Whether to publish on all topics with subscribers now, whatever the rates.
+        marker_stress: Stress in [Pa] of the last colour of mesh/marker; 0 takes the largest one.
     """
 
     simulation: Simulation
+    scene: ShownScene
     stamp: Time
     now: float
     whole: bool
+    marker_stress: float
+
+    @cached_property
+    def surface(self) -> tuple[Array, Array]:
+        """Points of the visible surface in [m], shape (p, 3), and the stress at each in [Pa], shape (p,)."""
+        values = self.simulation.visual_values(self.simulation.von_mises())
+        # vertices outside their element extrapolate below zero
+        return self.simulation.visual_points(), np.maximum(values, 0.0)
 
 
 class Publication(Protocol):
     """What publishes on one or more topics; used from the thread that owns the simulation."""
 
-    def show_scene(self, shown: ShownScene) -> None:
+    def show_scene(self, moment: Moment) -> None:
         """Publish the static part of the first scene, or of another one that replaces it."""
 
     def publish(self, moment: Moment) -> None:
@@ -150,300 +158,281 @@ class Publication(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class SceneTopic:
-    """A latched topic with one message per scene.
+class Topic:
+    """A topic of the simulator; volatile ones are published only while they have subscribers.
 
     Attributes:
-        name: Name in the robot's namespace.
-        message: Type of the message.
-        build: Returns the message of a scene.
-    """
-
-    name: str
-    message: type[Any]
-    build: Callable[[ShownScene], Any]
-
-
-class ScenePublication:
-    """Publishes a SceneTopic.
-
-    Args:
-        topic: The topic.
-        node: Owner of the publisher.
-    """
-
-    def __init__(self, topic: SceneTopic, node: Node) -> None:
-        self._build = topic.build
-        self._publisher = node.create_publisher(topic.message, topic.name, LATCHED)
-
-    def show_scene(self, shown: ShownScene) -> None:
-        """Publish the message of a scene."""
-        self._publisher.publish(self._build(shown))
-
-    def publish(self, moment: Moment) -> None:
-        """Do nothing: the message of the scene is still valid."""
-
-
-@dataclass(frozen=True, slots=True)
-class StateTopic:
-    """A topic with messages of the state, at a limited rate and only while it has subscribers.
-
-    Attributes:
-        name: Name in the robot's namespace.
-        message: Type of the message.
-        period_s: Shortest mean time in [s] from one message to the next; 0: one for each step.
-        build: Returns the message of a state at a time; None: there is none.
+        name: Name in the robot's namespace, or an absolute name.
+        message: Type of the message; None: its package is not installed.
+        build: Returns the message of a moment; None: there is none.
+        period_s: Shortest mean time in [s] from one message to the next; 0: one for each step. None: one for
+            each scene, latched.
         moving: Returns points in [m] and colours of the markers that `build` returned for the scene, see
             messages.MovingMarkers; without colours these stay. None: `build` returns each message.
         concerns: Whether a scene has anything to show on it; if not, it is published only with all topics.
-        qos: Quality of service, or the length of the queue.
+        qos: Quality of service, or the length of the queue; LATCHED messages are published when they change.
     """
 
     name: str
-    message: type[Any]
-    period_s: float
-    build: Callable[[Simulation, Time], Any]
+    message: type[Any] | None
+    build: Callable[[Moment], Any]
+    period_s: float | None
     moving: Callable[[Simulation], tuple[Sequence[Array], Sequence[Array]]] | None = None
     concerns: Callable[[Simulation], bool] = lambda _: True
     qos: QoSProfile | int = 1
 
 
-class StatePublication:
-    """Publishes a StateTopic.
+class TopicPublication:
+    """Publishes a Topic.
 
-    Args:
-        topic: The topic.
-        node: Owner of the publisher.
+    Attributes:
+        gate: Limit of its rate; None: the state is not published.
     """
 
-    def __init__(self, topic: StateTopic, node: Node) -> None:
-        self._topic, self._gate = topic, RateGate(topic.period_s)
-        self._publisher = node.create_publisher(topic.message, topic.name, topic.qos)
+    def __init__(self, topic: Topic, node: Node) -> None:
+        self._topic = topic
+        self.gate = None if topic.period_s is None else RateGate(topic.period_s)
+        qos = LATCHED if topic.period_s is None else topic.qos
+        self._publisher = node.create_publisher(topic.message, topic.name, qos)
+        self._newest: Any = None
 
-    def show_scene(self, shown: ShownScene) -> None:
-        """Prepare the markers that move, if it has any."""
-        if self._topic.moving is not None:
-            markers = self._topic.build(shown.simulation, Time()).markers
-            self._markers = messages.MovingMarkers(markers)
+    def show_scene(self, moment: Moment) -> None:
+        """Publish the message of a scene, or prepare the markers that move, if it has any."""
+        if self._topic.period_s is None:
+            self._publisher.publish(self._topic.build(moment))
+        elif self._topic.moving is not None:
+            self._markers = messages.MovingMarkers(self._topic.build(moment).markers)
 
     def publish(self, moment: Moment) -> None:
         """Publish the state if a message is due."""
-        topic, simulation = self._topic, moment.simulation
-        if not is_due(self._publisher, self._gate, moment):
+        topic, whole = self._topic, moment.whole
+        if self.gate is None:
             return
-        if not (moment.whole or topic.concerns(simulation)):
+        if topic.qos is LATCHED:
+            message, before = topic.build(moment), self._newest
+            if message != before:
+                self._newest = message
+                self._publisher.publish(message)
+            return
+        if not (self._publisher.get_subscription_count() and (self.gate.passes(moment.now) or whole)):
+            return
+        if not (whole or topic.concerns(moment.simulation)):
             return
         if topic.moving is not None:
-            self._publisher.publish(self._markers.fill(moment.stamp, *topic.moving(simulation)))
-        elif (message := topic.build(simulation, moment.stamp)) is not None:
+            self._publisher.publish(self._markers.fill(moment.stamp, *topic.moving(moment.simulation)))
+        elif (message := topic.build(moment)) is not None:
             self._publisher.publish(message)
 
 
-def is_due(publisher: Publisher, gate: RateGate, moment: Moment) -> bool:
-    """Return whether a topic has subscribers, and its period is over or all topics are published."""
-    return publisher.get_subscription_count() > 0 and (gate.passes(moment.now) or moment.whole)
+def pose_array(stamp: Time, poses: Iterable[Pose]) -> PoseArray:
+    """Return poses in `world`."""
+    shown = [messages.pose(pose.position, pose.quaternion_xyzw) for pose in poses]
+    return PoseArray(header=header(stamp, WORLD), poses=shown)
 
 
-def body_poses(simulation: Simulation, stamp: Time) -> PoseArray | None:
-    """Return the poses of the rigid bodies in scene order; None if there are none."""
-    if not simulation.rigid_bodies:
+def joint_states(at: Moment) -> JointState:
+    """Return positions, velocities and efforts of all joints."""
+    joints = at.simulation
+    return messages.joint_state(
+        at.stamp,
+        at.scene.frames.base,
+        joints.joint_names,
+        joints.joint_positions,
+        joints.joint_velocities,
+        joints.joint_efforts,
+    )
+
+
+def effector_pose(at: Moment) -> PoseStamped | None:
+    """Return the pose of the effector; None without an effector."""
+    pose = at.simulation.effector_pose
+    if pose is None:
         return None
-    poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.rigid_poses]
-    return PoseArray(header=header(stamp, WORLD), poses=poses)
+    return messages.pose_stamped(at.stamp, WORLD, pose.position, pose.quaternion_xyzw)
 
 
-def frame_poses(simulation: Simulation, stamp: Time) -> PoseArray:
-    """Return the poses of the frames in the order of the scene's structure."""
-    poses = [messages.pose(p.position, p.quaternion_xyzw) for p in simulation.frames().values()]
-    return PoseArray(header=header(stamp, WORLD), poses=poses)
+def mesh_marker(at: Moment) -> bytes | None:
+    """Return the serialised marker of the visible surface; None without one."""
+    marker = at.scene.marker
+    return None if marker is None else marker.fill(at.stamp, *at.surface, at.marker_stress)
 
 
-def node_cloud(simulation: Simulation, stamp: Time) -> PointCloud2:
-    """Return the nodes of all bodies and the stress at each."""
-    return messages.point_cloud(stamp, WORLD, simulation.positions, simulation.von_mises())
+def scene_structure(at: Moment) -> String:
+    """Return the structure of the scene as a JSON object."""
+    scene = at.scene
+    return String(data=json.dumps(structure(at.simulation, scene.overrides, scene.scenes, scene.generation)))
 
 
-SCENE_TOPICS: Final[Sequence[SceneTopic]] = (
-    SceneTopic(
+TRANSFORMS: Final[Any] = optional_type("tf2_msgs.msg", "TFMessage")
+CLOCK: Final = "/clock"
+POINTS: Final = "mesh/points"
+
+TOPICS: Final[Sequence[Topic]] = (
+    # one message per scene
+    Topic("/tf_static", TRANSFORMS, lambda at: TRANSFORMS(transforms=at.scene.tree.still(at.stamp)), None),
+    Topic(
         "robot_description",
         String,
-        lambda shown: String(data=urdf(shown.simulation.robot, topics=control_topics(shown.namespace))),
+        lambda at: String(data=urdf(at.simulation.robot, topics=control_topics(at.scene.namespace))),
+        None,
     ),
-    SceneTopic(
+    Topic(
         "mesh/topology",
         Mesh,
-        lambda shown: messages.topology(
-            shown.simulation.visual_rest_points, shown.simulation.visual_triangles
-        ),
+        lambda at: messages.topology(at.simulation.visual_rest_points, at.simulation.visual_triangles),
+        None,
     ),
-    SceneTopic("mesh/tetrahedra", UInt32MultiArray, lambda shown: index_array(shown.simulation.tets)),
-    SceneTopic(
-        "scene/structure",
-        String,
-        lambda shown: String(
-            data=json.dumps(structure(shown.simulation, shown.overrides, shown.scenes, shown.generation))
-        ),
+    Topic("mesh/tetrahedra", UInt32MultiArray, lambda at: index_array(at.simulation.tets), None),
+    Topic("scene/structure", String, scene_structure, None),
+    Topic(
+        "bodies/topology", MarkerArray, lambda at: bodies_topology(at.simulation, at.scene.tree.of_body), None
     ),
-    SceneTopic(
-        "bodies/topology", MarkerArray, lambda shown: bodies_topology(shown.simulation, shown.tree.of_body)
+    # messages of the state
+    Topic(CLOCK, Clock, lambda at: messages.clock(at.simulation.time), 0.0),
+    Topic("joint_states", JointState, joint_states, 0.0, qos=10),
+    Topic("base_shift", Float64, lambda at: Float64(data=at.simulation.base_shift), 0.0, qos=LATCHED),
+    Topic("effector_pose", PoseStamped, effector_pose, 0.0, qos=5),
+    Topic(
+        "/tf",
+        TRANSFORMS,
+        lambda at: TRANSFORMS(transforms=at.scene.tree.moving(at.simulation, at.stamp)),
+        1.0 / 50.0,
+        qos=100,
     ),
-)
-"""Topics with one message per scene, in the order in which they are published."""
-
-STATE_TOPICS: Final[Sequence[StateTopic]] = (
-    StateTopic("frames", PoseArray, MARKERS_PERIOD_S, frame_poses),
-    StateTopic("mesh/nodes", PointCloud2, NODES_PERIOD_S, node_cloud),
-    StateTopic("bodies/poses", PoseArray, POSES_PERIOD_S, body_poses, qos=5),
-    StateTopic(
+    Topic("frames", PoseArray, lambda at: pose_array(at.stamp, at.simulation.frames().values()), 1.0 / 30.0),
+    Topic(
+        "mesh/nodes",
+        PointCloud2,
+        lambda at: messages.point_cloud(at.stamp, WORLD, at.simulation.positions, at.simulation.von_mises()),
+        0.1,
+    ),
+    Topic(
+        "bodies/poses",
+        PoseArray,
+        lambda at: pose_array(at.stamp, at.simulation.rigid_poses) if at.simulation.rigid_bodies else None,
+        1.0 / 60.0,
+        qos=5,
+    ),
+    Topic(
         "cables",
         MarkerArray,
-        MARKERS_PERIOD_S,
-        cable_markers,
+        lambda at: cable_markers(at.simulation, at.stamp),
+        1.0 / 30.0,
         cable_places,
         concerns=lambda simulation: bool(simulation.actuators),
     ),
-    StateTopic(
+    Topic(
         "chambers",
         MarkerArray,
-        MARKERS_PERIOD_S,
-        chamber_markers,
+        lambda at: chamber_markers(at.simulation, at.stamp),
+        1.0 / 30.0,
         chamber_places,
         concerns=lambda simulation: any(chamber_colours(simulation)),
     ),
-    StateTopic(
+    Topic(
         "contacts",
         MarkerArray,
-        MARKERS_PERIOD_S,
-        contact_markers,
+        lambda at: contact_markers(at.simulation, at.stamp),
+        1.0 / 30.0,
         concerns=lambda simulation: bool(simulation.collision_surfaces),
     ),
-    StateTopic("collisions", MarkerArray, COLLISIONS_PERIOD_S, collision_markers, collision_places),
-    StateTopic(
-        "contacts/points",
-        PointCloud2,
-        0.0,
-        lambda simulation, stamp: contact_cloud(stamp, WORLD, simulation.contacts),
-        qos=NEWEST_ONLY,
+    Topic(
+        "collisions",
+        MarkerArray,
+        lambda at: collision_markers(at.simulation, at.stamp),
+        0.1,
+        collision_places,
     ),
+    Topic(
+        "contacts/points", PointCloud2, lambda at: contact_cloud(at.stamp, WORLD, at.simulation.contacts), 0.0
+    ),
+    Topic(POINTS, PointCloud2, lambda at: messages.point_cloud(at.stamp, WORLD, *at.surface), 1.0 / 30.0),
+    Topic("mesh/marker", Marker, mesh_marker, 0.1),  # RViz displays one large marker at 10 Hz without delay
 )
-"""Topics with messages of the state, in the order in which they are published."""
+"""Topics of every scene, in the order in which they are published."""
 
-DEPTH: Final = 10
+
+def replace_publishers(
+    node: Node, before: dict[tuple[str, type], Publisher], topics: Sequence[tuple[str, type]]
+) -> dict[tuple[str, type], Publisher]:
+    """Return a publisher by topic and type; one in `before` stays, those that are not used are destroyed.
+
+    No other callback of the node may run meanwhile: the calling callback waits until the physics has taken
+    over the scene.
+    """
+    for key in before.keys() - set(topics):
+        node.destroy_publisher(before[key])
+    return {key: before.get(key) or node.create_publisher(key[1], key[0], EVERY_ONE) for key in topics}
 
 
 class ChamberPublications:
-    """Publishes the pressures of the chambers; a robot without chambers has no such topics.
+    """Publishes the pressures of the chambers; a robot without chambers has no such topics."""
 
-    Args:
-        node: Owner of the publishers.
-        frame: Frame that the messages name.
-    """
-
-    def __init__(self, node: Node, frame: str) -> None:
-        self._node, self._frame = node, frame
-        self._publishers: dict[str, Publisher] = {}
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._publishers: dict[tuple[str, type], Publisher] = {}
         self._joints: list[tuple[int, float]] = []  # and the atmosphere in [Pa] around each
 
-    def show_scene(self, shown: ShownScene) -> None:
-        """Create publishers for a scene's chambers and remove all others.
-
-        A topic that stays keeps its publisher. No other callback of the node may run meanwhile: the calling
-        callback waits until the physics has taken over the scene.
-        """
-        joints = shown.simulation.robot.joints
+    def show_scene(self, moment: Moment) -> None:
+        """Create publishers for a scene's chambers and remove all others."""
+        joints = moment.simulation.robot.joints
         chambers = chambers_of(joints)
-        self._joints = []
-        for number in chambers:
-            self._joints.append((number, atmosphere_of(joints[number])))
-        topics = list(chambers.values())
-        before, self._publishers = self._publishers, {}
-        for topic in before.keys() - set(topics):
-            self._node.destroy_publisher(before.pop(topic))
-        for topic in topics:
-            self._publishers[topic] = before.get(topic) or self._node.create_publisher(
-                FluidPressure, topic, DEPTH
-            )
+        topics = [(topic, FluidPressure) for topic in chambers.values()]
+        self._joints = [(number, atmosphere_of(joints[number])) for number in chambers]
+        self._publishers = replace_publishers(self._node, self._publishers, topics)
 
     def publish(self, moment: Moment) -> None:
         """Publish all pressures."""
         if not self._joints:
             return
-        efforts = moment.simulation.joint_efforts
+        efforts, frame = moment.simulation.joint_efforts, moment.scene.frames.base
         for (joint, around), publisher in zip(self._joints, self._publishers.values(), strict=True):
             pressure = around + float(efforts[joint])
-            publisher.publish(messages.fluid_pressure(moment.stamp, self._frame, pressure))
+            publisher.publish(messages.fluid_pressure(moment.stamp, frame, pressure))
 
 
 class SensorPublications:
-    """Publishes sensor readings; used from the physics thread.
+    """Publishes sensor readings, each with the frame of its sensor, or of the base without one."""
 
-    Args:
-        node: Owner of the publishers.
-        base: Frame of readings that have no frame of their own.
-    """
-
-    def __init__(self, node: Node, base: str) -> None:
-        self._node, self._base = node, base
+    def __init__(self, node: Node) -> None:
+        self._node = node
         self._publishers: dict[tuple[str, type], Publisher] = {}
-        self._sensors: list[
-            tuple[str, str, list[tuple[Publisher, SensorMessage]]]
-        ] = []  # name, frame, topics
+        self._sensors: list[tuple[str, str, list[tuple[str, SensorMessage]]]] = []  # name, frame, topics
         self._sent: dict[str, SensorReading] = {}
 
-    def show_scene(self, shown: ShownScene) -> None:
-        """Create publishers for a scene's sensors and remove all others.
-
-        A topic that stays keeps its publisher. No other callback of the node may run meanwhile: the calling
-        callback waits until the physics has taken over the scene.
-        """
-        simulation, tree = shown.simulation, shown.tree
-        described = simulation.scene.sensors
+    def show_scene(self, moment: Moment) -> None:
+        """Create publishers for a scene's sensors and remove all others."""
+        robot, described = moment.simulation.robot, moment.simulation.scene.sensors
         words = topic_words([each.name for each in described], "sensor")
-        before, self._publishers, self._sent = self._publishers, {}, {}
-        sensor_topics = [
-            (
-                sensor,
-                [
-                    (f"sensors/{word}{sensor_message.below}", sensor_message)
-                    for sensor_message in messages_of(sensor, _around(sensor, simulation.robot))
-                ],
-            )
-            for sensor, word in zip(described, words, strict=True)
-        ]
-        used_keys = {
-            (topic, sensor_message.message) for _, topics in sensor_topics for topic, sensor_message in topics
-        }
-        for key in before.keys() - used_keys:
-            self._node.destroy_publisher(before.pop(key))
-        self._sensors = []
-        for sensor, topics in sensor_topics:
-            sends = []
-            for topic, sensor_message in topics:
-                key = (topic, sensor_message.message)
-                publisher = before.get(key) or self._node.create_publisher(
-                    sensor_message.message, topic, EVERY_ONE
-                )
-                self._publishers[key] = publisher
-                sends.append((publisher, sensor_message))
-            self._sensors.append((sensor.name, self._frame(sensor, tree), sends))
+        self._sent, self._sensors = {}, []
+        for sensor, word in zip(described, words, strict=True):
+            topics = [
+                (f"sensors/{word}{message.below}", message)
+                for message in messages_of(sensor, _around(sensor, robot))
+            ]
+            self._sensors.append((sensor.name, _frame_of(sensor, moment.scene), topics))
+        used = [(topic, message.message) for *_, topics in self._sensors for topic, message in topics]
+        self._publishers = replace_publishers(self._node, self._publishers, used)
 
     def publish(self, moment: Moment) -> None:
         """Publish new samples on topics with subscribers, or all of them with all topics."""
-        for name, frame, sends in self._sensors:
+        for name, frame, topics in self._sensors:
             reading = moment.simulation.sensors[name]
             if reading is self._sent.get(name) and not moment.whole:
                 continue
             self._sent[name] = reading
             header: Any = None
-            for publisher, sensor_message in sends:
+            for topic, message in topics:
+                publisher = self._publishers[topic, message.message]
                 if publisher.get_subscription_count():
                     header = header or messages.header(moment.stamp, frame)
-                    publisher.publish(sensor_message.write(header, reading))
+                    publisher.publish(message.write(header, reading))
 
-    def _frame(self, sensor: SimulatedSensorDescription, tree: FrameTree) -> str:
-        if sensor.mount is not None:
-            return tree.of_sensor(sensor.name)
-        return tree.of_place(sensor.axes) if sensor.axes else self._base
+
+def _frame_of(sensor: SimulatedSensorDescription, scene: ShownScene) -> str:
+    if sensor.mount is not None:
+        return scene.tree.of_sensor(sensor.name)
+    return scene.tree.of_place(sensor.axes) if sensor.axes else scene.frames.base
 
 
 def _around(sensor: SimulatedSensorDescription, robot: RobotDescription) -> float:
@@ -456,12 +445,6 @@ def atmosphere_of(joint: JointDescription) -> float:
     """Return the absolute pressure in [Pa] around a joint's actuator; the standard one if it has no gas."""
     gas = None if joint.actuator is None else joint.actuator.gas
     return ATMOSPHERE if gas is None else gas.atmosphere
-
-
-MARKER_PERIOD_S = 0.1
-"""RViz displays one large marker at 10 Hz without delay."""
-
-TF_PERIOD_S = 1.0 / 50.0
 
 
 class Publications:
@@ -491,54 +474,50 @@ class Publications:
         scenes: Sequence[str] = (),
     ) -> None:
         self._context, self._now = node.context, node.get_clock().now
-        self._frames = frames
+        self._frames, self._publish_clock = frames, publish_clock
         self._namespace, self._generation = node.get_namespace(), 0
         self.marker_stress = marker_stress
-        self._mesh_gate: RateGate | None = None
-        self.mesh_rate = mesh_rate
-        self._marker_gate, self._tf_gate = RateGate(MARKER_PERIOD_S), RateGate(TF_PERIOD_S)
-        self._publish_clock = publish_clock
-        if publish_clock:
-            self._clock = node.create_publisher(Clock, "/clock", 1)
-        self._joint_states = node.create_publisher(JointState, "joint_states", 10)
-        self._effector_pose = node.create_publisher(PoseStamped, "effector_pose", 5)
-        self._base_shift = node.create_publisher(Float64, "base_shift", LATCHED)
-        self._shown_shift: float | None = None
-        self._points = node.create_publisher(PointCloud2, "mesh/points", 1)
-        self._marker = node.create_publisher(Marker, "mesh/marker", 1)
-        self._tf: Any | None = None
-        self._create_tf(node)
+        if TRANSFORMS is None:
+            node.get_logger().info(
+                "tf2_msgs is not installed: no transforms on /tf (poses are on effector_pose)"
+            )
+        topics = {
+            topic.name: TopicPublication(topic, node)
+            for topic in TOPICS
+            if topic.message is not None and (publish_clock or topic.name != CLOCK)
+        }
+        self._points = topics[POINTS]
+        self.set_mesh_rate(mesh_rate)
         self._publications: list[Publication] = [
-            *(ScenePublication(topic, node) for topic in SCENE_TOPICS),
-            *(StatePublication(topic, node) for topic in STATE_TOPICS),
-            ChamberPublications(node, frames.base),
-            SensorPublications(node, frames.base),
+            *topics.values(),
+            ChamberPublications(node),
+            SensorPublications(node),
         ]
         self.show_scene(simulation, overrides, scenes)
 
     def show_scene(self, simulation: Simulation, overrides: str = "", scenes: Sequence[str] = ()) -> None:
         """Publish the static part of the first simulation, or of another one that replaces it."""
-        self._tree = FrameTree(simulation, self._frames)
-        if self._tf is not None:
-            self._tf_static.publish(self._make_tf(transforms=self._tree.still(self._now().to_msg())))
         self._generation = max(self._generation + 1, time.time_ns())
-        shown = ShownScene(simulation, self._tree, self._namespace, overrides, scenes, self._generation)
-        for publication in self._publications:
-            publication.show_scene(shown)
         triangles = simulation.visual_triangles
-        self._template = messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None
+        self._scene = ShownScene(
+            self._frames,
+            FrameTree(simulation, self._frames),
+            self._namespace,
+            overrides,
+            scenes,
+            self._generation,
+            messages.MarkerTemplate(WORLD, triangles) if len(triangles) else None,
+        )
+        moment = self._moment(simulation, self._now().to_msg(), whole=True)
+        for publication in self._publications:
+            publication.show_scene(moment)
 
-    @property
-    def mesh_rate(self) -> float:
-        """Rate of mesh/points in [Hz]; 0 publishes none."""
-        return 1.0 / self._mesh_gate.period_s if self._mesh_gate else 0.0
-
-    @mesh_rate.setter
-    def mesh_rate(self, rate: float) -> None:
-        self._mesh_gate = RateGate(1.0 / rate) if rate > 0.0 else None
+    def set_mesh_rate(self, rate: float) -> None:
+        """Set the rate of mesh/points in [Hz]; 0 publishes none."""
+        self._points.gate = RateGate(1.0 / rate) if rate > 0.0 else None
 
     def publish(self, simulation: Simulation, whole: bool) -> float:
-        """Publish what is due; topics with large messages only if they have subscribers.
+        """Publish what is due; volatile topics only if they have subscribers.
 
         Args:
             simulation: State to publish.
@@ -549,7 +528,9 @@ class Publications:
         """
         started = time.perf_counter()
         try:
-            self._publish(simulation, whole)
+            moment = self._moment(simulation, self.stamp(simulation), whole=whole)
+            for publication in self._publications:
+                publication.publish(moment)
         except Exception:
             if self._context.ok():
                 raise
@@ -560,54 +541,5 @@ class Publications:
         """Return simulated time if this node publishes /clock, otherwise the time of the node's clock."""
         return messages.time_message(simulation.time) if self._publish_clock else self._now().to_msg()
 
-    def _publish(self, simulation: Simulation, whole: bool) -> None:
-        stamp, now = self.stamp(simulation), time.monotonic()
-        moment = Moment(simulation, stamp, now, whole)
-        if self._publish_clock:
-            self._clock.publish(messages.clock(simulation.time))
-        self._joint_states.publish(
-            messages.joint_state(
-                stamp,
-                self._frames.base,
-                simulation.joint_names,
-                simulation.joint_positions,
-                simulation.joint_velocities,
-                simulation.joint_efforts,
-            )
-        )
-        if simulation.base_shift != self._shown_shift:
-            self._shown_shift = simulation.base_shift
-            self._base_shift.publish(Float64(data=self._shown_shift))
-        effector = simulation.effector_pose
-        if effector is not None:
-            self._effector_pose.publish(
-                messages.pose_stamped(stamp, WORLD, effector.position, effector.quaternion_xyzw)
-            )
-        if self._tf is not None and (self._tf_gate.passes(now) or whole):
-            self._tf.publish(self._make_tf(transforms=self._tree.moving(simulation, stamp)))
-        for publication in self._publications:
-            publication.publish(moment)
-        points_due = self._mesh_gate is not None and is_due(self._points, self._mesh_gate, moment)
-        marker_due = self._template is not None and is_due(self._marker, self._marker_gate, moment)
-        if points_due or marker_due:
-            self._publish_mesh(simulation, stamp, points=points_due, marker=marker_due)
-
-    def _publish_mesh(self, simulation: Simulation, stamp: Time, *, points: bool, marker: bool) -> None:
-        vertices = simulation.visual_points()
-        values = simulation.visual_values(simulation.von_mises())
-        stress: Array = np.maximum(values, 0.0)  # vertices outside their element extrapolate below zero
-        if points:
-            self._points.publish(messages.point_cloud(stamp, WORLD, vertices, stress))
-        if marker and self._template is not None:
-            self._marker.publish(self._template.fill(stamp, vertices, stress, self.marker_stress))
-
-    def _create_tf(self, node: Node) -> None:
-        message_type = optional_type("tf2_msgs.msg", "TFMessage")
-        if message_type is None:
-            node.get_logger().info(
-                "tf2_msgs is not installed: no transforms on /tf (poses are on effector_pose)"
-            )
-            return
-        self._make_tf: Callable[..., Any] = message_type
-        self._tf = node.create_publisher(message_type, "/tf", 100)
-        self._tf_static = node.create_publisher(message_type, "/tf_static", LATCHED)
+    def _moment(self, simulation: Simulation, stamp: Time, *, whole: bool) -> Moment:
+        return Moment(simulation, self._scene, stamp, time.monotonic(), whole, self.marker_stress)

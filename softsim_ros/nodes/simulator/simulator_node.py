@@ -406,7 +406,7 @@ class Simulator(RobotNode):
             self.physics.call(lambda run: setattr(run, "enforce_limits", limits), shows=False)
         if "speed" in names:
             self.physics.set_speed(settings.speed)
-        self._publications.mesh_rate = settings.mesh_rate
+        self._publications.set_mesh_rate(settings.mesh_rate)
         self._publications.marker_stress = settings.marker_stress
 
     def _take_over_tuning(self) -> None:
