@@ -1,7 +1,9 @@
 from . import environment as environment
 from .background import (
     BackgroundWorker as BackgroundWorker,
+    OwnerThread as OwnerThread,
     WorkQueue as WorkQueue,
+    in_thread as in_thread,
 )
 from .environment import (
     BOOTSTRAP_MARK as BOOTSTRAP_MARK,
@@ -23,12 +25,15 @@ from .guards import (
     REFUSAL_PERIOD_S as REFUSAL_PERIOD_S,
     GuardedNode as GuardedNode,
     Refusals as Refusals,
+    answering as answering,
     guard_parameters as guard_parameters,
     guard_service as guard_service,
     guard_subscription as guard_subscription,
+    steady_timer as steady_timer,
 )
 from .parameters import (
     LiveParameters as LiveParameters,
+    ParameterChanges as ParameterChanges,
     ParameterError as ParameterError,
     ParameterInfo as ParameterInfo,
     Program as Program,

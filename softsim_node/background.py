@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 import queue
 import threading
 import time
+import types
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, wait
-from typing import TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from softsim_core.base import SoftSimError
-from softsim_node.signals import LOOK_S, ending
+from softsim_node.signals import LOOK_S, ending, settle
 
 REQUEST_TIMEOUT_S = 30.0
 """Longest wait in [s] of a request for the work in progress; the first one may compile kernels."""
 
+Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 
 
@@ -25,7 +29,6 @@ class WorkQueue:
     Args:
         owner: Owner of the thread, for messages, such as "the physics".
         work: The work that a request waits for, for messages, such as "a physics step".
-        is_alive: Whether the thread runs.
     """
 
     def __init__(self, owner: str, work: str, is_alive: Callable[[], bool]) -> None:
@@ -44,12 +47,8 @@ class WorkQueue:
         future: Future[Result] = Future()
 
         def run() -> None:
-            if not future.set_running_or_notify_cancel():
-                return
-            try:
-                future.set_result(action())
-            except BaseException as error:
-                future.set_exception(error)
+            if future.set_running_or_notify_cancel():
+                settle(future, action)
 
         self._queue.put(run)
         end = time.monotonic() + REQUEST_TIMEOUT_S
@@ -94,6 +93,48 @@ class WorkQueue:
                 return True
 
 
+class OwnerThread(WorkQueue):
+    """A daemon thread that owns an object and serves requests between its steps; a subclass has `_run`."""
+
+    def __init__(self, name: str, owner: str, work: str) -> None:
+        super().__init__(owner, work, lambda: self.is_alive)
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def close(self) -> bool:
+        """Stop after the step in progress and join the thread, see `ending.wait_for`.
+
+        A second call does nothing.
+        """
+        self.ask_to_end()
+        return ending.wait_for(self._thread)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the thread runs."""
+        return self._thread.is_alive()
+
+    @abstractmethod
+    def _run(self) -> None:
+        """Work until `serve` returns False."""
+
+
+def in_thread(
+    method: Callable[Concatenate[Any, Parameters], Result],
+) -> Callable[Concatenate[Any, Parameters], Result]:
+    """Make a method of an OwnerThread a request, see WorkQueue.ask: it runs in the thread, between steps."""
+
+    @functools.wraps(method)
+    def ask(self: Any, /, *args: Parameters.args, **options: Parameters.kwargs) -> Result:
+        result: Result = self.ask(functools.partial(method, self, *args, **options))
+        return result
+
+    return ask
+
+
 MOST_WAITING = 3
 """Number of tasks that may wait for the one in progress; more are refused."""
 
@@ -131,39 +172,27 @@ class BackgroundWorker:
         try:
             while self._line[0] is not place:
                 await self._look()
-            return await self._done(work)
+            done: Future[Result] = Future()
+            self._thread = threading.Thread(target=settle, args=(done, work), name="aside", daemon=True)
+            self._thread.start()
+            while self._thread.is_alive():
+                await self._look()
+            return done.result()
         finally:
             self._line.remove(place)
 
     def close(self) -> None:
         """Wait for the end of the task in progress, if there is one; see `ending.wait_for`."""
-        thread = self._thread
-        if thread is not None:
-            ending.wait_for(thread)
-
-    async def _done(self, work: Callable[[], Result]) -> Result:
-        done: Future[Result] = Future()
-
-        def carry_out() -> None:
-            try:
-                done.set_result(work())
-            except BaseException as error:
-                done.set_exception(error)
-
-        self._thread = threading.Thread(target=carry_out, name="aside", daemon=True)
-        self._thread.start()
-        while self._thread.is_alive():
-            await self._look()
-        return done.result()
+        if self._thread is not None:
+            ending.wait_for(self._thread)
 
     async def _look(self) -> None:
         if self._thread is not None:
             self._thread.join(ANSWER_LOOK_S)
-        await _Turn()
+        await _turn()
 
 
-class _Turn:
-    """An awaitable that lets the executor run another callback."""
-
-    def __await__(self) -> Generator[None, None, None]:
-        yield
+@types.coroutine
+def _turn() -> Generator[None, None, None]:
+    """Let the executor run another callback."""
+    yield

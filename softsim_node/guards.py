@@ -1,4 +1,4 @@
-"""Callback guards: an error in a callback becomes one message, and the node continues."""
+"""Callbacks of nodes: an error in one becomes a message, and the node continues; steady timers; answers."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from functools import cached_property
 from typing import Any, Final
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from softsim_core.base import known_names
+from softsim_core.base import CommandError, SoftSimError, known_names
 from softsim_core.scene.io import shorten
 from softsim_node.parameters import with_decimals
 from softsim_node.text import error_message, one_line
@@ -54,12 +56,17 @@ class Refusals:
 
 
 def guard_subscription(callback: Guarded, refuse: Callable[[str], None], topic: str) -> Guarded:
-    """Wrap a topic's callback so that its error is passed to `refuse` as a message."""
+    """Wrap a topic's callback so that its error is passed to `refuse` as a message.
+
+    The message of a CommandError stands alone; that of any other error names the topic.
+    """
 
     @functools.wraps(callback)
     def receive(*arguments: Any) -> None:
         try:
             callback(*arguments)
+        except CommandError as error:
+            refuse(error_message(error))
         except Exception as error:
             refuse(f"message on {topic} {error_message(error)}")
 
@@ -99,6 +106,31 @@ def guard_service(callback: Guarded, refuse: Callable[[str], None], service: str
             return set_refusal(response, error)
 
     return answer_later if inspect.iscoroutinefunction(callback) else answer
+
+
+def answering(action: Callable[..., str]) -> Guarded:
+    """Return a callback of a Trigger or SetBool service that answers with the message of an action.
+
+    An error of this project (SoftSimError) is answered as a failure.
+
+    Args:
+        action: Called without arguments, or with the value that a SetBool request has.
+    """
+
+    def answer(request: Any, response: Any) -> Any:
+        try:
+            response.message = action(request.data) if hasattr(request, "data") else action()
+            response.success = True
+        except SoftSimError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    return answer
+
+
+def steady_timer(node: Node, period_s: float, callback: Callable[[], Any], **options: Any) -> Any:
+    """Create a timer of a node on the steady clock, which simulated time does not slow down."""
+    return node.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME), **options)
 
 
 def guard_parameters(callback: Guarded, refuse: Callable[[str], None]) -> Guarded:

@@ -84,15 +84,10 @@ def parameter(
     choices: Sequence[str] = (),
     fixed: bool = False,
 ) -> Any:
-    """Return a dataclass field for the parameter with the field's name; `default` gives its type.
+    """Return a dataclass field for the parameter with the field's name; see ParameterInfo.
 
-    Args:
-        default: Boolean, whole number, number, text, or a tuple of numbers.
-        text: One sentence of description.
-        unit: Unit of a number.
-        within: Smallest and largest allowed number; required for every number.
-        choices: Allowed texts; empty allows any.
-        fixed: Whether it cannot change after the start.
+    `default` gives its type: boolean, whole number, number, text, or a tuple of numbers. Every number needs
+    `within`.
     """
     count = len(default) if isinstance(default, tuple) else None
     about = ParameterInfo(
@@ -218,13 +213,50 @@ def check_value(name: str, value: Any, default: Any, about: ParameterInfo) -> An
     return value
 
 
-class LiveParameters(Generic[Settings]):
+class ParameterChanges:
+    """Base of what checks changes of parameters as a whole, and applies them once they are stored."""
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._is_quiet = node, False
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._post_set)
+
+    def store(self, **values: object) -> None:
+        """Set parameters to values that apply already; nothing is checked or applied."""
+        with self._quietly():
+            self._node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
+
+    @contextmanager
+    def _quietly(self) -> Iterator[None]:
+        """Neither check nor apply changes inside."""
+        self._is_quiet = True
+        try:
+            yield
+        finally:
+            self._is_quiet = False
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            self._check_changes(changes)
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=error_message(error))
+        return SetParametersResult(successful=True)
+
+    def _check_changes(self, changes: Sequence[Parameter]) -> None:
+        """Raise if changes are not allowed."""
+        raise NotImplementedError
+
+    def _post_set(self, changes: list[Parameter]) -> None:
+        """Apply changes that are stored already."""
+        raise NotImplementedError
+
+
+class LiveParameters(ParameterChanges, Generic[Settings]):
     """The declared parameters of a node and their present values.
 
     A change is checked as a whole before any value of it is stored, and applied as a whole afterwards.
 
     Args:
-        node: Node of the parameters.
         settings: Defaults; see `declare`.
         check: Receives the names that are set and all values after the change; raises if they are not
             allowed.
@@ -242,28 +274,13 @@ class LiveParameters(Generic[Settings]):
         node: Node,
         settings: Settings,
         *,
-        check: Callable[[frozenset[str], Settings], None] = lambda names, values: None,
-        apply: Callable[[frozenset[str], Settings], None] = lambda names, values: None,
+        check: Callable[[frozenset[str], Settings], object] = lambda names, values: None,
+        apply: Callable[[frozenset[str], Settings], object] = lambda names, values: None,
     ) -> None:
         self.values = declare(node, settings)
-        self._node, self._check, self._apply = node, check, apply
+        self._check, self._apply = check, apply
         self._about = {name: (default, about) for name, default, about in parameters_of(self.values)}
-        self._is_quiet = False
-        node.add_on_set_parameters_callback(self._on_set)
-        node.add_post_set_parameters_callback(self._post_set)
-
-    def store(self, **values: object) -> None:
-        """Set parameters to values that apply already; nothing is checked or applied."""
-        with self._quiet():
-            self._node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
-
-    @contextmanager
-    def _quiet(self) -> Iterator[None]:
-        self._is_quiet = True
-        try:
-            yield
-        finally:
-            self._is_quiet = False
+        super().__init__(node)
 
     def _merge_changes(self, changes: Sequence[Parameter]) -> tuple[frozenset[str], Settings]:
         values = {
@@ -273,14 +290,10 @@ class LiveParameters(Generic[Settings]):
         }
         return frozenset(values), dataclasses.replace(self.values, **values)  # type: ignore[type-var]
 
-    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
-        try:
-            names, values = self._merge_changes(changes)
-            if names and not self._is_quiet:
-                self._check(names, values)
-        except Exception as error:
-            return SetParametersResult(successful=False, reason=error_message(error))
-        return SetParametersResult(successful=True)
+    def _check_changes(self, changes: Sequence[Parameter]) -> None:
+        names, values = self._merge_changes(changes)
+        if names and not self._is_quiet:
+            self._check(names, values)
 
     def _post_set(self, changes: list[Parameter]) -> None:
         names, self.values = self._merge_changes(changes)

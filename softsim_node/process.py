@@ -42,11 +42,6 @@ class SecurityError(SoftSimError, RuntimeError):
     """Security is requested, and the middleware or its keys cannot provide it."""
 
 
-def is_enabled(environment: Mapping[str, str]) -> bool:
-    """Return whether ROS is asked to secure the traffic of a process with this environment."""
-    return environment.get(ENABLE) == "true"
-
-
 def need_security() -> None:
     """Check that secured nodes can be created; call it once rclpy runs, if they are requested.
 
@@ -66,7 +61,7 @@ def need_security() -> None:
 
 def security_warning(environment: Mapping[str, str]) -> str:
     """Return a warning for a process that requests security and runs without it; empty if there is none."""
-    if not is_enabled(environment) or environment.get(STRATEGY) == ENFORCE:
+    if environment.get(ENABLE) != "true" or environment.get(STRATEGY) == ENFORCE:
         return ""
     return (
         f"{ENABLE} is true, but not enforced: without keys for its enclave this process is open to "
@@ -226,7 +221,7 @@ def start_ros(words: Sequence[str] = ()) -> None:
         rclpy.init(args=["node", *words], signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy's extension; the text ends with a source location
         raise RosStartError(str(error).splitlines()[0].split(", at /")[0]) from error
-    if is_enabled(os.environ):
+    if os.environ.get(ENABLE) == "true":
         need_security()
 
 
@@ -282,9 +277,14 @@ def run_node(
                 if warning := security_warning(os.environ):
                     node.get_logger().warning(warning)
                 (serve or serve_callbacks)(node)
-                _warn_orphan(node)
+                if ending.is_orphan and rclpy.utilities.ok():
+                    node.get_logger().warning(
+                        "the program that started this one has ended, so does this; "
+                        f"{OUTLIVE}=1 lets it continue"
+                    )
     except (SoftSimError, ParameterException) as error:
-        code = complain(str(error))
+        sys.stderr.write(f"{error}\n")
+        code = 1
     except SystemExit as end:  # raised by the parser of the command line
         code = int(end.code or 0)
     finally:
@@ -295,12 +295,6 @@ def run_node(
             rclpy.utilities.try_shutdown()
             ending.over()
     return ending.leave(code)
-
-
-def complain(text: str) -> int:
-    """Write a message to stderr and return the exit code 1."""
-    sys.stderr.write(f"{text}\n")
-    return 1
 
 
 @contextmanager
@@ -332,10 +326,3 @@ def _ending_quietly() -> Iterator[None]:
     except Exception:
         if rclpy.utilities.ok():
             raise
-
-
-def _warn_orphan(node: RunnableNode) -> None:
-    if ending.is_orphan and rclpy.utilities.ok():
-        node.get_logger().warning(
-            f"the program that started this one has ended, so does this; {OUTLIVE}=1 lets it continue"
-        )

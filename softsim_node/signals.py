@@ -39,6 +39,14 @@ _COMPILER = "llvmlite.binding."
 Result = TypeVar("Result")
 
 
+def settle(future: Future[Result], work: Callable[[], Result]) -> None:
+    """Do work; its result, or its exception, becomes that of the future."""
+    try:
+        future.set_result(work())
+    except BaseException as error:
+        future.set_exception(error)
+
+
 class Ending:
     """A request to end the process; loops check it between their steps.
 
@@ -125,14 +133,7 @@ class Ending:
         if threading.current_thread() is not threading.main_thread():
             return work()
         done: Future[Result] = Future()
-
-        def carry_out() -> None:
-            try:
-                done.set_result(work())
-            except BaseException as error:
-                done.set_exception(error)
-
-        thread = threading.Thread(target=carry_out, name="abandonable", daemon=True)
+        thread = threading.Thread(target=settle, args=(done, work), name="abandonable", daemon=True)
         try:
             thread.start()
             while not wait((done,), LOOK_S).done:

@@ -12,12 +12,12 @@ from typing import Any, Final, TypeAlias
 
 from geometry_msgs.msg import Vector3
 from lifecycle_msgs.msg import State
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool, String
+
+from softsim_node.guards import steady_timer
 
 NEWEST_ONLY: Final = QoSProfile(depth=1)
 """Commands, goals and pictures: reliable, and only the newest message counts."""
@@ -84,7 +84,6 @@ class StateTopics:
     The values are read at every `refresh`, at least ten times per second, and changed ones are published.
 
     Args:
-        node: Owner of the publishers and of the timer.
         facts: Reader by name in STATE_TOPICS; its last part is the topic below the node's own name.
 
     Raises:
@@ -99,7 +98,7 @@ class StateTopics:
         ]
         self._published: list[Any] = [None] * len(self._facts)
         self.refresh()
-        node.create_timer(LOOK_PERIOD_S, self.refresh, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady_timer(node, LOOK_PERIOD_S, self.refresh)
 
     def refresh(self) -> None:
         """Publish changed values; may be called from any thread."""

@@ -24,12 +24,7 @@ STATES: Final[dict[int, BridgeState]] = {
 
 
 class Bridge:
-    """Follows `servo_bridge` by its state topics; changes its state on request.
-
-    Args:
-        node: The node whose executor delivers the responses.
-        snapshot: Storage of its state.
-    """
+    """Follows `servo_bridge` by its state topics; changes its state on request."""
 
     def __init__(self, node: Node, snapshot: RobotSnapshot) -> None:
         self._snapshot = snapshot
@@ -37,7 +32,9 @@ class Bridge:
         self._stop = Request(node, Trigger, "servo_bridge/e_stop", "servo bridge", snapshot.say)
         self._clear = Request(node, Trigger, "servo_bridge/clear_e_stop", "servo bridge", snapshot.say)
         StateListener(node, "servo_bridge/state", self._on_state)
-        StateListener(node, "servo_bridge/e_stop_latched", self._on_e_stop)
+        StateListener(
+            node, "servo_bridge/e_stop_latched", lambda latched: snapshot.change(e_stopped=bool(latched))
+        )
         self._name = self._change.full_name.rsplit("/", 1)[0]
 
     # --- actions --------------------------------------------------------------------------------------
@@ -90,9 +87,6 @@ class Bridge:
 
     def _on_state(self, state: State | None) -> None:
         self._snapshot.change(bridge="not running" if state is None else STATES.get(state.id, "changing"))
-
-    def _on_e_stop(self, latched: bool | None) -> None:
-        self._snapshot.change(e_stopped=bool(latched))
 
     def _cannot_change(self, done: Done) -> bool:
         """Return whether no transition can be requested now; report the reason."""

@@ -44,12 +44,7 @@ def format_point(pose: EffectorPose) -> str:
 
 
 class ClosedLoop:
-    """Follows `closed_loop` of the node's namespace and sends references on `tilt_reference`.
-
-    Args:
-        node: The node whose executor delivers the messages.
-        snapshot: Storage of its reference.
-    """
+    """Follows `closed_loop` of the node's namespace and sends references on `tilt_reference`."""
 
     def __init__(self, node: Node, snapshot: RobotSnapshot) -> None:
         self._snapshot, self._clock = snapshot, node.get_clock()
@@ -84,10 +79,6 @@ class Inverse:
     The effector pose is the measured one, or that of the controller's model without a measurement. Published
     topic: `effector_goal`. Subscribed topics: `effector_goal`, for goals of other programs; `effector_pose`;
     `inverse_controller/model_pose`.
-
-    Args:
-        node: The node whose executor delivers the messages.
-        snapshot: Storage of effector pose, goal and switch.
     """
 
     def __init__(self, node: Node, snapshot: RobotSnapshot) -> None:

@@ -87,10 +87,8 @@ def _await_namespaces(
     began = changed = time.monotonic()
     while not ending.asked:
         executor.spin_once(timeout_sec=_TURN_S)
-        newer, now = (
-            [each for each in running_robots(node) if requested_name in (None, each)],
-            time.monotonic(),
-        )
+        newer = [each for each in running_robots(node) if requested_name in (None, each)]
+        now = time.monotonic()
         if newer != found:
             found, changed = newer, now
         if (requested_name is not None or now - changed > OTHERS_S) if found else now - began > within_s:

@@ -17,7 +17,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from softsim_core.base import CommandError, Unit, listing
-from softsim_core.physics.mechanics import JointLimits, check_command
+from softsim_core.physics.mechanics import check_command
 from softsim_core.scene import JointDescription, RobotDescription
 from softsim_node import MEASURED, NEWEST_ONLY
 from softsim_ros.client.services import Done, Outcome, ignore_outcome
@@ -95,27 +95,19 @@ def decide(state: RobotState, robot: RobotDescription, request: JointRequest, no
     refusal = unknown_name(robot, request) or refusal_to_move(state, now)
     if refusal:
         return Decision(state, refusal, None)
-    assert state.measured is not None
+    names: Sequence[str] = robot.joint_names
     if isinstance(request, GoToPose):
-        return _command(
-            state, robot, robot.poses[request.pose], robot.joint_names, f"pose {request.pose}", now
-        )
+        return _command(state, robot, robot.poses[request.pose], names, f"pose {request.pose}", now)
     if isinstance(request, MoveAll):
-        return _command(state, robot, request.positions, robot.joint_names, "all joints by command", now)
-    stationary = stationary_commands(commandable(state, robot), now)
+        return _command(state, robot, request.positions, names, "all joints by command", now)
+    to = dict(zip(names, stationary_commands(commandable(state, robot), now), strict=True))
     if isinstance(request, MoveJoint):
-        to = dict(zip(robot.joint_names, stationary, strict=True)) | {request.joint: request.position}
+        to[request.joint] = request.position
         return _command(state, robot, tuple(to.values()), (request.joint,), f"{request.joint} by slider", now)
-    requested_positions = tuple(
-        hold + request.by if joint.name in request.joints else hold
-        for joint, hold in zip(robot.joints, stationary, strict=True)
-    )
-    title = ", ".join(
-        f"{joint.name} to {format_command(joint, value)}"
-        for joint, value in zip(robot.joints, requested_positions, strict=True)
-        if joint.name in request.joints
-    )
-    return _command(state, robot, requested_positions, request.joints, title, now)
+    moved = [joint for joint in robot.joints if joint.name in request.joints]
+    to |= {joint.name: to[joint.name] + request.by for joint in moved}
+    title = ", ".join(f"{joint.name} to {format_command(joint, to[joint.name])}" for joint in moved)
+    return _command(state, robot, tuple(to.values()), request.joints, title, now)
 
 
 def refusal_to_move(state: RobotState, now: float) -> str:
@@ -159,31 +151,17 @@ def _command(
         check_command(positions, robot.joint_names)
     except CommandError as error:
         return Decision(state, str(error), None)
-    values, stopped = _clamp_to_limits(state, robot, positions, moved)
+    values, stopped = tuple(positions), list[str]()
+    if enforces_limits(state, robot):
+        values = tuple(
+            joint.limits.clamp(value) for joint, value in zip(robot.joints, positions, strict=True)
+        )
+        for joint, before, value in zip(robot.joints, positions, values, strict=True):
+            if joint.name in moved and value != before:
+                limit = "lower" if value == joint.limits.lower else "upper"
+                stopped.append(f"{joint.name} stops at its {limit} limit {format_command(joint, value)}")
     message = listing(stopped) if stopped else title
     return Decision(with_command(state, robot, values, now, own=True), message, values)
-
-
-def _clamp_to_limits(
-    state: RobotState, robot: RobotDescription, positions: Sequence[float], moved: Sequence[str]
-) -> tuple[tuple[float, ...], list[str]]:
-    """Return the requested positions, clamped to enforced limits.
-
-    Also return a note for each moved joint that stops at a limit.
-    """
-    if not enforces_limits(state, robot):
-        return tuple(positions), []
-    values = tuple(joint.limits.clamp(value) for joint, value in zip(robot.joints, positions, strict=True))
-    notes = [
-        f"{joint.name} stops at its {_limit_name(joint.limits, value)} limit {format_command(joint, value)}"
-        for joint, before, value in zip(robot.joints, positions, values, strict=True)
-        if joint.name in moved and value != before
-    ]
-    return values, notes
-
-
-def _limit_name(limits: JointLimits, value: float) -> str:
-    return "lower" if value == limits.lower else "upper"
 
 
 def format_position(joint: JointDescription, position: float) -> str:
@@ -207,17 +185,12 @@ HOLD_INTERVAL_S: Final = 0.2
 
 
 class Joints:
-    """Follows and commands the joints of the node's namespace.
+    """Follows and commands the joints of the node's namespace; `simulated` returns whether it is simulated.
 
     Published topics: `position_controller/commands`, `joint_trajectory`. Subscribed topics:
     `position_controller/commands`, to see the commands of others; `joint_states`, or `applied_joint_states`
     of the bridge on a robot without simulator; `emulated_board/pulse_widths`. Without simulator the newest
     command is repeated, since the bridge goes to rest when commands stop.
-
-    Args:
-        node: The node whose executor delivers the messages.
-        snapshot: Storage of the positions.
-        simulated: Returns whether a simulator has been found.
     """
 
     def __init__(self, node: Node, snapshot: RobotSnapshot, simulated: Callable[[], bool]) -> None:
@@ -285,8 +258,7 @@ class Joints:
             done: Called with the outcome: the trajectory was sent, or why not.
             begin_s: Time of the start in [s], on the clock that stamps the joint states; 0: on arrival.
         """
-        refusal = self._why_not_followed(way_points)
-        if refusal:
+        if refusal := self._why_not_followed(way_points):
             self._snapshot.say(refusal)
             done(Outcome(False, refusal))
             return

@@ -9,14 +9,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.node import Node
 
 from softsim_core.base import SoftSimError, listing
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_node import error_message, prepare_environment
+from softsim_node import error_message, prepare_environment, steady_timer
 from softsim_ros import ClosableNode, SpinThread
 from softsim_ros.client.bridge import Bridge
 from softsim_ros.client.control import ClosedLoop, Inverse
@@ -38,8 +36,6 @@ class RobotClient:
 
     Args:
         node: The node whose executor delivers messages and responses; the client does not own it.
-        robot: Joints, limits and poses.
-        say: Called with messages for the user.
 
     Attributes:
         node: That node, for the user's own topics.
@@ -61,8 +57,7 @@ class RobotClient:
         self.simulator = Simulator(node, snapshot, self.joints, self.inverse)
         self.bridge = Bridge(node, snapshot)
         self._reports = Reports(node, snapshot, self.inverse.take_report)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(POLL_PERIOD_S, self._poll, clock=steady)
+        steady_timer(node, POLL_PERIOD_S, self._poll)
 
     @property
     def state(self) -> RobotState:
@@ -107,10 +102,6 @@ class ClientError(SoftSimError):
 
 class RobotSession:
     """A RobotClient for a script; use it from any thread except the one that spins the node.
-
-    Args:
-        client: The client.
-        spinner: The thread that serves its node.
 
     Attributes:
         client: The client; run its actions with `do`.
@@ -188,7 +179,14 @@ class RobotSession:
                 self._changed.wait(min(left, LOOK_PERIOD_S))
             else:
                 return self.state
-        raise ClientError(f"{what} did not hold within {within_s:g} s; {_state_text(self.state)}")
+        state = self.state
+        joints = "none received"
+        if state.measured is not None:
+            joints = ", ".join(f"{each:.4f}" for each in state.measured)
+        raise ClientError(
+            f"{what} did not hold within {within_s:g} s; simulator {state.simulator or 'not received'}, "
+            f"bridge {state.bridge}, joints {joints}"
+        )
 
     def wait_until_there(self, within_s: float = 10.0) -> RobotState:
         """Wait until the joints have reached the newest command.
@@ -201,13 +199,6 @@ class RobotSession:
     def _on_change(self, _: RobotState) -> None:
         with self._changed:
             self._changed.notify_all()
-
-
-def _state_text(state: RobotState) -> str:
-    joints = (
-        "none received" if state.measured is None else ", ".join(f"{each:.4f}" for each in state.measured)
-    )
-    return f"simulator {state.simulator or 'not received'}, bridge {state.bridge}, joints {joints}"
 
 
 @contextmanager

@@ -39,9 +39,6 @@ class LogLine:
 class RobotLog:
     """Follows `/rosout` for the nodes of the node's namespace, including earlier messages.
 
-    Args:
-        node: The node whose executor delivers the messages.
-
     Attributes:
         lines: Newest last.
         count: Number of lines since the start.
@@ -70,7 +67,6 @@ class Warnings:
 
     Args:
         node: The node whose executor delivers the messages; its own lines are left out.
-        say: Called with each message.
     """
 
     def __init__(self, node: Node, say: Callable[[str], None]) -> None:
@@ -120,8 +116,6 @@ class AsyncService:
     """Non-blocking client of one service.
 
     Args:
-        node: The node whose executor delivers the responses.
-        kind: Service type.
         name: Service name, relative to the node's namespace.
         answer_within_s: Time in [s] after which a call without a response is aborted.
     """
@@ -167,16 +161,11 @@ class AsyncService:
             answered(response)
 
 
-class Request:
+class Request(AsyncService):
     """Client of a service whose response has success and message; reports the outcome to the user.
 
     Args:
-        node: The node whose executor delivers the responses.
-        kind: Service type; its response has `success` and `message`.
-        name: Service name, relative to the node's namespace.
         who: Name of the other node in messages, such as "simulator".
-        say: Called with messages for the user.
-        answer_within_s: Time in [s] after which a call without a response is aborted.
     """
 
     def __init__(
@@ -188,21 +177,8 @@ class Request:
         say: Callable[[str], None],
         answer_within_s: float = ANSWER_WITHIN_S,
     ) -> None:
-        self._service, self._who, self._say = AsyncService(node, kind, name, answer_within_s), who, say
-
-    @property
-    def is_there(self) -> bool:
-        """Whether a server has been found."""
-        return self._service.is_there
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether a call is in progress."""
-        return self._service.is_busy
-
-    def expire(self, now: float) -> None:
-        """Abort a call that has waited too long; `now` is a steady clock in [s]."""
-        self._service.expire(now)
+        super().__init__(node, kind, name, answer_within_s)
+        self._who, self._say = who, say
 
     def ask(
         self, request: Any, done: Done = ignore_outcome, on_success: Callable[[], str] = lambda: ""
@@ -214,11 +190,10 @@ class Request:
             done: Called once with the outcome, also if nothing could be sent.
             on_success: Called before `done`; returns the message to use if the response has none.
         """
-        service = self._service
 
         def handle_response(response: Any) -> None:
             if response is None:
-                end = Outcome(False, f"{self._who}: no answer from {service.name}")
+                end = Outcome(False, f"{self._who}: no answer from {self.name}")
             elif not response.success:
                 reason = response.message or "refused without a reason"
                 end = Outcome(False, f"{self._who}: {reason}")
@@ -227,12 +202,12 @@ class Request:
                 end = Outcome(True, f"{self._who}: {response.message}" if response.message else own)
             self._end(end, done)
 
-        if service.is_busy:
-            self._end(Outcome(False, f"{self._who}: still busy with {service.name}"), done)
-        elif not service.is_there:
-            self._end(Outcome(False, f"{self._who} is not running (no service {service.full_name})"), done)
+        if self.is_busy:
+            self._end(Outcome(False, f"{self._who}: still busy with {self.name}"), done)
+        elif not self.is_there:
+            self._end(Outcome(False, f"{self._who} is not running (no service {self.full_name})"), done)
         else:
-            service.call(request, time.monotonic(), handle_response)
+            self.call(request, time.monotonic(), handle_response)
 
     def _end(self, end: Outcome, done: Done) -> None:
         if end.sentence:
@@ -240,36 +215,16 @@ class Request:
         done(end)
 
 
-class Switch:
-    """Client of a service that switches something on or off; no request is lost if the user acts fast.
+class Switch(Request):
+    """Client of a SetBool service; no request is lost if the user acts fast.
 
     Requests made during a call are sent after it; of several requests only the newest is sent.
-
-    Args:
-        node: The node whose executor delivers the responses.
-        name: Name of the SetBool service, relative to the node's namespace.
-        who: Name of the other node in messages, such as "simulator".
-        say: Called with messages for the user.
     """
 
     def __init__(self, node: Node, name: str, who: str, say: Callable[[str], None]) -> None:
-        self._request, self._who = Request(node, SetBool, name, who, say), who
+        super().__init__(node, SetBool, name, who, say)
         self._asked: bool | None = None
         self._next: tuple[bool, Done, Callable[[], str]] | None = None
-
-    @property
-    def is_there(self) -> bool:
-        """Whether a server has been found."""
-        return self._request.is_there
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether a call is in progress."""
-        return self._request.is_busy
-
-    def expire(self, now: float) -> None:
-        """Abort a call that has waited too long; `now` is a steady clock in [s]."""
-        self._request.expire(now)
 
     def opposite(self, present: bool) -> bool:
         """Return the opposite of the pending request, or of `present` if there is none."""
@@ -278,7 +233,7 @@ class Switch:
     def set(self, on: bool, done: Done, on_success: Callable[[], str]) -> None:
         """Switch on or off; see `Request.ask` for the other arguments."""
         self._asked = on
-        if self._request.is_busy:
+        if self.is_busy:
             overtaken, self._next = self._next, (on, done, on_success)
             if overtaken is not None:
                 overtaken[1](Outcome(False, f"{self._who}: a newer request came before the answer"))
@@ -292,4 +247,4 @@ class Switch:
             if following is not None:
                 self.set(*following)
 
-        self._request.ask(SetBool.Request(data=on), finish, on_success)
+        self.ask(SetBool.Request(data=on), finish, on_success)

@@ -9,8 +9,6 @@ from typing import Any, Final
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from sensor_msgs.msg import MultiDOFJointState
@@ -19,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from softsim_core.base import SoftSimError
 from softsim_core.scene.editing import Edit
-from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY
+from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY, steady_timer
 from softsim_ros import StateListener
 from softsim_ros.client.control import Inverse
 from softsim_ros.client.joints import INVERSE_OWNS, Joints
@@ -36,12 +34,7 @@ LIMITS: Final = "enforce_limits"
 
 
 class Parameters:
-    """Follows and sets parameters of `simulator` in the node's namespace.
-
-    Args:
-        node: The node whose executor delivers the responses.
-        snapshot: Storage of the switch of the limits.
-    """
+    """Follows and sets parameters of `simulator` in the node's namespace."""
 
     def __init__(self, node: Node, snapshot: RobotSnapshot) -> None:
         self._snapshot = snapshot
@@ -89,17 +82,17 @@ class Parameters:
             self._end(Outcome(False, "the simulator is not running; nothing was set"), waiting)
             return
         parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        request = SetParametersAtomically.Request(parameters=parameters)
-        self._set.call(request, now, lambda answer: self._on_set(answer, waiting))
 
-    def _on_set(self, answer: Any, waiting: Sequence[Done]) -> None:
-        self._next_poll = 0.0
-        if answer is None:
-            self._end(Outcome(False, "the simulator did not answer"), waiting)
-        elif not answer.result.successful:
-            self._end(Outcome(False, f"refused: {answer.result.reason}"), waiting)
-        else:
-            self._end(Outcome(True, ""), waiting)
+        def on_answer(answer: Any) -> None:
+            self._next_poll = 0.0
+            if answer is None:
+                self._end(Outcome(False, "the simulator did not answer"), waiting)
+            elif not answer.result.successful:
+                self._end(Outcome(False, f"refused: {answer.result.reason}"), waiting)
+            else:
+                self._end(Outcome(True, ""), waiting)
+
+        self._set.call(SetParametersAtomically.Request(parameters=parameters), now, on_answer)
 
     def _end(self, end: Outcome, waiting: Sequence[Done]) -> None:
         if end.sentence:
@@ -140,10 +133,6 @@ ACTIONS: Final = ("begin", "undo", "redo", "discard", "apply", "save", "copy")
 class Editing:
     """Edits the scene of `simulator` in the node's namespace.
 
-    Args:
-        node: The node whose executor delivers messages and responses.
-        say: Called with messages for the user.
-
     Attributes:
         proposal: The newest proposal received; None if there is none.
     """
@@ -158,7 +147,7 @@ class Editing:
         }
         self.proposal: Proposal | None = None
         self._awaiting_since: float | None = None
-        node.create_timer(EXPIRE_PERIOD_S, self._expire, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady_timer(node, EXPIRE_PERIOD_S, self._expire)
 
     @property
     def is_behind(self) -> bool:
@@ -203,8 +192,6 @@ class Simulator:
     """Controls `simulator` of the node's namespace; publishes `external_wrench` and `base_target`.
 
     Args:
-        node: The node whose executor delivers the responses.
-        snapshot: Storage of its state.
         joints: They are expected at the start pose after the start animation.
         inverse: Switched off before a reset; otherwise it would drive the joints back.
 
@@ -225,7 +212,6 @@ class Simulator:
         self._services = (self._start, self._reset, self._pause, self._step, self._reload)
         self._bases = node.create_publisher(MultiDOFJointState, "base_target", NEWEST_ONLY)
         self._wrenches = node.create_publisher(WrenchStamped, "external_wrench", NEWEST_ONLY)
-
         self._facts = [
             StateListener(node, topic, self._on_change)
             for topic in ("simulator/faulted", "simulator/paused", "replay/paused")
@@ -251,8 +237,8 @@ class Simulator:
             return
 
         def record_start() -> str:
-            if self._snapshot.robot.start is not None:
-                self._joints.expect(self._snapshot.robot.start.pose)
+            if (start := self._snapshot.robot.start) is not None:
+                self._joints.expect(start.pose)
             return "start pose"
 
         self._start.ask(Trigger.Request(), done, record_start)
@@ -264,16 +250,13 @@ class Simulator:
             self._snapshot.change(commanded=None)
             return "simulation reset"
 
-        def continue_after(end: Outcome) -> None:
-            if end.success:
-                self._reset.ask(Trigger.Request(), done, record_reset)
-            else:
-                done(end)
+        def reset() -> None:
+            self._reset.ask(Trigger.Request(), done, record_reset)
 
         if self._snapshot.state.inverse:
-            self._inverse.enable(False, continue_after)
+            self._inverse.enable(False, lambda end: reset() if end.success else done(end))
         else:
-            continue_after(Outcome(True, ""))
+            reset()
 
     def pause(self, paused: bool, done: Done = ignore_outcome) -> None:
         """Pause the simulation, or continue it."""
@@ -291,16 +274,13 @@ class Simulator:
     def step(self, done: Done = ignore_outcome) -> None:
         """Advance by one step; a running simulation is paused first."""
 
-        def continue_after(end: Outcome) -> None:
-            if end.success:
-                self._step.ask(Trigger.Request(), done)
-            else:
-                done(end)
+        def step() -> None:
+            self._step.ask(Trigger.Request(), done)
 
         if self._snapshot.state.stands:
-            continue_after(Outcome(True, ""))
+            step()
         else:
-            self.pause(True, continue_after)
+            self.pause(True, lambda end: step() if end.success else done(end))
 
     # --- scene ----------------------------------------------------------------------------------------
 

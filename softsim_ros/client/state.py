@@ -209,10 +209,6 @@ Watcher = Callable[[RobotState], None]
 class RobotSnapshot:
     """The robot's description and its newest state.
 
-    Args:
-        robot: Joints, limits and poses.
-        say: Called with every message for the user.
-
     Attributes:
         robot: Replaced after the simulator has loaded another scene.
         state: Replaced as a whole, never modified.
@@ -239,12 +235,8 @@ class RobotSnapshot:
 class Reports:
     """Follows `/diagnostics` for simulator and inverse control of the node's namespace.
 
-    Whether something runs, is on or is paused is not read here; typed topics report that.
-
-    Args:
-        node: The node whose executor delivers the messages.
-        known: Storage of the simulator's values.
-        on_inverse: Called with the report of inverse control.
+    Whether something runs, is on or is paused is not read here; typed topics report that. `on_inverse` is
+    called with the report of inverse control.
     """
 
     def __init__(self, node: Node, snapshot: RobotSnapshot, on_inverse: Callable[[str], None]) -> None:

@@ -15,6 +15,7 @@ from geometry_msgs.msg import PoseStamped
 from softsim_core.base import CommandError
 from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
 from softsim_core.scene import load_scene
+from softsim_node import RobotFrames
 from softsim_ros.messages import ERROR, OK, WARN
 from softsim_ros.nodes.inverse import (
     FEEDBACK_WITHIN_S,
@@ -30,7 +31,7 @@ from softsim_ros.nodes.inverse import (
 )
 
 TRIPOD = load_scene("tripod")
-FRAMES = ("world", "tripod/base_link")
+FRAMES = RobotFrames("tripod/")
 START = np.full(3, -1.4965)
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 

@@ -96,7 +96,7 @@ def test_what_the_scene_prints_is_heard(start: Callable[..., PhysicsThread], wat
 def test_the_newest_command_wins(start: Callable[..., PhysicsThread], watcher: Watcher) -> None:
     thread = start(paused=True)
     for value in (0.1, 0.3, 0.2):
-        thread.command(np.array([value]))
+        thread.commanded.command(np.array([value]))
     thread.step_once()
     assert watcher.shown[-1][1] == pytest.approx([0.2])
     assert thread.status.steps == 1
@@ -106,7 +106,7 @@ def test_a_trajectory_is_sampled_at_the_end_of_each_step(
     start: Callable[..., PhysicsThread], watcher: Watcher
 ) -> None:
     thread = start(paused=True)
-    thread.command(JointTrajectory(["servo"], [0.05], [[0.5]]))
+    thread.commanded.command(JointTrajectory(["servo"], [0.05], [[0.5]]))
     for _ in range(7):
         thread.step_once()
     after = {count: position[0] for count, position in watcher.shown}  # while paused a state is shown again
@@ -116,10 +116,10 @@ def test_a_trajectory_is_sampled_at_the_end_of_each_step(
 
 def test_a_plain_command_cancels_a_trajectory(start: Callable[..., PhysicsThread], watcher: Watcher) -> None:
     thread = start(paused=True)
-    thread.command(JointTrajectory(["servo"], [0.05], [[0.5]]))
+    thread.commanded.command(JointTrajectory(["servo"], [0.05], [[0.5]]))
     thread.step_once()
     assert thread.status.trajectory
-    thread.command(np.array([-0.1]))
+    thread.commanded.command(np.array([-0.1]))
     for _ in range(3):
         thread.step_once()
     assert watcher.shown[-1][1] == pytest.approx([-0.1])
@@ -145,7 +145,7 @@ def test_a_follower_sees_each_step_and_ends_its_trajectory(
     start: Callable[..., PhysicsThread],
 ) -> None:
     thread, follower = start(paused=True), Noting(steps=7)
-    thread.command(JointTrajectory(["servo"], [0.05], [[0.5]]), 0.0, follower)
+    thread.commanded.command(JointTrajectory(["servo"], [0.05], [[0.5]]), 0.0, follower)
     for _ in range(9):
         assert thread.status.trajectory or not follower.seen or len(follower.seen) == 7
         thread.step_once()
@@ -160,13 +160,13 @@ def test_a_follower_sees_each_step_and_ends_its_trajectory(
 @pytest.mark.parametrize(
     ("end", "reason"),
     [
-        (lambda thread, _: thread.command(np.array([0.1])), "another command took over"),
-        (lambda thread, _: thread.command_named({"servo": 0.1}), "another command took over"),
+        (lambda thread, _: thread.commanded.command(np.array([0.1])), "another command took over"),
+        (lambda thread, _: thread.commanded.command_named({"servo": 0.1}), "another command took over"),
         (
-            lambda thread, _: thread.command(JointTrajectory(["servo"], [1.0], [[0.1]])),
+            lambda thread, _: thread.commanded.command(JointTrajectory(["servo"], [1.0], [[0.1]])),
             "another command took over",
         ),
-        (lambda thread, follower: thread.leave(follower, "nobody wants it"), "nobody wants it"),
+        (lambda thread, follower: thread.commanded.leave(follower, "nobody wants it"), "nobody wants it"),
         (lambda thread, _: thread.reset(), "the simulation was reset"),
         (lambda thread, _: thread.pause(True), "the simulation was paused"),
         (lambda thread, _: thread.stop("a broken file"), "a broken file"),
@@ -179,7 +179,7 @@ def test_a_follower_is_told_once_why_its_trajectory_ended(
     on_its_way: bool,
 ) -> None:
     thread, follower = start(paused=True), Noting()
-    thread.command(JointTrajectory(["servo"], [1.0], [[0.5]]), 0.0, follower)
+    thread.commanded.command(JointTrajectory(["servo"], [1.0], [[0.5]]), 0.0, follower)
     if on_its_way:
         thread.step_once()
     end(thread, follower)
@@ -193,7 +193,7 @@ def test_a_pause_keeps_a_trajectory_that_nobody_follows(
     start: Callable[..., PhysicsThread],
 ) -> None:
     thread = start(paused=True)
-    thread.command(JointTrajectory(["servo"], [1.0], [[0.5]]))
+    thread.commanded.command(JointTrajectory(["servo"], [1.0], [[0.5]]))
     thread.step_once()
     thread.pause(True)
     assert thread.status.trajectory
@@ -225,9 +225,9 @@ def test_of_a_joint_that_is_told_its_effort_the_effort_is_followed() -> None:
 
 def test_reset_forgets_what_was_commanded(start: Callable[..., PhysicsThread], watcher: Watcher) -> None:
     thread = start(paused=True)
-    thread.command(JointTrajectory(["servo"], [1.0], [[0.5]]))
+    thread.commanded.command(JointTrajectory(["servo"], [1.0], [[0.5]]))
     thread.step_once()
-    thread.command(np.array([0.4]))
+    thread.commanded.command(np.array([0.4]))
     thread.reset()
     thread.step_once()
     assert watcher.shown[-1][1].tolist() == [0.0]
@@ -294,7 +294,7 @@ def test_a_snapshot_taken_between_steps_comes_back(
     start: Callable[..., PhysicsThread], watcher: Watcher
 ) -> None:
     thread = start(paused=True)
-    thread.command(np.array([0.3]))
+    thread.commanded.command(np.array([0.3]))
     thread.step_once()
     data = thread.call(lambda simulation: simulation.snapshot())
     thread.step_once()

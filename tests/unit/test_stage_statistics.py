@@ -18,7 +18,7 @@ pytestmark = pytest.mark.ros
 def test_the_table_is_a_tree_with_shares_of_the_whole() -> None:
     stages = {
         "factor": StageTime(100, 0.1, 0.3, 0.9),
-        "step": StageTime(100, 0.4, 0.6, 1.0, squares=4.0),
+        "step": StageTime(100, 0.4, 0.6, 1.0, deviation=0.2),
         "publishing": StageTime(50, 0.1, 0.4, 0.5),
     }
     message = stage_statistics(Time(), "tripod", stages)
@@ -39,11 +39,9 @@ def test_the_table_is_a_tree_with_shares_of_the_whole() -> None:
     }
 
 
-def test_a_stage_gathers_mean_and_deviation_call_by_call() -> None:
+def test_a_stage_has_mean_and_deviation_of_its_calls() -> None:
     times = np.random.default_rng(3).gamma(2.0, 0.3, 200)
-    gathered = StageTime(1, times[0], times[0], times[0])
-    for each in times[1:]:
-        gathered = gathered.with_call(each)
+    gathered = StageTime.of(times.tolist())
     assert gathered.calls == 200
     assert (gathered.minimum, gathered.maximum) == (times.min(), times.max())
     assert gathered.mean == pytest.approx(times.mean())

@@ -2,7 +2,6 @@ from . import (
     closed_loop_node as closed_loop_node,
     inverse_node as inverse_node,
     path_follower_node as path_follower_node,
-    plant as plant,
 )
 from .closed_loop_node import (
     ClosedLoop as ClosedLoop,
@@ -34,5 +33,4 @@ from .plant import (
     checked_pose as checked_pose,
     effector_rest as effector_rest,
     unit_quaternion as unit_quaternion,
-    world_frames as world_frames,
 )

@@ -13,8 +13,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Quaternion, Vector3, Vector3Stamped
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -31,13 +29,22 @@ from softsim_core.control.inverse import (
     tilts_of,
 )
 from softsim_core.physics.mechanics import quaternion_of, rotation_of
-from softsim_node import MEASURED, WORLD, LiveParameters, Program, StateTopics, parameter, run_node
+from softsim_node import (
+    MEASURED,
+    WORLD,
+    LiveParameters,
+    Program,
+    StateTopics,
+    answering,
+    parameter,
+    run_node,
+    steady_timer,
+)
 from softsim_ros import FrameSettings, RobotNode, RobotSettings
 from softsim_ros.messages import OK, WARN, pose_stamped
-from softsim_ros.nodes.inverse import plant
 from softsim_ros.nodes.inverse.inverse_switch import InverseSwitch
 from softsim_ros.nodes.inverse.path_follower_node import LEAVE
-from softsim_ros.nodes.inverse.plant import check_frame, checked_pose, effector_rest, world_frames
+from softsim_ros.nodes.inverse.plant import check_frame, checked_pose, effector_rest
 
 MEASURES: Final = ("imu", "effector_pose")
 TASKS: Final = ("height_tilt", "orientation", "pose", LEAVE)
@@ -123,18 +130,6 @@ def imu_tilts(message: Imu) -> Array:
     return np.array([math.asin(min(max(up[1], -1.0), 1.0)), math.atan2(-up[0], up[2])])
 
 
-def reference_tilts(message: Vector3Stamped) -> Array:
-    """Return the tilts about x and y in [rad] of a reference, shape (2,); its z is not used.
-
-    Raises:
-        CommandError: not finite.
-    """
-    tilts = np.array([message.vector.x, message.vector.y])
-    if not np.isfinite(tilts).all():
-        raise CommandError(f"tilt reference refused: {tilts.tolist()} rad is not finite; nothing was changed")
-    return tilts
-
-
 class LoopStep(NamedTuple):
     """One step of the loop: tilts about x and y in [rad], shape (2,), and time in [s] since its start.
 
@@ -153,7 +148,6 @@ class TiltLoop:
     """Runs the controller whenever `step` is called.
 
     Args:
-        gains: Gains of the controller.
         measure_timeout: Age in [s] of a measurement beyond which the command stays unchanged.
     """
 
@@ -180,16 +174,12 @@ class TiltLoop:
         """Store a measurement: tilts about x and y in [rad], shape (2,), finite."""
         self._measure, self._measured_at = tilts.copy(), now
 
-    def is_stale(self, now: float) -> bool:
-        """Return whether the last measurement is too old to be used."""
-        return now - self._measured_at > self.measure_timeout
-
     def step(self, now: float) -> LoopStep | None:
         """Run one step at `now`; return None before the first measurement."""
         if not self.has_measure:
             self._origin = self._last = now
             return None
-        holds = self.is_stale(now)
+        holds = now - self._measured_at > self.measure_timeout
         if holds:
             self._origin += now - self._last
         else:
@@ -218,7 +208,9 @@ class ClosedLoop(RobotNode):
     def _begin(self, robot: RobotDescription) -> None:
         rest = effector_rest(robot)
         defaults = LoopSettings(robot=self.robot_parameter, height=float(rest[2] + MAZE_LIFT_M))
-        self._live = LiveParameters(self, defaults, check=_check, apply=self._retune)
+        self._live = LiveParameters(
+            self, defaults, check=lambda _, settings: settings.gains, apply=self._retune
+        )
         start = self._live.values
         self._position = np.array([rest[0], rest[1], start.height])
         self._turn = 0.0
@@ -238,15 +230,16 @@ class ClosedLoop(RobotNode):
         self._task = start.task
         self._inverse = InverseSwitch(self, lambda _: None, self.get_logger().warning)
         self._follows = self._task == LEAVE
-        self.create_service(SetBool, "~/enable", plant.switch(self.enable))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / start.rate, self._tick, clock=steady)
-        self.create_timer(1.0, self._report, clock=steady)
+        self.create_service(SetBool, "~/enable", answering(self.enable))
+        steady_timer(self, 1.0 / start.rate, self._tick)
+        steady_timer(self, 1.0, self._report)
         self._state_topics = StateTopics(
             self,
             {
                 "closed_loop/enabled": lambda: Bool(data=self._enabled),
-                "closed_loop/reference": self._reference,
+                "closed_loop/reference": lambda: Vector3(
+                    x=float(self._loop.reference[0]), y=float(self._loop.reference[1])
+                ),
             },
         )
         if start.enabled:
@@ -271,26 +264,20 @@ class ClosedLoop(RobotNode):
         waits = enabled and not self._loop.has_measure
         return f"waiting for {self._source}" if waits else "on" if enabled else "off: no goals are given"
 
-    def _reference(self) -> Vector3:
-        x, y = map(float, self._loop.reference)
-        return Vector3(x=x, y=y)
-
     # --- messages -------------------------------------------------------------------------------------
 
     def _on_tilts(self, message: Vector3Stamped) -> None:
-        try:
-            if message.header.frame_id:
-                check_frame("tilt reference", message.header.frame_id, self.frames)
-            self._loop.reference = reference_tilts(message)
-        except CommandError as error:
-            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
+        if message.header.frame_id:
+            check_frame("tilt reference", message.header.frame_id, self.frames)
+        tilts = np.array([message.vector.x, message.vector.y])
+        if not np.isfinite(tilts).all():
+            raise CommandError(
+                f"tilt reference refused: {tilts.tolist()} rad is not finite; nothing was changed"
+            )
+        self._loop.reference = tilts
 
     def _on_reference(self, message: PoseStamped) -> None:
-        try:
-            pose = checked_pose(message, world_frames(self.frames), "reference")
-        except CommandError as error:
-            self.get_logger().warning(str(error), throttle_duration_sec=1.0)
-            return
+        pose = checked_pose(message, self.frames, "reference")
         tilts = tilts_of(rotation_of(pose.quaternion_xyzw))
         self._position, self._turn = pose.position, tilts.turn
         self._loop.reference = np.array([tilts.x, tilts.y])
@@ -344,14 +331,9 @@ class ClosedLoop(RobotNode):
         orientation = quaternion_of(tilt_rotation(step.command[0], step.command[1], self._turn))
         stamp = self.get_clock().now().to_msg()
         self._goals.publish(pose_stamped(stamp, WORLD, self._position, orientation))
-        if not step.holds:
-            self._write(step)
-
-    def _write(self, step: LoopStep) -> None:
-        """Write a row of the log, in which x is this node's y axis, and z its x axis."""
-        if self._log is None:
+        if step.holds or self._log is None:
             return
-        try:
+        try:  # in the log, x is this node's y axis, and z its x axis
             self._log.write(step.time, step.reference[::-1], step.command[::-1], step.measure[::-1])
         except OSError as error:
             self.get_logger().error(f"{self._log.file} is not written any more: {error.strerror}")
@@ -373,11 +355,6 @@ class ClosedLoop(RobotNode):
             values["time_s"] = step.time
         level, message = (WARN, self._said) if self._enabled and self._said else (OK, state)
         self._publish_health(level, message, values)
-
-
-def _check(_: frozenset[str], settings: LoopSettings) -> None:
-    """Raise if the gains do not fit together."""
-    _gains = settings.gains
 
 
 PROGRAM = Program(

@@ -9,7 +9,7 @@ from array import array
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias, TypeVar
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 from rclpy.node import Node
@@ -21,7 +21,7 @@ from softsim_core.base import Array, CommandError, SoftSimError, listing
 from softsim_core.control.inverse import InverseController, InverseReport
 from softsim_core.physics.mechanics import Pose
 from softsim_core.scene import InverseSettings, JointDescription
-from softsim_node import NEWEST_ONLY, WorkQueue, ending
+from softsim_node import NEWEST_ONLY, OwnerThread, in_thread
 from softsim_ros.nodes.inverse.plant import SILENT_AFTER_S, Feedback, Plant, off_command
 from softsim_ros.nodes.simulator import Pacer, RateGate, SpeedMeter
 
@@ -30,12 +30,7 @@ STUCK_AFTER_S: Final = 1.0
 
 
 class FollowingCheck:
-    """Checks whether the joints of a robot under control follow their commands.
-
-    Args:
-        joints: Joints with their limits.
-        now: Steady clock in [s].
-    """
+    """Checks whether the joints of a robot under control follow their commands."""
 
     def __init__(self, joints: Sequence[JointDescription], now: float) -> None:
         self._joints = joints
@@ -75,9 +70,7 @@ class CommandsOut:
     """Publishes commands and detects commands of other publishers.
 
     Args:
-        node: Owner of the publisher and the subscription.
         writer: Name of the controller in messages.
-        is_on: Returns whether it is on.
         refuse: Called in the node's executor with a message for every foreign command while it is on.
 
     Attributes:
@@ -111,7 +104,6 @@ class CommandsOut:
 
 
 Mode: TypeAlias = Literal["off", "on", "holding"]
-Result = TypeVar("Result")
 
 DISABLED = "goal ignored: inverse control is off; call ~/enable first"
 
@@ -141,11 +133,10 @@ class ControlStatus:
     late_s: float = 0.0
 
 
-class ControlThread:
-    """Thread that owns an inverse controller once started; other threads may access it only through `call`.
+class ControlThread(OwnerThread):
+    """Thread that owns an inverse controller, which is off at first; other threads send it requests.
 
     Args:
-        controller: The model and its control law.
         joints: Joints of the robot, in command order.
         dt: Time from tick to tick in [s].
         publish: Called in the thread with every command, shape (j,), and with the model's pose.
@@ -169,7 +160,7 @@ class ControlThread:
         self.settings = controller.settings
         self._goal: Pose | None = None
         self._goal_lock = threading.Lock()
-        self._requests = WorkQueue("inverse control", "one tick", lambda: self.is_alive)
+        super().__init__("inverse control", "inverse control", "one tick")
         self._pacer, self._gate = Pacer(), RateGate(1.0)
         self._meter = SpeedMeter(dt, time.monotonic())
         self._mode: Mode = "off"
@@ -181,26 +172,8 @@ class ControlThread:
         self._stages_ms: tuple[tuple[str, float], ...] = ()
         self._report: InverseReport | None = None
         self.status = ControlStatus()
-        self._thread = threading.Thread(target=self._run, name="inverse control", daemon=True)
 
     # --- from any thread ------------------------------------------------------------------------------
-
-    def start(self) -> None:
-        """Start the thread; control is off."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop after the tick in progress and join the thread, see `ending.wait_for`.
-
-        A second call does nothing.
-        """
-        self._requests.ask_to_end()
-        ending.wait_for(self._thread)
-
-    @property
-    def is_alive(self) -> bool:
-        """Whether the thread runs."""
-        return self._thread.is_alive()
 
     def set_goal(self, goal: Pose) -> None:
         """Set the goal for the next tick; it replaces an earlier one.
@@ -213,17 +186,7 @@ class ControlThread:
         with self._goal_lock:
             self._goal = goal
 
-    def call(self, action: Callable[[InverseController], Result]) -> Result:
-        """Run an action on the controller between two ticks and wait for its result.
-
-        Args:
-            action: Called with the controller; its exceptions are raised here.
-
-        Raises:
-            SoftSimError: the thread has ended, or is stuck in one tick for longer than REQUEST_TIMEOUT_S.
-        """
-        return self._requests.ask(lambda: action(self._controller))
-
+    @in_thread
     def enable(self, base_shift: float) -> None:
         """Start control from the present joint positions; the goal is the effector's pose at that time.
 
@@ -234,63 +197,50 @@ class ControlThread:
             CommandError: no joint states are known, or the robot is not the model's.
             SoftSimError: the model cannot be brought there.
         """
+        if self._mode != "off":
+            return
+        if self._foreign:
+            raise CommandError(f"inverse control stays off: {self._foreign}")
+        now, plant = time.monotonic(), self.plant
+        if plant.joints is None or plant.is_silent(now):
+            what = "yet" if plant.joints is None else f"for {now - plant.joints_at:.0f} s"
+            raise CommandError(
+                f"not enabled: no joint states received {what}; start the simulator, or on a bare robot "
+                "the servo bridge (it must be sending)"
+            )
+        self._base_shift = base_shift if plant.base_shift is None else plant.base_shift
+        self._controller.start(plant.joints, self._base_shift)
+        with self._goal_lock:
+            self._goal = None
+        self._command = self._report = None
+        self._following = FollowingCheck(self._joints, time.monotonic())
+        self._pacer.start()
+        self._meter.take(time.monotonic())
+        self._mode = "on"
+        self._show()
 
-        def begin(controller: InverseController) -> None:
-            if self._mode != "off":
-                return
-            if self._foreign:
-                raise CommandError(f"inverse control stays off: {self._foreign}")
-            now, plant = time.monotonic(), self.plant
-            if plant.joints is None or plant.is_silent(now):
-                what = "yet" if plant.joints is None else f"for {now - plant.joints_at:.0f} s"
-                raise CommandError(
-                    f"not enabled: no joint states received {what}; start the simulator, or on a bare robot "
-                    "the servo bridge (it must be sending)"
-                )
-            self._base_shift = base_shift if plant.base_shift is None else plant.base_shift
-            controller.start(plant.joints, self._base_shift)
-            with self._goal_lock:
-                self._goal = None
-            self._command = self._report = None
-            self._following = FollowingCheck(self._joints, time.monotonic())
-            self._pacer.start()
-            self._meter.take(time.monotonic())
-            self._mode = "on"
-            self._show()
-
-        self.call(begin)
-
+    @in_thread
     def tune(self, settings: InverseSettings) -> None:
         """Set other weights, gains and tolerances; limits stay as they were at the start."""
+        self._controller.settings = self.settings = settings
 
-        def change(controller: InverseController) -> None:
-            controller.settings = self.settings = settings
-
-        self.call(change)
-
+    @in_thread
     def set_foreign(self, message: str) -> None:
-        """Switch off while the robot differs from the model; an empty `message` allows control again.
+        """Switch off while the robot differs from the model as `message` says; empty: it does not."""
+        self._foreign = message
+        if message and self._mode != "off":
+            self._end(f"inverse control is off: {message}")
 
-        Args:
-            message: Message that says how they differ.
-        """
-
-        def stay_off(_: InverseController) -> None:
-            self._foreign = message
-            if message and self._mode != "off":
-                self._end(f"inverse control is off: {message}")
-
-        self.call(stay_off)
-
+    @in_thread
     def disable(self) -> None:
         """Stop control; nothing is published afterwards."""
-        self.call(lambda _: self._stop(""))
+        self._stop("")
 
     # --- in the thread --------------------------------------------------------------------------------
 
     def _run(self) -> None:
         delay: float | None = None
-        while self._requests.serve(delay, lambda: self._mode):
+        while self.serve(delay, lambda: self._mode):
             if self._mode == "off":
                 delay = None
                 continue

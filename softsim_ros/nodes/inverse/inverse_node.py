@@ -9,14 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool
 
 from softsim_core import RobotDescription
-from softsim_core.base import Array, CommandError, SceneError
+from softsim_core.base import Array, SceneError
 from softsim_core.control.inverse import InverseController
 from softsim_core.physics.mechanics import Pose
 from softsim_node import (
@@ -27,12 +25,13 @@ from softsim_node import (
     LiveParameters,
     Program,
     StateTopics,
+    answering,
     ending,
     run_node,
+    steady_timer,
 )
 from softsim_ros import FrameSettings, JointReader, JointStates, RobotNode
 from softsim_ros.messages import pose_stamped
-from softsim_ros.nodes.inverse import plant
 from softsim_ros.nodes.inverse.control_thread import CommandsOut, ControlThread
 from softsim_ros.nodes.inverse.inverse_switch import health
 from softsim_ros.nodes.inverse.parameters import ControllerSettings
@@ -41,7 +40,6 @@ from softsim_ros.nodes.inverse.plant import (
     SimulatedRobot,
     checked_pose,
     unit_quaternion,
-    world_frames,
 )
 from softsim_ros.nodes.simulator import RateGate
 
@@ -72,13 +70,12 @@ class InverseControl(RobotNode):
         self._live = LiveParameters(
             self,
             ControllerSettings.of(robot, self.robot_parameter),
-            check=self._check,
+            check=lambda _, settings: settings.over(self._description.inverse),
             apply=self._retune,
         )
         start = self._live.values
         self._description = robot = dataclasses.replace(robot, inverse=start.over(robot.inverse))
         self.get_logger().info(f"building the model of {robot.name}")
-        self._goal_frames = world_frames(self.frames)
         self._joint_reader = JointReader(robot.joints, self.refuse)
         self._model_gate = RateGate(MODEL_POSE_PERIOD_S)
         self._commands = CommandsOut(self, "inverse control", lambda: self._enabled, self.refuse)
@@ -98,8 +95,8 @@ class InverseControl(RobotNode):
         self.create_subscription(Imu, "imu", self._on_imu, MEASURED)
         SimulatedRobot(self, self._on_other_robot, self.refuse)
         self.create_subscription(PoseStamped, "effector_goal", self._on_goal, NEWEST_ONLY)
-        self.create_service(SetBool, "~/enable", plant.switch(self.enable))
-        self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_service(SetBool, "~/enable", answering(self.enable))
+        steady_timer(self, 1.0, self._report)
         self._control.start()
         self._state_topics = StateTopics(
             self, {"inverse_controller/enabled": lambda: Bool(data=self._enabled)}
@@ -134,7 +131,7 @@ class InverseControl(RobotNode):
 
     def _on_base_shift(self, message: Float64) -> None:
         if np.isfinite(message.data):
-            self.control.plant = self.control.plant.with_base_shift(message.data)
+            self.control.plant = dataclasses.replace(self.control.plant, base_shift=message.data)
 
     def _on_other_robot(self, message: str) -> None:
         was_on = self._enabled
@@ -144,28 +141,17 @@ class InverseControl(RobotNode):
         self._state_topics.refresh()
 
     def _on_effector(self, message: PoseStamped) -> None:
-        try:
-            pose = checked_pose(message, self._goal_frames, "effector_pose")
-        except CommandError as error:
-            self.refuse(str(error))
-        else:
-            self.control.plant = self.control.plant.with_effector(pose, time.monotonic())
+        pose = checked_pose(message, self.frames, "effector_pose")
+        self.control.plant = self.control.plant.with_effector(pose, time.monotonic())
 
     def _on_imu(self, message: Imu) -> None:
-        try:
-            turn = unit_quaternion(message.orientation, "imu")
-        except CommandError as error:
-            self.refuse(str(error))
-        else:
-            self.control.plant = self.control.plant.with_imu(turn, time.monotonic())
+        turn = unit_quaternion(message.orientation, "imu")
+        self.control.plant = self.control.plant.with_imu(turn, time.monotonic())
 
     # --- goals and commands ---------------------------------------------------------------------------
 
     def _on_goal(self, message: PoseStamped) -> None:
-        try:
-            self.control.set_goal(checked_pose(message, self._goal_frames, "goal"))
-        except CommandError as error:
-            self.refuse(str(error))
+        self.control.set_goal(checked_pose(message, self.frames, "goal"))
 
     def _publish(self, command: Array, model: Pose) -> None:
         """Publish a command and periodically the model's pose; called from the control thread."""
@@ -198,9 +184,6 @@ class InverseControl(RobotNode):
             self._report()
 
     # --- parameters, diagnostics ----------------------------------------------------------------------
-
-    def _check(self, _: frozenset[str], settings: ControllerSettings) -> None:
-        settings.over(self._description.inverse)
 
     def _retune(self, _: frozenset[str], settings: ControllerSettings) -> None:
         tuned = settings.over(self._description.inverse)

@@ -65,9 +65,7 @@ class InverseSwitch:
     """Follows and switches the `inverse_controller` of a node's namespace, without ever blocking.
 
     Args:
-        node: Its executor delivers the responses.
         changed: Called with True or False when the controller goes on or off.
-        warn: Called with a message when a call fails.
 
     Attributes:
         is_on: Whether it controls; False while it does not run.

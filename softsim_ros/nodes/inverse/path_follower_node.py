@@ -37,12 +37,13 @@ from softsim_node import (
     Program,
     RobotFrames,
     StateTopics,
+    answering,
     parameter,
     run_node,
+    steady_timer,
 )
 from softsim_ros import FrameSettings, RobotNode, RobotSettings
 from softsim_ros.messages import OK, WARN, pose_stamped
-from softsim_ros.nodes.inverse import plant
 from softsim_ros.nodes.inverse.inverse_switch import InverseSwitch
 from softsim_ros.nodes.inverse.parameters import TASKS
 from softsim_ros.nodes.inverse.plant import FARTHEST_M, check_frame, effector_rest
@@ -232,16 +233,15 @@ class PathFollower(RobotNode):
                 "path_follower/enabled": lambda: Bool(data=self._enabled),
                 "path_follower/playing": lambda: Bool(data=self._player.state == "running"),
                 "path_follower/paused": lambda: Bool(data=self._player.state == "paused"),
-                "path_follower/file": lambda: String(data=self._played_file),
+                "path_follower/file": lambda: String(data=self._file if self._received is None else ""),
             },
         )
-        self.create_service(Trigger, "~/start", plant.trigger(self.start))
-        self.create_service(SetBool, "~/pause", plant.switch(self.pause))
-        self.create_service(SetBool, "~/enable", plant.switch(self.enable))
+        self.create_service(Trigger, "~/start", answering(self.start))
+        self.create_service(SetBool, "~/pause", answering(self.pause))
+        self.create_service(SetBool, "~/enable", answering(self.enable))
         self.create_timer(GOAL_PERIOD_S, self._tick, clock=self._path_clock)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(PROGRESS_PERIOD_S, self._publish_progress, clock=steady)
-        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        steady_timer(self, PROGRESS_PERIOD_S, self._publish_progress)
+        steady_timer(self, 1.0, self._publish_diagnostics)
         if self._file:
             path = read_path(self._file, self._rest)
             self.get_logger().info(f"path {self._file}: {path.duration:g} s; call {NODE_NAME}/start")
@@ -275,8 +275,7 @@ class PathFollower(RobotNode):
             if self._live.values.enable_inverse:
                 self._warn(f"no node serves {self._inverse.service}: the goals are sent all the same")
             return _describe_start(path)
-        task = self._task()
-        if task:
+        if task := self._task():
             self._inverse.follow(task)
         if self._inverse.is_on or not self._live.values.enable_inverse:
             self._begin_path(path)
@@ -317,11 +316,6 @@ class PathFollower(RobotNode):
         self._before_silence = None
         self._ticked_at = self._now()
         self._state_topics.refresh()
-
-    @property
-    def _played_file(self) -> str:
-        """Name of the file with the path to play; empty if there is none or the path came as a message."""
-        return self._file if self._received is None else ""
 
     def _check_enabled(self) -> None:
         if not self._enabled:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Quaternion as QuaternionMessage
 from rclpy.node import Node
 from std_msgs.msg import String
-from std_srvs.srv import SetBool, Trigger
 
 from softsim_core.base import Array, CommandError, SceneError, SoftSimError, listing
 from softsim_core.physics.contact import ContactSettings
@@ -20,34 +19,7 @@ from softsim_core.scene import JointDescription, RobotDescription, SceneDescript
 from softsim_core.scene.building import with_rest_frames
 from softsim_core.scene.io import shorten
 from softsim_node import LATCHED, WORLD, RobotFrames
-from softsim_ros.messages import SceneMessage, read_scene_message
-
-
-def trigger(action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-    """Return a callback of a Trigger service; an error of this project sets success to false."""
-
-    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return _fill_response(response, action)
-
-    return answer
-
-
-def switch(action: Callable[[bool], str]) -> Callable[[SetBool.Request, SetBool.Response], SetBool.Response]:
-    """Return a callback of a SetBool service; an error of this project sets success to false."""
-
-    def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        return _fill_response(response, lambda: action(bool(request.data)))
-
-    return answer
-
-
-def _fill_response(response: Any, action: Callable[[], str]) -> Any:
-    try:
-        response.success, response.message = True, action()
-    except SoftSimError as error:
-        response.success, response.message = False, str(error)
-    return response
-
+from softsim_ros.messages import read_scene_message
 
 FARTHEST_M = 1000.0
 """Largest distance of a goal from the origin along each axis, in [m]."""
@@ -56,20 +28,26 @@ NORM_TOLERANCE = 0.1
 """Largest deviation of a quaternion's norm from 1."""
 
 
-def checked_pose(message: PoseStamped, frames: Sequence[str], what: str) -> Pose:
-    """Return the pose in a message, in the world.
+def check_frame(what: str, frame: str, frames: RobotFrames) -> None:
+    """Refuse a message in another frame than the world or the robot's base, which is at the world's origin.
 
-    Args:
-        message: Position in [m] and quaternion; a quaternion of four zeros stands for no rotation.
-        frames: Allowed frames; all of them coincide with the world.
-        what: Name of the pose in the message of a refusal.
+    Raises:
+        CommandError: lists the allowed frames; `what` names the message.
+    """
+    allowed = (WORLD, frames.base)
+    if frame not in allowed:
+        raise CommandError(
+            f"{what} refused: unknown frame_id {shorten(frame)!r}; allowed: {listing(allowed)}"
+        )
+
+
+def checked_pose(message: PoseStamped, frames: RobotFrames, what: str) -> Pose:
+    """Return the pose in a message, in the world; see `check_frame` and `unit_quaternion`.
 
     Raises:
         CommandError: unknown frame, a position that is not finite or too far away, or no rotation.
     """
-    frame = message.header.frame_id
-    if frame not in frames:
-        raise CommandError(f"{what} refused: unknown frame_id {shorten(frame)!r}; allowed: {listing(frames)}")
+    check_frame(what, message.header.frame_id, frames)
     place = message.pose.position
     position = np.array([place.x, place.y, place.z])
     if not (np.abs(position) <= FARTHEST_M).all():  # also catches NaN
@@ -103,10 +81,8 @@ class SimulatedRobot:
     The first scene received counts as the model's, since a model may be coarser than the simulated scene.
 
     Args:
-        node: Its executor delivers the messages.
         changed: Called with a message when another robot is loaded, and with an empty text when the first is
             back.
-        refuse: Called with the reason why a message cannot be read.
     """
 
     def __init__(self, node: Node, changed: Callable[[str], None], refuse: Callable[[str], None]) -> None:
@@ -128,7 +104,14 @@ class SimulatedRobot:
         mechanics = mechanics_of(scene.robot)
         if self._first is None:
             self._first = mechanics
-        before, self._problem = self._problem, "" if mechanics == self._first else _other(scene)
+        before, source = self._problem, scene.robot.source
+        self._problem = (
+            ""
+            if mechanics == self._first
+            else "the simulator runs another robot now "
+            f"({scene.robot.name if source is None else source.stem}) than the one that the model was made "
+            "of; load that again, or restart inverse control"
+        )
         if self._problem != before:
             self._changed(self._problem)
 
@@ -138,14 +121,6 @@ def mechanics_of(robot: RobotDescription) -> SceneDescription:
     alone = robot.robot_alone().scene
     bodies = tuple(replace(body, surface=None, colour=_NO_COLOUR) for body in alone.bodies)
     return replace(alone, name="robot", bodies=bodies, contact=ContactSettings())
-
-
-def _other(scene: SceneMessage) -> str:
-    source = scene.robot.source
-    return (
-        f"the simulator runs another robot now ({scene.robot.name if source is None else source.stem}) than "
-        "the one that the model was made of; load that again, or restart inverse control"
-    )
 
 
 Feedback: TypeAlias = Literal["none", "effector_pose", "imu"]
@@ -190,10 +165,6 @@ class Plant:
     def with_joints(self, positions: Array, now: float) -> Plant:
         """Return the plant with a new measurement of its joints; one that is not finite is ignored."""
         return replace(self, joints=positions, joints_at=now) if np.isfinite(positions).all() else self
-
-    def with_base_shift(self, shift: float) -> Plant:
-        """Return the plant with a new shift of the joint bases, in [m]."""
-        return replace(self, base_shift=shift)
 
     def with_effector(self, pose: Pose, now: float) -> Plant:
         """Return the plant with a new measurement of its effector at `now` [s]."""
@@ -258,21 +229,3 @@ def effector_rest(robot: RobotDescription) -> Array:
         if attachment.name == robot.scene.effector and attachment.frame is not None:
             return np.array(attachment.frame.translation)
     raise SceneError(f"{robot.name} has no effector: add `effector: NAME` of a free attachment to its file")
-
-
-def world_frames(frames: RobotFrames) -> tuple[str, str]:
-    """Return the allowed frames of goals: the world, and the robot's base, which is at the world's origin."""
-    return (WORLD, frames.base)
-
-
-def check_frame(what: str, frame: str, frames: RobotFrames) -> None:
-    """Refuse a message in a frame that is not one of `world_frames`.
-
-    Raises:
-        CommandError: lists the allowed frames.
-    """
-    allowed = world_frames(frames)
-    if frame not in allowed:
-        raise CommandError(
-            f"{what} refused: unknown frame_id {shorten(frame)!r}; allowed: {listing(allowed)}"
-        )

@@ -7,19 +7,16 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, cast
+from typing import Final
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool, Float32MultiArray, Float64, String
 from std_srvs.srv import Trigger
 
 from softsim_core import RobotDescription
-from softsim_core.base import Array, CommandError, ConfigError, SolverDivergedError
+from softsim_core.base import Array, ConfigError, SolverDivergedError
 from softsim_core.control.observer import (
     Estimate,
     Observer,
@@ -38,14 +35,16 @@ from softsim_node import (
     Program,
     RobotFrames,
     StateTopics,
+    answering,
     declare,
     ending,
     parameter,
     run_node,
+    steady_timer,
 )
 from softsim_ros import FrameSettings, JointReader, RobotNode, RobotSettings
 from softsim_ros.messages import OK, WARN, header, message_array, pose_stamped
-from softsim_ros.nodes.inverse import FARTHEST_M, check_frame, checked_pose, unit_quaternion, world_frames
+from softsim_ros.nodes.inverse import FARTHEST_M, check_frame, checked_pose, unit_quaternion
 from softsim_ros.nodes.simulator import Publications
 
 EFFECTOR: Final = "effector"
@@ -186,19 +185,19 @@ class ObserverNode(RobotNode):
         self._estimate: Estimate | None = None
         self._tick_ms = 0.0
         self._reader = JointReader(robot.joints, self.refuse)
-        below = cast(Node, _Below(self))
         frames = RobotFrames(self.frames.of(f"{NODE_NAME}/"))
-        self._publications = Publications(below, self._observer.model, frames, mesh_rate=values.mesh_rate)
+        self._publications = Publications(
+            self, self._observer.model, frames, mesh_rate=values.mesh_rate, below="~/"
+        )
         self._believed = self.create_publisher(
             PoseWithCovarianceStamped, "~/effector_pose_with_covariance", 5
         )
         self._wrench = self.create_publisher(WrenchStamped, "~/contact_wrench", 5)
         self._deviation = self.create_publisher(Float32MultiArray, "~/mesh/deviation", NEWEST_ONLY)
         self._subscribe(values)
-        self.create_service(Trigger, "~/forget", self._on_forget)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(self._observer.dt, self._tick, clock=steady)
-        self.create_timer(REPORT_S, self._report, clock=steady)
+        self.create_service(Trigger, "~/forget", answering(self._forget))
+        steady_timer(self, self._observer.dt, self._tick)
+        steady_timer(self, REPORT_S, self._report)
         self._state_topics = StateTopics(
             self,
             {
@@ -249,28 +248,16 @@ class ObserverNode(RobotNode):
             self._base_shift = message.data
 
     def _on_pose(self, message: PoseStamped) -> None:
-        try:
-            self._measured[EFFECTOR] = checked_pose(message, world_frames(self.frames), "measured pose")
-        except CommandError as error:
-            self.refuse(str(error))
+        self._measured[EFFECTOR] = checked_pose(message, self.frames, "measured pose")
 
     def _on_imu(self, message: Imu) -> None:
         if message.orientation_covariance[0] == -1.0:
             self.refuse("imu refused: it has no orientation (its first covariance is -1)")
             return
-        try:
-            turn = unit_quaternion(message.orientation, "imu")
-        except CommandError as error:
-            self.refuse(str(error))
-        else:
-            self._measured[IMU] = Pose(np.full(3, np.nan), turn)
+        self._measured[IMU] = Pose(np.full(3, np.nan), unit_quaternion(message.orientation, "imu"))
 
     def _on_markers(self, message: PoseArray) -> None:
-        try:
-            check_frame("markers", message.header.frame_id, self.frames)
-        except CommandError as error:
-            self.refuse(str(error))
-            return
+        check_frame("markers", message.header.frame_id, self.frames)
         if len(message.poses) != self._markers:
             self.refuse(
                 f"markers refused: {len(message.poses)} places for {self._markers} markers (parameter "
@@ -282,10 +269,9 @@ class ObserverNode(RobotNode):
             if (np.abs(place) <= FARTHEST_M).all():  # otherwise the marker is not visible
                 self._measured[f"{MARKER}{number}"] = place
 
-    def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _forget(self) -> str:
         self._running = False
-        response.success, response.message = True, "what was learned is forgotten; the observer restarts"
-        return response
+        return "what was learned is forgotten; the observer restarts"
 
     # --- time -----------------------------------------------------------------------------------------
 
@@ -348,19 +334,6 @@ class ObserverNode(RobotNode):
             details |= {f"offset_{name}": float(x) for name, x in zip(names, offsets, strict=True)}
         well = self._verdict in ("good", "learning")
         self._publish_health(OK if well else WARN, self._message or self._verdict, details)
-
-
-class _Below:
-    """A node whose relative topics are below its own name, so that they differ from the robot's."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._node, name)
-
-    def create_publisher(self, kind: Any, topic: str, qos: Any) -> Any:
-        return self._node.create_publisher(kind, topic if topic.startswith("/") else f"~/{topic}", qos)
 
 
 PROGRAM = Program(

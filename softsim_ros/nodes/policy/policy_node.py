@@ -20,7 +20,18 @@ from softsim_core import RobotDescription
 from softsim_core.base import Array, CommandError, ConfigError, PolicyError
 from softsim_core.lab.learning import load_policy
 from softsim_core.physics.mechanics import Pose, rotation_of
-from softsim_node import LATCHED, MEASURED, NEWEST_ONLY, Program, StateTopics, declare, parameter, run_node
+from softsim_node import (
+    LATCHED,
+    MEASURED,
+    NEWEST_ONLY,
+    Program,
+    StateTopics,
+    answering,
+    declare,
+    parameter,
+    run_node,
+    steady_timer,
+)
 from softsim_ros import FrameSettings, JointReader, JointStates, RobotNode, RobotSettings, StateListener
 from softsim_ros.messages import OK, WARN
 from softsim_ros.nodes.inverse import (
@@ -28,8 +39,6 @@ from softsim_ros.nodes.inverse import (
     SimulatedRobot,
     check_frame,
     checked_pose,
-    plant,
-    world_frames,
 )
 
 
@@ -54,21 +63,32 @@ class LatestReadings:
     Args:
         asks: Names of the values that the policy observes, see Senses.
         goal_size: Number of components of a goal.
+
+    Attributes:
+        has_goal: Whether the goal is known; True if the task has no goal.
     """
+
+    joint_positions: Array
+    joint_efforts: Array
+    effector_position: Array
+    effector_rotation: Array
+    effector_rate: Array
+    effector_force: Array
+    thing_position: Array
 
     def __init__(self, asks: Sequence[str], goal_size: int) -> None:
         self._asks = asks
-        self._values: dict[str, Array] = {}
         self._at: dict[str, float] = {}
-        self._goal_size = goal_size
-        self._goal: Array | None = None
         self.commands = np.zeros((1, 0))
+        self.goals = np.zeros((1, 0))
+        self.has_goal = not goal_size
 
     def take(self, name: str, value: Array, now: float) -> bool:
         """Store a value that arrived at `now` in [s]. Return False if it is not finite and was ignored."""
         if not np.isfinite(value).all():
             return False
-        self._values[name], self._at[name] = value[None], now
+        setattr(self, name, value[None])
+        self._at[name] = now
         return True
 
     def take_pose(self, pose: Pose, now: float) -> None:
@@ -76,60 +96,13 @@ class LatestReadings:
         self.take("effector_position", pose.position, now)
         self.take("effector_rotation", rotation_of(pose.quaternion_xyzw), now)
 
-    def aim(self, goal: Array | None) -> None:
-        """Set the goal, shape (g,); None if there is no goal yet."""
-        self._goal = goal
+    def aim(self, goal: Array) -> None:
+        """Set the goal, shape (g,)."""
+        self.goals, self.has_goal = goal[None], True
 
     def missing(self, now: float, timeout: float) -> list[str]:
         """Return the names of the values that did not arrive within `timeout` before `now`, both in [s]."""
         return [name for name in self._asks if not now - self._at.get(name, -np.inf) <= timeout]
-
-    @property
-    def has_goal(self) -> bool:
-        """Whether the goal is known; True if the task has no goal."""
-        return self._goal is not None or not self._goal_size
-
-    # --- Senses ---------------------------------------------------------------------------------------
-
-    @property
-    def joint_positions(self) -> Array:
-        """Joint positions in [rad] or [m], shape (1, j)."""
-        return self._values["joint_positions"]
-
-    @property
-    def joint_efforts(self) -> Array:
-        """Joint efforts in [N m] or [N], shape (1, j)."""
-        return self._values["joint_efforts"]
-
-    @property
-    def effector_position(self) -> Array:
-        """Position of the effector in [m], shape (1, 3)."""
-        return self._values["effector_position"]
-
-    @property
-    def effector_rotation(self) -> Array:
-        """Rotation matrix of the effector, shape (1, 3, 3)."""
-        return self._values["effector_rotation"]
-
-    @property
-    def effector_rate(self) -> Array:
-        """Angular rate of the effector in its own axes in [rad/s], as from an IMU, shape (1, 3)."""
-        return self._values["effector_rate"]
-
-    @property
-    def effector_force(self) -> Array:
-        """Specific force of the effector in its own axes in [m/s^2], as from an IMU, shape (1, 3)."""
-        return self._values["effector_force"]
-
-    @property
-    def thing_position(self) -> Array:
-        """Position of the task's rigid body in [m], shape (1, 3)."""
-        return self._values["thing_position"]
-
-    @property
-    def goals(self) -> Array:
-        """Goal of the task, shape (1, g)."""
-        return np.zeros((1, 0)) if self._goal is None else self._goal[None]
 
 
 NODE_NAME: Final = "policy"
@@ -175,16 +148,14 @@ class PolicyNode(RobotNode):
         self._other_robot = ""
         self._base_shift = self._robot_shift
         self._joint_reader = JointReader(robot.joints, self.refuse)
-        self._goal_frames = world_frames(self.frames)
         self._commands = CommandsOut(self, "the policy", lambda: self._enabled, self.refuse)
         self._subscribe(task.asks, bool(task.goal_size))
         self._inverse = StateListener(self, "inverse_controller/enabled")
-        self.create_service(SetBool, "~/enable", plant.switch(self.enable))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_service(SetBool, "~/enable", answering(self.enable))
         simulated = bool(self.get_parameter("use_sim_time").value)
-        clock = self.get_clock() if simulated else steady
+        clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / self._policy.rate, self._tick, clock=clock)
-        self.create_timer(1.0, self._report, clock=steady)
+        steady_timer(self, 1.0, self._report)
         self._state_topics = StateTopics(self, {"policy/enabled": lambda: Bool(data=self._enabled)})
         self.get_logger().info(
             f"{self._policy.name} at {self._policy.rate:g} Hz for {robot.name}; "
@@ -238,7 +209,12 @@ class PolicyNode(RobotNode):
 
     def _obstacle(self) -> str:
         """Return why the policy may not drive now: `_another`, else missing measurements; empty if it may."""
-        return self._another() or self._unheard()
+        if another := self._another():
+            return another
+        if missing := self._latest.missing(time.monotonic(), self._timeout):
+            topics = ", ".join(dict.fromkeys(TOPIC_OF[name] for name in missing))
+            return f"nothing arrived within {self._timeout:g} s on {topics}"
+        return ""
 
     def _another(self) -> str:
         """Return why the policy must not drive this robot, or not at present; an empty string if it may.
@@ -256,14 +232,6 @@ class PolicyNode(RobotNode):
             return "inverse control is on, and there is one writer at a time; disable it"
         return ""
 
-    def _unheard(self) -> str:
-        """Return a message about values that did not arrive recently; an empty string if all did."""
-        missing = self._latest.missing(time.monotonic(), self._timeout)
-        if missing:
-            topics = ", ".join(dict.fromkeys(TOPIC_OF[name] for name in missing))
-            return f"nothing arrived within {self._timeout:g} s on {topics}"
-        return ""
-
     # --- messages -------------------------------------------------------------------------------------
 
     def _take_joints(self, message: JointState) -> None:
@@ -277,12 +245,8 @@ class PolicyNode(RobotNode):
                 self.refuse(f"joint states with {name} that are not finite are not used")
 
     def _on_effector(self, message: PoseStamped) -> None:
-        try:
-            pose = checked_pose(message, self._goal_frames, "effector_pose")
-        except CommandError as error:
-            self.refuse(str(error))
-        else:
-            self._latest.take_pose(pose, time.monotonic())
+        pose = checked_pose(message, self.frames, "effector_pose")
+        self._latest.take_pose(pose, time.monotonic())
 
     def _on_imu(self, message: Imu) -> None:
         rate, force, now = message.angular_velocity, message.linear_acceleration, time.monotonic()
@@ -291,20 +255,13 @@ class PolicyNode(RobotNode):
                 self.refuse("imu refused: it has a number that is not finite")
 
     def _on_bodies(self, message: PoseArray) -> None:
-        try:
-            check_frame("bodies/poses", message.header.frame_id, self.frames)
-        except CommandError as error:
-            self.refuse(str(error))
-            return
+        check_frame("bodies/poses", message.header.frame_id, self.frames)
         if self._thing < len(message.poses):
             place = message.poses[self._thing].position
             self._latest.take("thing_position", np.array([place.x, place.y, place.z]), time.monotonic())
 
     def _on_goal(self, message: PoseStamped) -> None:
-        try:
-            self._latest.aim(checked_pose(message, self._goal_frames, "goal").position)
-        except CommandError as error:
-            self.refuse(str(error))
+        self._latest.aim(checked_pose(message, self.frames, "goal").position)
 
     def _on_base_shift(self, message: Float64) -> None:
         if np.isfinite(message.data):
@@ -334,9 +291,8 @@ class PolicyNode(RobotNode):
                 self._stop(f"the policy is off: {error}")
                 return
             self._has_command = True
-        if (
-            self._enabled and self._has_command
-        ):  # without measurements, repeat the last command, so the servos stay
+        if self._enabled and self._has_command:
+            # without measurements the last command is repeated, so the servos stay
             self._commands.publish(self._latest.commands[0])
             self._sent += 1
 

@@ -1,7 +1,4 @@
-"""Subscriptions of the simulator: joint commands, pulls on the body, moved joint bases.
-
-Also the joint states that externally driven joints follow.
-"""
+"""Subscriptions of the simulator: joint commands, pulls, moved joint bases, states of driven joints."""
 
 from __future__ import annotations
 
@@ -9,15 +6,11 @@ import math
 import re
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from geometry_msgs.msg import Wrench, WrenchStamped
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState, MultiDOFJointState
 from std_msgs.msg import Float64MultiArray
@@ -27,7 +20,7 @@ from softsim_core.base import Array, CommandError, SoftSimError
 from softsim_core.physics.mechanics import rotation_of
 from softsim_core.scene.io import MOST_NAMES, names_up_to, shorten
 from softsim_core.simulation import Simulation
-from softsim_node import GuardedNode, LiveParameters, ParameterError, RobotFrames, parameter
+from softsim_node import GuardedNode, LiveParameters, ParameterError, RobotFrames, parameter, steady_timer
 from softsim_ros.messages import read_base_target
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 from softsim_ros.nodes.simulator.setpoints import (
@@ -61,22 +54,14 @@ class Pulls:
 
     The newest message replaces earlier ones. Parameters: `pull_timeout` in [s], after which a force that is
     not sent again is released; `pull_limit` in [N], to which a larger force is reduced.
-
-    Args:
-        node: Owner of the subscription and parameters.
-        physics: The thread that owns the simulation.
-        frames: Names of the robot's frames.
-        warn: Called with the text of each refusal.
     """
 
-    def __init__(
-        self, node: Node, physics: PhysicsThread, frames: RobotFrames, warn: Callable[[str], None]
-    ) -> None:
-        self._physics, self._frames, self._warn = physics, frames, warn
+    def __init__(self, node: GuardedNode, physics: PhysicsThread, frames: RobotFrames) -> None:
+        self._physics, self._frames = physics, frames
         self._live = LiveParameters(node, PullSettings())
         self._received_at: float | None = None
         node.create_subscription(WrenchStamped, "external_wrench", self._on_wrench, 1)
-        node.create_timer(LOOK_PERIOD_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady_timer(node, LOOK_PERIOD_S, self._look)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         force = message.wrench.force
@@ -90,21 +75,29 @@ class Pulls:
             place = simulation.scene.effector or frame if frame == self._frames.effector else frame
             simulation.forces[:] = pulled_nodes(simulation, place, pulling_force)
 
-        try:
-            self._physics.call(pull, shows=False)
-        except CommandError as error:
-            self._warn(str(error))
-        except SoftSimError:  # the physics has ended
-            return
-        else:
+        if change(self._physics, pull):
             self._received_at = time.monotonic()
 
     def _look(self) -> None:
         timeout = self._live.values.pull_timeout
         if self._received_at is not None and time.monotonic() - self._received_at > timeout:
             self._received_at = None
-            with suppress(SoftSimError):
-                self._physics.call(let_go, shows=False)
+            change(self._physics, let_go)
+
+
+def change(physics: PhysicsThread, action: Callable[[Simulation], None]) -> bool:
+    """Change the simulation between two steps; return False if the physics has ended.
+
+    Raises:
+        CommandError: the change is refused.
+    """
+    try:
+        physics.call(action, shows=False)
+    except CommandError:
+        raise
+    except SoftSimError:
+        return False
+    return True
 
 
 def is_turned(wrench: Wrench) -> bool:
@@ -164,29 +157,6 @@ def pulled_nodes(simulation: Simulation, frame: str, force: Array) -> Array:
     )
 
 
-class BaseTargets:
-    """Subscribes to `base_target` and moves the base of a joint in `world`, see messages.base_target.
-
-    Args:
-        node: Owner of the subscription.
-        physics: The thread that owns the simulation.
-        warn: Called with the text of each refusal.
-    """
-
-    def __init__(self, node: Node, physics: PhysicsThread, warn: Callable[[str], None]) -> None:
-        self._physics, self._warn = physics, warn
-        node.create_subscription(MultiDOFJointState, "base_target", self._on_target, 1)
-
-    def _on_target(self, message: MultiDOFJointState) -> None:
-        try:
-            joint, position = read_base_target(message)
-            self._physics.call(lambda simulation: simulation.move_base(joint, position), shows=False)
-        except CommandError as error:
-            self._warn(str(error))
-        except SoftSimError:  # the physics has ended
-            return
-
-
 NAMED_DEPTH: Final = 10
 """Length of the queue of commands by name; each may address other joints, so none replaces another."""
 
@@ -194,10 +164,9 @@ NAMED_DEPTH: Final = 10
 class CommandInputs:
     """Subscribes to joint commands and passes them to the physics; the newest command takes effect.
 
+    `base_target` moves the base of a joint in `world`, see messages.base_target.
+
     Args:
-        node: Owner of the subscriptions.
-        physics: The thread that owns the simulation.
-        joint_names: Returns the names of the robot's joints.
         now_s: Returns the current time in [s], on the clock of the stamps.
         followed: Topic of joint states that joints of the same names follow; empty: none.
 
@@ -217,6 +186,7 @@ class CommandInputs:
         node.create_subscription(Float64MultiArray, "position_controller/commands", self._on_positions, 1)
         node.create_subscription(JointState, "joint_commands", self._on_named, NAMED_DEPTH)
         node.create_subscription(JointTrajectoryMessage, "joint_trajectory", self._on_trajectory, 1)
+        node.create_subscription(MultiDOFJointState, "base_target", self._on_base_target, 1)
         if followed:
             self._follow(followed)
         self.action = TrajectoryAction(node, physics, now_s)
@@ -238,23 +208,18 @@ class CommandInputs:
             if name in joint_names and math.isfinite(position)
         }
         if positions:
-            self._physics.driven.receive(positions, seconds(message.header.stamp))
+            self._physics.commanded.driven.receive(positions, seconds(message.header.stamp))
 
     def _on_positions(self, message: Float64MultiArray) -> None:
-        try:
-            self._physics.command(position_command(message, self._joint_names()))
-        except CommandError as error:
-            self._node.refuse(str(error))
+        self._physics.commanded.command(position_command(message, self._joint_names()))
 
     def _on_named(self, message: JointState) -> None:
-        try:
-            self._physics.command_named(named_command(message, self._joint_names(), self._now_s()))
-        except CommandError as error:
-            self._node.refuse(str(error))
+        self._physics.commanded.command_named(named_command(message, self._joint_names(), self._now_s()))
 
     def _on_trajectory(self, message: JointTrajectoryMessage) -> None:
-        try:
-            delay = trajectory_delay(message, self._now_s())
-            self._physics.command(trajectory_command(message, self._joint_names()), delay)
-        except CommandError as error:
-            self._node.refuse(str(error))
+        delay = trajectory_delay(message, self._now_s())
+        self._physics.commanded.command(trajectory_command(message, self._joint_names()), delay)
+
+    def _on_base_target(self, message: MultiDOFJointState) -> None:
+        joint, position = read_base_target(message)
+        change(self._physics, lambda simulation: simulation.move_base(joint, position))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import threading
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -86,32 +86,26 @@ class StageTime:
 
     Attributes:
         calls: Number of calls.
-        minimum, mean, maximum: Time of one call.
-        squares: Sum of squared distances from the mean, in [ms^2].
+        minimum, mean, maximum, deviation: Time of one call, and its standard deviation.
     """
 
     calls: int
     minimum: float
     mean: float
     maximum: float
-    squares: float = 0.0
+    deviation: float = 0.0
+
+    @classmethod
+    def of(cls, times_ms: Sequence[float]) -> StageTime:
+        """Return the statistics of the times of some calls, at least one, in [ms]."""
+        times = np.array(times_ms)
+        minimum, maximum = float(times.min()), float(times.max())
+        return cls(len(times), minimum, float(times.mean()), maximum, float(times.std()))
 
     @property
     def total(self) -> float:
         """Sum over all calls in [ms]."""
         return self.calls * self.mean
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of one call in [ms]."""
-        return math.sqrt(self.squares / self.calls)
-
-    def with_call(self, time_ms: float) -> StageTime:
-        """Return the statistics with one more call of `time_ms`, in [ms]."""
-        calls, away = self.calls + 1, time_ms - self.mean
-        mean = self.mean + away / calls
-        squares = self.squares + away * (time_ms - mean)  # Welford 1962
-        return StageTime(calls, min(self.minimum, time_ms), mean, max(self.maximum, time_ms), squares)
 
 
 @dataclass(frozen=True)
@@ -142,26 +136,24 @@ class SpeedMeter:
     def __init__(self, dt: float, now: float) -> None:
         self._dt, self._since = dt, now
         self._steps, self._cpu_s = 0, 0.0
-        self._stages: dict[str, StageTime] = {}
+        self._stages: defaultdict[str, list[float]] = defaultdict(list)
 
     def add_step(self, stages_ms: dict[str, float], cpu_s: float = 0.0) -> None:
         """Count one step with the time of each of its stages in [ms], and its processor time in [s]."""
         self._steps += 1
         self._cpu_s += cpu_s
         for stage, time_ms in stages_ms.items():
-            previous = self._stages.get(stage)
-            self._stages[stage] = (
-                StageTime(1, time_ms, time_ms, time_ms) if previous is None else previous.with_call(time_ms)
-            )
+            self._stages[stage].append(time_ms)
 
     def take(self, now: float) -> Speed:
         """Return the speed over the interval up to `now` (steady clock in [s]) and start a new one."""
         elapsed = max(now - self._since, 1e-9)
         steps = self._steps
         cpu_ms = 1e3 * self._cpu_s / max(steps, 1)
-        speed = Speed(steps * self._dt / elapsed, steps / elapsed, cpu_ms, self._stages)
-        self._since, self._steps, self._cpu_s, self._stages = now, 0, 0.0, {}
-        return speed
+        stages = {stage: StageTime.of(times) for stage, times in self._stages.items()}
+        self._since, self._steps, self._cpu_s = now, 0, 0.0
+        self._stages.clear()
+        return Speed(steps * self._dt / elapsed, steps / elapsed, cpu_ms, stages)
 
 
 @dataclass(frozen=True)
@@ -253,11 +245,7 @@ LENGTH: Final = 1000
 
 
 class StepHistory:
-    """The last steps with their stage times; filled from one thread, read from any.
-
-    Args:
-        length: Number of steps to store, >= 1.
-    """
+    """The last steps with their stage times; filled from one thread, read from any."""
 
     def __init__(self, length: int = LENGTH) -> None:
         self._length, self._count = length, 0

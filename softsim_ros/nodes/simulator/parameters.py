@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from softsim_core.scene import RobotDescription
 from softsim_core.simulation import Simulation
-from softsim_node import ParameterError, ParameterInfo, check_value, declare_value, error_message, parameter
+from softsim_node import (
+    ParameterChanges,
+    ParameterError,
+    ParameterInfo,
+    check_value,
+    declare_value,
+    parameter,
+)
 from softsim_ros import RobotSettings
 from softsim_ros.nodes.simulator.services import default_folder
 
@@ -209,21 +214,18 @@ def with_values(robot: RobotDescription, values: Mapping[str, float]) -> RobotDe
     return robot.with_scene(bodies=tuple(bodies), solver=solver)
 
 
-class TuningParameters:
+class TuningParameters(ParameterChanges):
     """ROS parameters of the running physics; checked as a whole, then written between two steps.
 
     Args:
-        node: Node that declares the parameters.
         write: Runs a change of the simulation in the physics thread.
     """
 
     def __init__(self, node: Node, write: Callable[[Callable[[Simulation], None]], object]) -> None:
-        self._node, self._write = node, write
+        self._write = write
         self._robot: RobotDescription | None = None
         self._tunables: dict[str, Tunable] = {}
-        self._is_quiet = False
-        node.add_on_set_parameters_callback(self._on_set)
-        node.add_post_set_parameters_callback(self._post_set)
+        super().__init__(node)
 
     def declare(self, robot: RobotDescription, *, uses_overrides: bool = True) -> RobotDescription:
         """Declare the parameters of a robot instead of those of the previous one.
@@ -261,40 +263,24 @@ class TuningParameters:
         """Return the values that a simulation uses, by name."""
         return {name: tunable.read(simulation) for name, tunable in self._tunables.items()}
 
-    def store(self, values: Mapping[str, float]) -> None:
-        """Set the parameters to values that a simulation uses already, without writing them back to it."""
-        with self._quietly():
-            self._node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
-
-    @contextmanager
-    def _quietly(self) -> Iterator[None]:
-        self._is_quiet = True
-        try:
-            yield
-        finally:
-            self._is_quiet = False
-
-    def _values(self, changes: list[Parameter]) -> dict[str, float]:
+    def _values(self, changes: Sequence[Parameter]) -> dict[str, float]:
+        """Return the values that are to be checked or applied, by name."""
         values = {}
-        for change in changes:
+        for change in () if self._is_quiet else changes:
             tunable = self._tunables.get(change.name)
             if tunable is not None:
                 values[change.name] = check_value(change.name, change.value, tunable.value, tunable.about)
         return values
 
-    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
-        try:
-            values = {} if self._is_quiet else self._values(changes)
-            if values and self._robot is not None:
-                if SCENE & {change.name for change in changes}:
-                    raise ParameterError("set robot or overrides first, and then what the physics has there")
-                with_values(self._robot, values)
-        except Exception as error:
-            return SetParametersResult(successful=False, reason=error_message(error))
-        return SetParametersResult(successful=True)
+    def _check_changes(self, changes: Sequence[Parameter]) -> None:
+        values = self._values(changes)
+        if values and self._robot is not None:
+            if SCENE & {change.name for change in changes}:
+                raise ParameterError("set robot or overrides first, and then what the physics has there")
+            with_values(self._robot, values)
 
     def _post_set(self, changes: list[Parameter]) -> None:
-        values = {} if self._is_quiet else self._values(changes)
+        values = self._values(changes)
         if not values or self._robot is None:
             return
         self._robot = with_values(self._robot, values)

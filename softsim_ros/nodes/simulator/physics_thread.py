@@ -6,15 +6,14 @@ import io
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from softsim_core.base import Array, CommandError, SoftSimError, SolverDivergedError
-from softsim_core.physics.actuation import JointTrajectory
+from softsim_core.base import CommandError, SoftSimError, SolverDivergedError
 from softsim_core.simulation import Simulation
-from softsim_node import WorkQueue, ending
+from softsim_node import OwnerThread, in_thread
 from softsim_ros.nodes.simulator.monitor import (
     ContactQuality,
     Fallbacks,
@@ -24,7 +23,7 @@ from softsim_ros.nodes.simulator.monitor import (
     SpeedMeter,
     StepHistory,
 )
-from softsim_ros.nodes.simulator.setpoints import Commanded, DrivenJoints, Follower
+from softsim_ros.nodes.simulator.setpoints import Commanded
 
 
 class _Lines:
@@ -135,7 +134,7 @@ class PhysicsStatus:
     backend: str = ""
 
 
-class PhysicsThread:
+class PhysicsThread(OwnerThread):
     """Thread that owns a simulation once started; other threads may access it only through `call`.
 
     Args:
@@ -149,6 +148,7 @@ class PhysicsThread:
         speed: Simulated seconds per wall second, >= 0; 0 is as fast as possible.
 
     Attributes:
+        commanded: Commands of the joints.
         status: Recent state of the thread.
         history: The last steps with the time of each stage.
     """
@@ -164,8 +164,8 @@ class PhysicsThread:
     ) -> None:
         self._simulation = simulation
         self._on_state, self._on_fault, self._on_print = on_state, on_fault, on_print
-        self._requests = WorkQueue("the physics", "a physics step", lambda: self.is_alive)
-        self._commanded = Commanded(on_refusal)
+        super().__init__("physics", "the physics", "a physics step")
+        self.commanded = Commanded(on_refusal)
         self._speed = speed
         self._paused = self._paused_before_fault = False
         self._fault = ""
@@ -178,45 +178,13 @@ class PhysicsThread:
         self._fallbacks = self._last_fallbacks = Fallbacks()
         self.history = StepHistory()
         self.status = PhysicsStatus()
-        self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
 
     # --- from any thread ------------------------------------------------------------------------------
 
-    def start(self) -> None:
-        """Start stepping."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop after the step in progress and join the thread, see `ending.wait_for`.
-
-        A second call does nothing.
-        """
-        self._requests.ask_to_end()
-        self._left_behind = not ending.wait_for(self._thread)
-
-    @property
-    def is_alive(self) -> bool:
-        """Whether the thread runs."""
-        return self._thread.is_alive()
-
-    def command(
-        self, target: Array | JointTrajectory, delay_s: float = 0.0, follower: Follower | None = None
-    ) -> None:
-        """Command joint positions, shape (j,), or a trajectory from the next step on; see Commanded."""
-        self._commanded.command(target, delay_s, follower)
-
-    @property
-    def driven(self) -> DrivenJoints:
-        """Externally driven joints."""
-        return self._commanded.driven
-
-    def command_named(self, positions: Mapping[str, float]) -> None:
-        """Command positions of some joints by name from the next step on; other commands stay."""
-        self._commanded.command_named(positions)
-
-    def leave(self, follower: Follower, reason: str) -> None:
-        """End the trajectory of a follower if it is running; the joints stay at their last commands."""
-        self._commanded.leave(follower, reason)
+    def close(self) -> bool:
+        """Stop after the step in progress and join the thread; return False if it is left behind."""
+        self._left_behind = not super().close()
+        return not self._left_behind
 
     def call(self, action: Callable[[Simulation], Result], *, shows: bool = True) -> Result:
         """Run an action on the simulation between two steps and wait for its result.
@@ -235,30 +203,26 @@ class PhysicsThread:
                 self._show(whole=True)
             return result
 
-        return self._requests.ask(run)
+        return self.ask(run)
 
+    @in_thread
     def set_speed(self, speed: float) -> None:
         """Set the speed in simulated seconds per wall second, >= 0; 0 is as fast as possible."""
+        self._speed = speed
+        self._pacer.start()
 
-        def change(_: Simulation) -> None:
-            self._speed = speed
-            self._pacer.start()
-
-        self.call(change, shows=False)
-
+    @in_thread
     def pause(self, paused: bool) -> None:
         """Pause or resume stepping; a pause ends a trajectory with a follower, other trajectories wait."""
+        self._paused = paused
+        self._pacer.start()
+        if paused:
+            self.commanded.forget("the simulation was paused", lambda follower: follower is not None)
+        else:
+            self._fault = ""
+        self._show(whole=True)
 
-        def change(_: Simulation) -> None:
-            self._paused = paused
-            self._pacer.start()
-            if paused:
-                self._commanded.forget("the simulation was paused", lambda follower: follower is not None)
-            else:
-                self._fault = ""
-
-        self.call(change)
-
+    @in_thread
     def step_once(self) -> None:
         """Advance by one step while paused.
 
@@ -266,41 +230,34 @@ class PhysicsThread:
             CommandError: it is running.
             SoftSimError: the step failed.
         """
+        if not self._paused:
+            raise CommandError("step refused: the simulation is running; pause it first")
+        self._fault = ""
+        self._step()
+        if self._fault:
+            raise SoftSimError(self._fault)
 
-        def step(_: Simulation) -> None:
-            if not self._paused:
-                raise CommandError("step refused: the simulation is running; pause it first")
-            self._fault = ""
-            self._step()
-            if self._fault:
-                raise SoftSimError(self._fault)
-
-        self.call(step, shows=False)
-
+    @in_thread
     def reset(self) -> None:
         """Return to the start of the scene and drop all earlier commands and trajectories."""
+        self.commanded.forget("the simulation was reset")
+        self._simulation.reset()
+        self._fault = ""
+        self._show(whole=True)
 
-        def start_again(simulation: Simulation) -> None:
-            self._commanded.forget("the simulation was reset")
-            simulation.reset()
-            self._fault = ""
-
-        self.call(start_again)
-
+    @in_thread
     def restore(self, data: bytes) -> None:
         """Restore a snapshot and drop all earlier commands and trajectories.
 
         Raises:
             SnapshotError: not a snapshot of this scene; nothing is changed.
         """
+        self._simulation.restore(data)
+        self.commanded.forget("a snapshot was loaded")
+        self._fault = ""
+        self._show(whole=True)
 
-        def go(simulation: Simulation) -> None:
-            simulation.restore(data)
-            self._commanded.forget("a snapshot was loaded")
-            self._fault = ""
-
-        self.call(go)
-
+    @in_thread
     def replace(
         self, simulation: Simulation, prepare: Callable[[Simulation], None], *, goes_on: bool = False
     ) -> None:
@@ -315,56 +272,47 @@ class PhysicsThread:
         Raises:
             SoftSimError: it cannot continue from there; nothing is changed.
         """
-
-        def swap(before: Simulation) -> None:
-            if goes_on:
-                simulation.go_on_from(before)
-            prepare(simulation)
-            self._simulation = simulation
-            if goes_on:
-                return
-            self._commanded.forget("another scene was loaded")
+        if goes_on:
+            simulation.go_on_from(self._simulation)
+        prepare(simulation)
+        self._simulation = simulation
+        if not goes_on:
+            self.commanded.forget("another scene was loaded")
             self._meter = SpeedMeter(simulation.dt, time.monotonic())
             self._contacts = self._last_contacts = ContactQuality()
             self._fallbacks = self._last_fallbacks = Fallbacks()
             self._pacer.start()
             if self._fault:
                 self._fault, self._paused = "", self._paused_before_fault
+        self._show(whole=True)
 
-        self.call(swap)
-
+    @in_thread
     def stop(self, message: str) -> None:
         """Pause with a fault, for example because a scene file cannot be used."""
-        self.call(lambda _: self._stop_on_fault(message), shows=False)
+        self._stop_on_fault(message)
 
+    @in_thread
     def play_start(self) -> None:
         """Start the start animation; a running trajectory ends.
 
         Raises:
             SceneError: the scene has none.
         """
+        self._simulation.start_animation()
+        self.commanded.forget("the start animation began")
 
-        def begin(simulation: Simulation) -> None:
-            simulation.start_animation()
-            self._commanded.forget("the start animation began")
-
-        self.call(begin, shows=False)
-
+    @in_thread
     def press_key(self, key: str) -> None:
         """Pass a key to the scene's own code; exceptions of that code are raised here."""
-
-        def press(simulation: Simulation) -> None:
-            with self._listening():
-                simulation.press_key(key)
-
-        self.call(press, shows=False)
+        with self._listening():
+            self._simulation.press_key(key)
 
     # --- in the thread --------------------------------------------------------------------------------
 
     def _run(self) -> None:
         self._show(whole=True)
         delay = 0.0
-        while self._requests.serve(delay, lambda: self._paused):
+        while self.serve(delay, lambda: self._paused):
             if self._paused:
                 delay = IDLE_PERIOD_S
                 self._show(whole=True)
@@ -376,7 +324,7 @@ class PhysicsThread:
     def _step(self) -> None:
         simulation = self._simulation
         try:
-            self._commanded.apply(simulation)
+            self.commanded.apply(simulation)
             cpu = time.thread_time()
             with self._listening():
                 simulation.step()
@@ -386,7 +334,7 @@ class PhysicsThread:
         except Exception as error:  # a scene's own controller may raise anything; the node must keep running
             self._stop_on_fault(f"step failed: {type(error).__name__}: {error}; paused: call ~/reset")
         else:
-            self._commanded.follow(simulation)
+            self.commanded.follow(simulation)
             stages = {**simulation.stage_times, "publishing": self._show(whole=False)}
             self._meter.add_step(stages, cpu)
             self._contacts = self._contacts.with_step(
@@ -400,7 +348,7 @@ class PhysicsThread:
         return printed_lines(self._on_print) if self._simulation.robot.controllers else nullcontext()
 
     def _stop_on_fault(self, message: str) -> None:
-        self._commanded.forget(message)
+        self.commanded.forget(message)
         if not self._fault:
             self._paused_before_fault = self._paused
         self._paused, self._fault = True, message
@@ -425,9 +373,9 @@ class PhysicsThread:
             paused=self._paused,
             fault=self._fault,
             late_s=self._pacer.late_s,
-            clamped_commands=self._commanded.clamped,
-            refused_commands=self._commanded.refused,
-            trajectory=self._commanded.runs_trajectory,
+            clamped_commands=self.commanded.clamped,
+            refused_commands=self.commanded.refused,
+            trajectory=self.commanded.runs_trajectory,
             inverted_elements=simulation.report.inverted,
             contacts=self._last_contacts if simulation.collision_surfaces else None,
             fallbacks=self._last_fallbacks,

@@ -189,11 +189,12 @@ class TopicPublication:
         gate: Limit of its rate; None: the state is not published.
     """
 
-    def __init__(self, topic: Topic, node: Node) -> None:
+    def __init__(self, topic: Topic, node: Node, below: str) -> None:
         self._topic = topic
         self.gate = None if topic.period_s is None else RateGate(topic.period_s)
+        name = topic.name if topic.name.startswith("/") else f"{below}{topic.name}"
         qos = LATCHED if topic.period_s is None else topic.qos
-        self._publisher = node.create_publisher(topic.message, topic.name, qos)
+        self._publisher = node.create_publisher(topic.message, name, qos)
         self._newest: Any = None
 
     def show_scene(self, moment: Moment) -> None:
@@ -368,8 +369,8 @@ def replace_publishers(
 class ChamberPublications:
     """Publishes the pressures of the chambers; a robot without chambers has no such topics."""
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, below: str) -> None:
+        self._node, self._below = node, below
         self._publishers: dict[tuple[str, type], Publisher] = {}
         self._joints: list[tuple[int, float]] = []  # and the atmosphere in [Pa] around each
 
@@ -377,7 +378,7 @@ class ChamberPublications:
         """Create publishers for a scene's chambers and remove all others."""
         joints = moment.simulation.robot.joints
         chambers = chambers_of(joints)
-        topics = [(topic, FluidPressure) for topic in chambers.values()]
+        topics = [(f"{self._below}{topic}", FluidPressure) for topic in chambers.values()]
         self._joints = [(number, atmosphere_of(joints[number])) for number in chambers]
         self._publishers = replace_publishers(self._node, self._publishers, topics)
 
@@ -394,8 +395,8 @@ class ChamberPublications:
 class SensorPublications:
     """Publishes sensor readings, each with the frame of its sensor, or of the base without one."""
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, below: str) -> None:
+        self._node, self._below = node, below
         self._publishers: dict[tuple[str, type], Publisher] = {}
         self._sensors: list[tuple[str, str, list[tuple[str, SensorMessage]]]] = []  # name, frame, topics
         self._sent: dict[str, SensorReading] = {}
@@ -407,7 +408,7 @@ class SensorPublications:
         self._sent, self._sensors = {}, []
         for sensor, word in zip(described, words, strict=True):
             topics = [
-                (f"sensors/{word}{message.below}", message)
+                (f"{self._below}sensors/{word}{message.below}", message)
                 for message in messages_of(sensor, _around(sensor, robot))
             ]
             self._sensors.append((sensor.name, _frame_of(sensor, moment.scene), topics))
@@ -451,14 +452,13 @@ class Publications:
     """Publishes the state of a simulation; `publish` is called from the thread that owns it.
 
     Args:
-        node: Owner of the publishers.
         simulation: What will be published; its surface and joints must not change.
-        frames: Names of the robot's frames.
         mesh_rate: Rate of mesh/points in [Hz]; 0 publishes none.
         publish_clock: Publish simulated time on /clock and stamp every message with it.
         marker_stress: Stress in [Pa] of the marker's last colour; 0 takes the largest of each message.
         overrides: Text of the overrides of the scene's file.
         scenes: Names of the scenes that can be loaded in its place.
+        below: Prefix of the topics that are not absolute, such as "~/".
     """
 
     def __init__(
@@ -472,6 +472,7 @@ class Publications:
         marker_stress: float = 0.0,
         overrides: str = "",
         scenes: Sequence[str] = (),
+        below: str = "",
     ) -> None:
         self._context, self._now = node.context, node.get_clock().now
         self._frames, self._publish_clock = frames, publish_clock
@@ -482,7 +483,7 @@ class Publications:
                 "tf2_msgs is not installed: no transforms on /tf (poses are on effector_pose)"
             )
         topics = {
-            topic.name: TopicPublication(topic, node)
+            topic.name: TopicPublication(topic, node, below)
             for topic in TOPICS
             if topic.message is not None and (publish_clock or topic.name != CLOCK)
         }
@@ -490,8 +491,8 @@ class Publications:
         self.set_mesh_rate(mesh_rate)
         self._publications: list[Publication] = [
             *topics.values(),
-            ChamberPublications(node),
-            SensorPublications(node),
+            ChamberPublications(node, below),
+            SensorPublications(node, below),
         ]
         self.show_scene(simulation, overrides, scenes)
 

@@ -25,7 +25,7 @@ from softsim_core.scene import BodyDescription, RobotDescription
 from softsim_core.scene.building import Body
 from softsim_core.scene.editing import RestShapes, SceneDocument, chosen_by, rebase_paths, routed_points
 from softsim_core.scene.io import installed_roots, limited_to, named_files, write_description
-from softsim_node import EVERY_ONE, LATCHED, error_message, one_line
+from softsim_node import EVERY_ONE, LATCHED, answering, error_message, one_line
 from softsim_ros.messages import MOST_POINTS, ChosenPoints, Proposal, read_edits, write_proposal
 from softsim_ros.nodes.simulator.scene_files import NextScene, SceneBuilder, SceneFiles, files_of, reason
 
@@ -40,7 +40,6 @@ class SceneWriter:
     a scene in the start folder, under names that are free there.
 
     Args:
-        named: The files that the start command named.
         start_folder: Folder of the copies; None: none can be written.
     """
 
@@ -148,9 +147,6 @@ class SceneEditing:
 
     Args:
         node: Owner of topics and services; publishes refusals.
-        running: Access to the running scene.
-        builder: Builds the scene that is applied.
-        writer: Reads and writes the file.
     """
 
     def __init__(self, node: Any, running: Running, builder: SceneBuilder, writer: SceneWriter) -> None:
@@ -162,15 +158,8 @@ class SceneEditing:
         self._revision = time.time_ns()
         self._proposal = node.create_publisher(String, "scene/proposal", LATCHED)
         node.create_subscription(String, "scene/edit", self._on_edit, EVERY_ONE)
-        for name, action in (
-            ("begin", self.begin),
-            ("undo", self.undo),
-            ("redo", self.redo),
-            ("discard", self.discard),
-            ("save", self.save),
-            ("copy", self.copy),
-        ):
-            node.create_service(Trigger, f"~/edit/{name}", self._answering(action))
+        for action in (self.begin, self.undo, self.redo, self.discard, self.save, self.copy):
+            node.create_service(Trigger, f"~/edit/{action.__name__}", self._answering(action))
         waiting = ReentrantCallbackGroup()
         node.create_service(Trigger, "~/edit/apply", self._on_apply, callback_group=waiting)
 
@@ -213,9 +202,8 @@ class SceneEditing:
         document.note_saved()
         if self._is_applied(document):
             self._running.files().note_saved()
-        return f"saved to {document.file}" + (
-            "" if self._is_applied(document) else "; apply it to see it run"
-        )
+        hint = "" if self._is_applied(document) else "; apply it to see it run"
+        return f"saved to {document.file}{hint}"
 
     def copy(self) -> str:
         """Write the proposal into a new file of the start folder; return a message.
@@ -263,10 +251,8 @@ class SceneEditing:
 
     def _publish_proposal(self, message: str) -> None:
         self._revision += 1
-        message = one_line(message)
-        document = self._document
-        proposal = Proposal(self._revision, sentence=message)
-        description = ""
+        message, document = one_line(message), self._document
+        proposal, description = Proposal(self._revision, sentence=message), ""
         if document is not None:
             description = write_description(document.robot)
             proposal = Proposal(
@@ -350,18 +336,14 @@ class SceneEditing:
             self._node.refuse(message)
             return message
 
-    def _answering(
-        self, action: Callable[[], str]
-    ) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-        def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            try:
-                response.success, response.message = True, action()
-            except SoftSimError as error:
-                response.success, response.message = False, str(error)
-            self._publish_proposal(response.message)
+    def _answering(self, action: Callable[[], str]) -> Callable[[Any, Any], Trigger.Response]:
+        answer = answering(action)
+
+        def answer_and_publish(request: Any, response: Any) -> Trigger.Response:
+            self._publish_proposal(answer(request, response).message)
             return response
 
-        return answer
+        return answer_and_publish
 
     async def _on_apply(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -59,10 +60,8 @@ class CompiledLater:
     need, then those that only large meshes need.
 
     Args:
-        physics: Thread that runs the simulation.
         scene: File of the running scene; None if the scene differs from its file: it then waits for all
             kernels.
-        logger: Logger of the node.
     """
 
     def __init__(self, physics: PhysicsThread, scene: str | os.PathLike[str] | None, logger: Any) -> None:
@@ -134,35 +133,36 @@ class CompiledLater:
             loaded = _build_with_kernels(running)
             if not loaded.compiled:
                 return
-            step = self._physics.call(_goes_over(running, loaded), shows=False)
+            step = self._physics.call(partial(_switch_to, loaded, running), shows=False)
             if step is not None:
                 self._logger.info(f"kernels compiled: from step {step} on the simulation runs on them")
                 return
 
 
+def _switch_to(loaded: Simulation, running: Simulation, simulation: Simulation) -> int | None:
+    """Switch `running` to the kernels between two steps; return the number of the next step.
+
+    Return None if another simulation runs by then.
+    """
+    if simulation is not running:
+        return None
+    simulation.step_by(loaded)
+    return simulation.step_count + 1
+
+
 def _build_with_kernels(running: Simulation) -> Simulation:
     """Return the same scene stepped by the kernels; building it loads them."""
-    robot = replace(running.robot, controllers=())
-    trial = Simulation(robot, backend="numba")
-    with suppress(SolverDivergedError):
+    trial = _try_step(running.robot, "numba")
+    return Simulation(trial.robot, backend="numba", like=trial)
+
+
+def _try_step(robot: RobotDescription, backend: Any) -> Simulation:
+    """Return a simulation without controllers after a step, in which all that a step needs was loaded."""
+    trial = Simulation(replace(robot, controllers=()), backend=backend)
+    with suppress(SolverDivergedError):  # the physics thread will meet it too, stop and report it
         trial.step()
     trial.von_mises()
-    return Simulation(robot, backend="numba", like=trial)
-
-
-def _goes_over(running: Simulation, loaded: Simulation) -> Callable[[Simulation], int | None]:
-    """Return an action that switches `running` to the kernels between two steps.
-
-    The action returns the number of the next step, or None if another simulation runs by then.
-    """
-
-    def go_over(simulation: Simulation) -> int | None:
-        if simulation is not running:
-            return None
-        simulation.step_by(loaded)
-        return simulation.step_count + 1
-
-    return go_over
+    return trial
 
 
 Stamps = dict[Path, tuple[int, int] | None]
@@ -277,7 +277,12 @@ class SceneFiles:
         """
         if "arm" in values:
             raise ConfigError(whose, "arm", "is made of files; change it in the scene's own file")
-        others = (name for name in file_names(values) if _plain_path(folder / name) not in self._named_files)
+        # normpath, from the text alone: a path with `..` must not be looked up on the disk
+        others = (
+            name
+            for name in file_names(values)
+            if Path(os.path.normpath(folder / name)) not in self._named_files
+        )
         _refuse_others(whose, others)
 
     def _check_files(self, whose: str, scene: RobotDescription) -> None:
@@ -326,11 +331,6 @@ def _written_out(edit: Put) -> Mapping[str, Any]:
     return data if isinstance(data, Mapping) else {}
 
 
-def _plain_path(path: Path) -> Path:
-    """Return a path without `..`, computed from its text alone."""
-    return Path(os.path.normpath(path))
-
-
 def files_of(robot: RobotDescription) -> list[Path]:
     """Return every file that the scene was made of and that a user may edit."""
     if robot.source is None:
@@ -348,15 +348,12 @@ def files_of(robot: RobotDescription) -> list[Path]:
 
 def stamps(files: list[Path]) -> Stamps:
     """Return modification time and size of each file; None for a missing one."""
-    return {file: _stamp(file) for file in files}
-
-
-def _stamp(file: Path) -> tuple[int, int] | None:
-    try:
-        status = file.stat()
-    except OSError:
-        return None
-    return status.st_mtime_ns, status.st_size
+    found: Stamps = dict.fromkeys(files)
+    for file in files:
+        with suppress(OSError):
+            status = file.stat()
+            found[file] = status.st_mtime_ns, status.st_size
+    return found
 
 
 def _find_extended(file: Path) -> Iterator[Path]:
@@ -407,12 +404,7 @@ class Attempt(NamedTuple):
 
 
 class SceneBuilder:
-    """Builds simulations as the node's parameters say; works in any thread and touches no running simulation.
-
-    Args:
-        settings: Returns the present parameters.
-        logger: Logger of the node.
-    """
+    """Builds simulations as the node's parameters say, in any thread; touches no running simulation."""
 
     def __init__(self, settings: Callable[[], SimulatorSettings], logger: Any) -> None:
         self._settings, self._logger = settings, logger
@@ -435,10 +427,7 @@ class SceneBuilder:
             get_ready_to_load()  # now, since later it would delay a moving robot
 
         def make() -> Simulation:
-            trial = Simulation(replace(robot, controllers=()), backend=backend)
-            with suppress(SolverDivergedError):  # the physics thread will meet it too, stop and report it
-                trial.step()
-            trial.von_mises()
+            _try_step(robot, backend)
             return Simulation(robot, backend=backend)
 
         with warnings.catch_warnings(record=True) as caught:

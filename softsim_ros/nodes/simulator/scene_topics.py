@@ -29,7 +29,6 @@ class FrameTree:
 
     Args:
         simulation: Scene of the frames; another scene needs another tree.
-        frames: Names of the frames.
     """
 
     def __init__(self, simulation: Simulation, frames: RobotFrames) -> None:

@@ -12,10 +12,10 @@ from typing import Final
 
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_core.base import SnapshotError, SoftSimError, write_file
+from softsim_core.base import SnapshotError, write_file
 from softsim_core.scene import RobotDescription
 from softsim_core.scene.io import shorten
-from softsim_node import GuardedNode
+from softsim_node import GuardedNode, answering
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 
 MOST_BYTES: Final = 2**30
@@ -121,95 +121,56 @@ def _need_ordinary(file: Path, status: os.stat_result) -> None:
         raise SnapshotError(f"snapshot {file} is larger than {MOST_BYTES >> 20} MiB; remove it")
 
 
-def attempt(action: Callable[[], str]) -> tuple[bool, str]:
-    """Run an action; return its success and its message for the response of a service."""
-    try:
-        return True, action()
-    except SoftSimError as error:
-        return False, str(error)
+def create_run_services(
+    node: GuardedNode, physics: PhysicsThread, on_pause_change: Callable[[], None]
+) -> None:
+    """Create `~/reset`, `~/step`, `~/start` and `~/pause`.
 
-
-def answering(
-    action: Callable[[], str],
-) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-    """Return a service callback that runs `action` and responds with its message."""
-
-    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = attempt(action)
-        return response
-
-    return answer
-
-
-class RunServices:
-    """`~/reset`, `~/step`, `~/start`, `~/pause`.
-
-    Args:
-        node: The simulator's node.
-        physics: Thread that the services act on.
-        on_pause_change: Called once a pause has begun or ended, before the response is sent.
+    `on_pause_change` is called once a pause has begun or ended, before the response is sent.
     """
 
-    def __init__(
-        self, node: GuardedNode, physics: PhysicsThread, on_pause_change: Callable[[], None]
-    ) -> None:
-        self._physics, self._on_pause_change = physics, on_pause_change
-        for name, action in (("reset", self._reset), ("step", self._step), ("start", self._start)):
-            node.create_service(Trigger, f"~/{name}", answering(action))
-        node.create_service(SetBool, "~/pause", self._on_pause)
+    def reset() -> str:
+        physics.reset()
+        return "back at the start of the scene" + ("; still paused" if physics.status.paused else "")
 
-    def _reset(self) -> str:
-        self._physics.reset()
-        paused = self._physics.status.paused
-        return "back at the start of the scene" + ("; still paused" if paused else "")
+    def step() -> str:
+        physics.step_once()
+        return f"step {physics.status.steps} done"
 
-    def _step(self) -> str:
-        self._physics.step_once()
-        return f"step {self._physics.status.steps} done"
-
-    def _start(self) -> str:
-        self._physics.play_start()
+    def start() -> str:
+        physics.play_start()
         return "start animation begun"
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        def pause() -> str:
-            self._physics.pause(request.data)
-            return "paused" if request.data else "running"
+    def pause(paused: bool) -> str:
+        try:
+            physics.pause(paused)
+        finally:
+            on_pause_change()
+        return "paused" if paused else "running"
 
-        response.success, response.message = attempt(pause)
-        self._on_pause_change()
-        return response
+    for action in (reset, step, start):
+        node.create_service(Trigger, f"~/{action.__name__}", answering(action))
+    node.create_service(SetBool, "~/pause", answering(pause))
 
 
-class SnapshotServices:
-    """`~/save`, `~/load`.
+def create_snapshot_services(
+    node: GuardedNode,
+    physics: PhysicsThread,
+    snapshots: SnapshotFolder,
+    name: Callable[[], str],
+    loaded: Callable[[], None],
+) -> None:
+    """Create `~/save` and `~/load` of the snapshot that `name` returns; `loaded` is called after a load."""
 
-    Args:
-        node: The simulator's node.
-        physics: Thread that owns the state.
-        snapshots: Folder of the snapshots.
-        name: Returns the name of the snapshot to save or load.
-        loaded: Called after a snapshot was loaded.
-    """
+    def save() -> str:
+        data = physics.call(lambda simulation: simulation.snapshot(), shows=False)
+        return f"saved to {snapshots.write(name(), data)}"
 
-    def __init__(
-        self,
-        node: GuardedNode,
-        physics: PhysicsThread,
-        snapshots: SnapshotFolder,
-        name: Callable[[], str],
-        loaded: Callable[[], None],
-    ) -> None:
-        self._physics, self._snapshots, self._name, self._loaded = physics, snapshots, name, loaded
-        for service, action in (("save", self._save), ("load", self._load)):
-            node.create_service(Trigger, f"~/{service}", answering(action))
+    def load() -> str:
+        chosen = name()
+        physics.restore(snapshots.read(chosen))
+        loaded()
+        return f"loaded from {snapshots.file(chosen)}"
 
-    def _save(self) -> str:
-        data = self._physics.call(lambda simulation: simulation.snapshot(), shows=False)
-        return f"saved to {self._snapshots.write(self._name(), data)}"
-
-    def _load(self) -> str:
-        name = self._name()
-        self._physics.restore(self._snapshots.read(name))
-        self._loaded()
-        return f"loaded from {self._snapshots.file(name)}"
+    for action in (save, load):
+        node.create_service(Trigger, f"~/{action.__name__}", answering(action))

@@ -12,8 +12,6 @@ from typing import Any, Final
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from std_msgs.msg import Bool, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
@@ -31,10 +29,11 @@ from softsim_node import (
     declare,
     reuse_freed_memory,
     run_node,
+    steady_timer,
 )
 from softsim_ros import FrameSettings, RobotNode
 from softsim_ros.messages import ERROR, OK, WARN, step_profile
-from softsim_ros.nodes.simulator.inputs import BaseTargets, CommandInputs, Pulls, PullSettings
+from softsim_ros.nodes.simulator.inputs import CommandInputs, Pulls, PullSettings
 from softsim_ros.nodes.simulator.parameters import (
     SCENE,
     SceneSettings,
@@ -53,7 +52,12 @@ from softsim_ros.nodes.simulator.scene_files import (
     SceneFiles,
     reason,
 )
-from softsim_ros.nodes.simulator.services import RunServices, SnapshotFolder, SnapshotServices, default_name
+from softsim_ros.nodes.simulator.services import (
+    SnapshotFolder,
+    create_run_services,
+    create_snapshot_services,
+    default_name,
+)
 from softsim_ros.nodes.simulator.spawning import Spawner, Spawnings
 from softsim_ros.nodes.simulator.standard_services import StandardServices
 
@@ -194,21 +198,21 @@ class Simulator(RobotNode):
             self, self._physics, lambda: self.joint_names, self._now_s, start.follow_joint_states
         )
         self.create_subscription(String, "keys", self._on_key, 10)
-        self._pulls = Pulls(self, self._physics, self.frames, self.refuse)
-        self._base_targets = BaseTargets(self, self._physics, self.refuse)
-        RunServices(self, self._physics, lambda: self._state_topics.refresh())
-        SnapshotServices(
+        self._pulls = Pulls(self, self._physics, self.frames)
+        create_run_services(self, self._physics, lambda: self._state_topics.refresh())
+        create_snapshot_services(
             self, self._physics, self._snapshots, lambda: self._live.values.snapshot, self._take_over_tuning
         )
         self.create_service(Trigger, "~/reload", self._on_reload, callback_group=self._waiting)
         spawner = Spawner(self._scenes, self._exchange, self._background.run, lambda: self._files.spawned)
         if start.editing:
-            self._editing = SceneEditing(self, self._running(), self._builder, self._writer())
+            running = Running(lambda: self._files, self._bodies, self._background.run, self._go_on_with)
+            writer = SceneWriter(self.named.values(), self._scenes.start_folder)
+            self._editing = SceneEditing(self, running, self._builder, writer)
         self._standard = StandardServices(self, self._physics, self._publications.stamp, spawner)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        steady_timer(self, 1.0, self._publish_diagnostics)
         if start.watch:
-            self.create_timer(WATCH_PERIOD_S, self._look_at_files, clock=steady, callback_group=self._waiting)
+            steady_timer(self, WATCH_PERIOD_S, self._look_at_files, callback_group=self._waiting)
         self._physics.start()
         if self._builder.waits(robot):
             as_its_file_says = None if first.overrides else robot.source
@@ -218,7 +222,10 @@ class Simulator(RobotNode):
             self,
             {
                 "simulator/paused": lambda: Bool(data=self.physics.status.paused),
-                "simulator/faulted": lambda: Bool(data=self._faulted),
+                "simulator/faulted": lambda: Bool(
+                    # also if the thread has ended before the node
+                    data=bool(self.physics.status.fault) or not (self.physics.is_alive or self._closed)
+                ),
             },
         )
         elements = sum(len(group.cells) for group in simulation.model.filling)
@@ -248,11 +255,6 @@ class Simulator(RobotNode):
         """The thread that owns the simulation."""
         assert self._physics is not None
         return self._physics
-
-    @property
-    def _faulted(self) -> bool:
-        """Whether the physics has stopped by itself, or its thread has ended before the node."""
-        return bool(self.physics.status.fault) or not (self.physics.is_alive or self._closed)
 
     # --- commands -------------------------------------------------------------------------------------
 
@@ -363,21 +365,10 @@ class Simulator(RobotNode):
         if self._editing is not None:
             self._editing.scene_replaced()
 
-    # --- edits of its file ----------------------------------------------------------------------------
-
-    def _running(self) -> Running:
-        """Return the access to the running scene for the edit mode."""
-
-        def bodies() -> list[tuple[BodyDescription, Body]]:
-            return self.physics.call(
-                lambda run: list(zip(run.scene.bodies, run.bodies, strict=True)), shows=False
-            )
-
-        return Running(lambda: self._files, bodies, self._background.run, self._go_on_with)
-
-    def _writer(self) -> SceneWriter:
-        """Return the writer of the scene file, restricted to the files that the start command named."""
-        return SceneWriter(self.named.values(), self._scenes.start_folder)
+    def _bodies(self) -> list[tuple[BodyDescription, Body]]:
+        return self.physics.call(
+            lambda simulation: list(zip(simulation.scene.bodies, simulation.bodies, strict=True)), shows=False
+        )
 
     # --- parameters -----------------------------------------------------------------------------------
 
@@ -414,7 +405,7 @@ class Simulator(RobotNode):
         values, limits = self.physics.call(
             lambda simulation: (self._tuning.read(simulation), simulation.enforce_limits), shows=False
         )
-        self._tuning.store(values)
+        self._tuning.store(**values)
         self._live.store(enforce_limits=limits)
 
     # --- diagnostics ----------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -24,7 +25,6 @@ class RequestError(SoftSimError):
 
     Args:
         kind: Name of the result, such as "NOT_FOUND", or of one that only this service has.
-        message: Reason of the refusal.
     """
 
     def __init__(self, kind: str, message: str) -> None:
@@ -76,10 +76,8 @@ class Spawner:
     """Spawns bodies by URI `SCENE/BODY`: the rigid bodies with mass of the known YAML scenes.
 
     Args:
-        scenes: The known scenes.
         exchange: Continues the simulation with other spawned bodies.
         run_in_background: Runs long work in the background while the executor serves other callbacks.
-        present: Returns the present spawned bodies.
     """
 
     def __init__(
@@ -89,16 +87,21 @@ class Spawner:
         run_in_background: Callable[[Callable[[], Any]], Awaitable[Any]],
         present: Callable[[], Spawnings],
     ) -> None:
-        self._scenes, self._exchange, self._run_in_background, self._present = (
-            scenes,
-            exchange,
-            run_in_background,
-            present,
-        )
+        self._scenes, self._exchange = scenes, exchange
+        self._run_in_background, self._present = run_in_background, present
 
     async def list_known(self) -> dict[str, RigidBodyDescription]:
         """Return the bodies that can be spawned, by URI; files that cannot be read are left out."""
-        return dict(await self._run_in_background(self._find_all))
+
+        def find_all() -> dict[str, RigidBodyDescription]:
+            found = {}
+            for scene, file in self._scenes.scenes().items():
+                with suppress(ConfigError):
+                    bodies = [each.body for each in self._bodies(scene, file)]
+                    found.update({f"{scene}/{body.name}": body for body in bodies})
+            return found
+
+        return dict(await self._run_in_background(find_all))
 
     async def spawn(self, uri: str, name: str, renames: bool, position: Array, rotation: Array) -> str:
         """Spawn a body at rest.
@@ -166,16 +169,6 @@ class Spawner:
         """Remove all spawned bodies."""
         if self._present():
             await self._exchange(lambda robot, spawned: ())
-
-    def _find_all(self) -> dict[str, RigidBodyDescription]:
-        found = {}
-        for scene, file in self._scenes.scenes().items():
-            try:
-                bodies = self._bodies(scene, file)
-            except ConfigError:
-                continue
-            found.update({f"{scene}/{each.body.name}": each.body for each in bodies})
-        return found
 
     def _find(self, uri: str) -> Spawned:
         scene, _, name = uri.rpartition("/")

@@ -52,9 +52,7 @@ class StandardServices:
 
     Args:
         node: Owner of the services, which are named after their types: `~/reset_simulation`, ...
-        physics: The thread that owns the simulation.
         stamp: Returns the time stamp of a state; called in the physics thread.
-        spawner: Adds and removes entities.
     """
 
     def __init__(

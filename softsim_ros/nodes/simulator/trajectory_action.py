@@ -228,8 +228,6 @@ class TrajectoryAction:
     goals are left to it.
 
     Args:
-        node: Owner of the server.
-        physics: The thread that owns the simulation.
         now_s: Returns the current time in [s], on the clock of the stamps.
     """
 
@@ -306,7 +304,7 @@ class TrajectoryAction:
 
         def send_feedback(progress: Progress) -> None:
             if gate.passes(time.monotonic()):
-                self._send(handle, progress, checked.trajectory.joints)
+                self._send_feedback(handle, progress, checked.trajectory.joints)
 
         def forget() -> None:
             if self._current is not None and self._current[0] is handle:
@@ -317,7 +315,7 @@ class TrajectoryAction:
         )
         self._current = (handle, goal)
         handle.execute()
-        self._physics.command(goal.trajectory, delay, goal)
+        self._physics.commanded.command(goal.trajectory, delay, goal)
 
     def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._current is None or self._current[0] is not handle:
@@ -331,19 +329,17 @@ class TrajectoryAction:
 
     def _leave(self, reason: str) -> None:
         if self._current is not None:
-            self._physics.leave(self._current[1], reason)
+            self._physics.commanded.leave(self._current[1], reason)
 
-    def _send(self, handle: ServerGoalHandle, progress: Progress, joints: tuple[str, ...]) -> None:
+    def _send_feedback(self, handle: ServerGoalHandle, progress: Progress, joints: tuple[str, ...]) -> None:
         assert self._type is not None
+        desired, actual = progress.desired, progress.actual
+        rates, actual_rates = progress.desired_velocities, progress.actual_velocities
         feedback = self._type.Feedback(
             joint_names=joints,
-            desired=_point(progress.elapsed, progress.desired, progress.desired_velocities),
-            actual=_point(progress.elapsed, progress.actual, progress.actual_velocities),
-            error=_point(
-                progress.elapsed,
-                progress.desired - progress.actual,
-                progress.desired_velocities - progress.actual_velocities,
-            ),
+            desired=_point(progress.elapsed, desired, rates),
+            actual=_point(progress.elapsed, actual, actual_rates),
+            error=_point(progress.elapsed, desired - actual, rates - actual_rates),
         )
         feedback.header.stamp = time_message(self._now_s())
         try:
