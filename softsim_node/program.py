@@ -18,9 +18,6 @@ def run_module(module: str, args: Sequence[str] | None = None) -> int:
     Args:
         module: Module of a node.
         args: Command line without the program's name; None takes that of the process.
-
-    Returns:
-        Exit code.
     """
     ending.watch()
     use_safe_path()

@@ -23,11 +23,8 @@ def health(
 ) -> tuple[bytes, str, dict[str, object]]:
     """Return level, message and values of the diagnostics.
 
-    Args:
-        status: Recent state of the control thread.
-        alive: Whether it runs.
-        feedback: Which measured pose corrects the model.
-        foreign_commands: Number of commands that other nodes sent while control was on.
+    `alive` is whether the control thread runs, `feedback` which measured pose corrects the model, and
+    `foreign_commands` the number of commands that other nodes sent while control was on.
     """
     report = status.report
     level, message = OK, status.message or status.mode
@@ -101,8 +98,7 @@ class InverseSwitch:
     def enable(self, answered: Callable[[str], None]) -> None:
         """Switch the controller on, unless a call is in progress.
 
-        Args:
-            answered: Called with the reason of a refusal, or with an empty text on success.
+        `answered` is called with the reason of a refusal, or with an empty text on success.
         """
 
         def on_answer(response: SetBool.Response | None) -> None:

@@ -94,13 +94,7 @@ class SimulatorSettings(SceneSettings):
 
     @classmethod
     def of(cls, robot: RobotDescription, first: SceneSettings, snapshot: str) -> SimulatorSettings:
-        """Return the settings that a robot's file asks for.
-
-        Args:
-            robot: The robot.
-            first: Values of the parameters that choose the scene.
-            snapshot: Name of its snapshot.
-        """
+        """Return the settings that a robot's file asks for, with the name of its snapshot."""
         return cls(
             robot=first.robot,
             overrides=first.overrides,

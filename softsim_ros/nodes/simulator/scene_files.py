@@ -265,15 +265,9 @@ class SceneFiles:
         return proposal
 
     def _check_names(self, whose: str, values: Mapping[str, Any], folder: Path) -> None:
-        """Refuse remote values that name files which the scene does not name; no file is accessed.
+        """Refuse remote values that name files which the scene does not name, or contain an arm.
 
-        Args:
-            whose: Names the values in a message.
-            values: As `load_scene` takes them.
-            folder: Folder to which relative paths in them refer.
-
-        Raises:
-            ConfigError: they name other files, or contain an arm, which is made of files of its own.
+        No file is accessed; relative paths refer to `folder`, and `whose` names the values in a message.
         """
         if "arm" in values:
             raise ConfigError(whose, "arm", "is made of files; change it in the scene's own file")
@@ -286,11 +280,7 @@ class SceneFiles:
         _refuse_others(whose, others)
 
     def _check_files(self, whose: str, scene: RobotDescription) -> None:
-        """Refuse a scene that was built with remote values and names other files.
-
-        Raises:
-            ConfigError: it does; `whose` names the values.
-        """
+        """Refuse a scene that was built with remote values and names other files."""
         _refuse_others(whose, sorted(map(str, named_files(scene) - self._named_files)))
 
     def take_over(

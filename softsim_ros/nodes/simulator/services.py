@@ -37,11 +37,8 @@ def default_folder(environment: Mapping[str, str] = os.environ) -> Path:
 def default_name(robot: RobotDescription, namespace: str) -> str:
     """Return the default snapshot name of a robot: its name, prefixed by a namespace that is not its own.
 
-    Two robots of one kind in two namespaces thus do not share a file.
-
-    Args:
-        robot: The robot.
-        namespace: Namespace of the node; in `/lab/left` the name is `lab.left.tripod`.
+    Two robots of one kind in two namespaces thus do not share a file; in `/lab/left` the name is
+    `lab.left.tripod`.
     """
     place = namespace.strip("/")
     if place in ("", robot.namespace.strip("/")):

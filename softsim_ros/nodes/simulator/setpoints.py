@@ -130,13 +130,7 @@ def trajectory_command(message: JointTrajectoryMessage, joints: Sequence[str]) -
 
 
 def _slopes(message: JointTrajectoryMessage, field: str) -> Array | None:
-    """Return velocities or accelerations of all way points, shape (points, joints).
-
-    Return None if no point has them.
-
-    Raises:
-        CommandError: only some have them, or not one for each joint.
-    """
+    """Return velocities or accelerations of all way points, shape (points, joints); None if none has them."""
     lengths = [len(getattr(point, field)) for point in message.points]
     if not any(lengths):
         return None

@@ -82,10 +82,8 @@ def memory_mb() -> float:
 def health(status: PhysicsStatus, alive: bool, speed: float) -> tuple[bytes, str, dict[str, object]]:
     """Return level, message and values of the diagnostics.
 
-    Args:
-        status: Recent state of the physics.
-        alive: Whether its thread runs.
-        speed: Requested speed, simulated seconds per wall second; 0 is as fast as possible.
+    `alive` is whether the physics thread runs, `speed` the requested one in simulated seconds per wall
+    second; 0 is as fast as possible.
     """
     factor = status.speed.real_time_factor
     state = "paused" if status.paused else "running"

@@ -277,11 +277,7 @@ def _number(simulation: Simulation, name: str) -> int:
 
 
 def _pattern(text: str) -> re.Pattern[str]:
-    """Compile a filter that is sure to match in a short time.
-
-    Raises:
-        CommandError: it is no expression, or a match could take long.
-    """
+    """Compile a filter that is sure to match in a short time."""
     repeats = sum(text.count(mark) for mark in "*+?")
     if len(text) > LONGEST_FILTER or repeats > MOST_REPEATS or set(text) & set("(){}\\"):
         raise CommandError(

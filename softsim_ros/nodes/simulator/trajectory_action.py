@@ -129,16 +129,11 @@ class FollowedGoal:
 
 
 def followed_goal(goal: Any, trajectory: JointTrajectory, joints: Sequence[JointDescription]) -> FollowedGoal:
-    """Return the goal that a message asks for.
+    """Return the goal that a control_msgs/FollowJointTrajectory goal asks of a robot's joints.
 
     As in ros2_control a tolerance of 0 stands for the default, and a negative one for none. By default
     nothing is checked on the way; at the end, joints commanded in rad or m must be within GOAL_TOLERANCE
     after GOAL_TIME.
-
-    Args:
-        goal: A control_msgs/FollowJointTrajectory goal.
-        trajectory: Its trajectory.
-        joints: All joints of the robot.
 
     Raises:
         CommandError: it addresses joints with several degrees of freedom, or has a tolerance that cannot be
@@ -275,11 +270,7 @@ class TrajectoryAction:
         return GoalResponse.REJECT
 
     def _check(self, goal: Any) -> tuple[FollowedGoal, float]:
-        """Return the goal and the delay in [s] until it begins.
-
-        Raises:
-            CommandError: why it is rejected.
-        """
+        """Return the goal and the delay in [s] until it begins; a CommandError says why it is rejected."""
         if self._has_controller():
             raise CommandError(f"trajectory refused: {CONTROLLER} is there and takes the goals")
         if self._e_stop.value:
