@@ -134,6 +134,7 @@ def test_nothing_but_values_can_be_set(controls: Controls, name: str) -> None:
         {"type": "CommandTriggerMessage"},
         {"type": "CommandTriggerMessage", "uuid": "x", "more": 1},
         {"type": ["GuiUpdateMessage"]},
+        {"type": "GetRenderResponseMessage", "payload": "aGVsbG8=", "render_uuid": "x"},
         {**CLICK, "ray_origin": [0.0, 1.0]},
         {**CLICK, "ray_direction": [0.0, float("nan"), 1.0]},
         {**CLICK, "name": 3},
