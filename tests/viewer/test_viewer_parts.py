@@ -55,7 +55,6 @@ from softsim_ros.nodes.viewer import (
     slider_label,
     slider_value,
     sphere_lines,
-    tetrahedra_edges,
     tunables,
 )
 
@@ -99,7 +98,6 @@ def test_elements_shrink_about_their_centres() -> None:
     corner = vertices[faces]
     volume = np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])).sum() / 6.0
     assert volume == pytest.approx(0.125 / 6.0)  # outward faces
-    assert len(tetrahedra_edges(np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))) == 9
 
 
 def test_every_key_of_the_robot_has_a_hotkey_and_a_label() -> None:

@@ -93,7 +93,6 @@ from .surface import (
     select_visible as select_visible,
     shrunk_faces as shrunk_faces,
     sphere_lines as sphere_lines,
-    tetrahedra_edges as tetrahedra_edges,
 )
 from .tabs import (
     PlotsTab as PlotsTab,

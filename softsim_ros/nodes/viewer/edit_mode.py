@@ -11,7 +11,6 @@ from pathlib import PurePath
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softsim_core.base import Array, Box, IndexArray, SoftSimError, Sphere
 from softsim_core.scene.editing import Region
@@ -20,9 +19,7 @@ from softsim_ros.messages import Proposal
 from softsim_ros.nodes.viewer.edit_session import CLICKS, EditSession, Field, drag_handle
 from softsim_ros.nodes.viewer.panel import Control, HtmlElement, Inbox, Tab
 from softsim_ros.nodes.viewer.picture import Picture
-from softsim_ros.nodes.viewer.surface import MM, Part, box_lines, sphere_lines
-
-Points = NDArray[np.float32]
+from softsim_ros.nodes.viewer.surface import MM, Part, Points, box_lines, sphere_lines
 
 SEND_PERIOD_S: Final = 0.2
 """Period in [s] at which the position of a dragged handle is proposed."""
@@ -79,12 +76,11 @@ class EditStage:
 
     def _body(self, part: Part, points: Points) -> Any:
         own, triangles = points[slice(*part.points)], part.triangles - part.points[0]
-        *rgb, _ = part.colour
         mesh = self._scene.add_mesh_simple(
             f"/edit/bodies/{part.name}",
             own,
             triangles.astype(np.uint32),
-            color=tuple(round(255 * channel) for channel in rgb),
+            color=part.rgb,
             opacity=OPACITY,
             side="double",
         )

@@ -7,30 +7,30 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.scene import AttachmentDescription, RobotDescription, ViewSettings
 from softsim_ros.nodes.viewer.marker_view import MarkerView, marker_points
-from softsim_ros.nodes.viewer.surface import MM, box_lines, normal_lines, shrunk_faces, sphere_lines
-
-_BOX_COLOUR = (134, 142, 150)
+from softsim_ros.nodes.viewer.surface import (
+    MM,
+    Lines,
+    Points,
+    box_lines,
+    normal_lines,
+    shrunk_faces,
+    sphere_lines,
+)
 
 
 class CollisionView:
-    """Draws the topic `collisions`: wire frames of the surfaces, and a box around each.
-
-    Args:
-        scene: viser's scene.
-    """
+    """Draws the topic `collisions`: wire frames of the surfaces, and a box around each."""
 
     def __init__(self, scene: Any) -> None:
-        self._scene = scene
         self._surfaces = MarkerView(
             scene, "collisions", part_of=lambda name, _: f"collisions/{name}", wireframe=True
         )
-        self._boxes: Any = None
+        self._boxes = Lines(scene, "/search_boxes", (134, 142, 150), 0.3)
         self._view = ViewSettings()
 
     def apply_view(self, view: ViewSettings) -> None:
@@ -40,7 +40,7 @@ class CollisionView:
         if not view.collisions:
             self._surfaces.clear()
         if not view.search_boxes:
-            self._draw_boxes(np.zeros((0, 2, 3), np.float32))
+            self._boxes.show(None)
 
     def update(self, message: MarkerArray) -> None:
         """Draw the surfaces at their current positions."""
@@ -49,21 +49,10 @@ class CollisionView:
             self._surfaces.update(message)
         if view.search_boxes:
             shown = [each for each in message.markers if f"collisions/{each.ns}" not in view.hidden]
-            lines = [around(each) for each in shown]
-            self._draw_boxes(np.concatenate([np.zeros((0, 2, 3), np.float32), *lines]))
-
-    def _draw_boxes(self, lines: NDArray[np.float32]) -> None:
-        if self._boxes is not None and len(self._boxes.points) == len(lines):
-            self._boxes.points = lines
-            return
-        if self._boxes is not None:
-            self._boxes.remove()
-            self._boxes = None
-        if len(lines):
-            self._boxes = self._scene.add_line_segments("/search_boxes", lines, _BOX_COLOUR, thickness=0.3)
+            self._boxes.show(np.concatenate([around(each) for each in shown]) if shown else None)
 
 
-def around(marker: Marker) -> NDArray[np.float32]:
+def around(marker: Marker) -> Points:
     """Return the edges in [mm] of a surface's box along the axes of the world, shape (12, 2, 3)."""
     points = marker_points(marker)
     margin = MM * marker.scale.x / 2.0 if marker.type == Marker.SPHERE else 0.0
@@ -76,28 +65,22 @@ LENGTH_MM: Final = 2.0
 PERIOD_S: Final = 0.2
 """Period in [s] at which normals are redrawn."""
 
-_COLOUR = (12, 133, 153)
-
 
 class NormalsView:
-    """Draws a line from the centre of each triangle along its normal.
-
-    Args:
-        scene: viser's scene.
-    """
+    """Draws a line from the centre of each triangle along its normal."""
 
     def __init__(self, scene: Any) -> None:
-        self._scene, self._lines = scene, None
+        self._lines = Lines(scene, "/normals", (12, 133, 153), 0.15)
         self._drawn_at = -math.inf
-        self.visible = False
+        self._shown = False
 
     def switch(self, shown: bool) -> None:
         """Show or hide the normals."""
-        self.visible, self._drawn_at = shown, -math.inf
+        self._shown, self._drawn_at = shown, -math.inf
         if not shown:
-            self._remove()
+            self._lines.show(None)
 
-    def update(self, points: NDArray[np.float32], triangles: IndexArray, now: float) -> None:
+    def update(self, points: Points, triangles: IndexArray, now: float) -> None:
         """Redraw the normals if their period is over.
 
         Args:
@@ -105,21 +88,9 @@ class NormalsView:
             triangles: Triangles with normals, shape (k, 3).
             now: Steady clock in [s].
         """
-        if not self.visible or now - self._drawn_at < PERIOD_S:
-            return
-        self._drawn_at = now
-        lines = normal_lines(points, triangles, LENGTH_MM)
-        if self._lines is not None and len(self._lines.points) == len(lines):
-            self._lines.points = lines
-            return
-        self._remove()
-        if len(lines):
-            self._lines = self._scene.add_line_segments("/normals", lines, _COLOUR, thickness=0.15)
-
-    def _remove(self) -> None:
-        if self._lines is not None:
-            self._lines.remove()
-            self._lines = None
+        if self._shown and now - self._drawn_at >= PERIOD_S:
+            self._drawn_at = now
+            self._lines.show(normal_lines(points, triangles, LENGTH_MM))
 
 
 Still: TypeAlias = tuple[str, str, Any]
@@ -137,13 +108,7 @@ REGION_COLOURS = ((230, 119, 0), (47, 158, 68), (25, 113, 194), (174, 62, 201), 
 
 
 class InnerView:
-    """Draws the inside and the frames of a scene.
-
-    Args:
-        scene: viser's scene.
-        robot: Description of the scene.
-        frames: Names of its frames, in the order of their poses.
-    """
+    """Draws the inside and the frames of a scene; `frames` are their names in the order of their poses."""
 
     def __init__(self, scene: Any, robot: RobotDescription, frames: Sequence[str]) -> None:
         self._scene, self._robot = scene, robot
@@ -184,7 +149,7 @@ class InnerView:
         self._regions = [
             (str(region["name"]), np.array(region["nodes"], dtype=np.int64)) for region in regions
         ]
-        self._forget()
+        self._remove_moving()
 
     def apply_view(self, view: ViewSettings) -> None:
         """Apply view settings."""
@@ -194,7 +159,7 @@ class InnerView:
             handle.show_axes = view.frames and not {f"joints/{part}", f"attachments/{part}"} & {*view.hidden}
         for layer, part, handle in self._still:
             handle.visible = getattr(view, layer) and part not in view.hidden
-        self._forget()
+        self._remove_moving()
         if self._positions is not None:
             self.move_nodes(self._positions)
 
@@ -235,9 +200,7 @@ class InnerView:
                 visible[nodes] = False
         return visible
 
-    def _draw(
-        self, name: str, kind: str, points: NDArray[np.float32], extra: Any, *, size: float = 1.0
-    ) -> None:
+    def _draw(self, name: str, kind: str, points: Points, extra: Any, *, size: float = 1.0) -> None:
         if name in self._moving:
             if kind == "mesh":
                 self._moving[name].vertices = points
@@ -252,7 +215,7 @@ class InnerView:
                 f"/{name}", points, extra, point_size=size, point_shape="square", precision="float32"
             )
 
-    def _forget(self) -> None:
+    def _remove_moving(self) -> None:
         """Remove moving objects; they are drawn again with the next positions."""
         for handle in self._moving.values():
             handle.remove()
@@ -272,35 +235,31 @@ class InnerView:
         ]
 
     def _arms(self) -> list[Still]:
+        """Draw the arm of each servo, along z of the frame that it moves, and the servo itself."""
         arms: list[Still] = []
         for joint in self._robot.joints:
             length = MM * joint.horn_length
-            if length > 0.0:
-                arm = self._scene.add_box(
-                    f"/frames/{joint.name}_horn/arm",
-                    color=(52, 58, 64),
-                    dimensions=(4.0, 8.0, length),
-                    position=(0.0, 0.0, length / 2.0),
+            boxes = {
+                f"{joint.name}_horn": ("arm", (52, 58, 64), 1.0, (4.0, 8.0, length), length / 2.0),
+                joint.name: ("servo", (73, 80, 87), 0.7, (20.0, 20.0, 12.0), -10.0),
+            }
+            for frame, (name, colour, opacity, size, height) in boxes.items() if length > 0.0 else ():
+                center = (0.0, 0.0, height)
+                solid = self._scene.add_box(
+                    f"/frames/{frame}/{name}",
+                    color=colour,
+                    opacity=None if opacity == 1.0 else opacity,
+                    dimensions=size,
+                    position=center,
                 )
-                servo = self._scene.add_box(
-                    f"/frames/{joint.name}/servo",
-                    color=(73, 80, 87),
-                    opacity=0.7,
-                    dimensions=(20.0, 20.0, 12.0),
-                    position=(0.0, 0.0, -10.0),
+                edges = self._scene.add_line_segments(
+                    f"/frames/{frame}/edges",
+                    box_lines(center, size, (0.0, 0.0, 0.0)).astype(np.float32),
+                    EDGES,
+                    thickness=0.35,
                 )
-                edges = [
-                    self._edges(
-                        f"/frames/{joint.name}_horn/edges", (0.0, 0.0, length / 2.0), (4.0, 8.0, length)
-                    ),
-                    self._edges(f"/frames/{joint.name}/edges", (0.0, 0.0, -10.0), (20.0, 20.0, 12.0)),
-                ]
-                arms += [("arms", f"joints/{joint.name}", handle) for handle in (arm, servo, *edges)]
+                arms += [("arms", f"joints/{joint.name}", handle) for handle in (solid, edges)]
         return arms
-
-    def _edges(self, name: str, center: tuple[float, ...], size: tuple[float, ...]) -> Any:
-        lines = box_lines(center, size, (0.0, 0.0, 0.0)).astype(np.float32)
-        return self._scene.add_line_segments(name, lines, EDGES, thickness=0.35)
 
     def _boxes(self) -> list[Still]:
         attachments = [each for each in self._robot.scene.attachments if each.group is None]

@@ -19,7 +19,7 @@ from softsim_ros.client import EffectorPose, Simulator
 from softsim_ros.nodes.viewer.inner_view import CollisionView, InnerView, NormalsView
 from softsim_ros.nodes.viewer.marker_view import MarkerView, RigidView
 from softsim_ros.nodes.viewer.panel import HOLD_S, Inbox
-from softsim_ros.nodes.viewer.surface import MM, Part, SurfaceView
+from softsim_ros.nodes.viewer.surface import MM, Lines, Part, Points, SurfaceView
 
 MOST_POINTS: Final = 600
 LEAST_STEP_MM: Final = 0.2
@@ -28,16 +28,11 @@ COLOUR: Final = (240, 140, 0)
 
 
 class Trail:
-    """Path of the effector, drawn as a line.
-
-    Args:
-        scene: viser's scene.
-    """
+    """Path of the effector, drawn as a line."""
 
     def __init__(self, scene: Any) -> None:
-        self._scene = scene
         self._points: deque[tuple[float, ...]] = deque(maxlen=MOST_POINTS)
-        self._line: Any = None
+        self._line = Lines(scene, "/trail", COLOUR, 0.6)
         self._shown = False
 
     def switch(self, shown: bool) -> None:
@@ -54,14 +49,8 @@ class Trail:
         self._draw()
 
     def _draw(self) -> None:
-        if self._line is not None:
-            self._line.remove()
-            self._line = None
-        if self._shown and len(self._points) > 1:
-            points = np.array(self._points, np.float32)
-            self._line = self._scene.add_line_segments(
-                "/trail", np.stack([points[:-1], points[1:]], axis=1), COLOUR, thickness=0.6
-            )
+        points = np.array(self._points if self._shown else (), np.float32).reshape(-1, 3)
+        self._line.show(np.stack([points[:-1], points[1:]], axis=1))
 
 
 CELLS: Final = 80
@@ -80,7 +69,7 @@ DEPTH_MM: Final = 0.3
 """Distance of the shadow below the floor, so that the grid is visible on it."""
 
 
-def find_covered_pixels(points: NDArray[np.float32], middle: NDArray[np.float64], width: float) -> BoolArray:
+def find_covered_pixels(points: Points, middle: NDArray[np.float64], width: float) -> BoolArray:
     """Return which pixels lie below points, shape (CELLS, CELLS): rows along y, columns along x.
 
     Args:
@@ -100,7 +89,7 @@ def shade(pixels: BoolArray) -> NDArray[np.float64]:
     return np.asarray(np.clip(1.6 * gaussian_filter(pixels.astype(float), BLUR), 0.0, 1.0))
 
 
-def spread_over(points: NDArray[np.float32], triangles: IndexArray, pixel: float) -> NDArray[np.float32]:
+def spread_over(points: Points, triangles: IndexArray, pixel: float) -> Points:
     """Return barycentric weights of points spread over each triangle, shape (s, 3).
 
     The points are about a `pixel` in [mm] apart and include the centre. A mesh of many triangles has small
@@ -135,11 +124,11 @@ class GroundShadow:
         self._middle, self._width = np.zeros(2), 1.0
         self._drawn_at = -np.inf
         self._drawn: tuple[bytes, float] | None = None
-        self._spread: NDArray[np.float32] | None = None
+        self._spread: Points | None = None
         self._picture: Any = None
         self._visible = True
 
-    def begin(self, points: NDArray[np.float32], height: float) -> None:
+    def begin(self, points: Points, height: float) -> None:
         """Restart with other bodies, by their points at rest (p, 3) in [mm].
 
         The floor is at `height` in [mm].
@@ -172,7 +161,7 @@ class GroundShadow:
         if self._picture is not None:
             self._picture.visible = shown
 
-    def follow(self, points: NDArray[np.float32], triangles: IndexArray, now: float) -> None:
+    def follow(self, points: Points, triangles: IndexArray, now: float) -> None:
         """Draw the shadow of a surface at its current position, a few times per second.
 
         Args:
@@ -267,7 +256,7 @@ class Pull:
     target: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     sent_at: float = -1.0
 
-    def force(self, points: NDArray[np.float32], stiffness: float, limit: float) -> NDArray[np.float64]:
+    def force(self, points: Points, stiffness: float, limit: float) -> NDArray[np.float64]:
         """Return the force on the vertex in [N], shape (3,).
 
         Args:
@@ -299,7 +288,7 @@ class MousePull:
         """Set the stiffness of the spring in [N/m]."""
         self.stiffness = stiffness
 
-    def send(self, pull: Pull | None, points: NDArray[np.float32], now: float) -> None:
+    def send(self, pull: Pull | None, points: Points, now: float) -> None:
         """Send the force of a pull if its period is over.
 
         Args:
@@ -413,7 +402,7 @@ class Stage:
         self.trail = Trail(scene)
         self.pull: Pull | None = None
         self.pull_mode = False
-        self._rope: Any = None
+        self._rope = Lines(scene, "/pull", (201, 42, 42), 0.8)
         self._goal: Any = None
         self._goal_moved_at = -np.inf
         self._goal_dragged = False
@@ -428,7 +417,7 @@ class Stage:
         self._floor.cell_color, self._floor.section_color = looks.cells, looks.sections
         self.shadow.opacity = looks.shadow
 
-    def show_surface(self, parts: list[Part], points: NDArray[np.float32]) -> None:
+    def show_surface(self, parts: list[Part], points: Points) -> None:
         """Show other bodies, by their visible points at rest in [mm], shape (p, 3); the grid lies below."""
         self.surface.show(parts, points)
         height = floor_height(points)
@@ -531,25 +520,15 @@ class Stage:
 
     def draw_rope(self) -> None:
         """Draw the line from the pulled vertex to the cursor."""
-        if self.pull is None:
-            if self._rope is not None:
-                self._rope.remove()
-                self._rope = None
+        pull = self.pull
+        if pull is None:
+            self._rope.show(None)
             return
-        start = self.surface.points[self.pull.vertex] + self.pull.offset
-        line = np.array([[start, self.pull.target]], dtype=np.float32)
-        if self._rope is None:
-            self._rope = self._server.scene.add_line_segments("/pull", line, (201, 42, 42), thickness=0.8)
-        else:
-            self._rope.points = line
-
-    def let_go(self) -> None:
-        """End the pull, if any."""
-        self.pull = None
-        self.draw_rope()
+        start = self.surface.points[pull.vertex] + pull.offset
+        self._rope.show(np.array([[start, pull.target]], dtype=np.float32))
 
 
-def floor_height(points: NDArray[np.float32]) -> float:
+def floor_height(points: Points) -> float:
     """Return the height in [mm] of the grid below `points` (p, 3) in [mm].
 
     It is FLOOR_MM for bodies that stand on z = 0.
@@ -557,7 +536,7 @@ def floor_height(points: NDArray[np.float32]) -> float:
     return FLOOR_MM + float(points[:, 2].min(initial=0.0))
 
 
-def camera_for(points: NDArray[np.float32]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def camera_for(points: Points) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return position and target of a camera that sees `points` (p, 3) in [mm] beside the panel."""
     if not len(points):
         points = np.array([[-60.0, -60.0, 0.0], [60.0, 60.0, 30.0]], dtype=np.float32)

@@ -39,15 +39,6 @@ def sphere_lines(center: tuple[float, ...], radius: float) -> Array:
     return np.asarray(np.array(center) + radius * np.concatenate(lines))
 
 
-def tetrahedra_edges(tetrahedra: IndexArray) -> IndexArray:
-    """Return each edge of some tetrahedra once, as pairs of node indices, shape (e, 2)."""
-    pairs = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
-    edges = (
-        np.concatenate([tetrahedra[:, pair] for pair in pairs]) if len(tetrahedra) else np.zeros((0, 2), int)
-    )
-    return np.asarray(np.unique(np.sort(edges, axis=1), axis=0))
-
-
 def shrunk_faces(points: Array, tetrahedra: IndexArray, share: float) -> tuple[Array, IndexArray]:
     """Return tetrahedra scaled by `share` about their centres: vertices (4 m, 3), faces (4 m, 3)."""
     corners = points[tetrahedra]
@@ -105,10 +96,32 @@ class Part:
     triangles: IndexArray
     colour: tuple[float, float, float, float]
 
+    @property
+    def rgb(self) -> tuple[int, ...]:
+        """Red, green, blue in 0..255."""
+        return tuple(round(255 * channel) for channel in self.colour[:3])
 
-def band_edges(highest: float) -> list[float]:
-    """Return the lower edge of each band in the unit of `highest`, BANDS values."""
-    return [highest * band / BANDS for band in range(BANDS)]
+
+class Lines:
+    """Line segments in the picture that move, appear and disappear; sizes in [mm]."""
+
+    def __init__(self, scene: Any, name: str, colour: tuple[int, int, int], thickness: float) -> None:
+        self._scene, self._name, self._colour, self._thickness = scene, name, colour, thickness
+        self._drawn: Any = None
+
+    def show(self, lines: Points | None) -> None:
+        """Draw lines, shape (k, 2, 3), instead of the previous ones; None or an empty array removes them."""
+        count = 0 if lines is None else len(lines)
+        if self._drawn is not None and len(self._drawn.points) == count:
+            self._drawn.points = lines
+            return
+        if self._drawn is not None:
+            self._drawn.remove()
+            self._drawn = None
+        if count:
+            self._drawn = self._scene.add_line_segments(
+                self._name, lines, self._colour, thickness=self._thickness
+            )
 
 
 @cache
@@ -251,13 +264,12 @@ class SurfaceView:
 
     def _make_plain(self, parts: list[Part]) -> None:
         for part in parts:
-            *rgb, alpha = part.colour
             mesh = self._scene.add_mesh_simple(
                 f"/bodies/{part.name}",
                 self.points[slice(*part.points)],
                 self._faces_of(part),
-                color=tuple(round(255 * channel) for channel in rgb),
-                opacity=None if alpha >= 1.0 else alpha,
+                color=part.rgb,
+                opacity=None if part.colour[3] >= 1.0 else part.colour[3],
                 wireframe=self._view.wireframe,
                 side="double",
             )
