@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from rclpy.executors import SingleThreadedExecutor
 
@@ -14,7 +14,7 @@ from softsim_core.scene import RobotDescription, load_scene
 from softsim_node import Program, ending, ready_callbacks, run_node
 from softsim_ros import ClosableNode
 from softsim_ros.client import RobotClient, Warnings
-from softsim_ros.keys import Keyboard, KeyPress, KeySettings, requested_robot
+from softsim_ros.keys import Keyboard, KeySettings, requested_robot
 from softsim_ros.nodes.teleop.decoder import KeyDecoder
 from softsim_ros.nodes.teleop.display import View, frame, render
 from softsim_ros.nodes.teleop.terminal import DeferredOutput, RawTerminal
@@ -23,68 +23,6 @@ KEY_WAIT_S: Final = 0.04
 """Longest wait for a key in [s], hence the longest interval between callbacks."""
 
 DRAW_INTERVAL_S: Final = 0.1
-
-
-class DrivenByKeys(Protocol):
-    """Node that the keyboard loop can drive; Teleop implements it."""
-
-    @property
-    def context(self) -> Any:
-        """The node's rclpy context."""
-        ...
-
-    @property
-    def quit_requested(self) -> bool:
-        """Whether a key has requested to quit."""
-        ...
-
-    def handle_key(self, key: KeyPress, now: float) -> None:
-        """Process a key, `now` in [s]."""
-        ...
-
-    def view(self, now: float) -> View:
-        """Return the content of the display at `now` in [s]."""
-        ...
-
-
-def run_teleop(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
-    """Drive the robot from a terminal until a key quits, the process is to end or the terminal is gone.
-
-    Args:
-        node: The teleop; may share its process with other nodes that spin in threads of their own.
-        terminal: Entered already.
-        serve_callbacks: Runs the node's callbacks that are ready, without waiting, such as
-            `lambda: ready_callbacks(executor)`.
-    """
-    try:
-        _run(node, terminal, serve_callbacks)
-    except Exception:
-        if node.context.ok():
-            raise
-        # the context was shut down during a call, which is an ordinary end
-
-
-def _run(node: DrivenByKeys, terminal: RawTerminal, serve_callbacks: Callable[[], None]) -> None:
-    decoder = KeyDecoder()
-    shown: tuple[list[str], tuple[int, int]] | None = None
-    next_draw = time.monotonic()
-    while node.context.ok() and not (node.quit_requested or ending.asked):
-        data = terminal.read() if terminal.wait(KEY_WAIT_S) else b""
-        if data is None:
-            return
-        serve_callbacks()  # before the keys, so that a key step starts from the newest measured position
-        now = time.monotonic()
-        for key in decoder.flush(now) + decoder.feed(data, now):
-            node.handle_key(key, now)
-            if node.quit_requested:
-                return
-        if now >= next_draw:
-            size = terminal.size
-            content = (render(node.view(now), *size), size)
-            if terminal.take_redraw() or content != shown:
-                terminal.write(frame(content[0], size[1]))
-                shown = content
-            next_draw = now + DRAW_INTERVAL_S
 
 
 class Teleop(ClosableNode):
@@ -110,11 +48,6 @@ class Teleop(ClosableNode):
         self.keyboard = Keyboard(self, self.client, self.set_status)
         self._warnings = Warnings(self, self.warn)
 
-    @property
-    def quit_requested(self) -> bool:
-        """Whether a key has requested to quit."""
-        return self.keyboard.quit_requested
-
     def set_status(self, message: str) -> None:
         """Set the message for the user."""
         self._message = message
@@ -122,10 +55,6 @@ class Teleop(ClosableNode):
     def warn(self, message: str) -> None:
         """Show a message of another node for a while, beside the answers to keys."""
         self._warning, self._warned_at = message, time.monotonic()
-
-    def handle_key(self, key: KeyPress, now: float) -> None:
-        """Run the action of a key without blocking; `now` is a steady clock in [s]."""
-        self.keyboard.press(key, now)
 
     def view(self, now: float) -> View:
         """Return the content of the display at `now`, steady clock in [s]."""
@@ -144,9 +73,10 @@ class Teleop(ClosableNode):
 
 
 def drive(node: Teleop) -> None:
-    """Run keys and display in this terminal until the user or a signal ends it.
+    """Run keys and display in this terminal until a key, a signal or the end of the terminal ends it.
 
-    SIGINT, SIGTERM and SIGHUP end the loop in an orderly way, see `softsim_node.signals`.
+    The node may share its process with other nodes that spin in threads of their own. SIGINT, SIGTERM and
+    SIGHUP end the loop in an orderly way, see `softsim_node.signals`.
 
     Raises:
         NoTerminalError: this terminal cannot be used.
@@ -154,10 +84,37 @@ def drive(node: Teleop) -> None:
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     try:
-        with DeferredOutput(), RawTerminal(signals=()) as terminal:
-            run_teleop(node, terminal, lambda: ready_callbacks(executor))
+        with DeferredOutput(), RawTerminal() as terminal:
+            _run(node, terminal, executor)
+    except Exception:
+        if node.context.ok():
+            raise
+        # the context was shut down during a call, which is an ordinary end
     finally:
         executor.shutdown(timeout_sec=0)
+
+
+def _run(node: Teleop, terminal: RawTerminal, executor: SingleThreadedExecutor) -> None:
+    decoder, keyboard = KeyDecoder(), node.keyboard
+    shown: tuple[list[str], tuple[int, int]] | None = None
+    next_draw = time.monotonic()
+    while node.context.ok() and not (keyboard.quit_requested or ending.asked):
+        data = terminal.read() if terminal.wait(KEY_WAIT_S) else b""
+        if data is None:
+            return
+        ready_callbacks(executor)  # before the keys: a key step starts from the newest measured position
+        now = time.monotonic()
+        for key in decoder.flush(now) + decoder.feed(data, now):
+            keyboard.press(key, now)
+            if keyboard.quit_requested:
+                return
+        if now >= next_draw:
+            size = terminal.size
+            content = (render(node.view(now), *size), size)
+            if terminal.take_redraw() or content != shown:
+                terminal.write(frame(content[0], size[1]))
+                shown = content
+            next_draw = now + DRAW_INTERVAL_S
 
 
 PROGRAM = Program(

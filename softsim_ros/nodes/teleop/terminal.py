@@ -10,7 +10,6 @@ import sys
 import tempfile
 import termios
 import threading
-from collections.abc import Sequence
 from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import IO, Any, Final
@@ -83,8 +82,6 @@ def _flush() -> None:
                 stream.flush()
 
 
-ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
 _READ_SIZE = 4096
 _DEFAULT_SIZE = (80, 24)
 # Alternate screen, cursor hidden, no line wrap, pastes bracketed, kitty keys (flag 1), modifyOtherKeys 1; the
@@ -107,20 +104,15 @@ class NoTerminalError(SoftSimError, RuntimeError):
 class RawTerminal:
     """Context manager: bytes as they are typed, with Ctrl+Z, Ctrl+Q and Ctrl+C as plain bytes.
 
-    The terminal is standard input, or /dev/tty if that is redirected. Its modes are restored on every way
-    out: the end of the `with` block, exceptions, and SIGINT, SIGTERM and SIGHUP, which are then passed on to
-    the previous handler (SIGHUP as SIGTERM). SIGTSTP restores the modes for the pause, and SIGCONT makes the
-    terminal raw again.
-
-    Args:
-        signals: Signals to watch; leave out those that other code turns into an orderly end of the block.
+    The terminal is standard input, or /dev/tty if that is redirected. Its modes are restored at the end of
+    the `with` block and on exceptions; signals that end the process have to end the block. SIGTSTP restores
+    the modes for the pause, and SIGCONT makes the terminal raw again.
 
     Raises:
         NoTerminalError: on entry, when there is no terminal to read from.
     """
 
-    def __init__(self, signals: Sequence[signal.Signals] = ENDING_SIGNALS) -> None:
-        self._signals = tuple(signals)
+    def __init__(self) -> None:
         self._previous_handlers: dict[signal.Signals, Any] = {}
         self._opened: list[int] = []
         self._input = self._output = -1
@@ -246,18 +238,8 @@ class RawTerminal:
     def _watch_signals(self) -> None:
         if threading.current_thread() is not threading.main_thread():
             return  # Python handles signals in the main thread only
-        for number in self._signals:
-            self._previous_handlers[number] = signal.signal(number, self._on_end)
         self._previous_handlers[signal.SIGTSTP] = signal.signal(signal.SIGTSTP, self._on_stop)
         self._previous_handlers[signal.SIGCONT] = signal.signal(signal.SIGCONT, self._on_continue)
-
-    def _on_end(self, number: int, frame: FrameType | None) -> None:
-        self._give_back()
-        onward = signal.SIGTERM if number == signal.SIGHUP else signal.Signals(number)
-        for watched in (signal.Signals(number), onward):
-            if watched in self._previous_handlers:
-                signal.signal(watched, self._previous_handlers.pop(watched))
-        os.kill(os.getpid(), onward)
 
     def _on_stop(self, number: int, frame: FrameType | None) -> None:
         self._give_back()
