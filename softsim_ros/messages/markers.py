@@ -23,14 +23,15 @@ PROBE_STAMP = np.array([0x15EA51DE, 0x2B1D5EED], dtype="<u4")
 """Time stamp that occurs nowhere else in a message."""
 
 
-def block(data: bytes, pattern: bytes, what: str) -> int:
-    """Return the offset of the only occurrence of a pattern."""
+def view_of(copy: bytearray, data: bytes, probe: Array, what: str) -> Array:
+    """Return a view of `copy` in the place and shape of a probe, which `data` contains once."""
+    pattern = probe.tobytes()
     offset = data.find(pattern)
     if offset < 0 or data.find(pattern, offset + 1) >= 0:
         raise SoftSimError(
             f"mesh marker: cannot locate its {what} in the serialised message; update the suite"
         )
-    return offset
+    return np.frombuffer(copy, probe.dtype, probe.size, offset).reshape(probe.shape)
 
 
 def triangle_marker(frame: str, corners: Array, colours: Array) -> Marker:
@@ -66,19 +67,15 @@ class MarkerTemplate:
     def __init__(self, frame: str, triangles: IndexArray, alpha: float = 1.0) -> None:
         self._corner_vertices = np.asarray(triangles).ravel()
         count = len(self._corner_vertices)
-        probe_points = 1.0e5 + np.arange(3.0 * count).reshape(count, 3)
+        probe_points = (1.0e5 + np.arange(3.0 * count)).astype("<f8").reshape(count, 3)
         probe_colours = (1.0e6 + np.arange(4.0 * count)).astype("<f4").reshape(count, 4)
         marker = triangle_marker(frame, probe_points, probe_colours)
         marker.header.stamp = Time(sec=int(PROBE_STAMP[0]), nanosec=int(PROBE_STAMP[1]))
         data: bytes = serialize_message(marker)
         self._data = bytearray(data)
-        self._stamp = np.frombuffer(self._data, "<u4", 2, block(data, PROBE_STAMP.tobytes(), "time stamp"))
-        self._points = np.frombuffer(
-            self._data, "<f8", 3 * count, block(data, probe_points.astype("<f8").tobytes(), "points")
-        ).reshape(count, 3)
-        self._colours = np.frombuffer(
-            self._data, "<f4", 4 * count, block(data, probe_colours.tobytes(), "colours")
-        ).reshape(count, 4)
+        self._stamp = view_of(self._data, data, PROBE_STAMP, "time stamp")
+        self._points = view_of(self._data, data, probe_points, "points")
+        self._colours = view_of(self._data, data, probe_colours, "colours")
         self._colours[:, 3] = alpha
         self._check_round_trip()
 
@@ -126,8 +123,8 @@ class MovingMarkers:
     """
 
     def __init__(self, markers: Sequence[Marker]) -> None:
-        copy = serialize_message(MarkerArray(markers=list(markers)))
-        probe, places, colours, first = deserialize_message(copy, MarkerArray), [], [], 1.0e5
+        probe = deserialize_message(serialize_message(MarkerArray(markers=list(markers))), MarkerArray)
+        places, colours, first = [], [], 1.0e5
         for number, marker in enumerate(probe.markers):
             marker.header.stamp = Time(sec=int(PROBE_STAMP[0]) + number, nanosec=int(PROBE_STAMP[1]))
             place = first + np.arange(3.0 * max(1, len(marker.points))).reshape(-1, 3)
@@ -143,20 +140,13 @@ class MovingMarkers:
             colours.append(colour)
             first += place.size
         data = serialize_message(probe)
-        self._data = bytearray(data)
-        self._stamps = [
-            self._view(data, PROBE_STAMP + np.array([number, 0], dtype="<u4"), "time stamp")
-            for number in range(len(places))
-        ]
-        self._places = [self._view(data, place, "points") for place in places]
-        self._colours = [self._view(data, colour, "colour") for colour in colours]
+        copy = self._data = bytearray(data)
+        stamps = [PROBE_STAMP + np.array([number, 0], dtype="<u4") for number in range(len(places))]
+        self._stamps = [view_of(copy, data, stamp, "time stamp") for stamp in stamps]
+        self._places = [view_of(copy, data, place, "points") for place in places]
+        self._colours = [view_of(copy, data, colour, "colour") for colour in colours]
         for view, marker in zip(self._colours, markers, strict=True):
             view[:] = marker.color.r, marker.color.g, marker.color.b, marker.color.a
-
-    def _view(self, data: bytes, probe: Array, what: str) -> Array:
-        """Return a view of `self._data` at the offset at which `data` contains a probe, in its shape."""
-        offset = block(data, probe.tobytes(), what)
-        return np.frombuffer(self._data, probe.dtype, probe.size, offset).reshape(probe.shape)
 
     def fill(self, stamp: Time, places: Sequence[Array], colours: Sequence[Array] = ()) -> bytes:
         """Return the serialised array of a state, ready for `publisher.publish`.

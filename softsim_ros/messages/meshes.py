@@ -8,6 +8,8 @@ space for image processing".
 from __future__ import annotations
 
 from binascii import crc32
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -90,12 +92,33 @@ def stress_colours(values: Array, highest: float) -> NDArray[np.float32]:
     return _TABLE[steps.astype(np.intp)]
 
 
-POINT_FIELDS = ("x", "y", "z", "von_mises")
-"""Fields of a point, float32 each: position in [m], von Mises stress in [Pa]."""
+POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "von_mises")])
+"""A point: position in [m], von Mises stress in [Pa]."""
+
+_DATATYPES = {"<f4": PointField.FLOAT32, "<i4": PointField.INT32}
+
+
+def cloud(stamp: Time, frame: str, rows: NDArray[np.void]) -> PointCloud2:
+    """Return rows of a structured array, shape (p,), as a message with a field for each of their names."""
+    fields: Mapping[str, Any] = rows.dtype.fields or {}
+    return PointCloud2(
+        header=header(stamp, frame),
+        height=1,
+        width=len(rows),
+        fields=[
+            PointField(name=name, offset=offset, datatype=_DATATYPES[kind.str], count=1)
+            for name, (kind, offset, *_) in fields.items()
+        ],
+        is_bigendian=False,
+        point_step=rows.dtype.itemsize,
+        row_step=rows.nbytes,
+        data=message_array(rows, "B"),
+        is_dense=True,
+    )
 
 
 def point_cloud(stamp: Time, frame: str, points: Array, von_mises: Array) -> PointCloud2:
-    """Return vertices with their stress as float32 x, y, z, von_mises, in the order of the vertices.
+    """Return vertices with their stress as rows of POINT, in the order of the vertices.
 
     Args:
         stamp: Time of the positions.
@@ -106,25 +129,12 @@ def point_cloud(stamp: Time, frame: str, points: Array, von_mises: Array) -> Poi
     rows = np.empty((len(points), 4), dtype="<f4")
     rows[:, :3] = points
     rows[:, 3] = von_mises
-    return PointCloud2(
-        header=header(stamp, frame),
-        height=1,
-        width=len(rows),
-        fields=[
-            PointField(name=name, offset=4 * index, datatype=PointField.FLOAT32, count=1)
-            for index, name in enumerate(POINT_FIELDS)
-        ],
-        is_bigendian=False,
-        point_step=16,
-        row_step=16 * len(rows),
-        data=message_array(rows, "B"),
-        is_dense=True,
-    )
+    return cloud(stamp, frame, rows.view(POINT)[:, 0])
 
 
 def read_point_cloud(message: PointCloud2) -> NDArray[np.float32]:
     """Return rows (x, y, z, von_mises) of a message of `point_cloud`, shape (p, 4); a view, not a copy."""
-    return np.frombuffer(message.data, dtype="<f4").reshape(-1, len(POINT_FIELDS))
+    return np.frombuffer(message.data, dtype="<f4").reshape(-1, 4)
 
 
 def topology(points: Array, triangles: IndexArray) -> Mesh:

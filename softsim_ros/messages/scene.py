@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -49,6 +50,19 @@ def whole(value: Any) -> int:
     return value
 
 
+@contextmanager
+def _refusing(what: str, text: str, longest: int, form: str) -> Iterator[None]:
+    """Raise CommandError for a text that is too long, and for one that cannot be read inside the context."""
+    if len(text) > longest:
+        raise CommandError(f"{what} refused: longer than {longest} characters")
+    try:
+        yield
+    except CommandError:
+        raise
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
+        raise CommandError(f"{what} refused: {form} ({type(error).__name__}: {error!s:.80})") from error
+
+
 LONGEST_TEXT: Final = 8_000_000
 
 
@@ -90,13 +104,11 @@ def read_scene_message(text: str) -> SceneMessage:
         CommandError: it is no message of a simulator.
         ConfigError: its description cannot be read.
     """
-    if len(text) > LONGEST_TEXT:
-        raise CommandError(f"scene refused: longer than {LONGEST_TEXT} characters")
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise CommandError(f"scene refused: no JSON ({type(error).__name__})") from error
-    try:
+    with _refusing("scene", text, LONGEST_TEXT, "no message of this version's simulator"):
+        try:
+            data = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise CommandError(f"scene refused: no JSON ({type(error).__name__})") from error
         places = {text_of(key): _place(place) for key, place in dict(data["places"]).items()}
         source = Path(places[""][0]) if "" in places else None
         return SceneMessage(
@@ -112,12 +124,6 @@ def read_scene_message(text: str) -> SceneMessage:
                 text_of(key): whole(number) for key, number in dict(data.get("checksums", {})).items()
             },
         )
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        if isinstance(error, CommandError):
-            raise
-        raise CommandError(
-            f"scene refused: no message of this version's simulator ({type(error).__name__}: {error!s:.80})"
-        ) from error
 
 
 def _body(data: Any) -> dict[str, Any]:
@@ -218,18 +224,12 @@ def read_edits(text: str) -> tuple[tuple[Edit, ...], str]:
     Raises:
         CommandError: it contains no valid edits.
     """
-    if len(text) > LONGEST_EDIT:
-        raise CommandError(f"edit refused: longer than {LONGEST_EDIT} characters")
-    try:
+    with _refusing("edit", text, LONGEST_EDIT, "not of the form in docs/edit.md"):
         data = json.loads(text)
         edits, stroke = data["edits"], data.get("stroke", "")
         if set(data) - {"edits", "stroke"} or not isinstance(edits, list) or len(edits) > MOST_EDITS:
             raise TypeError(f"`edits`, a list of at most {MOST_EDITS}, and `stroke`")
         return tuple(map(_edit, edits)), text_of(stroke)
-    except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
-        raise CommandError(
-            f"edit refused: not of the form in docs/edit.md ({type(error).__name__}: {error!s:.80})"
-        ) from error
 
 
 def _plain(edit: Edit) -> dict[str, Any]:
@@ -289,9 +289,7 @@ def read_proposal(text: str) -> Proposal:
         CommandError: it is no message of a simulator.
         ConfigError: its description cannot be read.
     """
-    if len(text) > LONGEST_PROPOSAL:
-        raise CommandError(f"proposal refused: longer than {LONGEST_PROPOSAL} characters")
-    try:
+    with _refusing("proposal", text, LONGEST_PROPOSAL, "not of this version's form"):
         data = json.loads(text)
         description = text_of(data["description"])
         return Proposal(
@@ -307,12 +305,6 @@ def read_proposal(text: str) -> Proposal:
             chosen=tuple(map(_parse_chosen_points, require_list(data["chosen"]))),
             routes={name_of(name): _points(rows) for name, rows in dict(data["routes"]).items()},
         )
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
-        if isinstance(error, CommandError):
-            raise
-        raise CommandError(
-            f"proposal refused: not of this version's form ({type(error).__name__}: {error!s:.70})"
-        ) from error
 
 
 def _parse_chosen_points(data: Any) -> ChosenPoints:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray, Vector3, WrenchStamped
 from numpy.typing import NDArray
-from sensor_msgs.msg import FluidPressure, Image, Imu, JointState, PointCloud2, PointField
+from sensor_msgs.msg import FluidPressure, Image, Imu, JointState, PointCloud2
 from std_msgs.msg import Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
 from softsim_core.base import Array
 from softsim_core.physics.dynamics import ContactReport
 from softsim_core.physics.sensing import Output, Quantity, SensorReading, SimulatedSensorDescription
-from softsim_ros.messages.states import header, joint_state, message_array, pose
+from softsim_ros.messages.meshes import cloud
+from softsim_ros.messages.states import joint_state, message_array, pose
 
 _NUMBERS = (
     *("x", "y", "z"),
@@ -43,21 +45,7 @@ def contact_cloud(stamp: Time, frame: str, contacts: ContactReport) -> PointClou
         rows[name] = column
     for name, body in zip(_BODIES, contacts.bodies.T, strict=True):
         rows[name] = body
-    kinds = dict.fromkeys(_NUMBERS, PointField.FLOAT32) | dict.fromkeys(_BODIES, PointField.INT32)
-    return PointCloud2(
-        header=header(stamp, frame),
-        height=1,
-        width=len(rows),
-        fields=[
-            PointField(name=name, offset=4 * index, datatype=kind, count=1)
-            for index, (name, kind) in enumerate(kinds.items())
-        ],
-        is_bigendian=False,
-        point_step=CONTACT.itemsize,
-        row_step=CONTACT.itemsize * len(rows),
-        data=message_array(rows, "B"),
-        is_dense=True,
-    )
+    return cloud(stamp, frame, rows)
 
 
 def read_contact_cloud(message: PointCloud2) -> NDArray[np.void]:
@@ -189,18 +177,17 @@ MESSAGES: Final[dict[Quantity, tuple[type, Write]]] = {
 
 def messages_of(described: SimulatedSensorDescription, atmosphere: float) -> tuple[SensorMessage, ...]:
     """Return the messages of a sensor; `atmosphere` is the absolute pressure of the air in [Pa]."""
-    return tuple(_sensor_message(output, atmosphere) for output in described.outputs)
+    return tuple(
+        SensorMessage(output.below, MESSAGES[output.quantity][0], partial(_write, output, atmosphere))
+        for output in described.outputs
+    )
 
 
-def _sensor_message(output: Output, atmosphere: float) -> SensorMessage:
-    message, write = MESSAGES[output.quantity]
-    base = atmosphere if output.quantity is Quantity.PRESSURE else 0.0
-
-    def write_reading(header: Header, reading: SensorReading) -> Any:
-        value = np.asarray(reading.value[output.part])
-        return write(header, base + value if base else value, output)
-
-    return SensorMessage(output.below, message, write_reading)
+def _write(output: Output, atmosphere: float, header: Header, reading: SensorReading) -> Any:
+    value = np.asarray(reading.value[output.part])
+    if output.quantity is Quantity.PRESSURE:  # sensors measure it relative to the air
+        value = atmosphere + value
+    return MESSAGES[output.quantity][1](header, value, output)
 
 
 def _vectors(value: Array) -> tuple[Vector3, Vector3]:

@@ -39,12 +39,8 @@ COLOURS: Final = {
 class EditStage:
     """Draws the proposal of an EditSession, and handles its clicks and drags.
 
-    Args:
-        scene: viser's scene.
-        inbox: Queue for mouse events.
-        session: What is edited.
-        attempt: Runs a user's action in its turn and reports the result.
-        is_behind: Whether such an action has to wait.
+    `attempt` runs a user's action in its turn and reports the result; `is_behind` tells whether it has to
+    wait.
     """
 
     def __init__(
@@ -261,13 +257,6 @@ class EditMode:
     A user may act faster than the simulator answers. Each action therefore waits until the result of the
     previous one has arrived, so that all actions apply, in order, to the scene that the user meant.
 
-    Args:
-        server: viser's server.
-        inbox: Queue for events of browsers.
-        picture: Shows the running scene; hidden in the edit mode.
-        editing: Client of the simulator's edit services.
-        say: Called with messages for the user.
-
     Attributes:
         session: What is edited; it persists when another scene begins.
     """
@@ -322,15 +311,12 @@ class EditMode:
     def _go_on(self) -> None:
         """Run waiting actions until one of them has to wait for the simulator's answer."""
         while self._waiting and not self.is_behind:
-            self._carry_out(self._waiting.popleft())
-
-    def _carry_out(self, action: Action) -> None:
-        try:
-            message = action()
-        except SoftSimError as error:
-            message = str(error)
-        if message:
-            self._say(message)
+            try:
+                message = self._waiting.popleft()()
+            except SoftSimError as error:
+                message = str(error)
+            if message:
+                self._say(message)
 
     def refresh(self) -> None:
         """Draw a proposal that has arrived since the last call."""
@@ -364,13 +350,7 @@ MOST_PROBLEMS: Final = 6
 
 
 class EditTab(Tab):
-    """Controls of the edit mode.
-
-    Args:
-        gui: viser's controls, inside the tab.
-        inbox: Queue for events of browsers.
-        mode: What is edited, drawn and requested.
-    """
+    """Controls of the edit mode."""
 
     def __init__(self, gui: Any, inbox: Inbox, mode: EditMode) -> None:
         session = mode.session
@@ -379,9 +359,12 @@ class EditTab(Tab):
         switch = gui.add_checkbox("Edit", session.is_on, hint="shows the scene at rest, as it is proposed")
         self._switch = inbox.on_change(switch, self._turn)
         for row in (("Undo", "Redo", "Discard"), ("Apply", "Save", "Copy")):
-            self._add_actions(row)
+            actions = {name: partial(mode.ask, name.lower()) for name in row}
+            inbox.on_press(gui.add_button_group("", row), actions)
         clicks = gui.add_dropdown("A click on a body does", CLICKS, initial_value=session.click)
-        self._clicks = inbox.on_change(clicks, self._choose_click)
+        self._clicks = inbox.on_change(
+            clicks, lambda click: mode.attempt(partial(session.choose_click, click))
+        )
         self._folder = gui.add_folder("Part")
         self._content: list[Any] = []
         self._fields: list[tuple[Field, Any]] = []
@@ -415,14 +398,16 @@ class EditTab(Tab):
         with self._folder:
             parts = (NOTHING, *session.parts)
             part = gui.add_dropdown("Chosen part", parts, initial_value=session.part or NOTHING)
-            self._inbox.on_change(part, self._choose)
+            self._inbox.on_change(
+                part, lambda name: self._choose(session.choose, "" if name == NOTHING else name)
+            )
             self._content.append(part)
             if len(session.route):
                 names = session.point_names
                 at = gui.add_dropdown(
                     "Point of the cable", names, initial_value=names[session.point + session.first]
                 )
-                self._inbox.on_change(at, self._choose_point)
+                self._inbox.on_change(at, partial(self._choose, session.choose_point))
                 self._content.append(at)
             for field in fields:
                 handle = gui.add_text(field.label, field.text)
@@ -431,20 +416,16 @@ class EditTab(Tab):
             if self._fields:
                 self._add_button("Set values", self._write)
             if (session.part and not session.part.startswith("bodies/")) or "#" in session.part:
-                self._add_button("Remove part", lambda: session.remove())
+                self._add_button("Remove part", session.remove)
             if len(session.route):
-                self._add_button("Remove point", lambda: session.remove_point())
+                self._add_button("Remove point", session.remove_point)
             if session.is_free:
-                self._add_button("Make it the effector", lambda: session.make_effector())
+                self._add_button("Make it the effector", session.make_effector)
 
     def _add_button(self, name: str, action: Callable[[], None]) -> None:
         button = self._gui.add_button(name)
         self._inbox.on_click(button, lambda: self._mode.attempt(action))
         self._content.append(button)
-
-    def _add_actions(self, names: tuple[str, ...]) -> None:
-        actions = {name: partial(self._mode.ask, name.lower()) for name in names}
-        self._inbox.on_press(self._gui.add_button_group("", names), actions)
 
     # --- actions of the user --------------------------------------------------------------------------
 
@@ -452,21 +433,12 @@ class EditTab(Tab):
         self._mode.turn(on)
         self.refresh()
 
-    def _choose_click(self, click: str) -> None:
-        self._mode.attempt(lambda: self._session.choose_click(click))
-
-    def _choose(self, part: str) -> None:
-        self._attempt_and_show(lambda: self._session.choose("" if part == NOTHING else part))
-
-    def _choose_point(self, name: str) -> None:
-        self._attempt_and_show(lambda: self._session.choose_point(name))
-
     def _write(self) -> None:
         self._session.write([(field, box.value) for field, box in self._fields if box.value != field.text])
 
-    def _attempt_and_show(self, choose: Callable[[], None]) -> None:
+    def _choose(self, choose: Callable[[str], None], name: str) -> None:
         def choose_and_show() -> None:
-            choose()
+            choose(name)
             self._mode.show()
             self.refresh()
 

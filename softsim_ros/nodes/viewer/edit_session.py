@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -33,6 +32,7 @@ from softsim_core.scene.editing import (
 from softsim_core.scene.io import Item, Steps, read_overrides
 from softsim_ros.messages import Proposal
 from softsim_ros.nodes.viewer.parameters import KILO
+from softsim_ros.nodes.viewer.part_tree import field_text
 from softsim_ros.nodes.viewer.surface import MM
 
 GRAMS: Final = 1000.0
@@ -66,11 +66,6 @@ def fields_of(robot: RobotDescription, part: str, region: Region | None) -> list
     if kind == "bodies":
         return [field for body in robot.scene.bodies if body.name == name for field in _of_body(body)]
     return []
-
-
-def point_field(at: Array, moved: Callable[[Array], Edits]) -> Field:
-    """Return the field of one point of a cable at (3,) in [m]."""
-    return Field("Point [mm]", _text(at * MM), lambda value: moved(_three(value) / MM))
 
 
 class _Draft:
@@ -119,10 +114,10 @@ def _of_region(robot: RobotDescription, region: Region) -> Iterator[Field]:
         yield Field("Size [mm]", _text(np.array(shape.size) * MM), draft.resize)
         yield Field("Turned about x, y, z [deg]", _text(np.array(shape.rotation_deg)), draft.turn)
     kind, _, name = region.part.partition("/")
+    at: Steps = ("attachments", Item(name), "to")
     for attachment in robot.scene.attachments if kind == "attachments" else ():
         if attachment.name == name:
-            put = _put("attachments", Item(name), "to")
-            yield Field("Moves with (world, free, a joint)", attachment.to, put)
+            yield Field("Moves with (world, free, a joint)", attachment.to, lambda value: (Put(at, value),))
     if region.index is not None and region.steps[-1] == "added_masses":
         mass = plain_masses(robot.scene, region.body)[region.index]["mass"]
         yield Field("Mass [g]", _text(mass * GRAMS), draft.weigh)
@@ -161,10 +156,6 @@ def _of_body(body: BodyDescription) -> Iterator[Field]:
         yield Field("Density [kg/m³]", _text(body.density), _put_number(1.0, *at, "density"))
 
 
-def _put(*steps: str | Item) -> Callable[[Any], Edits]:
-    return lambda value: (Put(steps, value),)
-
-
 def _put_number(scale: float, *steps: str | Item) -> Callable[[Any], Edits]:
     """Return a function that writes a displayed number in SI; `scale` displayed units are one SI unit."""
     return lambda value: (Put(steps, _digits(float(value) / scale)),)
@@ -181,9 +172,7 @@ def _text(value: Any) -> str:
         return ""
     if np.ndim(value):
         return "[" + ", ".join(_text(each) for each in value) + "]"
-    yaml = importlib.import_module("yaml")
-    text: str = yaml.safe_dump(_digits(round(float(value), 6)) + 0.0 if not isinstance(value, str) else value)
-    return text.removesuffix("...\n").strip()
+    return field_text(_digits(round(float(value), 6)) + 0.0)
 
 
 def _three(value: Any) -> Array:
@@ -223,10 +212,7 @@ NEW_PRESSURE: Final = 1.0e4
 
 
 class EditSession:
-    """The edit mode of a page, without the page.
-
-    Args:
-        send: Called with edits and their stroke.
+    """The edit mode of a page, without the page; `send` is called with edits and their stroke.
 
     Attributes:
         is_on: Whether the proposal is shown in place of the robot.
@@ -312,13 +298,8 @@ class EditSession:
     @property
     def is_free(self) -> bool:
         """Whether the chosen part is a rigid region."""
-        scene = None if self.robot is None else self.robot.scene
-        free = (
-            []
-            if scene is None
-            else [f"attachments/{each.name}" for each in scene.attachments if each.to == "free"]
-        )
-        return self.part in free
+        attachments = () if self.robot is None else self.robot.scene.attachments
+        return self.part in [f"attachments/{each.name}" for each in attachments if each.to == "free"]
 
     def choose(self, part: str) -> None:
         """Choose a part."""
@@ -446,7 +427,10 @@ class EditSession:
             return []
         found = fields_of(self.robot, self.part, self.regions.get(self.part))
         at = self.handles().get("point")
-        return found if at is None else [point_field(at, partial(self._move_handle, "point")), *found]
+        if at is None:
+            return found
+        move = partial(self._move_handle, "point")
+        return [Field("Point [mm]", _text(at * MM), lambda value: move(_three(value) / MM)), *found]
 
     def write(self, texts: Sequence[tuple[Field, str]]) -> None:
         """Propose the values that the user entered into fields.

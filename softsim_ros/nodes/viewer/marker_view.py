@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseArray
 from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from softsim_ros.nodes.viewer.surface import MM
+from softsim_ros.nodes.viewer.surface import MM, Points
 
 LONGEST_AXES_MM: Final = 30.0
 """Upper limit of the length of a rigid body's axes, which otherwise reach out of the body."""
@@ -23,7 +23,7 @@ LONGEST_NODE_NAME: Final = 60
 _SINGLE: Final = frozenset({Marker.ARROW, Marker.CUBE, Marker.SPHERE, Marker.CYLINDER})
 
 
-def marker_points(marker: Marker) -> NDArray[np.float32]:
+def marker_points(marker: Marker) -> Points:
     """Return the points of a marker in [mm], shape (k, 3): its list, or its position if it has none."""
     at = marker.pose.position
     shift = np.array([at.x, at.y, at.z])
@@ -54,7 +54,7 @@ class MarkerView:
 
     Args:
         scene: viser's scene.
-        name: Where in the tree they go, such as "cables".
+        name: Folder of the tree, such as "cables".
         part_of: Returns the part of the scene that a marker draws, given its name and number.
         wireframe: Whether triangles and spheres are drawn as wire frames.
         offset: Distance in [mm] by which triangles are moved along their normals. A surface that lies on the
@@ -118,7 +118,7 @@ class MarkerView:
         self._drawn[key] = (marker.type, handle)
         return True
 
-    def _make(self, name: str, marker: Marker, points: NDArray[np.float32]) -> Any:
+    def _make(self, name: str, marker: Marker, points: Points) -> Any:
         colour, size = marker_colour(marker), MM * marker.scale.x
         if marker.type in (Marker.LINE_STRIP, Marker.LINE_LIST):
             return self._scene.add_line_segments(name, points, colour, thickness=max(size, 0.2))
@@ -141,12 +141,12 @@ class MarkerView:
         )
 
 
-def corner_faces(corners: NDArray[np.float32]) -> NDArray[np.uint32]:
+def corner_faces(corners: Points) -> NDArray[np.uint32]:
     """Return triangles over a list of their corners (3 k, 3), shape (k, 3)."""
     return np.arange(len(corners) // 3 * 3, dtype=np.uint32).reshape(-1, 3)
 
 
-def facing(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+def facing(corners: Points) -> Points:
     """Return the unit normal of each corner's triangle; corners and normals have shape (3 k, 3)."""
     a, b, c = np.moveaxis(corners.reshape(-1, 3, 3), 1, 0)
     ways = np.cross(b - a, c - a)
@@ -154,7 +154,7 @@ def facing(corners: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.repeat(ways, 3, axis=0)
 
 
-def _move(handle: Any, marker: Marker, points: NDArray[np.float32]) -> bool:
+def _move(handle: Any, marker: Marker, points: Points) -> bool:
     """Move a drawn marker, and recolour triangles; return False if the number of corners has changed."""
     if marker.type == Marker.SPHERE:
         handle.position = points[0]
@@ -170,11 +170,7 @@ def _move(handle: Any, marker: Marker, points: NDArray[np.float32]) -> bool:
 
 
 class RigidView:
-    """Draws rigid bodies and their frames: the triangles once, then the poses.
-
-    Args:
-        scene: viser's scene.
-    """
+    """Draws rigid bodies and their frames: the triangles once, then the poses."""
 
     def __init__(self, scene: Any) -> None:
         self._scene = scene

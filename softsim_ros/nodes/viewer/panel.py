@@ -61,6 +61,14 @@ class Inbox:
 
         button.on_click(queue_click)
 
+    def on_key(self, command: Any, action: Callable[[], None]) -> None:
+        """Run an action whenever the hotkey of a command is pressed."""
+
+        async def queue_key(_: Any) -> None:
+            self.put(action)
+
+        command.on_trigger(queue_key)
+
     def on_press(self, row: Any, actions: Mapping[str, Callable[[], None]]) -> None:
         """Run the action of the pressed button in a row of buttons."""
 
@@ -81,14 +89,6 @@ class Inbox:
 
         handle.on_update(queue_change)
         return control
-
-    def on_key(self, command: Any, action: Callable[[], None]) -> None:
-        """Run an action whenever the hotkey of a command is pressed."""
-
-        async def queue_key(_: Any) -> None:
-            self.put(action)
-
-        command.on_trigger(queue_key)
 
 
 class Control:

@@ -65,10 +65,9 @@ class Tunable:
 def tunables(robot: RobotDescription) -> list[Tunable]:
     """Return speed, limits, materials of bodies, layers and fibres, and damping."""
     scene = robot.scene
+    stiffness, mass = scene.solver.rayleigh_stiffness, scene.solver.rayleigh_mass
     found = [
-        Tunable(
-            "speed", "Speed [× real time]", "0 is as fast as possible", 1.0, lower=0.0, upper=4.0, step=0.05
-        ),
+        Tunable("speed", "Speed [× real time]", "0 is as fast as possible", 1.0, upper=4.0, step=0.05),
         Tunable(
             "enforce_limits",
             "Keep joint limits",
@@ -78,31 +77,26 @@ def tunables(robot: RobotDescription) -> list[Tunable]:
     ]
     for (owner, values), law in zip(scene.materials, scene.laws, strict=True):
         prefix = scene.parameter_prefix(owner)
-        for own in law.parameters:
-            found.append(_material_parameter(owner, prefix, own, values[own.name]))
-    found.append(
+        found += [_material_parameter(owner, prefix, own, values[own.name]) for own in law.parameters]
+    return [
+        *found,
         Tunable(
             "rayleigh_stiffness",
             "Damping per stiffness [s]",
             "takes energy out of deformation",
-            scene.solver.rayleigh_stiffness,
-            lower=0.0,
-            upper=max(0.1, scene.solver.rayleigh_stiffness * 4.0),
+            stiffness,
+            upper=max(0.1, stiffness * 4.0),
             step=0.001,
-        )
-    )
-    found.append(
+        ),
         Tunable(
             "rayleigh_mass",
             "Damping per mass [1/s]",
             "slows all motion",
-            scene.solver.rayleigh_mass,
-            lower=0.0,
-            upper=max(20.0, scene.solver.rayleigh_mass * 4.0),
+            mass,
+            upper=max(20.0, mass * 4.0),
             step=0.1,
-        )
-    )
-    return found
+        ),
+    ]
 
 
 def _material_parameter(owner: str, prefix: str, parameter: MaterialParameter, value: float) -> Tunable:
@@ -118,14 +112,17 @@ def _material_parameter(owner: str, prefix: str, parameter: MaterialParameter, v
             upper=max(0.495, value),
             step=0.005,
         )
-    scale, unit = _shown_unit(parameter.unit, value)
+    scale, unit = 1.0, "" if parameter.unit == "-" else f" [{parameter.unit}]"
+    if parameter.unit == "Pa":
+        scale, unit = (MEGA, " [MPa]") if abs(value) >= SHOWN_IN_MPA else (KILO, " [kPa]")
+    short = parameter.description.partition(",")[0]  # "C1" of "C1, half the shear modulus at rest"
     shown = value / scale
     young = parameter.name == "young_modulus"
     in_fine_steps = young and scale == KILO
     lower, upper = YOUNG_KPA if in_fine_steps else (shown / 10.0, shown * 4.0 or 1.0)
     return Tunable(
         name,
-        f"{_in_short(parameter)} of {whose}{unit}",
+        f"{short} of {whose}{unit}",
         "how stiff the material is" if young else parameter.description,
         shown,
         lower=min(lower, shown / 10.0, shown * 4.0),
@@ -133,18 +130,6 @@ def _material_parameter(owner: str, prefix: str, parameter: MaterialParameter, v
         step=1.0 if in_fine_steps else 0.01 * abs(shown) or 0.01,
         scale=scale,
     )
-
-
-def _shown_unit(unit: str, value: float) -> tuple[float, str]:
-    """Return how many SI units one displayed unit is, and the suffix of the label."""
-    if unit != "Pa":
-        return 1.0, "" if unit == "-" else f" [{unit}]"
-    return (MEGA, " [MPa]") if abs(value) >= SHOWN_IN_MPA else (KILO, " [kPa]")
-
-
-def _in_short(parameter: MaterialParameter) -> str:
-    """Return the short name: "C1" of "C1, half the shear modulus at rest"; the help has the full text."""
-    return parameter.description.partition(",")[0]
 
 
 DEFAULT_PORT = 8080

@@ -77,10 +77,7 @@ def _visit(value: Any, path: str, steps: tuple[str | Item, ...] | None, found: d
 
 
 def _contents(value: Any) -> Iterator[tuple[str, Any, str]]:
-    """Yield key in files, content and help text of each field.
-
-    Fields of descriptions that files write beside it are included.
-    """
+    """Yield key in files, content and help of each field, also of descriptions that files write beside it."""
     if isinstance(value, MaterialDescription):
         for parameter in value.law_for("polar").parameters:
             unit = "" if parameter.unit == "-" else f" in {parameter.unit}"
@@ -137,11 +134,7 @@ def documentation(kind: type) -> tuple[str, dict[str, str]]:
 class PartPanel:
     """A folder that shows one part at a time.
 
-    Args:
-        gui: viser's controls, where the folder is added.
-        inbox: Queue for events of browsers.
-        on_change: Called with the overrides of the scene that the user requests, see `load_scene`.
-        say: Called with a message for the user.
+    `on_change` is called with the overrides of the scene that the user requests, see `load_scene`.
     """
 
     def __init__(
@@ -225,7 +218,7 @@ class PartTree:
 
     Args:
         gui: viser's controls, where the tree is added.
-        inbox: Queue for events of browsers.
+        inbox: Queue for events.
         parts: The parts by path, each after its parent.
         shown_parts: Parts that can be hidden, as paths without the scene's name.
         on_select: Called with the path of a part that the user selects.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -26,6 +27,9 @@ from softsim_ros.nodes.viewer.panel import Inbox
 from softsim_ros.nodes.viewer.stage import BaseHandle, Stage, camera_for, move_camera, move_cameras
 from softsim_ros.nodes.viewer.surface import MM, Part
 
+SURFACE, TETRAHEDRA, POINTS, NODES = "mesh/topology", "mesh/tetrahedra", "mesh/points", "mesh/nodes"
+FRAMES: Final = "frames"
+
 ERROR_WIDTH: Final = 36
 """Characters per line of an error that is shown in place of the scene."""
 
@@ -42,9 +46,6 @@ class Picture:
     visible layer needs them.
 
     Args:
-        node: The node whose executor delivers the messages.
-        server: viser's server.
-        inbox: Queue for mouse events.
         on_scene: Called with a new scene; it calls `build`.
         on_goal: Called with a dragged goal, in [m].
         on_base: Called with a joint and the position in [mm] to which its base is dragged.
@@ -89,9 +90,7 @@ class Picture:
         self._rigid: MarkerArray | None = None
         self._surface: tuple[Array, IndexArray] | None = None
         self._tetrahedra: IndexArray = np.zeros((0, 4), np.int64)
-        self._points: PointCloud2 | None = None
-        self._nodes: PointCloud2 | None = None
-        self._frames: PoseArray | None = None
+        self._newest: dict[str, Any] = {}  # messages that the next frame draws, by topic
         self._on_demand: dict[str, Any] = {}
         self._pull_mode = False
         self._subscribe()
@@ -99,10 +98,10 @@ class Picture:
     def _subscribe(self) -> None:
         subscribe = self._node.create_subscription
         subscribe(String, "scene/structure", self._on_structure, LATCHED)
-        subscribe(Mesh, "mesh/topology", self._on_topology, LATCHED)
-        subscribe(UInt32MultiArray, "mesh/tetrahedra", self._on_tetrahedra, LATCHED)
-        subscribe(PointCloud2, "mesh/points", self._on_points, NEWEST_ONLY)
-        subscribe(PoseArray, "frames", self._on_frames, NEWEST_ONLY)
+        subscribe(Mesh, SURFACE, self._on_topology, LATCHED)
+        subscribe(UInt32MultiArray, TETRAHEDRA, self._on_tetrahedra, LATCHED)
+        subscribe(PointCloud2, POINTS, partial(self._store, POINTS), NEWEST_ONLY)
+        subscribe(PoseArray, FRAMES, partial(self._store, FRAMES), NEWEST_ONLY)
         subscribe(MarkerArray, "cables", lambda message: self.stage.cables.update(message), NEWEST_ONLY)
         subscribe(MarkerArray, "chambers", lambda message: self.stage.chambers.update(message), NEWEST_ONLY)
         subscribe(MarkerArray, "contacts", lambda message: self.stage.contacts.update(message), NEWEST_ONLY)
@@ -150,7 +149,7 @@ class Picture:
         scene = read_scene_message(message.data)
         if self._scene is None or scene.generation != self._scene.generation:
             self._scene = scene
-            self._points = self._nodes = self._frames = None  # positions of the previous scene
+            self._newest.clear()  # positions of the previous scene
             self._on_scene(scene.robot)
 
     def _on_topology(self, message: Mesh) -> None:
@@ -203,43 +202,36 @@ class Picture:
         count = sum(body["points"][1] - body["points"][0] for body in scene.bodies)
         fits = count == len(points) and int(triangles.max(initial=-1)) < count
         surface, elements = mesh_checksum(triangles, points), mesh_checksum(self._tetrahedra)
-        return fits and scene.owns("mesh/topology", surface) and scene.owns("mesh/tetrahedra", elements)
+        return fits and scene.owns(SURFACE, surface) and scene.owns(TETRAHEDRA, elements)
 
     # --- motion ---------------------------------------------------------------------------------------
 
     @property
     def has_news(self) -> bool:
         """Whether new vertex positions have arrived since the last frame."""
-        return self._points is not None
+        return POINTS in self._newest
 
-    def _on_points(self, message: PointCloud2) -> None:
-        self._points = message
-
-    def _on_nodes(self, message: PointCloud2) -> None:
-        self._nodes = message
-
-    def _on_frames(self, message: PoseArray) -> None:
-        self._frames = message
+    def _store(self, topic: str, message: Any) -> None:
+        """Store a message until the next frame draws it."""
+        self._newest[topic] = message
 
     def draw(self, now: float) -> None:
         """Draw messages that have arrived since the last frame; `now` is a steady clock in [s]."""
-        message, self._points = self._points, None
-        if message is not None:
+        stage = self.stage
+        if (message := self._newest.pop(POINTS, None)) is not None:
             rows = read_point_cloud(message)
-            self.stage.surface.update(rows[:, :3] * np.float32(MM), rows[:, 3], now)
-            self.stage.normals.update(self.stage.surface.points, self.stage.surface.triangles, now)
-            self.stage.shadow.follow(self.stage.surface.points, self.stage.surface.triangles, now)
-            if self.stage.pull is not None:
-                self.stage.draw_rope()
-        frames, self._frames = self._frames, None
-        if frames is not None:
+            stage.surface.update(rows[:, :3] * np.float32(MM), rows[:, 3], now)
+            stage.normals.update(stage.surface.points, stage.surface.triangles, now)
+            stage.shadow.follow(stage.surface.points, stage.surface.triangles, now)
+            if stage.pull is not None:
+                stage.draw_rope()
+        if (frames := self._newest.pop(FRAMES, None)) is not None:
             poses, names = _pose_rows(frames), () if self._scene is None else self._scene.frames
-            self.stage.inner.move_frames(poses)
+            stage.inner.move_frames(poses)
             if self.base.joint in names and len(poses) == len(names):
                 self.base.follow(poses[names.index(self.base.joint), :3])
-        nodes, self._nodes = self._nodes, None
-        if nodes is not None:
-            self.stage.inner.move_nodes(MM * read_point_cloud(nodes)[:, :3].astype(float))
+        if (nodes := self._newest.pop(NODES, None)) is not None:
+            stage.inner.move_nodes(MM * read_point_cloud(nodes)[:, :3].astype(float))
 
     # --- the view -------------------------------------------------------------------------------------
 
@@ -247,7 +239,7 @@ class Picture:
         """Apply view settings, and subscribe to large messages only while needed. Cameras do not move."""
         self.view = view
         self.stage.apply_view(NOTHING if self._error or self._is_hidden else view)
-        self._want(PointCloud2, "mesh/nodes", self._on_nodes, self.stage.inner.needs_nodes)
+        self._want(PointCloud2, NODES, partial(self._store, NODES), self.stage.inner.needs_nodes)
         collisions = view.collisions or view.search_boxes
         self._want(
             MarkerArray, "collisions", lambda message: self.stage.collisions.update(message), collisions
@@ -360,17 +352,6 @@ def landmarks(robot: RobotDescription) -> NDArray[np.float32]:
 
 def _pose_rows(message: PoseArray) -> Array:
     """Return poses as rows: x, y, z in [mm], quaternion x, y, z, w, shape (f, 7)."""
-    return np.array(
-        [
-            (
-                MM * p.position.x,
-                MM * p.position.y,
-                MM * p.position.z,
-                p.orientation.x,
-                p.orientation.y,
-                p.orientation.z,
-                p.orientation.w,
-            )
-            for p in message.poses
-        ]
-    ).reshape(-1, 7)
+    places = [(p.position, p.orientation) for p in message.poses]
+    rows = [(MM * at.x, MM * at.y, MM * at.z, turn.x, turn.y, turn.z, turn.w) for at, turn in places]
+    return np.array(rows).reshape(-1, 7)

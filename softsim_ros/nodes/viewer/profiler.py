@@ -24,9 +24,6 @@ from softsim_ros.nodes.viewer.readings import box
 class StepStatistics:
     """Subscribes to `stage_statistics` and `step_profile` in the node's namespace.
 
-    Args:
-        node: The node whose executor delivers the messages.
-
     Attributes:
         stages: Statistics of each stage of a step, by name.
         profile: Stages and rows of the last steps, see `step_profile`; None until received.
@@ -125,6 +122,8 @@ def _cells(tag: str, row: Sequence[str]) -> str:
 
 PERIOD_S: Final = 0.2
 WINDOW: Final = 150
+HEIGHT: Final = 170
+"""Height of a chart in pixels."""
 COLOURS: Final = ("#1971c2", "#e67700", "#2b8a3e", "#c92a2a", "#9c36b5", "#0c8599", "#868e96", "#5f3dc4")
 
 
@@ -165,14 +164,7 @@ class TimeAxis:
 
 
 class Curves:
-    """One chart with several series.
-
-    Args:
-        gui: viser's controls.
-        title: Title above the chart.
-        names: Name of each series.
-        axis: Times of the rows.
-    """
+    """One chart with several series over time."""
 
     def __init__(self, gui: Any, title: str, names: Sequence[str], axis: TimeAxis) -> None:
         self.names, self._axis = tuple(names), axis
@@ -185,7 +177,7 @@ class Curves:
             ),
             title=title,
             scales={"x": {"time": False}},
-            height=170,
+            height=HEIGHT,
         )
 
     def blank(self, now: float) -> None:
@@ -252,14 +244,7 @@ class Profile:
 
 
 class ProfilerView:
-    """Chart, slider, buttons and tree of the profiler.
-
-    Args:
-        gui: viser's controls, inside the tab.
-        inbox: Queue for events of browsers.
-    """
-
-    HEIGHT: Final = 170
+    """Chart, slider, buttons and tree of the profiler."""
 
     def __init__(self, gui: Any, inbox: Inbox) -> None:
         self._profile = Profile()
@@ -270,7 +255,7 @@ class ProfilerView:
             ({"label": "step"}, *({"label": n, "stroke": c, "width": 1.2} for n, c in series)),
             title="Time of the last steps [ms]",
             scales={"x": {"time": False}},
-            height=self.HEIGHT,
+            height=HEIGHT,
         )
         self._slider = gui.add_slider(
             "Step shown", 0, 1, 1, 0, hint="The newest is right; moving it holds the steps still."

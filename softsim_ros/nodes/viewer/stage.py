@@ -110,9 +110,6 @@ class GroundShadow:
     The lights of viser cast no shadow here: shadows reach 20 units only, and the page's units are
     millimetres.
 
-    Args:
-        scene: viser's scene.
-
     Attributes:
         opacity: Opacity of the darkest place, 0..1.
     """
@@ -187,10 +184,7 @@ class GroundShadow:
 class BaseHandle:
     """Three arrows at the base of the chosen joint.
 
-    Args:
-        scene: viser's scene.
-        inbox: Queue for mouse events.
-        on_move: Called with the joint and the position (3,) in [mm] to which its base is dragged.
+    `on_move` is called with the joint and the position (3,) in [mm] to which its base is dragged.
     """
 
     def __init__(self, scene: Any, inbox: Inbox, on_move: Callable[[str, Array], None]) -> None:
@@ -273,9 +267,6 @@ class Pull:
 class MousePull:
     """Sends the force of a pull to the simulator while the mouse button is down.
 
-    Args:
-        simulator: Client of the simulator.
-
     Attributes:
         stiffness: Stiffness of the spring between the body and the mouse, in [N/m].
     """
@@ -289,13 +280,7 @@ class MousePull:
         self.stiffness = stiffness
 
     def send(self, pull: Pull | None, points: Points, now: float) -> None:
-        """Send the force of a pull if its period is over.
-
-        Args:
-            pull: The pull; None if there is none.
-            points: Vertices of the visible surface in [mm], shape (p, 3).
-            now: Steady clock in [s].
-        """
+        """Send the force of a pull, if any, once its period is over; arguments as in `Pull.force`."""
         if pull is not None and now - pull.sent_at >= REPEAT_PERIOD_S:
             pull.sent_at = now
             force: Array = pull.force(points, self.stiffness, PULL_LIMIT_N)
@@ -342,14 +327,7 @@ GOAL_HOLD_S: Final = 1.0
 class Stage:
     """The 3-D objects of a scene.
 
-    Args:
-        server: viser's server.
-        inbox: Queue for mouse events.
-        robot: The scene.
-        frames: Names of its frames in the order of their poses.
-        on_goal: Called with a dragged goal, in [m].
-        lite: Cheap light and no shadows, for machines without a graphics card.
-        dark: Whether the background is dark.
+    `frames` are their names in the order of their poses; `on_goal` is called with a dragged goal, in [m].
     """
 
     def __init__(

@@ -180,13 +180,11 @@ class _Band:
 class SurfaceView:
     """The surface in the page.
 
+    `on_mesh` is called with every new mesh, to attach mouse events.
+
     Attributes:
         points: Vertices of all bodies in [mm], shape (p, 3).
         triangles: Triangles that are neither hidden nor cut away, shape (k, 3).
-
-    Args:
-        scene: viser's scene.
-        on_mesh: Called with every new mesh, to attach mouse events.
     """
 
     def __init__(self, scene: Any, on_mesh: Callable[[Any], None]) -> None:
@@ -230,9 +228,28 @@ class SurfaceView:
         if not view.bodies or not len(self._whole):
             return
         if view.stress:
-            self._make_bands()
-        else:
-            self._make_plain(shown)
+            self._bands = [
+                _Band(
+                    self._make_mesh(
+                        f"/stress/{index:02d}", self.points[:3], NO_FACES, color=colour, flat_shading=True
+                    )
+                )
+                for index, colour in enumerate(band_colours(view.stress_map))
+            ]
+            self._regroup()
+            return
+        for part in shown:
+            own, alpha = self.points[slice(*part.points)], part.colour[3]
+            faces, opacity = self._faces_of(part), None if alpha >= 1.0 else alpha
+            mesh = self._make_mesh(f"/bodies/{part.name}", own, faces, color=part.rgb, opacity=opacity)
+            self._plain.append((part, mesh))
+
+    def _make_mesh(self, name: str, points: Points, faces: NDArray[np.uint32], **looks: Any) -> Any:
+        mesh = self._scene.add_mesh_simple(
+            name, points, faces, wireframe=self._view.wireframe, side="double", **looks
+        )
+        self._on_mesh(mesh)
+        return mesh
 
     def update(self, points: Points, stress: Points, now: float) -> None:
         """Move the vertices and recolour them.
@@ -262,20 +279,6 @@ class SurfaceView:
         """Return the index of the vertex nearest to a position in [mm]."""
         return int(np.argmin(((self.points - position) ** 2).sum(axis=1)))
 
-    def _make_plain(self, parts: list[Part]) -> None:
-        for part in parts:
-            mesh = self._scene.add_mesh_simple(
-                f"/bodies/{part.name}",
-                self.points[slice(*part.points)],
-                self._faces_of(part),
-                color=part.rgb,
-                opacity=None if part.colour[3] >= 1.0 else part.colour[3],
-                wireframe=self._view.wireframe,
-                side="double",
-            )
-            self._plain.append((part, mesh))
-            self._on_mesh(mesh)
-
     def _faces_of(self, part: Part) -> NDArray[np.uint32]:
         """Return the visible triangles of a part, with its own vertex indices; NO_FACES if there are none."""
         left = select_visible(self.points, part.triangles, self._view.section)
@@ -293,21 +296,6 @@ class SurfaceView:
             cast_shadow=False,
             receive_shadow=False,
         )
-
-    def _make_bands(self) -> None:
-        for index, colour in enumerate(band_colours(self._view.stress_map)):
-            mesh = self._scene.add_mesh_simple(
-                f"/stress/{index:02d}",
-                self.points[:3],
-                NO_FACES,
-                color=colour,
-                flat_shading=True,
-                wireframe=self._view.wireframe,
-                side="double",
-            )
-            self._bands.append(_Band(mesh))
-            self._on_mesh(mesh)
-        self._regroup()
 
     def _regroup(self) -> None:
         highest = float(np.max(self.stress, initial=0.0))

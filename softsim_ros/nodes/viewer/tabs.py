@@ -52,29 +52,14 @@ from softsim_ros.nodes.viewer.surface import MM, band_colours
 
 CTRL: Final = "cmd/ctrl"
 
-_NAMED: Final = {
-    "up": "arrowup",
-    "down": "arrowdown",
-    "left": "arrowleft",
-    "right": "arrowright",
-    "space": "space",
-    "tab": "tab",
-    "enter": "enter",
-    "escape": "escape",
-    "backspace": "backspace",
-    "delete": "delete",
+_NAMED: Final = {name: f"arrow{name}" for name in ("up", "down", "left", "right")} | {
+    name: name for name in ("space", "tab", "enter", "escape", "backspace", "delete")
 }
 
 _SIGNS: Final = {
-    "up": "↑",
-    "down": "↓",
-    "left": "←",
-    "right": "→",
-    "plus": "+",
-    "minus": "\N{MINUS SIGN}",
-    "page_up": "PgUp",
-    "page_down": "PgDn",
-}
+    "up": "↑", "down": "↓", "left": "←", "right": "→", "plus": "+", "minus": "\N{MINUS SIGN}",
+    "page_up": "PgUp", "page_down": "PgDn",
+}  # fmt: skip
 """Symbols of keys on buttons; other keys are written as KeyPress does."""
 
 
@@ -113,15 +98,13 @@ def key_rows(robot: RobotDescription) -> list[tuple[str, dict[str, str]]]:
         label = "poses" if what else "actions"
         if isinstance(what, tuple):
             label = what[0].replace("_", " ") + (" ..." if len(what) > 1 else "")
-        words = {name: keys[name].help.removeprefix(label).strip() for name in names}
-        rows.append((label, {_button(name, each): name for name, each in words.items()}))
+        buttons = {}
+        for name in names:
+            key, words = str(KeyPress(name)), keys[name].help.removeprefix(label).strip()
+            sign = _SIGNS.get(name, key.upper() if len(key) == 1 else key)
+            buttons[f"{sign} {words}"] = name  # such as "↑ up"
+        rows.append((label, buttons))
     return rows
-
-
-def _button(name: str, words: str) -> str:
-    """Return the label of a key's button in the table: "↑ up"."""
-    label = str(KeyPress(name))
-    return f"{_SIGNS.get(name, label.upper() if len(label) == 1 else label)} {words}"
 
 
 HINT: Final = (
@@ -143,16 +126,7 @@ class Hint:
 
 
 class DriveTab(Tab):
-    """Controls that drive the robot.
-
-    Args:
-        gui: viser's controls, inside the tab.
-        inbox: Queue for events of browsers.
-        robot: The scene.
-        client: Client of the robot.
-        keyboard: Actions of the keys.
-        hint: Whether users see how the mouse works.
-    """
+    """Controls that drive the robot, and a hint how the mouse works."""
 
     def __init__(
         self,
@@ -169,7 +143,7 @@ class DriveTab(Tab):
         for joint in robot.joints:
             start = slider_value(joint, joint.rest)
             slider = gui.add_slider(slider_label(joint), *joint_range(joint), start)
-            self._sliders.append(inbox.on_change(slider, partial(_move, client, joint)))
+            self._sliders.append(inbox.on_change(slider, partial(self._move, joint)))
         with gui.add_folder("Keys, here with Ctrl"):
             for words, buttons in key_rows(robot):
                 row = gui.add_button_group(words, tuple(buttons))
@@ -197,9 +171,8 @@ class DriveTab(Tab):
             for joint, slider, target in zip(joints, self._sliders, targets, strict=True):
                 slider.show(slider_value(joint, target))
 
-
-def _move(client: RobotClient, joint: JointDescription, shown: float) -> None:
-    client.joints.move(joint.name, command_of(joint, shown))
+    def _move(self, joint: JointDescription, shown: float) -> None:
+        self._client.joints.move(joint.name, command_of(joint, shown))
 
 
 INFO, WARNING, ERROR = 20, 30, 40
@@ -209,13 +182,7 @@ SHOWN: Final = 60
 
 
 class LogTab(Tab):
-    """Lines of the log.
-
-    Args:
-        gui: viser's controls, inside the tab.
-        log: Messages of the robot's nodes.
-        page_message: Messages of the page itself.
-    """
+    """Lines of the log: messages of the robot's nodes and of the page itself."""
 
     def __init__(self, gui: Any, log: RobotLog, page_message: LastMessage) -> None:
         self._log, self._page_message = log, page_message
@@ -237,30 +204,22 @@ class LogTab(Tab):
 
 def log_table(lines: Iterable[LogLine]) -> str:
     """Return lines as HTML, newest first: time of day, source, text; warnings and errors are coloured."""
-    rows = "".join(_row(line) for line in reversed(list(lines)))
+    rows = ""
+    for line in reversed(list(lines)):
+        clock = time.strftime("%H:%M:%S", time.localtime(line.time_s))
+        colour = RED if line.level >= ERROR else AMBER if line.level >= WARNING else "inherit"
+        rows += (
+            f'<div style="color:{colour}"><span style="opacity:0.6">{clock}</span> '
+            f"<b>{html.escape(line.source)}</b> {html.escape(line.text)}</div>"
+        )
     return box(f'<div style="overflow-wrap:anywhere">{rows or "nothing was said yet"}</div>')
 
 
-def _row(line: LogLine) -> str:
-    clock = time.strftime("%H:%M:%S", time.localtime(line.time_s))
-    colour = RED if line.level >= ERROR else AMBER if line.level >= WARNING else "inherit"
-    return (
-        f'<div style="color:{colour}"><span style="opacity:0.6">{clock}</span> '
-        f"<b>{html.escape(line.source)}</b> {html.escape(line.text)}</div>"
-    )
-
-
 class TuneTab(Tab):
-    """A control for each tunable parameter.
-
-    Args:
-        gui: viser's controls, inside the tab.
-        inbox: Queue for events of browsers.
-        robot: The scene.
-        parameters: Parameters of the simulator.
-    """
+    """A control for each tunable parameter of the simulator."""
 
     def __init__(self, gui: Any, inbox: Inbox, robot: RobotDescription, parameters: Parameters) -> None:
+        self._parameters = parameters
         self._controls: dict[str, tuple[Tunable, Control]] = {}
         for tunable in tunables(robot):
             if tunable.is_switch:
@@ -274,10 +233,7 @@ class TuneTab(Tab):
                     tunable.start,
                     hint=tunable.help,
                 )
-            self._controls[tunable.name] = (
-                tunable,
-                inbox.on_change(handle, partial(_tune, parameters, tunable)),
-            )
+            self._controls[tunable.name] = tunable, inbox.on_change(handle, partial(self._tune, tunable))
         parameters.follow(list(self._controls), self.show)
 
     def show(self, values: Mapping[str, Any]) -> None:
@@ -287,9 +243,8 @@ class TuneTab(Tab):
                 tunable, control = self._controls[name]
                 control.show(tunable.to_displayed(value))
 
-
-def _tune(parameters: Parameters, tunable: Tunable, value: Any) -> None:
-    parameters.set(tunable.name, tunable.si(value))
+    def _tune(self, tunable: Tunable, value: Any) -> None:
+        self._parameters.set(tunable.name, tunable.si(value))
 
 
 NODE_SIZES: Final = (0.2, 5.0, 0.1)
@@ -303,14 +258,7 @@ AXES: Final = ("x", "y", "z")
 
 
 class ViewTab(Tab):
-    """Controls of the picture.
-
-    Args:
-        gui: viser's controls, inside the tab.
-        inbox: Queue for events of browsers.
-        picture: Picture to control.
-        mouse: Pull of the mouse, with its spring.
-    """
+    """Controls of the picture, and of the spring with which the mouse pulls."""
 
     def __init__(self, gui: Any, inbox: Inbox, picture: Picture, mouse: MousePull) -> None:
         self._picture = picture
@@ -322,12 +270,10 @@ class ViewTab(Tab):
             "Top of the scale [kPa], 0: automatic", (view.stress_top or 0.0) / KILO, min=0.0, step=1.0
         )
         inbox.on_change(top, lambda shown: picture.change(stress_top=KILO * shown or None))
-        self._boxes = {
-            name: inbox.on_change(
-                gui.add_checkbox(words, getattr(view, name)), partial(_switch, picture, name)
-            )
-            for name, words in LAYERS.items()
-        }
+        self._boxes = {}
+        for name, words in LAYERS.items():
+            switch = gui.add_checkbox(words, getattr(view, name))
+            self._boxes[name] = inbox.on_change(switch, partial(self._switch, name))
         self._add_section(gui, inbox)
         size = gui.add_slider("Size of nodes [mm]", *NODE_SIZES, MM * view.node_size)
         inbox.on_change(size, lambda shown: picture.change(node_size=shown / MM))
@@ -368,9 +314,8 @@ class ViewTab(Tab):
         colours = band_colours(view.stress_map)
         self._legend.show(readings.legend(surface.shown_top, colours) if view.stress else "")
 
-
-def _switch(picture: Picture, layer: str, shown: bool) -> None:
-    picture.change(**{layer: shown})
+    def _switch(self, layer: str, shown: bool) -> None:
+        self._picture.change(**{layer: shown})
 
 
 async def _save_view(inbox: Inbox, picture: Picture, event: Any) -> None:
@@ -427,16 +372,7 @@ def joint_at(path: str) -> str | None:
 
 
 class SceneTab(Tab):
-    """Parts of the scene, and a choice of other scenes.
-
-    Args:
-        gui: viser's controls, inside the tab.
-        inbox: Queue for events of browsers.
-        picture: Shows the scene, and has the structure that the simulator published.
-        simulator: Loads another scene and sets overrides of this one.
-        say: Called with a message for the user.
-        is_local: Whether only browsers of this machine can open the page.
-    """
+    """Parts of the scene, and a choice of other scenes; `is_local`: only this machine can open the page."""
 
     def __init__(
         self,
@@ -462,7 +398,7 @@ class SceneTab(Tab):
         gui, picture = self._gui, self._picture
         self._parts = parts_of(robot)
         with self._folder:
-            self._content = self._chooser()
+            self._content = self._add_chooser()
             self._panel = PartPanel(gui, self._inbox, self._apply_changes, self._say)
             self._tree = PartTree(
                 gui, self._inbox, self._parts, robot.shown_parts, self._select, picture.hide
@@ -474,7 +410,7 @@ class SceneTab(Tab):
         """Show which parts are hidden."""
         self._tree.show_hidden(self._picture.view.hidden)
 
-    def _chooser(self) -> list[Any]:
+    def _add_chooser(self) -> list[Any]:
         """Add a list of all robots and scenes."""
         names, current = self._picture.scenes, self._picture.robot.name
         if not names:
@@ -498,17 +434,14 @@ class SceneTab(Tab):
                 f"Override of the file; to store it, write it into the file:<pre>{html.escape(changes)}</pre>"
             )
             gui.add_html(f'<div style="font-size:0.85em;padding:0 0.7em">{words}</div>')
-            self._inbox.on_click(gui.add_button("Forget changes"), self._forget_changes)
+            forget = gui.add_button("Forget changes")
+            self._inbox.on_click(forget, partial(self._simulator.parameters.set, "overrides", ""))
         return [folder]
 
     def _apply_changes(self, changes: Mapping[str, Any]) -> None:
         """Restart the scene with additional overrides."""
         overrides = laid_over(read_overrides(self._picture.overrides), changes)
         self._simulator.parameters.set("overrides", write_overrides(overrides))
-
-    def _forget_changes(self) -> None:
-        """Restart the scene without overrides."""
-        self._simulator.parameters.set("overrides", "")
 
     def _select(self, path: str) -> None:
         self._selected = path
@@ -529,14 +462,7 @@ class SceneTab(Tab):
 
 
 class PlotsTab(Tab):
-    """Curves over simulated time.
-
-    Args:
-        gui: viser's controls, inside the tab.
-        robot: The scene.
-        state: Returns the present state of the robot.
-        statistics: Times of the steps.
-    """
+    """Curves over simulated time; `state` returns the present state of the robot."""
 
     def __init__(
         self,
@@ -594,13 +520,7 @@ class PlotsTab(Tab):
 
 
 class TimingTab(Tab):
-    """Table of the stages, and profiler of single steps.
-
-    Args:
-        gui: viser's controls, inside the tab.
-        inbox: Queue for events of browsers.
-        statistics: Statistics to show.
-    """
+    """Table of the stages, and profiler of single steps."""
 
     def __init__(self, gui: Any, inbox: Inbox, statistics: StepStatistics) -> None:
         self._statistics = statistics
@@ -620,20 +540,7 @@ def _join_units(units: Iterable[str]) -> str:
 
 @dataclass(frozen=True)
 class PageParts:
-    """Objects behind the page.
-
-    Attributes:
-        client: Client of the robot.
-        keyboard: Actions of its keys.
-        page_message: Newest message for the user.
-        picture: The 3-D picture.
-        mouse: Pull of the mouse, with its spring.
-        statistics: Step statistics of the simulator.
-        log: Messages of the robot's nodes.
-        edit: The edit mode.
-        hint: Instructions for new users.
-        is_local: Whether only browsers of this machine can open the page.
-    """
+    """Objects behind the page; `is_local`: only browsers of this machine can open it."""
 
     client: RobotClient
     keyboard: Keyboard
@@ -680,14 +587,7 @@ NARROW: Final = """<style>
 
 
 class Controls:
-    """All controls of the panel; rebuilt for another scene.
-
-    Args:
-        gui: viser's controls.
-        inbox: Queue for events of browsers.
-        parts: Objects that carry out the actions; the scene is that of the picture.
-        namespace: Namespace of the robot.
-    """
+    """All controls of the panel, for the scene of the picture; rebuilt for another scene."""
 
     def __init__(self, gui: Any, inbox: Inbox, parts: PageParts, namespace: str) -> None:
         self._parts, self._namespace = parts, namespace
@@ -696,7 +596,13 @@ class Controls:
         self._lamps = HtmlElement(gui.add_html(""))
         self._message = HtmlElement(gui.add_html(""))
         client = parts.client
-        _add_run(gui, inbox, client.simulator)
+        actions = {
+            "Run / pause": client.simulator.toggle_pause,
+            "Step": client.simulator.step,
+            "Reset": client.simulator.reset,
+            "Reload": client.simulator.reload,
+        }
+        inbox.on_press(gui.add_button_group("Simulation", tuple(actions)), actions)
         stop = gui.add_button("E-STOP", color="red", icon="hand-stop", hint="hold the servos still, latched")
         inbox.on_click(stop, client.bridge.e_stop)
         self._release = gui.add_button("Release e-stop", color="yellow", visible=False)
@@ -752,14 +658,3 @@ def _controls_of(robot: RobotDescription) -> object:
     joints = [replace(joint, base=Placement(), actuator=None, kind="revolute") for joint in robot.joints]
     kinds = [(joint.kind, joint.units) for joint in robot.joints]
     return robot.name, kinds, joints, page_keys(robot), tunables(robot)
-
-
-def _add_run(gui: Any, inbox: Inbox, simulator: Simulator) -> None:
-    """Add the buttons that run, pause, step, reset and reload the simulation."""
-    actions = {
-        "Run / pause": simulator.toggle_pause,
-        "Step": simulator.step,
-        "Reset": simulator.reset,
-        "Reload": simulator.reload,
-    }
-    inbox.on_press(gui.add_button_group("Simulation", tuple(actions)), actions)

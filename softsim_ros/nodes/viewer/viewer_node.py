@@ -126,7 +126,7 @@ class Viewer(ClosableNode):
 
     def _build_page(self) -> None:
         """Rebuild picture and panel for the robot; the cameras and controls that still fit stay."""
-        robot, picture = self.parts.client.robot, self.parts.picture
+        robot, picture, gui = self.parts.client.robot, self.parts.picture, self._server.gui
         with self._server.atomic():
             self._server.scene.reset()
             picture.build(robot)
@@ -135,11 +135,11 @@ class Viewer(ClosableNode):
                 self.controls.show_scene(robot)
             else:
                 self._inbox.turn_page()
-                self._server.gui.reset()
+                gui.reset()
                 picture.set_dark(picture.is_dark)
-                self._server.gui.main_panel.dock_right()
-                self._server.gui.main_panel.set_width(PANEL_WIDTH)
-                self.controls = Controls(self._server.gui, self._inbox, self.parts, self.get_namespace())
+                gui.main_panel.dock_right()
+                gui.main_panel.set_width(PANEL_WIDTH)
+                self.controls = Controls(gui, self._inbox, self.parts, self.get_namespace())
             self._controlled = robot
         picture.show_arrived_meshes()
 
