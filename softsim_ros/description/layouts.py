@@ -6,6 +6,7 @@ Topics are relative: RViz runs in the robot's namespace.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -142,6 +143,7 @@ def foxglove_layout(robot: RobotDescription, namespace: str, frame_prefix: str) 
         frame_prefix: Prefix of its frames, such as "left/".
     """
     start = f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
+    joints, chambers = robot.joint_names, chambers_of(robot.joints)
     panels: dict[str, Any] = {
         "3D!robot": {
             "followTf": WORLD,
@@ -156,8 +158,12 @@ def foxglove_layout(robot: RobotDescription, namespace: str, frame_prefix: str) 
                 }
             },
         },
-        "Plot!position": _curves(robot, f"{start}joint_states", "position"),
-        "Plot!effort": _curves(robot, f"{start}joint_states", "effort"),
+        **{
+            f"Plot!{field}": _plot(
+                field, joints, [f"{start}joint_states.{field}[{k}]" for k in range(len(joints))]
+            )
+            for field in ("position", "effort")
+        },
         "Publish!command": {
             "topicName": f"{start}position_controller/commands",
             "datatype": "std_msgs/msg/Float64MultiArray",
@@ -169,8 +175,9 @@ def foxglove_layout(robot: RobotDescription, namespace: str, frame_prefix: str) 
     }
     below = {"direction": "column", "first": "Publish!command", "second": "DiagnosticSummary!nodes"}
     curves: dict[str, Any] = {"direction": "column", "first": "Plot!position", "second": "Plot!effort"}
-    if pressures := _pressures(robot, start):
-        panels["Plot!pressure"] = pressures
+    if chambers:
+        pressures = [f"{start}{topic}.fluid_pressure" for topic in chambers.values()]
+        panels["Plot!pressure"] = _plot("pressure", [joints[index] for index in chambers], pressures)
         curves = {"direction": "column", "first": curves, "second": "Plot!pressure", "splitPercentage": 67}
     side = {"direction": "column", "first": curves, "second": below, "splitPercentage": 60}
     layout = {"direction": "row", "first": "3D!robot", "second": side, "splitPercentage": 60}
@@ -178,25 +185,12 @@ def foxglove_layout(robot: RobotDescription, namespace: str, frame_prefix: str) 
     return json.dumps({"configById": panels, **rest, "layout": layout}, indent=2) + "\n"
 
 
-def _curves(robot: RobotDescription, topic: str, field: str) -> dict[str, Any]:
-    paths = [
-        {"value": f"{topic}.{field}[{index}]", "label": name, "enabled": True}
-        for index, name in enumerate(robot.joint_names)
+def _plot(title: str, labels: Sequence[str], paths: Sequence[str]) -> dict[str, Any]:
+    """Return a panel with a curve for each path of a number in a message."""
+    curves = [
+        {"value": path, "label": label, "enabled": True} for label, path in zip(labels, paths, strict=True)
     ]
-    return _plot(field, paths)
-
-
-def _pressures(robot: RobotDescription, start: str) -> dict[str, Any]:
-    """Return curves of the chambers' absolute pressures in [Pa]; empty for a robot without chambers."""
-    paths = [
-        {"value": f"{start}{topic}.fluid_pressure", "label": robot.joint_names[index], "enabled": True}
-        for index, topic in chambers_of(robot.joints).items()
-    ]
-    return _plot("pressure", paths) if paths else {}
-
-
-def _plot(title: str, paths: list[dict[str, Any]]) -> dict[str, Any]:
-    return {"title": title, "paths": paths, "showLegend": True, "followingViewWidth": 20}
+    return {"title": title, "paths": curves, "showLegend": True, "followingViewWidth": 20}
 
 
 def controllers(robot: RobotDescription, namespace: str) -> str:

@@ -92,11 +92,8 @@ def links_of(robot: RobotDescription) -> tuple[Link, ...]:
 
 def moved_link(joint: JointDescription) -> str:
     """Return the name of the link that a joint moves."""
-    return f"{joint.name}_{'end' if not joint.moves_frame else 'horn' if _turns(joint) else 'slide'}"
-
-
-def _turns(joint: JointDescription) -> bool:
-    return joint.kind == "revolute"
+    mover = "horn" if joint.kind == "revolute" else "slide"
+    return f"{joint.name}_{mover if joint.moves_frame else 'end'}"
 
 
 def _base(joint: JointDescription) -> str:
@@ -108,7 +105,7 @@ def _frame_links(joint: JointDescription, scene: SceneDescription, moved: dict[s
     parent = BASE_LINK if joint.parent is None else moved[joint.parent]
     position, rotation = _relative_pose(_carrier_at_rest(joint.parent, scene), _pose_of(joint.base))
     bounded = math.isfinite(joint.limits.lower) or math.isfinite(joint.limits.upper)
-    kind: Kind = ("revolute" if bounded else "continuous") if _turns(joint) else "prismatic"
+    kind: Kind = ("revolute" if bounded else "continuous") if joint.kind == "revolute" else "prismatic"
     part = f"joints/{joint.name}"
     base = Link(
         _base(joint), parent, f"{joint.name}_mount", "fixed", position, rotation, _Z, part, joint.name
@@ -148,7 +145,7 @@ def _carrier_at_rest(joint: str | None, scene: SceneDescription) -> tuple[Array,
     described = scene.joints[scene.joint_names.index(joint)]
     position, rotation = _pose_of(described.base)  # in the world, with its carrier at rest
     axis = np.array(described.axis, dtype=float)
-    if _turns(described):
+    if described.kind == "revolute":
         return position, rotation @ rotation_exp(described.rest * axis)
     return position + rotation @ (described.rest * axis), rotation
 

@@ -196,7 +196,7 @@ def test_keys_of_the_teleop_turn_the_reference(
             assert spin_until(lambda: teleop.client.state.inverse and teleop.client.state.tilt is not None)
             assert spin_until(lambda: loop.count_publishers("tilt_reference") > 1)  # client and teleop
             for name in ("up", "plus"):
-                teleop.handle_key(KeyPress(name), time.monotonic())
+                teleop.keyboard.press(KeyPress(name), time.monotonic())
             assert spin_until(lambda: loop._loop.reference[1] == 0.1)
             client.node.destroy_publisher(enabled)
             assert spin_until(lambda: not teleop.client.state.inverse)

@@ -88,7 +88,7 @@ def render(view: View, width: int, height: int) -> list[str]:
         (4, [f"{view.robot.name} teleop, topics in {view.namespace}"]),
         (5, _wrap(view.notice, width) if view.notice else []),
         (1, status_lines(view, width)),
-        (1, _wrap(_goal_line(view), width) if view.state.inverse else []),
+        (1, _wrap(goal_line(view), width) if view.state.inverse else []),
         (7, _pulse_lines(view)),
         (8, [""]),
         (5, joints[:1]),
@@ -156,15 +156,12 @@ def _pulse_lines(view: View) -> list[str]:
     return [f"emulated board: pulses {' '.join(f'{w:.0f}' for w in state.pulses_us) or 'none yet'} (us)"]
 
 
-def _goal_line(view: View) -> str:
-    """Return what the goal keys move, and its present value."""
-    tilt = view.state.tilt
-    return goal_line(view.state, view.now) if tilt is None else tilt_line(tilt, view.keys.axis)
-
-
-def goal_line(state: RobotState, now: float) -> str:
-    """Return goal, effector and the distance between them for the display, in mm."""
-    effector = known_effector(state, now)
+def goal_line(view: View) -> str:
+    """Return what the goal keys move: the tilt, or goal, effector and the distance between them in mm."""
+    state = view.state
+    if state.tilt is not None:
+        return tilt_line(state.tilt, view.keys.axis)
+    effector = known_effector(state, view.now)
     goal = "at the effector" if state.goal is None else format_point(state.goal)
     line = f"goal mm: {goal}   effector: {'no data' if effector is None else format_point(effector)}"
     if effector is not None and state.goal is not None:
@@ -181,23 +178,10 @@ def joint_rows(view: View, width: int) -> list[str]:
     commanded = state.commanded or (None,) * len(joints)
     measured = state.measured or (None,) * len(joints)
     within = commandable(state, view.robot).measured or measured
-    joint_units = [joint.units for joint in joints]
-    positions = list(dict.fromkeys(each.position for each in joint_units))
-    commands = list(dict.fromkeys(each.command for each in joint_units))
-    of_position, of_command = ("|".join(unit.si for unit in units) for units in (positions, commands))
-    small_position, small_command = (
-        "|".join(unit.shown for unit in units) for units in (positions, commands)
-    )
     name_width = min(max((len(joint.name) for joint in joints), default=5), _NAME_WIDTH)
     name = ["joint", *(_fit(joint.name, name_width) for joint in joints)]
-    measured_column = [f"measured {of_position}"]
-    small_column = [f"{small_position:>6}"]
-    commanded_column, commanded_small = [f"command {of_command}"], [f"{small_command:>6}"]
-    for units, position, command in zip(joint_units, measured, commanded, strict=True):
-        measured_column.append(_si(units.position, position))
-        small_column.append(_small(units.position, position))
-        commanded_column.append(_si(units.command, command))
-        commanded_small.append(_small(units.command, command))
+    command, small_command = _value_columns("command", [each.units.command for each in joints], commanded)
+    position, small_position = _value_columns("measured", [each.units.position for each in joints], measured)
     lower = ["lower", *(_si(joint.units.command, joint.limits.lower) for joint in joints)]
     upper = ["upper", *(_si(joint.units.command, joint.limits.upper) for joint in joints)]
 
@@ -206,15 +190,24 @@ def joint_rows(view: View, width: int) -> list[str]:
         head = legend if len(legend) <= bar_width else ""
         return [head, *map(lambda j, m, c: bar(j, m, c, bar_width), joints, within, commanded)]
 
-    values = [commanded_column, commanded_small, measured_column, small_column]
+    values = [command, small_command, position, small_position]
     layouts = [[name, lower, bars(bar_width), upper, *values] for bar_width in BAR_WIDTHS]
-    layouts += [
-        [name, *values],
-        [name, commanded_column, measured_column],
-        [name, measured_column],
-    ]
+    layouts += [[name, *values], [name, command, position], [name, position]]
     tables = [_columns(layout) for layout in layouts]
     return next((table for table in tables if all(len(row) <= width for row in table)), tables[-1])
+
+
+def _value_columns(
+    title: str, units: Sequence[Unit], values: Sequence[float | None]
+) -> tuple[list[str], list[str]]:
+    """Return the columns of some values, in SI and in their small units, each with its head."""
+    si = "|".join(unit.si for unit in dict.fromkeys(units))
+    small = "|".join(unit.shown for unit in dict.fromkeys(units))
+    rows = list(zip(units, values, strict=True))
+    return (
+        [f"{title} {si}", *(_si(unit, value) for unit, value in rows)],
+        [f"{small:>6}", *(_small(unit, value) for unit, value in rows)],
+    )
 
 
 def bar(joint: JointDescription, measured: float | None, commanded: float | None, width: int) -> str:
@@ -254,7 +247,8 @@ def _help_lines(view: View, width: int) -> list[str]:
         }
     else:
         entries = []
-    entries += [(key_label(key), _help_text(binding)) for key, binding in table.items()]
+    again = {"send": " (again: stop)", "inverse": " (again: off)"}
+    entries += [(key_label(key), each.help + again.get(each.action or "", "")) for key, each in table.items()]
     if HELP_KEY not in table:
         entries.append((HELP_KEY, "hide the keys"))
     tables = [_help_table(entries, columns) for columns in (3, 2, 1)]
@@ -273,14 +267,6 @@ def _help_table(entries: Sequence[tuple[str, str]], columns: int) -> list[str]:
         cell_width = max(map(len, cells))
         blocks.append([cell.ljust(cell_width) for cell in cells] + [""] * (rows - len(cells)))
     return ["   ".join(cells).rstrip() for cells in zip(*blocks, strict=True)]
-
-
-def _help_text(binding: KeyBinding) -> str:
-    if binding.action == "send":
-        return f"{binding.help} (again: stop)"
-    if binding.action == "inverse":
-        return f"{binding.help} (again: off)"
-    return binding.help
 
 
 def _si(unit: Unit, value: float | None) -> str:
