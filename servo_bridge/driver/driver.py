@@ -182,6 +182,11 @@ class ServoDriver:
         """Time in [s] since the newest message that identifies the protocol; None before the first."""
         return None if self.link is None else self.link.telemetry_age(self.clock())
 
+    def listen(self) -> None:
+        """Check the board without writing to it; raise PortError if it is lost or not the one asked for."""
+        if self.link is not None:
+            self.link.check(self.clock())
+
     @property
     def command_age(self) -> float | None:
         """Time in [s] since the newest accepted command; None before the first."""

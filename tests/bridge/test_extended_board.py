@@ -157,7 +157,7 @@ def test_telemetry_that_stops_is_a_lost_board(
     def lost() -> bool:
         clock.wait(1.0)
         try:
-            driver.tick()
+            driver.listen()
         except PortError as error:
             return "no telemetry" in str(error)
         return False
