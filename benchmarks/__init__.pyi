@@ -33,7 +33,6 @@ from .measured_scenes import (
     default_reference_dir as default_reference_dir,
     describe as describe,
 )
-from .probe import Probe as Probe
 from .process import (
     resident_mb as resident_mb,
 )
@@ -66,6 +65,7 @@ from .sensing import (
 from .steps import (
     FALL_STEPS as FALL_STEPS,
     STEPS_A_TURN as STEPS_A_TURN,
+    Probe as Probe,
     can_control as can_control,
     known_paths as known_paths,
 )

@@ -52,7 +52,7 @@ class Record:
         median_ms: Median of that time in [ms].
         splu_min_ms: Shortest time in [ms] of one SuperLU factorisation of that step's matrix in the same run;
             None if there is none.
-        probe_min_ms: Shortest time in [ms] of the probe in the same run, see probe; None if it did not run.
+        probe_min_ms: Shortest time in [ms] of the probe in the same run; None if it did not run.
         extras: Further figures, written with the others.
         ratio: Ratio to compare with the limit, [-]; None if there is none.
         limit: Largest allowed ratio, [-].

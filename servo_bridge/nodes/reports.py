@@ -6,7 +6,6 @@ import math
 from array import array
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -107,7 +106,7 @@ class Reports:
         orientation = message.orientation
         orientation.x, orientation.y, orientation.z, orientation.w = reading.quaternion_xyzw()
         variances = (TILT_VARIANCE, TILT_VARIANCE, HEADING_VARIANCE)
-        message.orientation_covariance = np.diag(variances).ravel()
+        message.orientation_covariance = [variances[i] if i == j else 0.0 for i in range(3) for j in range(3)]
         message.angular_velocity_covariance = [-1.0, *[0.0] * 8]
         message.linear_acceleration_covariance = [-1.0, *[0.0] * 8]
         self._publish(self._imu, message)

@@ -14,6 +14,7 @@ from headless_browser import chromium_path
 from softsim_core.base import StudyError
 from softsim_core.lab.study import StudyResults, response_surface
 from softsim_ros import write_page
+from softsim_ros.cli import command
 from softsim_ros.cli.studies import page, sweep
 
 
@@ -109,8 +110,9 @@ def test_a_browser_draws_it_without_an_error(tmp_path: Path) -> None:
 def test_the_progress_line_fills_with_the_runs_that_are_done(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clock = SimpleNamespace(monotonic=lambda: clock.now)
-    monkeypatch.setattr(sweep, "time", clock)
+    clock = SimpleNamespace(monotonic=lambda: clock.now, now=0.0)
+    for module in (sweep, command):
+        monkeypatch.setattr(module, "time", clock)
     progress = sweep.Progress()
     for clock.now, done in ((1.0, 0), (61.0, 4)):  # a log has a line each minute
         progress(done, done // 4, 8)
