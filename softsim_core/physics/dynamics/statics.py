@@ -18,11 +18,12 @@ and the equations s - q + c t to the system; see actuator_statics.
 
 A load that is too far away is approached in parts: joint targets and base shift change linearly, and the
 residual of the first state is removed linearly. Where that takes long, inertia restrains the steps instead
-(see StaticProblem.take_restrained_steps). Layers, fibres and rods are axially stiff and flexible in bending;
-they rotate far under small loads, which would take many parts, so restrained steps come first. The first
-state may be unstable under any constant load, because bodies may be drawn far from rest; then restrained
-steps come first, too, or the model is released before joints and base move. The result is checked: the last
-step is tiny, the equilibrium is stable, and no element was inverted.
+(see StaticProblem.take_restrained_steps). Layers, fibres and rods are axially stiff and flexible in bending:
+they rotate far under small loads, which would take many parts. So restrained steps come first where nothing
+else moves; where joints move, parts follow the branch of equilibria that the joints lead to. The first state
+may be unstable under any constant load, because bodies may be drawn far from rest; then restrained steps come
+first, too, or the model is released before joints and base move. The result is checked: the last step is
+tiny, the equilibrium is stable, and no element was inverted.
 
 Source: Deuflhard 2004, Newton methods for nonlinear problems (error-oriented line search, continuation).
 """
@@ -146,7 +147,6 @@ class StaticProblem:
     ) -> None:
         self.model, self.control, self.parameters, self.actuators = model, control, parameters, actuators
         self.constrained = len(actuators)
-        self.bends = any(isinstance(group.material, StrainMaterial) for group in model.groups)
         self.at = Unknowns(model)
         self._solver = solver
         self.matrices = Factoriser(solver, int((self.at.solved >= self.at.first_reduced).sum()))
@@ -161,6 +161,12 @@ class StaticProblem:
         self.first_targets = self.start.joint_positions.copy()
         self.first_targets[actuators.multiplied] = self.start.joint_efforts[actuators.multiplied]
         self.first_shift = float(self.start.base_shift[0])
+        self._driven = bool(
+            (control.targets != self.first_targets).any() or control.base_shift != self.first_shift
+        )
+        self.bends_under_load = not self._driven and any(
+            isinstance(group.material, StrainMaterial) for group in model.groups
+        )
         inputs = (state.buffer, control.targets, control.forces, control.base_shift)
         if not all(np.isfinite(each).all() for each in inputs):
             raise NotConvergedError("a position, force or target is not finite", 0.0, 0, float("nan"))
@@ -178,7 +184,12 @@ class StaticProblem:
 
     @cached_property
     def _hookean(self) -> StaticProblem | None:
-        """The same problem with Hooke's law in rotated axes in all cells of rubber; None: there are none."""
+        """The same problem with Hooke's law in rotated axes in all cells of rubber.
+
+        None: there are none, or joints move, and its equilibrium might be on another branch.
+        """
+        if self._driven:
+            return None
         model, materials = self.model, list(self.parameters.materials)
         groups, hooke = [], material("corotational")
         for group in model.groups:
@@ -625,7 +636,7 @@ def solve_static(
             current, steps = problem.newton(problem.start, 1.0, tolerance), 1
         except NotConvergedError:
             part, stable, found = SMALLER, problem.starts_stable, None
-            if not stable or (problem.bends and not problem.met_unstable):
+            if not stable or (problem.bends_under_load and not problem.met_unstable):
                 found = _try_restrained_steps(problem, problem.start, tolerance)
             if found is None and not stable:
                 standing = replace(control, targets=problem.first_targets, base_shift=problem.first_shift)
