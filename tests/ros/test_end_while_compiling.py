@@ -29,7 +29,7 @@ from servo_bridge.emulator import VirtualBoard  # noqa: E402
 from softsim_core import Simulation, load_scene  # noqa: E402
 from softsim_core.base import SoftSimError  # noqa: E402
 from softsim_node import Ending, background  # noqa: E402
-from softsim_ros.nodes.simulator import PhysicsThread, physics_thread  # noqa: E402
+from softsim_ros.nodes.simulator import PhysicsThread  # noqa: E402
 
 KERNELS_S = 150.0
 REST = (150, 150, 150)
@@ -173,9 +173,8 @@ def test_softsim_up_is_ended_at_rest_while_its_physics_compiles(start: ProcessGr
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> Ending:
-    """A request to end that the physics and its queue look at instead of the process's own."""
+    """A request to end that the physics looks at instead of the process's own."""
     ending = Ending()
-    monkeypatch.setattr(physics_thread, "ending", ending)
     monkeypatch.setattr(background, "ending", ending)
     return ending
 

@@ -78,7 +78,7 @@ class Phases:
         euler: Newton iterations of implicit Euler.
         contacts: Contacts and rigid bodies.
         memory: Memory of viscoelastic bodies.
-        start: Copy of the state at the start of the step.
+        start: Copy of the state at the start of the step, with the stress that `memory` knows.
         responds: Whether impulses are added to an iteration.
     """
 
@@ -175,10 +175,10 @@ class TimeStep:
         while waiting:  # the step, or the parts left of it
             depth, inputs = waiting.pop()
             phases = self._phases_of(depth)
+            driven = phases.begin_actuators(state, inputs)
+            stressed = phases.memory.begin(state, parameters)
             phases.start.copy_from(state)
             try:
-                driven = phases.begin_actuators(state, inputs)
-                stressed = phases.memory.begin(state, parameters)
                 for newton in phases.solvers(state):
                     iteration = newton.first(state, driven, stressed, phases.responds)
                     report = phases.contacts.correct(iteration)
@@ -199,7 +199,8 @@ class TimeStep:
                     raise
                 accepted = False
             if accepted:
-                report.estimate = partial(newton.next_move, iteration, phases.contacts.correct)
+                estimate = partial(newton.next_move, iteration, phases.contacts.correct)
+                report = replace(report, estimate=estimate)
                 parts.accept(0.5**depth, state, inputs, report)
             else:  # again in halves, the first one next
                 state.copy_from(phases.start)
