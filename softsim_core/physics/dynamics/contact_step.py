@@ -109,10 +109,14 @@ class ContactPhase:
         active = start.warm_start[start.warm_start[:, 1:].any(axis=1), 0]
         return not bool(np.isin(self.active, active).all())
 
-    def correct(self, motion: Iteration) -> StepReport:
-        """Move the rigid bodies, and add the contact forces of an iteration to its end, in place."""
-        model, collisions, state = self.model, self._collisions, motion.state
-        report, before = motion.report, motion.before
+    def correct(self, motion: Iteration, report: StepReport) -> StepReport:
+        """Move the rigid bodies, and add the contact forces of an iteration to its end, in place.
+
+        `report` is that of the iteration; return the report with the contacts.
+        """
+        model, collisions, state, before = self.model, self._collisions, motion.state, motion.before
+        if collisions is None and not model.rigid.names:
+            return report
         if model.rigid.names:
             model.rigid.predict(state, model.gravity, model.dt, motion.control.rigid_forces)
             model.rigid.advance(state, before, model.dt)

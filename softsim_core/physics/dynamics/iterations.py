@@ -47,7 +47,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -208,8 +208,8 @@ class Newton:
 
     def first(
         self, state: State, control: Control, parameters: Parameters, responds: bool = True
-    ) -> Iteration:
-        """Return the first iteration of a step from `state`, which becomes its end.
+    ) -> tuple[Iteration, StepReport]:
+        """Return the first iteration of a step from `state`, which becomes its end, and its report.
 
         Args:
             state: State at the start of the step.
@@ -225,11 +225,13 @@ class Newton:
         inputs = _Inputs(self.number, control, solved, parameters)
         if responds:
             motion = self.stepper.free_motion(state, solved, parameters)
-            return Iteration(self, inputs, state, motion.report, motion)
-        return Iteration(self, inputs, state, self.stepper.step(state, solved, parameters))
+            iteration, report = Iteration(self, inputs, state, motion), motion.report
+        else:
+            iteration, report = Iteration(self, inputs, state), self.stepper.step(state, solved, parameters)
+        return iteration, iteration.complete(report)
 
-    def next(self, iteration: Iteration, state: State) -> Iteration:
-        """Return the iteration that follows `iteration`, about `state` and written into it.
+    def next(self, iteration: Iteration, state: State) -> tuple[Iteration, StepReport]:
+        """Return the iteration that follows `iteration`, about `state` and written into it, and its report.
 
         Contacts are not included, and rigid bodies are as at the start of the step.
         """
@@ -239,14 +241,15 @@ class Newton:
         for name in _RIGID:
             setattr(state, name, getattr(self.before, name))
         self.take(state, motion.state, iteration.inputs.solved)
-        return Iteration(self, iteration.inputs, state, motion.report, motion, iteration)
+        following = Iteration(self, iteration.inputs, state, motion, iteration)
+        return following, following.complete(motion.report)
 
-    def next_move(self, iteration: Iteration, complete: Callable[[Iteration], object] | None = None) -> float:
+    def next_move(self, iteration: Iteration, correct: Callable[[Iteration, StepReport], object]) -> float:
         """Return the largest node displacement of one more iteration in [m]; NaN once another step has begun.
 
         Args:
             iteration: The last iteration.
-            complete: Completes an iteration, for example by solving the contacts.
+            correct: Solves the contacts of an iteration.
         """
         if iteration.inputs.number != self.number:
             return math.nan
@@ -256,9 +259,7 @@ class Newton:
             trial.base_positions[:] = self.before.base_positions
             self._model.place_regions(trial)
         start = trial.positions.copy()
-        following = self.next(iteration, trial)
-        if complete is not None:
-            complete(following)
+        correct(*self.next(iteration, trial))
         return farthest(start, trial.positions)
 
     def dilation(self, number: int, state: State, parameters: Parameters) -> float:
@@ -377,7 +378,6 @@ class Iteration:
         newton: Iterations that it belongs to.
         inputs: Inputs of the step.
         state: State that its end is written into.
-        report: Report of its linear solve.
         motion: Unconstrained step of the iteration; None: no impulses will be added.
         earlier: The previous iteration; None: this is the first.
 
@@ -387,7 +387,7 @@ class Iteration:
         control: Control of the step.
         count: Number of iterations so far.
         violations: See FreeMotion.
-        report: Report of the step as far as this iteration.
+        times, fallback: See StepReport; those of all iterations so far.
     """
 
     def __init__(
@@ -395,20 +395,17 @@ class Iteration:
         newton: Newton,
         inputs: _Inputs,
         state: State,
-        report: StepReport,
         motion: FreeMotion | None = None,
         earlier: Iteration | None = None,
     ) -> None:
         self.state, self.inputs, self.before, self.control = state, inputs, newton.before, inputs.control
         self._newton, self._motion, self._moved = newton, motion, math.inf
-        self.count, self._last, self._times = 1, math.inf, Counter[str]()
-        self._from, self._fallback = newton.before.positions, 0
+        self.times: Mapping[str, float] = {}
+        self.count, self.fallback, self._last, self._from = 1, 0, math.inf, newton.before.positions
         if earlier is not None:
-            self.count, self._last = earlier.count + 1, earlier._moved
-            self._from, self._fallback = newton.reached.positions, earlier.report.fallback
-            self._times.update(earlier.report.times)
+            self.count, self._last, self._from = earlier.count + 1, earlier._moved, newton.reached.positions
+            self._earlier_times, self.fallback = earlier.times, earlier.fallback
         self.violations = np.zeros(0) if motion is None else motion.violations
-        self.report: StepReport = self._complete_report(report)
 
     @property
     def defect(self) -> Array | None:
@@ -452,10 +449,13 @@ class Iteration:
         report = self._motion.correct(self._newton.scheme.ratio * impulses)
         if self.count > 1:
             self._newton.take(self.state, self._motion.state, self.inputs.solved)
-        return self._complete_report(report)
+        return self.complete(report)
 
-    def _complete_report(self, report: StepReport) -> StepReport:
-        """Make the state the end of the scheme's own step; return the report of all iterations so far."""
+    def complete(self, report: StepReport) -> StepReport:
+        """Make the state the end of the scheme's own step; return the report of all iterations so far.
+
+        `report` is that of the linear solve.
+        """
         newton, inputs = self._newton, self.inputs
         if self.count == 1:
             report.dilate = partial(newton.dilation, inputs.number, self.state, inputs.parameters)
@@ -463,10 +463,11 @@ class Iteration:
             report = replace(
                 report,
                 top_speed=top_speed(newton.scheme.solved, self.state),
-                times=dict(self._times + Counter(report.times)),
-                fallback=max(self._fallback, report.fallback),
+                times=dict(Counter(self._earlier_times) + Counter(report.times)),
+                fallback=max(self.fallback, report.fallback),
                 iterations=self.count,
             )
+        self.times, self.fallback = report.times, report.fallback
         return newton.scheme.leave(self.state, self.before, self.control, report)
 
 

@@ -79,6 +79,7 @@ class Phases:
         contacts: Contacts and rigid bodies.
         memory: Memory of viscoelastic bodies.
         start: Copy of the state at the start of the step, with the stress that `memory` knows.
+        keeps_start: Whether `solvers` needs `start`.
         responds: Whether impulses are added to an iteration.
     """
 
@@ -97,6 +98,7 @@ class Phases:
             radii = [settings.spectral_radius] + [0.0] * (collisions is not None)
             schemes = [Bossak(model, radius) for radius in radii]
             self._smooth = [(newton(scheme), scheme) for scheme in schemes]
+        self.keeps_start = bool(self._smooth)
         self.contacts = ContactPhase(model, actuators, collisions)
         self.memory = Memory(model, self.euler.stepper.compiled)
         self.responds = self.euler.most > 1 or collisions is not None
@@ -177,14 +179,15 @@ class TimeStep:
             phases = self._phases_of(depth)
             driven = phases.begin_actuators(state, inputs)
             stressed = phases.memory.begin(state, parameters)
-            phases.start.copy_from(state)
+            if phases.keeps_start or depth < self._deepest:
+                phases.start.copy_from(state)
             try:
                 for newton in phases.solvers(state):
-                    iteration = newton.first(state, driven, stressed, phases.responds)
-                    report = phases.contacts.correct(iteration)
+                    iteration, solved = newton.first(state, driven, stressed, phases.responds)
+                    report = phases.contacts.correct(iteration, solved)
                     while iteration.wants_more():
-                        following = newton.next(iteration, state)
-                        corrected = phases.contacts.correct(following)
+                        following, solved = newton.next(iteration, state)
+                        corrected = phases.contacts.correct(following, solved)
                         if following.strays():
                             break
                         iteration, report = following, corrected
@@ -199,8 +202,7 @@ class TimeStep:
                     raise
                 accepted = False
             if accepted:
-                estimate = partial(newton.next_move, iteration, phases.contacts.correct)
-                report = replace(report, estimate=estimate)
+                report.estimate = partial(newton.next_move, iteration, phases.contacts.correct)
                 parts.accept(0.5**depth, state, inputs, report)
             else:  # again in halves, the first one next
                 state.copy_from(phases.start)
