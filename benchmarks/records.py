@@ -26,7 +26,7 @@ def reference_size(scene: str, mesh: str) -> tuple[int, int]:
 CLAMPED_LIMIT = 1.0 / 6.0
 """Largest cost of the clamped body's step, in SuperLU factorisations of its matrix."""
 
-PROBE_LIMITS = {"low": 0.30, "mid": 1.6, "high": 4.0}
+PROBE_LIMITS = {"low": 0.55, "mid": 1.7, "high": 7.6}
 """Largest cost of the clamped body's step on a mesh, or on the reference's of that level, in probes."""
 
 TRIPOD_LIMIT = 1.6
