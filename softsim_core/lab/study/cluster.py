@@ -203,6 +203,8 @@ class Engine:
             try:
                 outcomes: list[tuple[int, Outcome]] = future.result()
             except Exception as error:
+                if self._client.status == "running":  # the worker was killed with its result
+                    return None
                 raise self._gone() from error
             return outcomes
         if future.status in ("cancelled", "lost"):
