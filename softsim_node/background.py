@@ -173,7 +173,7 @@ class BackgroundWorker:
             while self._line[0] is not place:
                 await self._look()
             done: Future[Result] = Future()
-            self._thread = threading.Thread(target=settle, args=(done, work), name="aside", daemon=True)
+            self._thread = threading.Thread(target=settle, args=(done, work), name="background", daemon=True)
             self._thread.start()
             while self._thread.is_alive():
                 await self._look()

@@ -108,7 +108,7 @@ def ros_wheels_fit() -> str | None:
 
 
 def likely_cause(log: str) -> tuple[str, bool]:
-    """Return a sentence on why an installer failed, and whether another one would fail as well.
+    """Return a message on why an installer failed, and whether another one would fail as well.
 
     Args:
         log: Its output, of which the last 200 lines count.

@@ -39,7 +39,7 @@ COLOURS: Final = {
 class EditStage:
     """Draws the proposal of an EditSession, and handles its clicks and drags.
 
-    `attempt` runs a user's action in its turn and reports the result; `is_behind` tells whether it has to
+    `attempt` runs a user's action in its turn and reports the result; `is_behind` returns whether it has to
     wait.
     """
 
