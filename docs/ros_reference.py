@@ -13,7 +13,7 @@ import socket
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -219,7 +219,10 @@ def page() -> str:
         for program, nodes in chain(makers(context), with_viewer(context)):
             found: set[Row] = set()
             for make in nodes:
-                with closing(make()) as node:
+                with ExitStack() as ending:
+                    node = make()
+                    ending.callback(node.destroy_node)  # ends the bridge's e-stop too
+                    ending.callback(node.close)
                     found |= set(rows(node))
             blocks.append(section(program, found))
     own = str(default_folder(os.environ))
