@@ -120,8 +120,23 @@ def test_wide_panels_agree_with_dense_algebra(columns: int) -> None:
     right = rng.normal(size=(size, 3))
     assert factors.positive
     np.testing.assert_allclose(factors.solve(right), np.linalg.solve(matrix, right), rtol=0, atol=1e-13)
-    rows = rng.normal(size=(9, size))
-    np.testing.assert_allclose(factors.schur(rows), rows @ np.linalg.solve(matrix, rows.T), atol=1e-11)
+    for many in (9, 150):
+        rows = rng.normal(size=(many, size))
+        np.testing.assert_allclose(factors.schur(rows), rows @ np.linalg.solve(matrix, rows.T), atol=1e-11)
+
+
+def test_the_compliance_of_a_whole_face_is_that_of_superlu() -> None:
+    matrix = solid_matrix(9)
+    face = 3 * np.flatnonzero(box_mesh((1.0, 1.0, 1.0), (9, 9, 9)).points[:, 2] == 0.0)
+    places = (face[:, None] + np.arange(3)).ravel()
+    rows = sp.csr_matrix(
+        (np.ones(len(places)), (np.arange(len(places)), places)), (len(places), matrix.shape[0])
+    )
+    found, expected = (
+        Factoriser(choose_linear_solver(name)).factor(matrix).schur(rows)
+        for name in ("supernodal", "superlu")
+    )
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_a_solid_body_is_solved_as_by_superlu_to_the_same_bits_every_time() -> None:

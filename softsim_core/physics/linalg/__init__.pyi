@@ -10,6 +10,7 @@ from .cholesky import (
     FITS as FITS,
     factor as factor,
     forward_rows as forward_rows,
+    forward_space as forward_space,
     solve_backward as solve_backward,
 )
 from .compile import (

@@ -275,14 +275,88 @@ def subtract_tiles(
         tile_one(target, place + j, stride, source, a, b + j, pitch, count)
 
 
+def forward_space(tree: Tree, columns: int) -> int:
+    """Return how many numbers `space` of forward_rows needs for a number of padded columns."""
+    widest = int(tree.width.max(initial=0))
+    strips = BLOCK * (widest + columns + 3 * STRIP)
+    return FITS + (widest + 3 * ROWS) * columns + BLOCK * (BLOCK + columns) + strips
+
+
+@kernel
+def solve_block(
+    space: Array, begin: int, right: int, line: int, count: int, length: int, coefficients: Array
+) -> None:
+    """Substitute forward: `count` columns of a factor at `begin`, `length` right-hand sides at `right`.
+
+    Rows of both are `line` numbers apart.
+    """
+    for i in range(0, count, ROWS):
+        subtract_tiles(space, right + i * line, line, space, begin + i, right, line, i, length)
+        for a in range(ROWS):
+            for b in range(a):
+                coefficients[ROWS * a + b] = space[begin + (i + b) * line + i + a]
+            coefficients[ROWS * a + a] = 1.0 / space[begin + (i + a) * line + i + a]
+        solve_rows(space, right + i * line, line, coefficients, length)
+
+
+@kernel
+def forward_blocks(
+    tree: Tree, panels: Array, s: int, low: int, high: int, rows: Array, pitch: int, space: Array,
+    goal: Array, coefficients: Array,
+) -> None:  # fmt: skip
+    """Do the work of forward_rows for one large supernode, block by block of its rows.
+
+    `space` has its rows of Y, those of later unknowns, one block side by side, and that block's strips.
+    """
+    own, later, width, begin = tree.columns[s], tree.later[s], tree.width[s], tree.panel[s]
+    coupled, first, place = tree.side[s] - 1, tree.first_row[s], tree.first_column[s]
+    count, length = own + (-own) % ROWS, high - low
+    scratch = count * length
+    beside = scratch + (coupled + (-coupled) % ROWS) * length
+    strips = beside + BLOCK * (BLOCK + length)
+    for k in range(own):
+        for i in range(length):
+            space[k * length + i] = rows[(place + k) * pitch + low + i]
+    for i in range(own * length, beside):
+        space[i] = 0.0
+    for top in range(0, count, BLOCK):
+        many = min(BLOCK, count - top)
+        line, end = many + length, top + many
+        for k in range(many):
+            for i in range(many):
+                space[beside + k * line + i] = panels[begin + (top + k) * width + top + i]
+            for i in range(length):
+                space[beside + k * line + many + i] = space[(top + k) * length + i]
+        solve_block(space, beside, beside + many, line, many, length, coefficients)
+        for k in range(many):
+            for i in range(length):
+                space[(top + k) * length + i] = space[beside + k * line + many + i]
+        right = strips
+        copy_strips(space, top * length, length, many, length, space, right)
+        left = right + many * (length + (-length) % STRIP)
+        copy_strips(panels, begin + top * width + end, width, many, own - end, space, left)
+        subtract_strips(
+            space, end * length, length, count - end, space, left, ZERO, right, length, many, False
+        )
+        copy_strips(panels, begin + top * width + later, width, many, coupled, space, left)
+        subtract_strips(space, scratch, length, coupled, space, left, ZERO, right, length, many, False)
+        subtract_strips(goal, low * pitch + low, pitch, length, space, right, ZERO, right, length, many, True)
+    for k in range(own):
+        for i in range(length):
+            rows[(place + k) * pitch + low + i] = space[k * length + i]
+    for j in range(coupled):
+        add_to(rows, tree.row_index[first + j] * pitch + low, space, scratch + j * length, length)
+
+
 @kernel
 def forward_rows(
     tree: Tree, store: Factor, spans: IndexArray, spread: Array, space: Array, product: Array
 ) -> None:
     """Compute Y = L^-1 H^T in place, the border's rows H_b^T - A_bi A^-1 H^T, and -Y^T Y (upper triangle).
 
-    A supernode's panel rows and its rows of Y are copied side by side to `space`, where tiles use both. All
-    arrays have one type, float64 or float32.
+    A supernode's panel rows and its rows of Y are copied side by side to `space`, where tiles use both, large
+    ones in blocks. All arrays have one type, float64 or float32. `space` has
+    forward_space numbers.
     """
     panels, rows, pitch = store.panels, spread.reshape(-1), spread.shape[1]
     goal = product.reshape(-1)
@@ -296,18 +370,15 @@ def forward_rows(
         coupled, first, place = tree.side[s] - 1, tree.first_row[s], tree.first_column[s]
         count, length = own + (-own) % ROWS, high - low
         line = width + length
+        if count * line + ROWS * length > FITS:
+            forward_blocks(tree, panels, s, low, high, rows, pitch, space, goal, coefficients)
+            continue
         for k in range(count):
             for i in range(width):
                 space[k * line + i] = panels[begin + k * width + i]
             for i in range(length):
                 space[k * line + width + i] = rows[(place + k) * pitch + low + i] if k < own else 0.0
-        for i in range(0, count, ROWS):
-            subtract_tiles(space, i * line + width, line, space, i, width, line, i, length)
-            for a in range(ROWS):
-                for b in range(a):
-                    coefficients[ROWS * a + b] = space[(i + b) * line + i + a]
-                coefficients[ROWS * a + a] = 1.0 / space[(i + a) * line + i + a]
-            solve_rows(space, i * line + width, line, coefficients, length)
+        solve_block(space, ZERO, width, line, count, length, coefficients)
         for k in range(own):
             for i in range(length):
                 rows[(place + k) * pitch + low + i] = space[k * line + width + i]

@@ -178,8 +178,7 @@ class SupernodalFactors:
         spread = np.zeros((len(plan.place), width))
         spread[plan.place[plan.unknown], : columns.shape[1]] = columns
         product = np.zeros((width, width))
-        lines = int(tree.columns.max(initial=0)) + 2 * plan.kernels.ROWS
-        space = np.zeros(lines * (int(tree.width.max(initial=0)) + width))
+        space = np.empty(plan.kernels.forward_space(tree, width))
         plan.kernels.forward_rows(tree, plan.store, self._spans(spread), spread, space, product)
         return spread, product
 

@@ -76,6 +76,7 @@ from softsim_core.physics.linalg import (
     empty_factor,
     factor,
     forward_rows,
+    forward_space,
     lead_factor,
     matrix_layout,
     matrix_of,
@@ -481,10 +482,7 @@ class IterativeElimination:
         tree = self.by.tree
         spans = np.zeros((len(tree.columns), 2), np.int64)
         reach(tree, self._supernode[whole], width, spans)
-        space = np.zeros(
-            (int(tree.columns.max(initial=0)) + 2 * ROWS) * (int(tree.width.max(initial=0)) + width),
-            np.float32,
-        )
+        space = np.empty(forward_space(tree, width), np.float32)
         product = np.zeros((width, width), np.float32)
         store = self.prepared.work.factor._replace(panels=self.by.panels)
         self._forward(tree, store, spans, spread, space, product)

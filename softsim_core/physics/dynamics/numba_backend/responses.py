@@ -28,7 +28,7 @@ from softsim_core.physics.dynamics.numba_backend.kinematics import (
 from softsim_core.physics.dynamics.numba_backend.layout import ActuatorRows, Kinematics, Motion, Nodes, Work
 from softsim_core.physics.dynamics.numba_backend.prepare import Prepared
 from softsim_core.physics.kernels import OneSignature
-from softsim_core.physics.linalg import LANES, ROWS, Tree, dot_product, forward_rows, solve_backward
+from softsim_core.physics.linalg import LANES, Tree, dot_product, forward_rows, forward_space, solve_backward
 from softsim_core.physics.mechanics import Model, Rows, State
 
 
@@ -167,14 +167,11 @@ class Responses:
         self._solved = np.setdiff1d(np.arange(model.reduced_size), at.fixed - at.first_reduced)
         self._block = np.ix_(self._solved, self._solved)
         self._spans = np.zeros((len(prepared.tree.columns), 2), dtype=np.int64)
-        self._widest = int(prepared.tree.width.max(initial=0))
-        self._lines = int(prepared.tree.columns.max(initial=0)) + 2 * ROWS
         self._spread = self._arriving = self._answer = self._schur = np.zeros((0, 0))
         self._column, self._buffer = np.zeros(0, np.int64), np.zeros(0)
         self._respond_to, self._apply = OneSignature(respond), OneSignature(apply_impulses)
-        self._body_of_node = np.zeros(len(model.rest) + 1, np.int64)  # frames and joints come last
-        for group in model.groups:
-            self._body_of_node[group.cells] = group.body[:, None]
+        unknown = prepared.nodes.first_unknown
+        self._unknown = np.append(np.where(unknown < 0, self._first, unknown), self._first)
 
     def positive(self) -> bool:
         """Return whether the free nodes' matrix had positive pivots.
@@ -243,7 +240,7 @@ class Responses:
         """
         data = self.prepared
         padded = rows.height + (-rows.height) % LANES
-        unknowns, space = len(data.work.factor.solution), self._lines * (self._widest + padded)
+        unknowns, space = len(data.work.factor.solution), forward_space(data.tree, padded)
         self._spread, buffer, product = self._take_buffers((unknowns, padded), (space,), (padded, padded))
         self._column, result = self._columns(rows), np.empty((rows.height, rows.height))
         self._respond_to(
@@ -259,16 +256,17 @@ class Responses:
         return placed, self._spread
 
     def _columns(self, rows: Rows) -> IndexArray:
-        """Return the column of each row.
+        """Return the column of each row, by the first unknown that it acts on.
 
-        Rows of one body are adjacent, so that supernodes meet few of them.
+        A part of the tree then meets a narrow span of columns.
         """
-        body = np.zeros(rows.height, dtype=np.int64)
-        if len(rows.place):
-            first = rows.place[np.minimum(rows.start[:-1], len(rows.place) - 1)]
-            body = self._body_of_node[np.minimum(first, len(self._body_of_node) - 1)]
+        first = np.full(rows.height, self._first)
+        filled = np.flatnonzero(rows.start[1:] > rows.start[:-1])
+        if len(filled):
+            unknown = self._unknown.take(rows.place, mode="clip")  # places of frames and joints: the last
+            first[filled] = np.minimum.reduceat(unknown, rows.start[filled])
         column = np.empty(rows.height, dtype=np.int64)
-        column[np.argsort(body, kind="stable")] = np.arange(rows.height)
+        column[np.argsort(first, kind="stable")] = np.arange(rows.height)
         return column
 
     def _take_buffers(self, *shapes: tuple[int, ...]) -> list[Array]:
