@@ -236,11 +236,10 @@ def _mark(kind: str = "ready") -> Path | None:
     if folder is None:
         return None
     import numba
-    from llvmlite import binding
 
-    cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
-    features = os.environ.get("NUMBA_CPU_FEATURES") or binding.get_host_cpu_features().flatten()
-    versions = [*(each.name for each in compilers), numba.__version__, sys.version, cpu, features]
+    from softsim_core.physics.linalg import host_processor
+
+    versions = [*(each.name for each in compilers), numba.__version__, sys.version, *host_processor()]
     return folder / f"{kind}-{hashlib.sha256(repr(versions).encode()).hexdigest()[:16]}"
 
 

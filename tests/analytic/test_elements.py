@@ -234,18 +234,20 @@ def compiled_batch(way: str) -> Any:
     """A kernel around the vector code."""
     from numba import njit
 
-    from softsim_core.physics.dynamics.numba_backend.cells import elements as simd, rotate_lanes
+    from softsim_core.physics.dynamics.numba_backend.cells import elements, rotate_lanes
 
-    rotations, batch, exact = simd.polar_rotations, simd.turning_batch, way == "exact"
-    if way == "frozen":
-        batch = simd.frozen_batch
+    rotations, turning, frozen = elements.polar_rotations, elements.turning_batch, elements.frozen_batch
+    exact, is_frozen = way == "exact", way == "frozen"
 
     @njit
     def run(x, ahead, nodes, gradients, lame, room, turn, forces, blocks):  # type: ignore[no-untyped-def]
         left = rotations(x, nodes, gradients, 0, room, turn)
         if left:
             rotate_lanes(left, room, turn)
-        batch(ahead, exact, 1.0, nodes, gradients, lame, 0, room, turn, forces, blocks)
+        if is_frozen:
+            frozen(ahead, 1.0, nodes, gradients, lame, 0, turn, forces, blocks)
+        else:
+            turning(ahead, exact, 1.0, nodes, gradients, lame, 0, room, turn, forces, blocks)
 
     return run
 

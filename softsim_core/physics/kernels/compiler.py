@@ -141,6 +141,14 @@ class Compiler:
         inside.with_wrapper = partial(self._compile, function, ForPython, folder)
         return cast(F, inside)
 
+    def part(self, function: F) -> F:
+        """Compile a function that is copied into the kernels that call it, so that it needs no cache."""
+        if self._numba is None:
+            return function
+        options = {"nogil": True, "fastmath": _FLAGS, "error_model": "numpy", "forceinline": True}
+        options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+        return cast(F, self._numba.njit(**options)(function))
+
     def _compile(self, function: F, kind: type, folder: Path, **options: bool) -> Any:
         compiled = self._numba.njit(
             nogil=True, fastmath=_FLAGS, error_model="numpy", no_cfunc_wrapper=True, **options

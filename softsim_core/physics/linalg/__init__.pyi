@@ -16,7 +16,7 @@ from .cholesky import (
 from .compile import (
     compiler as compiler,
     inline as inline,
-    intrinsic as intrinsic,
+    part as part,
 )
 from .conjugate import (
     LARGE as LARGE,
@@ -37,6 +37,24 @@ from .divided_factor import (
     support_factor as support_factor,
     with_space_for as with_space_for,
 )
+from .instructions import (
+    LANES as LANES,
+    ROWS as ROWS,
+    add_block as add_block,
+    dot_product as dot_product,
+    host_processor as host_processor,
+    steady_seconds as steady_seconds,
+)
+from .lanes import (
+    bits_of as bits_of,
+    gather as gather,
+    put as put,
+    put_quads as put_quads,
+    root as root,
+    row as row,
+    subtract_at as subtract_at,
+    where as where,
+)
 from .ordering import (
     LEAF as LEAF,
     column_counts as column_counts,
@@ -53,14 +71,6 @@ from .products import (
     Preconditioner as Preconditioner,
     matrix_layout as matrix_layout,
     matrix_of as matrix_of,
-)
-from .simd import (
-    LANES as LANES,
-    ROWS as ROWS,
-    Vectors as Vectors,
-    add_block as add_block,
-    dot_product as dot_product,
-    steady_seconds as steady_seconds,
 )
 from .solver_interface import (
     Factoriser as Factoriser,

@@ -19,7 +19,15 @@ import numpy as np
 
 from softsim_core.base import Array, IndexArray
 from softsim_core.physics.linalg.compile import kernel
-from softsim_core.physics.linalg.simd import LANES, ROWS, add_to, dot_product, solve_rows, tile_one, tile_two
+from softsim_core.physics.linalg.instructions import (
+    LANES,
+    ROWS,
+    add_to,
+    dot_product,
+    solve_rows,
+    tile_one,
+    tile_two,
+)
 from softsim_core.physics.linalg.symbolic import Factor, Tree
 
 BLOCK = 128

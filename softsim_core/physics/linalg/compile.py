@@ -13,7 +13,7 @@ from softsim_core.physics.kernels import Compiler
 
 F = TypeVar("F", bound=Callable[..., Any])
 compiler = Compiler(Path(__file__).parent)
-kernel = compiler.kernel
+kernel, part = compiler.kernel, compiler.part
 
 
 def inline(function: F) -> F:

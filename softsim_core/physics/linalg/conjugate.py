@@ -18,6 +18,7 @@ from softsim_core.base import Array, IndexArray
 from softsim_core.physics.linalg.cholesky import ZERO
 from softsim_core.physics.linalg.compile import kernel
 from softsim_core.physics.linalg.divided_factor import Division
+from softsim_core.physics.linalg.instructions import ROWS
 from softsim_core.physics.linalg.products import (
     Matrix,
     Preconditioner,
@@ -28,7 +29,6 @@ from softsim_core.physics.linalg.products import (
     turn_back,
     turn_on,
 )
-from softsim_core.physics.linalg.simd import ROWS
 from softsim_core.physics.linalg.symbolic import Tree
 from softsim_core.physics.linalg.threads import (
     CLOSED,

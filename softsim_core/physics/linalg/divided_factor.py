@@ -33,7 +33,7 @@ from softsim_core.physics.linalg.cholesky import (
     subtract_tiles,
 )
 from softsim_core.physics.linalg.compile import kernel
-from softsim_core.physics.linalg.simd import LANES, ROWS, solve_rows
+from softsim_core.physics.linalg.instructions import LANES, ROWS, solve_rows
 from softsim_core.physics.linalg.symbolic import Factor, Numbers, Plan, Tree, plan_stack, round_up
 from softsim_core.physics.linalg.threads import (
     CLOSED,
@@ -171,7 +171,7 @@ class PanelBuffers(NamedTuple):
     """Buffers that threads share while they factor one panel.
 
     Attributes:
-        coefficients: For each ROWS rows of the block, see simd.solve_rows, shape (BLOCK / ROWS, ROWS^2).
+        coefficients: For each ROWS rows of the block, see solve_rows, shape (BLOCK / ROWS, ROWS^2).
         strips: The block in strips of columns, see cholesky.copy_strips.
     """
 

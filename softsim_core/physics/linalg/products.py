@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from softsim_core.base import Array, IndexArray, unique_pairs
 from softsim_core.physics.linalg.compile import kernel
-from softsim_core.physics.linalg.simd import ROWS
+from softsim_core.physics.linalg.instructions import ROWS
 from softsim_core.physics.linalg.symbolic import Plan, Tree, round_up
 
 BLOCK = 3

@@ -67,7 +67,7 @@ class SupernodalPlan:
 
     def __init__(self, pattern: Pattern) -> None:
         from softsim_core.physics.linalg import cholesky
-        from softsim_core.physics.linalg.simd import LANES, ROWS
+        from softsim_core.physics.linalg.instructions import LANES, ROWS
         from softsim_core.physics.linalg.symbolic import empty_factor, plan, tree_of
 
         self.kernels, self.lanes = cholesky, LANES

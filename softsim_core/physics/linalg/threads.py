@@ -23,80 +23,18 @@ from threading import Lock, Thread
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils as numba_cgutils
 
 from softsim_core.base import IndexArray
 from softsim_core.physics.kernels import OneSignature
-from softsim_core.physics.linalg.compile import intrinsic, kernel
-from softsim_core.physics.linalg.simd import steady_seconds
-
-cgutils: Any = numba_cgutils
-_INT, _ALIGN = types.int64, 8
-
-
-def _address(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any:
-    return builder.gep(context.make_array(kind)(context, builder, array).data, [place])
-
-
-@intrinsic
-def atomic_load(typing: Any, numbers: Any, place: Any) -> Any:
-    """Return numbers[place]; everything that its writer wrote before is visible afterwards (acquire)."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        address = _address(context, builder, signature.args[0], args[0], args[1])
-        return builder.load_atomic(address, "acquire", _ALIGN)
-
-    return _INT(numbers, _INT), generate
-
-
-@intrinsic
-def atomic_store(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
-    """Set numbers[place] = value; a reader of it sees everything that was written before (release)."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        address = _address(context, builder, signature.args[0], args[0], args[1])
-        builder.store_atomic(args[2], address, "release", _ALIGN)
-        return context.get_dummy_value()
-
-    return types.void(numbers, _INT, _INT), generate
-
-
-@intrinsic
-def atomic_add(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
-    """Add a value to numbers[place] and return what it was before."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        address = _address(context, builder, signature.args[0], args[0], args[1])
-        return builder.atomic_rmw("add", address, args[2], "acq_rel")
-
-    return _INT(numbers, _INT, _INT), generate
-
-
-@intrinsic
-def atomic_exchange(typing: Any, numbers: Any, place: Any, expected: Any, value: Any) -> Any:
-    """Set numbers[place] = value if it is as expected; return whether it was."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        address = _address(context, builder, signature.args[0], args[0], args[1])
-        result = builder.cmpxchg(address, args[2], args[3], "acq_rel", "acquire")
-        return builder.extract_value(result, 1)
-
-    return types.boolean(numbers, _INT, _INT, _INT), generate
-
-
-@intrinsic
-def give_way(typing: Any) -> Any:
-    """Yield the core to another waiting thread, if any (sched_yield)."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(ir.IntType(32), [])
-        builder.call(cgutils.get_or_insert_function(builder.module, kind, "sched_yield"), [])
-        return context.get_dummy_value()
-
-    return types.void(), generate
-
+from softsim_core.physics.linalg.compile import kernel
+from softsim_core.physics.linalg.instructions import (
+    atomic_add,
+    atomic_exchange,
+    atomic_load,
+    atomic_store,
+    give_way,
+    steady_seconds,
+)
 
 _LINE = 8
 """Numbers in a cache line; each thread-written counter has a line of its own."""

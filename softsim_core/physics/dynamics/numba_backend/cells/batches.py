@@ -11,15 +11,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils as numba_cgutils
 
 from softsim_core.base import Array, IndexArray
 from softsim_core.physics.dynamics.numba_backend import Nodes, Pairs, Work, kernel
-from softsim_core.physics.dynamics.numba_backend.cells.lanes import Batch, Lanes
+from softsim_core.physics.dynamics.numba_backend.cells.algebra import plus, put_triple, scaled, triple_at
 from softsim_core.physics.fem import ElementGroup
-from softsim_core.physics.linalg import LANES, Plan, add_block, intrinsic
+from softsim_core.physics.linalg import LANES, Plan, add_block, part
 from softsim_core.physics.mechanics import Model
 
 
@@ -45,9 +42,6 @@ def orient_cells(model: Model) -> IndexArray:
     mirrored = np.linalg.det(points[:, 1:] - points[:, :1]) < 0.0
     corners[mirrored] = corners[mirrored][:, [1, 0, 2, 3]]
     return corners
-
-
-cgutils: Any = numba_cgutils
 
 
 _LINE = 8
@@ -96,7 +90,7 @@ def allocate_aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
 
 
 @kernel
-def gather(nodal: Array, nodes: IndexArray, batch: int, out: Array) -> None:
+def gather_nodes(nodal: Array, nodes: IndexArray, batch: int, out: Array) -> None:
     """Write component i of nodal values (n, 3) at node a of every lane of a batch to row 3 a + i of `out`."""
     for a in range(nodes.shape[1]):
         for lane in range(LANES):
@@ -105,36 +99,22 @@ def gather(nodal: Array, nodes: IndexArray, batch: int, out: Array) -> None:
                 out[3 * a + i, lane] = nodal[node, i]
 
 
-@intrinsic
+@part
 def put_gradient(
-    typing: Any, nodal: Any, gradients: Any, first: Any, stride: Any, count: Any, out: Any, row: Any
-) -> Any:
-    """Write nine rows of `out` from `row` on: the sum over the nodes of nodal values times shape gradients.
+    nodal: Array, gradients: Array, first: int, stride: int, count: int, out: Array, index: int
+) -> None:
+    """Write nine rows of `out` from `index` on: the sum over the nodes of nodal values times shape gradients.
 
     The values of node n are rows 3 n + i, its gradient rows first + n stride + j; there are `count` nodes.
     """
-    integer = types.int64
-    signature = types.void(nodal, gradients, integer, integer, integer, out, integer)
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b = Batch(context, builder)
-        kinds, zero = signature.args, ir.Constant(b.v.type, [0.0] * LANES)
-        sums = [b.v.variable(zero) for _ in range(9)]
-        with cgutils.for_range(builder, args[4]) as loop:
-            n = loop.index
-            values = b.load(b.start(kinds[0], args[0], builder.mul(n, n.type(3))), 3)
-            place = builder.add(args[2], builder.mul(n, args[3]))
-            slopes = b.load(b.start(kinds[1], args[1], place), 3)
-            for i in range(3):
-                for j in range(3):
-                    slot = sums[3 * i + j]
-                    builder.store((Lanes(b.v, builder.load(slot)) + values[i] * slopes[j]).value, slot)
-        goal = b.start(kinds[5], args[5], args[6])
-        for k, slot in enumerate(sums):
-            b.put(goal, k, Lanes(b.v, builder.load(slot)))
-        return context.get_dummy_value()
-
-    return signature, generate
+    values, g = triple_at(nodal, 0), triple_at(gradients, first)
+    x, y, z = scaled(values[0], g), scaled(values[1], g), scaled(values[2], g)
+    for n in range(1, count):
+        values, g = triple_at(nodal, 3 * n), triple_at(gradients, first + n * stride)
+        x, y, z = plus(x, scaled(values[0], g)), plus(y, scaled(values[1], g)), plus(z, scaled(values[2], g))
+    put_triple(out, index, x)
+    put_triple(out, index + 3, y)
+    put_triple(out, index + 6, z)
 
 
 @kernel
@@ -146,7 +126,7 @@ def count_folded(x: Array, cells: CellBatches) -> int:
     values, f, folded = np.empty((3 * a, LANES)), np.empty((9, LANES)), np.empty(LANES, np.bool_)
     result = 0
     for batch in range(batches):
-        gather(x, nodes, batch, values)
+        gather_nodes(x, nodes, batch, values)
         folded[:] = False
         for q in range(0, pitch, 3):
             put_gradient(values, gradients, batch * a * pitch + q, pitch, a, f, 0)
@@ -172,8 +152,8 @@ def largest_strain_change(cells: CellBatches, before: Array, after: Array) -> fl
     values, other = np.empty((3 * a, LANES)), np.empty((3 * a, LANES))
     old, new, largest = np.empty((9, LANES)), np.empty((9, LANES)), np.zeros(LANES)
     for batch in range(batches):
-        gather(before, nodes, batch, values)
-        gather(after, nodes, batch, other)
+        gather_nodes(before, nodes, batch, values)
+        gather_nodes(after, nodes, batch, other)
         for q in range(0, pitch, 3):
             place = batch * a * pitch + q
             put_gradient(values, gradients, place, pitch, a, old, 0)

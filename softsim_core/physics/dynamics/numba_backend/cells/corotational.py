@@ -27,25 +27,33 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
 from numpy.polynomial import chebyshev
 
 from softsim_core.base import Array
 from softsim_core.physics.dynamics.numba_backend import kernel
-from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
-    POINT_ROWS,
-    Batch,
-    Lanes,
+from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     Matrix,
+    Triple,
+    at_least,
     contraction,
     difference,
-    put_modes,
-    put_principal,
-    put_stretches,
-    signed_stretches,
+    matrix_at,
+    plus,
+    put_matrix,
+    scaled,
+    times,
+    transposed,
+    triple_at,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.points import (
+    DEFORMATION,
+    DILATATION,
+    DILATATION_RATE,
+    DILATATION_SLOPE,
+    FOUND_DILATATION,
+    POINT_ROWS,
+    PRESSURE,
+    RATE,
     CellInputs,
     CellOutputs,
     Memory,
@@ -55,8 +63,17 @@ from softsim_core.physics.dynamics.numba_backend.cells.points import (
     press,
     remember,
 )
+from softsim_core.physics.dynamics.numba_backend.cells.stretches import (
+    FIRST_DIRECTIONS,
+    SECOND_DIRECTIONS,
+    STRETCHES,
+    put_modes,
+    put_principal,
+    put_stretches,
+    signed_stretches,
+)
 from softsim_core.physics.fem.materials import SMALLEST_VOLUME, Corotational, lame
-from softsim_core.physics.linalg import intrinsic
+from softsim_core.physics.linalg import part, put, root, row, where
 
 
 @kernel
@@ -170,116 +187,109 @@ def _largest_root(u: Any) -> Any:
     return np.asarray(np.cos(2.0 / 3.0 * np.arccos(np.clip(0.5 * (u + 1.0), 0.0, 1.0))))
 
 
-ROOT = chebyshev.cheb2poly(chebyshev.chebinterpolate(_largest_root, 14)).tolist()
-"""Coefficients of a polynomial in u that equals `_largest_root` on [-1, 1] within 5e-14."""
+ROOT = (*chebyshev.cheb2poly(chebyshev.chebinterpolate(_largest_root, 14)).tolist(), 0.0)
+"""Sixteen coefficients of a polynomial in u that equals `_largest_root` on [-1, 1] within 5e-14."""
 
 
-def twist_stiffness(strain: Matrix, lam: Lanes, mu: Lanes, exact: Any) -> Matrix:
+@part
+def twist_stiffness(strain: Matrix, lam: Any, mu: Any, exact: bool) -> Matrix:
     """Return D, or its negative part.
 
     Args:
         strain: E, symmetric.
         lam: First Lame parameter times volume; zero in lanes without an element.
         mu: Second Lame parameter times volume.
-        exact: Whether to return D itself, one bit for all lanes.
+        exact: Whether to return D itself.
     """
-    rho = lam / mu.at_least(1e-300)
+    rho = lam / at_least(mu, 1e-300)
     trace = strain[0][0] + strain[1][1] + strain[2][2]
-    third = trace * (1.0 / 3.0)
-    b = [[third - strain[i][j] if i == j else strain[i][j] * -1.0 for j in range(3)] for i in range(3)]
-    square = [[_product(b, i, j) for j in range(3)] for i in range(3)]
+    third = (1.0 / 3.0) * trace
+    b = (
+        (third - strain[0][0], -strain[0][1], -strain[0][2]),
+        (-strain[1][0], third - strain[1][1], -strain[1][2]),
+        (-strain[2][0], -strain[2][1], third - strain[2][2]),
+    )
+    square = (times(b, b[0]), times(b, b[1]), times(b, b[2]))
     c0, c1, c2 = _coefficients(b, square, rho, trace, exact)
-    diagonal, linear, quadratic = (coefficient * mu * -1.0 for coefficient in (c0, c1, c2))
-    d = [[linear * b[i][j] + quadratic * square[i][j] for j in range(3)] for i in range(3)]
-    return [[d[i][j] + diagonal if i == j else d[i][j] for j in range(3)] for i in range(3)]
+    diagonal, linear, quadratic = -c0 * mu, -c1 * mu, -c2 * mu
+    d0 = plus(scaled(linear, b[0]), scaled(quadratic, square[0]))
+    d1 = plus(scaled(linear, b[1]), scaled(quadratic, square[1]))
+    d2 = plus(scaled(linear, b[2]), scaled(quadratic, square[2]))
+    return (
+        (d0[0] + diagonal, d0[1], d0[2]),
+        (d1[0], d1[1] + diagonal, d1[2]),
+        (d2[0], d2[1], d2[2] + diagonal),
+    )
 
 
-def _product(b: Matrix, i: int, j: int) -> Lanes:
-    """Return an entry of B B."""
-    return b[i][0] * b[0][j] + b[i][1] * b[1][j] + b[i][2] * b[2][j]
-
-
-def _coefficients(
-    b: Matrix, square: Matrix, rho: Lanes, trace: Lanes, exact: Any
-) -> tuple[Lanes, Lanes, Lanes]:
+@part
+def _coefficients(b: Matrix, square: Matrix, rho: Any, trace: Any, exact: bool) -> Triple:
     """Return c0, c1, c2 such that -D / mu, or its positive part, is c0 I + c1 B + c2 B^2."""
-    v = rho.v
-    p2 = ((square[0][0] + square[1][1] + square[2][2]) * (1.0 / 6.0)).at_least(1e-60)
-    p, p3 = p2.root(), p2 * 3.0
-    cubed = [b[i][0] * square[i][0] + b[i][1] * square[i][1] + b[i][2] * square[i][2] for i in range(3)]
-    det = (cubed[0] + cubed[1] + cubed[2]) * (1.0 / 3.0)
-    q, t = trace * (rho + 2.0 / 3.0), rho * trace * -1.0 + 2.0
+    p2 = at_least((1.0 / 6.0) * (square[0][0] + square[1][1] + square[2][2]), 1e-60)
+    p, p3 = root(p2), 3.0 * p2
+    det = (1.0 / 3.0) * contraction(b, square)
+    q, t = trace * (rho + 2.0 / 3.0), 2.0 - rho * trace
     m = q + t
 
     # how many eigenvalues of N = q I + B are positive, by the signs of its characteristic polynomial
     det_n = (q * q - p3) * q + det
-    upper, minor = q.below(0.0), (q * q - p2).below(0.0)  # tr N < 0, sum of minors < 0
-    odd = _not(v, det_n.below(0.0))  # one or three
-    mixed = v.builder.or_(upper, minor)
-    three = v.builder.and_(odd, _not(v, mixed))
-    none = v.builder.and_(_not(v, odd), v.builder.and_(upper, _not(v, minor)))
-    one = v.builder.and_(odd, mixed)
+    upper, minor = q < 0.0, q * q - p2 < 0.0  # tr N < 0, sum of minors < 0
+    odd = det_n >= 0.0  # one or three
+    mixed = upper | minor
+    three, one = odd & ~mixed, odd & mixed
+    none = ~odd & upper & ~minor
 
     # the root that is alone on its side of zero: the largest if one is positive, the smallest if two are
-    sign = Lanes(v, v.splat(ir.DoubleType()(-1.0))).where(one, 1.0)
-    cosine = (sign * det) / (p2 * p * 2.0)
-    u = ((cosine + 1.0) * 0.5).at_least(0.0).root() * 2.0 - 1.0
-    root = sign * p * 2.0 * _polynomial(u.where((u * -1.0).below(-1.0), 1.0))
-    rest = root * root - p3  # product of the two other roots
-    gap = (root * root * 3.0 - p3).at_least(p3 * SMALLEST)
+    sign = where(one, 1.0, -1.0)
+    cosine = (sign * det) / (2.0 * p2 * p)
+    u = 2.0 * root(at_least(0.5 * (cosine + 1.0), 0.0)) - 1.0
+    single = sign * p * 2.0 * _polynomial(where(u > 1.0, 1.0, u))
+    rest = single * single - p3  # product of the two other roots
+    gap = at_least(3.0 * single * single - p3, SMALLEST * p3)
 
     # a single positive eigenvalue n = q + root: n / (n + t) times its projector
-    n = q + root
-    denominator = gap * (n + t).at_least(SMALLEST)
+    n = q + single
     # two: n / (n + t) as a linear function on their plane, from their sum and product
-    product = (q - root) * q + rest
-    products = ((m - root) * m + rest).at_least(SMALLEST)
-    denominator = (gap * products).where(one, denominator)
+    product = (q - single) * q + rest
+    products = at_least((m - single) * m + rest, SMALLEST)
+    denominator = where(one, gap * at_least(n + t, SMALLEST), gap * products)
     # three, or D itself whatever its signs: I - t M^-1
     volume = (m * m - p3) * m + det
-    volume = Lanes(v, v.builder.select(exact, volume.value, volume.at_least(SMALLEST_VOLUME).value))
-    whole = v.builder.select(exact, _all(v), three)
-    denominator = denominator.where(whole, volume)
-
-    over = Lanes(v, v.splat(ir.DoubleType()(1.0))) / denominator
-    alone = over * n
-    c2 = (over * (product + t * n) * -1.0).where(one, alone)
-    c1 = c2 * root
-    c0 = c2 * rest
-    plane = (over * gap).where(one, 0.0)
+    whole = three
+    if exact:
+        whole = three | ~three
+    else:
+        volume = at_least(volume, SMALLEST_VOLUME)
+    scale = 1.0 / where(whole, volume, denominator)
+    c2 = where(one, scale * n, -scale * (product + t * n))
+    c1, c0 = c2 * single, c2 * rest
+    plane = where(one, 0.0, scale * gap)
     c1, c0 = c1 + plane * t, c0 + plane * (product + t * q)
-    over = over * t
-    c2 = c2.where(whole, over * -1.0)
-    c1 = c1.where(whole, over * m)
-    c0 = c0.where(whole, over * (p3 - m * m) + 1.0)
-    none = v.builder.and_(none, _not(v, whole))
-    return c0.where(none, 0.0), c1.where(none, 0.0), c2.where(none, 0.0)
+    scale = scale * t
+    c2 = where(whole, -scale, c2)
+    c1 = where(whole, scale * m, c1)
+    c0 = where(whole, scale * (p3 - m * m) + 1.0, c0)
+    none = none & ~whole
+    return (where(none, 0.0, c0), where(none, 0.0, c1), where(none, 0.0, c2))
 
 
-def _polynomial(u: Lanes) -> Lanes:
+@part
+def _polynomial(u: Any) -> Any:
     """Evaluate `_largest_root` at u with coefficients in pairs, which shortens the chain of dependencies."""
-    level: list[Lanes] = []
-    for place in range(0, len(ROOT), 2):
-        low = ROOT[place]
-        level.append(u * ROOT[place + 1] + low if place + 1 < len(ROOT) else u * 0.0 + low)
-    power = u * u
-    while len(level) > 1:
-        ahead = [
-            level[place + 1] * power + level[place] if place + 1 < len(level) else level[place]
-            for place in range(0, len(level), 2)
-        ]
-        level, power = ahead, power * power
-    return level[0]
+    u2 = u * u
+    u4 = u2 * u2
+    low = _four(ROOT[0], ROOT[1], ROOT[2], ROOT[3], u, u2) + u4 * _four(
+        ROOT[4], ROOT[5], ROOT[6], ROOT[7], u, u2
+    )
+    high = _four(ROOT[8], ROOT[9], ROOT[10], ROOT[11], u, u2)
+    high = high + u4 * _four(ROOT[12], ROOT[13], ROOT[14], ROOT[15], u, u2)
+    return low + u4 * u4 * high
 
 
-def _all(v: Any) -> Any:
-    """Return a mask that is true in all lanes."""
-    return ir.Constant(ir.VectorType(ir.IntType(1), v.type.count), [1] * v.type.count)
-
-
-def _not(v: Any, mask: Any) -> Any:
-    """Return the complement of a mask."""
-    return v.builder.xor(mask, _all(v))
+@part
+def _four(c0: float, c1: float, c2: float, c3: float, u: Any, u2: Any) -> Any:
+    """Return c0 + c1 u + c2 u^2 + c3 u^3."""
+    return (c1 * u + c0) + (c3 * u + c2) * u2
 
 
 def corotational_moduli(law: Corotational, p: Array) -> Array:
@@ -287,79 +297,57 @@ def corotational_moduli(law: Corotational, p: Array) -> Array:
     return np.asarray(lame(p)[1][:, None])
 
 
-def _rotation(u: Matrix, v: Matrix) -> Matrix:
-    """Return U V^T of columns."""
-    return [[u[0][i] * v[0][j] + u[1][i] * v[1][j] + u[2][i] * v[2][j] for j in range(3)] for i in range(3)]
+@part
+def put_rotation(points: Array, point: int) -> None:
+    """Write the rotation and theta = tr S - 3 of a point from its stretches."""
+    u, v = matrix_at(points, point + FIRST_DIRECTIONS), matrix_at(points, point + SECOND_DIRECTIONS)
+    s = triple_at(points, point + STRETCHES)
+    r = (times(v, u[0]), times(v, u[1]), times(v, u[2]))
+    theta = s[0] + s[1] + s[2] - 3.0
+    put_matrix(points, point + DILATATION_SLOPE, r)
+    put(points, point + DILATATION, theta)
+    put(points, point + FOUND_DILATATION, theta)
+    put(points, point + DILATATION_RATE, contraction(r, matrix_at(points, point + RATE)))
 
 
-@intrinsic
-def put_rotation(typing: Any, points: Any, row: Any) -> Any:
-    """Write rows 18 to 30 of a point from its stretches; row 28 is that of the present deformation."""
-    signature = types.void(points, types.int64)
+@part
+def put_found(points: Array, point: int, moved: Array, place: int) -> None:
+    """Write theta as the last solve found it.
 
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b = Batch(context, builder)
-        point = b.start(signature.args[0], args[0], args[1])
-        s, u, v = b.load(point, 3, 104), b.load_matrix(point, 86), b.load_matrix(point, 95)
-        r = [[u[i][0] * v[j][0] + u[i][1] * v[j][1] + u[i][2] * v[j][2] for j in range(3)] for i in range(3)]
-        theta = s[0] + s[1] + s[2] - 3.0
-        b.put_matrix(point, 18, r)
-        b.put(point, 27, theta)
-        b.put(point, 28, theta)
-        b.put(point, 29, contraction(r, b.load_matrix(point, 9)))
-        return context.get_dummy_value()
-
-    return signature, generate
+    `moved` has the gradient of the solve's displacement from row `place` on.
+    """
+    f = matrix_at(points, point + DEFORMATION)
+    u, _, v = signed_stretches(difference(f, matrix_at(moved, place)))
+    u, v = transposed(u), transposed(v)
+    r = (times(v, u[0]), times(v, u[1]), times(v, u[2]))
+    put(points, point + FOUND_DILATATION, contraction(r, f) - 3.0)
 
 
-@intrinsic
-def put_found(typing: Any, points: Any, row: Any, moved: Any, place: Any) -> Any:
-    """Write row 28 of a point; `moved` has the gradient of the last solve's displacement from `place` on."""
-    signature = types.void(points, types.int64, moved, types.int64)
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b = Batch(context, builder)
-        point = b.start(signature.args[0], args[0], args[1])
-        step = b.load_matrix(b.start(signature.args[2], args[2], args[3]))
-        f = b.load_matrix(point)
-        u, _, v = signed_stretches(b, [difference(f[i], step[i]) for i in range(3)])
-        b.put(point, 28, contraction(_rotation(u, v), f) - 3.0)
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-@intrinsic
-def put_corotational(typing: Any, points: Any, row: Any, moduli: Any, place: Any, positive: Any) -> Any:
+@part
+def put_corotational(points: Array, point: int, moduli: Array, place: int, positive: bool) -> None:
     """Write psi, h, a and b of a point; `moduli` has a_p, one more, and mu in rows from `place` on."""
-    signature = types.void(points, types.int64, moduli, types.int64, types.boolean)
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b, kinds = Batch(context, builder), signature.args
-        point = b.start(kinds[0], args[0], args[1])
-        at_point, _, mu = b.load(b.start(kinds[2], args[2], args[3]), 3)
-        s, (now, found) = b.load(point, 3, 104), b.load(point, 2, 84)
-        double = mu * 2.0
-        gamma, sums = double - found, [s[1] + s[2], s[2] + s[0], s[0] + s[1]]
-        within = [gamma.below(mu * each) for each in sums]
-        all_within = builder.and_(within[0], builder.and_(within[1], within[2]))
-        zero = mu * 0.0
-        volume = (sums[0] * sums[1] * sums[2]).at_least(zero.where(all_within, SMALLEST_VOLUME))
-        twist = []
-        for k in range(3):
-            share = gamma * sums[(k + 1) % 3] * sums[(k + 2) % 3] / volume
-            turning = _choose(b, args[4], mu.where(within[k], share), gamma / sums[k])
-            twist.append(double - turning * 2.0)
-        h = [at_point + double if i == j else at_point for i in range(3) for j in range(i, 3)]
-        put_principal(b, point, [double * (each - 1.0) + now for each in s], h, [double] * 3, twist)
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-def _choose(b: Batch, which: Any, one: Lanes, other: Lanes) -> Lanes:
-    """Return one register where the bit is set, else the other, in all lanes."""
-    return Lanes(b.v, b.builder.select(which, one.value, other.value))
+    at_point, mu = row(moduli, place), row(moduli, place + 2)
+    s = triple_at(points, point + STRETCHES)
+    now, found = row(points, point + PRESSURE), row(points, point + PRESSURE + 1)
+    double = 2.0 * mu
+    gamma, sums = double - found, (s[1] + s[2], s[2] + s[0], s[0] + s[1])
+    within = (gamma < mu * sums[0], gamma < mu * sums[1], gamma < mu * sums[2])
+    floor = where(within[0] & within[1] & within[2], SMALLEST_VOLUME, 0.0 * mu)
+    volume = at_least(sums[0] * sums[1] * sums[2], floor)
+    if positive:
+        share = gamma / volume
+        turning = (
+            where(within[0], share * sums[1] * sums[2], mu),
+            where(within[1], share * sums[2] * sums[0], mu),
+            where(within[2], share * sums[0] * sums[1], mu),
+        )
+    else:
+        turning = (gamma / sums[0], gamma / sums[1], gamma / sums[2])
+    twist = (double - 2.0 * turning[0], double - 2.0 * turning[1], double - 2.0 * turning[2])
+    psi = (double * (s[0] - 1.0) + now, double * (s[1] - 1.0) + now, double * (s[2] - 1.0) + now)
+    own = at_point + double
+    h = ((own, at_point, at_point), (at_point, own, at_point), (at_point, at_point, own))
+    put_principal(points, point, psi, h, (double, double, double), twist)
 
 
 @kernel
@@ -377,7 +365,7 @@ def corotational_points(batch: int, inputs: CellInputs, cells: PointCells) -> No
     press(batch, cells)
     for q in range(count):
         put_corotational(points, POINT_ROWS * q, moduli, place, inputs.positive)
-        put_modes(points, POINT_ROWS * q, weights, count * batch + q)
+        put_modes(points, POINT_ROWS * q, row(weights, count * batch + q), cells.buffers.modes)
 
 
 @kernel

@@ -1,7 +1,7 @@
 """Compiled assembly of linear tetrahedra: forces, and stiffness directly into the factor's panels.
 
 Arrays of a batch are laid out lane by lane: gradients (batches, 12, LANES), nodes (batches, 4, LANES). The
-formulas are written in ordinary arithmetic on `Lanes`; they are those of fem.materials.corotational.
+formulas are those of fem.materials.corotational.
 
 The loops over elements work on arrays that are taken out of their tuples before. If a tuple were passed
 inside the loop, Numba would count references to each of its arrays in every iteration, which takes as long as
@@ -14,25 +14,41 @@ from math import sqrt
 from typing import Any, cast
 
 import numpy as np
-from llvmlite import ir
-from numba import types
 
 from softsim_core.base import Array, IndexArray
 from softsim_core.physics.dynamics.numba_backend import Elements, Nodes, Work, kernel
-from softsim_core.physics.dynamics.numba_backend.cells.corotational import rotate_lanes, twist_stiffness
-from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
-    Batch,
-    Lanes,
+from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     Matrix,
     Triple,
+    cofactors,
+    contraction,
     cross,
     difference,
     dot,
+    matrix_at,
+    minus,
+    plus,
+    put_matrix,
+    put_triple,
+    scaled,
     times,
+    transposed,
+    triple_at,
     unit,
 )
+from softsim_core.physics.dynamics.numba_backend.cells.corotational import rotate_lanes, twist_stiffness
 from softsim_core.physics.fem.materials import FLAT
-from softsim_core.physics.linalg import LANES, Vectors, add_block, intrinsic
+from softsim_core.physics.linalg import (
+    LANES,
+    add_block,
+    bits_of,
+    gather,
+    part,
+    put_quads,
+    root,
+    row,
+    subtract_at,
+)
 
 HALLEY_STEPS = 3
 """Number of Halley steps to the root in the polar rotation of a batch; each triples the digits."""
@@ -41,218 +57,254 @@ LAST_STEP = 1e-6
 """A lane with a larger last step, relative to the root, is recomputed by the scalar kernel."""
 
 
-@intrinsic
-def frame_rotations(typing: Any, x: Any, corners: Any, batch: Any, rotations: Any) -> Any:
+@part
+def frame_rotations(x: Array, corners: IndexArray, batch: int, rotations: Array) -> None:
     """Compute rotations (9, LANES) of a batch from the frames of three corners (law `corotational_qr`)."""
-    signature = types.void(x, corners, types.int64, rotations)
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b = Batch(context, builder)
-        positions, index = b.v.data(signature.args[0], args[0]), b.v.data(signature.args[1], args[1])
-        out = b.v.data(signature.args[3], args[3])
-        first, second, third, _ = b.nodes(index, builder.mul(args[2], args[2].type(4 * LANES)))
-        origin = b.gather(positions, first)
-        e_x = unit(difference(b.gather(positions, second), origin))
-        e_z = unit(cross(e_x, difference(b.gather(positions, third), origin)))
-        e_y = cross(e_z, e_x)
-        for i in range(3):
-            for j, axis in enumerate((e_x, e_y, e_z)):
-                b.put(out, 3 * i + j, axis[i])
-        return context.get_dummy_value()
-
-    return signature, generate
+    origin = gather(x, corners, 4 * batch)
+    e_x = unit(minus(gather(x, corners, 4 * batch + 1), origin))
+    e_z = unit(cross(e_x, minus(gather(x, corners, 4 * batch + 2), origin)))
+    put_matrix(rotations, 0, transposed((e_x, cross(e_z, e_x), e_z)))
 
 
-@intrinsic
+@part
+def sum_over_nodes(
+    x: Array, nodes: IndexArray, batch: int, h0: Triple, h1: Triple, h2: Triple, h3: Triple
+) -> Matrix:
+    """Return the sum over a batch's nodes of positions times gradients h."""
+    a, b = gather(x, nodes, 4 * batch), gather(x, nodes, 4 * batch + 1)
+    c, d = gather(x, nodes, 4 * batch + 2), gather(x, nodes, 4 * batch + 3)
+    return (
+        four_scaled(a[0], h0, b[0], h1, c[0], h2, d[0], h3),
+        four_scaled(a[1], h0, b[1], h1, c[1], h2, d[1], h3),
+        four_scaled(a[2], h0, b[2], h1, c[2], h2, d[2], h3),
+    )
+
+
+@part
+def four_scaled(a: Any, h0: Triple, b: Any, h1: Triple, c: Any, h2: Triple, d: Any, h3: Triple) -> Triple:
+    """Return a h0 + b h1 + c h2 + d h3."""
+    return plus(plus(plus(scaled(a, h0), scaled(b, h1)), scaled(c, h2)), scaled(d, h3))
+
+
+@part
 def polar_rotations(
-    typing: Any, x: Any, nodes: Any, gradients: Any, batch: Any, deformation: Any, rotations: Any
-) -> Any:
+    x: Array, nodes: IndexArray, gradients: Array, batch: int, deformation: Array, rotations: Array
+) -> int:
     """Compute deformation gradients and nearest rotations of a batch, each (9, LANES) (law `corotational`).
 
     Return the lanes, one bit each, that are left to the scalar kernel: the root was not found, or the
     rotation is nearly undefined. Source: Markley 1993, see corotational.nearest_rotation; here by Halley's
     method.
     """
-    signature = types.int64(x, nodes, gradients, types.int64, deformation, rotations)
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b = Batch(context, builder)
-        positions, index, slopes = (b.v.data(signature.args[i], args[i]) for i in range(3))
-        out_f, out = b.v.data(signature.args[4], args[4]), b.v.data(signature.args[5], args[5])
-        batch, integer = args[3], args[3].type
-        places = b.nodes(index, builder.mul(batch, integer(4 * LANES)))
-        g = b.rows(slopes, builder.mul(batch, integer(12 * LANES)), 12)
-        corners = [b.gather(positions, place) for place in places]
-        f = [
-            [
-                corners[0][i] * g[j]
-                + corners[1][i] * g[3 + j]
-                + corners[2][i] * g[6 + j]
-                + corners[3][i] * g[9 + j]
-                for j in range(3)
-            ]
-            for i in range(3)
-        ]
-        cofactor = [cross(f[1], f[2]), cross(f[2], f[0]), cross(f[0], f[1])]
-        det = dot(f[0], cofactor[0])
-        cc = dot(cofactor[0], cofactor[0]) + dot(cofactor[1], cofactor[1]) + dot(cofactor[2], cofactor[2])
-        ff = dot(f[0], f[0]) + dot(f[1], f[1]) + dot(f[2], f[2])
-        k = (ff * 3.0).root()
-        step, eight, four = k, det * 8.0, cc * 4.0
-        for _ in range(HALLEY_STEPS):
-            p = k * k - ff
-            value, slope = p * p - (k * eight + four), k * p * 4.0 - eight
-            bend = p * 2.0 + k * k * 4.0  # half the second derivative
-            step = (value * slope) / (slope * slope - value * bend)
-            k = k - step
-        a = (k * k - ff) * 0.5
-        denominator = a * k - det
-        share = a + ff
-        over = (k * 0.0 + 1.0) / denominator
-        square = [[dot(f[i], f[n]) for n in range(i + 1)] for i in range(3)]
-        for i in range(3):
-            row = [square[max(i, n)][min(i, n)] for n in range(3)]
-            for j in range(3):
-                triple = row[0] * f[0][j] + row[1] * f[1][j] + row[2] * f[2][j]
-                b.put(out, 3 * i + j, (share * f[i][j] + k * cofactor[i][j] - triple) * over)
-                b.put(out_f, 3 * i + j, f[i][j])
-        weak = denominator.below(k * k * k * 1e-3)
-        late = (k * LAST_STEP).below((step * step).root())
-        bits = builder.bitcast(builder.or_(weak, late), ir.IntType(LANES))
-        return builder.zext(bits, ir.IntType(64))
-
-    return signature, generate
+    g = 12 * batch
+    h0, h1 = triple_at(gradients, g), triple_at(gradients, g + 3)
+    h2, h3 = triple_at(gradients, g + 6), triple_at(gradients, g + 9)
+    f = sum_over_nodes(x, nodes, batch, h0, h1, h2, h3)
+    cofactor = cofactors(f)
+    det, cc, ff = dot(f[0], cofactor[0]), contraction(cofactor, cofactor), contraction(f, f)
+    k = root(3.0 * ff)
+    step, eight, four = k, 8.0 * det, 4.0 * cc
+    for _ in range(HALLEY_STEPS):
+        p = k * k - ff
+        value, slope = p * p - (k * eight + four), 4.0 * k * p - eight
+        bend = 2.0 * p + 4.0 * k * k  # half the second derivative
+        step = (value * slope) / (slope * slope - value * bend)
+        k = k - step
+    a = 0.5 * (k * k - ff)
+    denominator = a * k - det
+    share, scale = a + ff, 1.0 / denominator
+    for_rows = transposed(f)
+    square = (times(f, f[0]), times(f, f[1]), times(f, f[2]))
+    put_triple(rotations, 0, scaled(scale, rotation_row(share, f[0], k, cofactor[0], square[0], for_rows)))
+    put_triple(rotations, 3, scaled(scale, rotation_row(share, f[1], k, cofactor[1], square[1], for_rows)))
+    put_triple(rotations, 6, scaled(scale, rotation_row(share, f[2], k, cofactor[2], square[2], for_rows)))
+    put_matrix(deformation, 0, f)
+    is_weak = ~(denominator >= 1e-3 * k * k * k)
+    is_late = ~(LAST_STEP * k >= root(step * step))
+    return bits_of(is_weak | is_late)
 
 
+@part
+def rotation_row(share: Any, f: Triple, k: Any, cofactor: Triple, square: Triple, columns: Matrix) -> Triple:
+    """Return a row of (a + |F|^2) F + k cof F - F F^T F; `square` is the row of F F^T."""
+    return minus(plus(scaled(share, f), scaled(k, cofactor)), times(columns, square))
+
+
+@part
 def strain(w: Matrix) -> Matrix:
-    """Return sym(w) - I."""
-    return [[w[i][i] - 1.0 if i == j else (w[i][j] + w[j][i]) * 0.5 for j in range(3)] for i in range(3)]
+    """Return sym(W) - I."""
+    xy, yz, zx = 0.5 * (w[0][1] + w[1][0]), 0.5 * (w[1][2] + w[2][1]), 0.5 * (w[2][0] + w[0][2])
+    return ((w[0][0] - 1.0, xy, zx), (xy, w[1][1] - 1.0, yz), (zx, yz, w[2][2] - 1.0))
 
 
-def stress(w: Matrix, lam: Lanes, mu: Lanes) -> Matrix:
-    """Return lam tr(E) I + 2 mu E with E = sym(w) - I."""
-    normal = [w[i][i] - 1.0 for i in range(3)]
-    pressure = lam * (normal[0] + normal[1] + normal[2])
-    double = mu * 2.0
-    return [
-        [pressure + double * normal[i] if i == j else mu * (w[i][j] + w[j][i]) for j in range(3)]
-        for i in range(3)
-    ]
+@part
+def stress(w: Matrix, lam: Any, mu: Any) -> Matrix:
+    """Return lam tr(E) I + 2 mu E with E = sym(W) - I."""
+    x, y, z = w[0][0] - 1.0, w[1][1] - 1.0, w[2][2] - 1.0
+    pressure, double = lam * (x + y + z), 2.0 * mu
+    xy, yz, zx = mu * (w[0][1] + w[1][0]), mu * (w[1][2] + w[2][1]), mu * (w[2][0] + w[0][2])
+    return (
+        (pressure + double * x, xy, zx),
+        (xy, pressure + double * y, yz),
+        (zx, yz, pressure + double * z),
+    )
 
 
-def put_blocks(b: Batch, out: Any, h: list[Triple], lam: Lanes, mu: Lanes, twist: Matrix | None) -> None:
-    """Write K_ab for a <= b, with the twist D.
+@part
+def elastic_block(a: Triple, lam_b: Triple, mu_b: Triple) -> Matrix:
+    """Return lam a b^T + mu b a^T + mu (a . b) I for the gradients a and b of two nodes."""
+    both = dot(a, mu_b)
+    first = plus(scaled(a[0], lam_b), scaled(mu_b[0], a))
+    second = plus(scaled(a[1], lam_b), scaled(mu_b[1], a))
+    third = plus(scaled(a[2], lam_b), scaled(mu_b[2], a))
+    return (
+        (first[0] + both, first[1], first[2]),
+        (second[0], second[1] + both, second[2]),
+        (third[0], third[1], third[2] + both),
+    )
 
-    K_ab = lam h_a h_b^T + mu h_b h_a^T + mu (h_a . h_b) I + [h_a]x D [h_b]x
+
+@part
+def turned_block(a: Triple, turned: Matrix) -> Matrix:
+    """Return [a]x D [b]x from the rows of D [b]x."""
+    return (
+        minus(scaled(a[1], turned[2]), scaled(a[2], turned[1])),
+        minus(scaled(a[2], turned[0]), scaled(a[0], turned[2])),
+        minus(scaled(a[0], turned[1]), scaled(a[1], turned[0])),
+    )
+
+
+@part
+def put_block(blocks: Array, pair: int, block: Matrix) -> None:
+    """Write the block of a pair of nodes for every lane; see `frozen_batch`."""
+    put_quads(blocks, 12 * pair, block[0])
+    put_quads(blocks, 12 * pair + 4, block[1])
+    put_quads(blocks, 12 * pair + 8, block[2])
+
+
+@part
+def put_turning_block(
+    blocks: Array, pair: int, a: Triple, lam_b: Triple, mu_b: Triple, turned: Matrix
+) -> None:
+    """Write a block with the stiffness of rotation."""
+    block, extra = elastic_block(a, lam_b, mu_b), turned_block(a, turned)
+    put_block(blocks, pair, (plus(block[0], extra[0]), plus(block[1], extra[1]), plus(block[2], extra[2])))
+
+
+@part
+def turned_gradients(rotations: Array, gradients: Array, batch: int) -> tuple[Triple, Triple, Triple, Triple]:
+    """Return R g of the four nodes of a batch."""
+    r, g = matrix_at(rotations, 0), 12 * batch
+    return (
+        times(r, triple_at(gradients, g)),
+        times(r, triple_at(gradients, g + 3)),
+        times(r, triple_at(gradients, g + 6)),
+        times(r, triple_at(gradients, g + 9)),
+    )
+
+
+@part
+def subtract_forces(
+    forces: Array, nodes: IndexArray, batch: int, s: Matrix, h0: Triple, h1: Triple, h2: Triple, h3: Triple
+) -> None:
+    """Subtract S h of each node."""
+    subtract_at(forces, nodes, 4 * batch, times(s, h0))
+    subtract_at(forces, nodes, 4 * batch + 1, times(s, h1))
+    subtract_at(forces, nodes, 4 * batch + 2, times(s, h2))
+    subtract_at(forces, nodes, 4 * batch + 3, times(s, h3))
+
+
+@part
+def frozen_batch(
+    y: Array, scale: float, nodes: IndexArray, gradients: Array, lame: Array, batch: int, rotations: Array,
+    forces: Array, blocks: Array,
+) -> None:  # fmt: skip
+    """Subtract the elastic forces of a batch at y with frozen rotations; put the blocks of scale K_ab.
+
+    blocks: a <= b, row 3 pair + i of every lane, four numbers each with a zero at the end, shape (30, LANES, 4);
+    pairs run 00, 01, ... 33.
     """
-    pair = [[4 * a - a * (a - 1) // 2 + n - a for n in range(4)] for a in range(4)]
-    for n in range(4):
-        lam_h, mu_h = [lam * each for each in h[n]], [mu * each for each in h[n]]
-        turned = None if twist is None else [cross(row, h[n]) for row in twist]
-        for a in range(n + 1):
-            both = dot(h[a], mu_h)
-            for i in range(3):
-                row = [h[a][i] * lam_h[j] + h[a][j] * mu_h[i] for j in range(3)]
-                row[i] = row[i] + both
-                if turned is not None:
-                    after, before = (i + 1) % 3, (i + 2) % 3
-                    row = [
-                        entry + (h[a][after] * turned[before][j] - h[a][before] * turned[after][j])
-                        for j, entry in enumerate(row)
-                    ]
-                b.put_rows(out, 4 * LANES * (3 * pair[a][n] + i), row)
+    h0, h1, h2, h3 = turned_gradients(rotations, gradients, batch)
+    lam, mu = row(lame, 2 * batch), row(lame, 2 * batch + 1)
+    s = stress(sum_over_nodes(y, nodes, batch, h0, h1, h2, h3), lam, mu)
+    subtract_forces(forces, nodes, batch, s, h0, h1, h2, h3)
+    lam, mu = scale * lam, scale * mu
+    lam_h, mu_h = scaled(lam, h0), scaled(mu, h0)
+    put_block(blocks, 0, elastic_block(h0, lam_h, mu_h))
+    lam_h, mu_h = scaled(lam, h1), scaled(mu, h1)
+    put_block(blocks, 1, elastic_block(h0, lam_h, mu_h))
+    put_block(blocks, 4, elastic_block(h1, lam_h, mu_h))
+    lam_h, mu_h = scaled(lam, h2), scaled(mu, h2)
+    put_block(blocks, 2, elastic_block(h0, lam_h, mu_h))
+    put_block(blocks, 5, elastic_block(h1, lam_h, mu_h))
+    put_block(blocks, 7, elastic_block(h2, lam_h, mu_h))
+    lam_h, mu_h = scaled(lam, h3), scaled(mu, h3)
+    put_block(blocks, 3, elastic_block(h0, lam_h, mu_h))
+    put_block(blocks, 6, elastic_block(h1, lam_h, mu_h))
+    put_block(blocks, 8, elastic_block(h2, lam_h, mu_h))
+    put_block(blocks, 9, elastic_block(h3, lam_h, mu_h))
 
 
-def _batch(frozen: bool) -> Any:
-    """Return an intrinsic for the forces and stiffness of a batch, with frozen or with turning rotations."""
+@part
+def turning_batch(
+    y: Array, exact: bool, scale: float, nodes: IndexArray, gradients: Array, lame: Array, batch: int,
+    deformation: Array, rotations: Array, forces: Array, blocks: Array,
+) -> None:  # fmt: skip
+    """Subtract the elastic forces f(x) - K (y - x) of a batch, and put its blocks as `frozen_batch` does.
 
-    @intrinsic
-    def batch(
-        typing: Any, y: Any, exact: Any, scale: Any, nodes: Any, gradients: Any, lame: Any, batch: Any,
-        deformation: Any, rotations: Any, forces: Any, blocks: Any,
-    ) -> Any:  # fmt: skip
-        """Subtract the elastic forces f(x) - K (y - x) of a batch; put the blocks of scale K_ab, a <= b.
+    x are the positions at which `deformation` and `rotations` were taken.
 
-        x are the positions at which `deformation` and `rotations` were taken. blocks: row 3 pair + i of every
-        lane, four numbers each with a zero at the end, shape (30, LANES, 4); pairs run 00, 01, ... 33.
-        """
-        signature = types.void(
-            y, types.boolean, types.float64, nodes, gradients, lame, types.int64, deformation, rotations,
-            forces, blocks,
-        )  # fmt: skip
-
-        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            b = Batch(context, builder)
-            positions, index, slopes, moduli = (b.v.data(signature.args[i], args[i]) for i in (0, 3, 4, 5))
-            gradient, turn, total, out = (b.v.data(signature.args[i], args[i]) for i in (7, 8, 9, 10))
-            batch, integer = args[6], args[6].type
-            places = b.nodes(index, builder.mul(batch, integer(4 * LANES)))
-            g = b.rows(slopes, builder.mul(batch, integer(12 * LANES)), 12)
-            numbers = b.rows(turn, integer(0), 9)
-            r = [numbers[3 * i : 3 * i + 3] for i in range(3)]
-            lam, mu = b.rows(moduli, builder.mul(batch, integer(2 * LANES)), 2)
-            h = [times(r, g[3 * n : 3 * n + 3]) for n in range(4)]
-            corners = [b.gather(positions, place) for place in places]
-            w = [
-                [
-                    sum((corners[n][i] * h[n][j] for n in range(1, 4)), corners[0][i] * h[0][j])
-                    for j in range(3)
-                ]
-                for i in range(3)
-            ]
-            s = stress(w, lam, mu)
-            twist: Matrix | None = None
-            if not frozen:
-                numbers = b.rows(gradient, integer(0), 9)
-                before = [times(r, numbers[3 * i : 3 * i + 3]) for i in range(3)]
-                twist = twist_stiffness(strain(before), lam, mu, args[1])
-                moved = [difference(w[i], before[i]) for i in range(3)]
-                z = times(twist, [moved[k][j] - moved[j][k] for j, k in ((1, 2), (2, 0), (0, 1))])
-                for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-                    s[j][k] = s[j][k] + z[i]
-                    s[k][j] = s[k][j] - z[i]
-            for n in range(4):
-                b.subtract(total, places[n], times(s, h[n]))
-            factor = Lanes(b.v, b.v.splat(args[2]))
-            if twist is not None:
-                twist = [[each * factor for each in row] for row in twist]
-            put_blocks(b, out, h, lam * factor, mu * factor, twist)
-            return context.get_dummy_value()
-
-        return signature, generate
-
-    return batch
+    K_ab = lam h_a h_b^T + mu h_b h_a^T + mu (h_a . h_b) I + [h_a]x D [h_b]x, D of `twist_stiffness`
+    """
+    r, f = matrix_at(rotations, 0), matrix_at(deformation, 0)
+    h0, h1, h2, h3 = turned_gradients(rotations, gradients, batch)
+    lam, mu = row(lame, 2 * batch), row(lame, 2 * batch + 1)
+    w = sum_over_nodes(y, nodes, batch, h0, h1, h2, h3)
+    before = (times(r, f[0]), times(r, f[1]), times(r, f[2]))
+    twist = twist_stiffness(strain(before), lam, mu, exact)
+    moved = difference(w, before)
+    z = times(twist, (moved[2][1] - moved[1][2], moved[0][2] - moved[2][0], moved[1][0] - moved[0][1]))
+    s = stress(w, lam, mu)
+    s = (
+        (s[0][0], s[0][1] + z[2], s[0][2] - z[1]),
+        (s[1][0] - z[2], s[1][1], s[1][2] + z[0]),
+        (s[2][0] + z[1], s[2][1] - z[0], s[2][2]),
+    )
+    subtract_forces(forces, nodes, batch, s, h0, h1, h2, h3)
+    lam, mu = scale * lam, scale * mu
+    twist = (scaled(scale, twist[0]), scaled(scale, twist[1]), scaled(scale, twist[2]))
+    lam_h, mu_h, turned = scaled(lam, h0), scaled(mu, h0), crossed_rows(twist, h0)
+    put_turning_block(blocks, 0, h0, lam_h, mu_h, turned)
+    lam_h, mu_h, turned = scaled(lam, h1), scaled(mu, h1), crossed_rows(twist, h1)
+    put_turning_block(blocks, 1, h0, lam_h, mu_h, turned)
+    put_turning_block(blocks, 4, h1, lam_h, mu_h, turned)
+    lam_h, mu_h, turned = scaled(lam, h2), scaled(mu, h2), crossed_rows(twist, h2)
+    put_turning_block(blocks, 2, h0, lam_h, mu_h, turned)
+    put_turning_block(blocks, 5, h1, lam_h, mu_h, turned)
+    put_turning_block(blocks, 7, h2, lam_h, mu_h, turned)
+    lam_h, mu_h, turned = scaled(lam, h3), scaled(mu, h3), crossed_rows(twist, h3)
+    put_turning_block(blocks, 3, h0, lam_h, mu_h, turned)
+    put_turning_block(blocks, 6, h1, lam_h, mu_h, turned)
+    put_turning_block(blocks, 8, h2, lam_h, mu_h, turned)
+    put_turning_block(blocks, 9, h3, lam_h, mu_h, turned)
 
 
-frozen_batch = _batch(frozen=True)
-turning_batch = _batch(frozen=False)
+@part
+def crossed_rows(m: Matrix, a: Triple) -> Matrix:
+    """Return the rows of M crossed with a, M [a]x."""
+    return (cross(m[0], a), cross(m[1], a), cross(m[2], a))
 
 
-@intrinsic
-def add_element(typing: Any, panels: Any, starts: Any, strides: Any, e: Any, blocks: Any, lane: Any) -> Any:
+@part
+def add_element(
+    panels: Array, starts: IndexArray, strides: IndexArray, e: int, blocks: Array, lane: int
+) -> None:
     """Add the ten blocks of element e, whose nodes are all free, to the panels; see layout.Elements."""
-    signature = types.void(panels, starts, strides, types.int64, blocks, types.int64)
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        v = Vectors(context, builder, 4)
-        values, numbers = v.data(signature.args[0], args[0]), v.data(signature.args[4], args[4])
-        index, widths = v.data(signature.args[1], args[1]), v.data(signature.args[2], args[2])
-        e, lane, integer = args[3], args[5], args[3].type
-        first = v.at(numbers, builder.mul(lane, integer(4)))
-        start, stride = v.at(index, builder.mul(e, integer(18))), v.at(widths, builder.mul(e, integer(4)))
-        pair = 0
-        for a in range(4):
-            width = builder.load(v.at(stride, integer(a)))
-            for _ in range(a, 4):
-                goal = v.at(values, builder.load(v.at(start, integer(pair))))
-                for i in range(3):
-                    block = v.load(v.at(first, integer(4 * LANES * (3 * pair + i))))
-                    v.store(v.add(v.load(goal), block), goal)
-                    goal = v.at(goal, width)
-                pair += 1
-        return context.get_dummy_value()
-
-    return signature, generate
+    pair = 0
+    for a in range(4):
+        for _ in range(a, 4):
+            add_block(panels, starts[e, pair], strides[e, a], blocks, ROW * 3 * pair + 4 * lane, ROW)
+            pair += 1
 
 
 FROZEN, CLAMPED, EXACT = (cast(int, np.int64(tangent)) for tangent in range(3))
@@ -276,9 +328,7 @@ def assemble_free(x: Array, scale: float, tangent: int, elements: Elements, work
     for batch in range(len(ids)):
         if tangent == FROZEN:
             frame_rotations(x, corners, batch, rotations)
-            frozen_batch(
-                ahead, False, scale, ids, gradients, lame, batch, deformation, rotations, forces, blocks
-            )
+            frozen_batch(ahead, scale, ids, gradients, lame, batch, rotations, forces, blocks)
         else:
             left = polar_rotations(x, ids, gradients, batch, deformation, rotations)
             if left:
@@ -310,7 +360,7 @@ def assemble_mixed(
     for batch in range(len(ids)):
         if tangent == FROZEN:
             frame_rotations(x, corners, batch, rotations)
-            frozen_batch(ahead, False, scale, ids, gradients, lame, batch, deformation, rotations, forces, k)
+            frozen_batch(ahead, scale, ids, gradients, lame, batch, rotations, forces, k)
         else:
             left = polar_rotations(x, ids, gradients, batch, deformation, rotations)
             if left:

@@ -6,35 +6,71 @@ of the shape functions, the block of nodes m and n is the sum over the points of
     w g_m . C . g_n,    and of cells with a mean volume (a - a_p) / V g_m' g_n'^T,   g' = sum w theta' g
 
 For each batch, `deform` computes gradients, the law computes theta, `press` the pressures, the law stress and
-tangent, and `finish` forces and blocks.
+tangent, and `finish` forces and blocks. The numbers of a point are in POINT_ROWS rows of one buffer, by the
+names below; stress and tangent are multiplied by the weight of the point.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
 from softsim_core.physics.dynamics.numba_backend import kernel
+from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
+    cofactors,
+    contraction,
+    difference,
+    dot,
+    matrix_at,
+    minus,
+    plus,
+    put_matrix,
+    put_triple,
+    scaled,
+    times,
+    triple_at,
+)
 from softsim_core.physics.dynamics.numba_backend.cells.batches import (
     CellBatches,
     CellPlaces,
     add_blocks,
     allocate_aligned,
-    gather,
+    gather_nodes,
     put_gradient,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
-    LEFT_ROWS,
-    POINT_ROWS,
-    put_answer,
-    put_block,
-    put_left,
-    put_node,
-)
 from softsim_core.physics.fem import FLATTEST
-from softsim_core.physics.linalg import LANES
+from softsim_core.physics.linalg import LANES, part, put, put_quads, row
+
+DEFORMATION, RATE, DILATATION_SLOPE = 0, 9, 18
+"""Rows of F, of the gradient of the velocities, and of the slope of theta by F, each 3 x 3."""
+
+DILATATION, FOUND_DILATATION, DILATATION_RATE = 27, 28, 29
+"""Rows of theta, of theta as the last solve found it, and of its rate."""
+
+STRESS, TANGENT = 30, 39
+"""Rows of the stress, 3 x 3, and of the tangent: the upper triangle of 9 x 9, ij before kl."""
+
+PRESSURE = 84
+"""Rows of the pressure at theta, and at theta as the last solve found it."""
+
+LAW = 86
+"""First of the rows that belong to the law."""
+
+POINT_ROWS = 128
+"""Number of rows of a point."""
+
+LEFT_ROWS = 27
+"""Number of rows of a pair's first node at a point: sum over J of g_J times the tangent (i J)(k l)."""
+
+_FIRST, _SECOND = np.triu_indices(9)
+UPPER = np.zeros((9, 9), np.int64)
+"""Row of the tangent from TANGENT on for two entries of F."""
+UPPER[_FIRST, _SECOND] = UPPER[_SECOND, _FIRST] = np.arange(45)
+
+_OF_STRESS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+"""Row of a symmetric stress for two axes."""
 
 
 class BatchBuffers(NamedTuple):
@@ -42,14 +78,15 @@ class BatchBuffers(NamedTuple):
 
     Attributes:
         values: Values of the nodes, rows 3 a + i.
-        points: Rows of points, see lanes.
+        points: Rows of points, see the module.
         steps: Gradient of the last solve's displacement at each point, rows 9 q + k.
         step_stress: H at each point, its upper triangle, rows 6 q + k.
-        means: Means over the cells of rows 27 to 30 of their points, and their volumes.
+        means: Means over the cells of theta at their points, as found, and of its rate; and their volumes.
         bulk: One row, see put_answer and put_block.
         volumes, pulls: Sums of put_node, rows 3 a + i.
         left: See put_left, LEFT_ROWS rows per point.
-        blocks: See put_block, shape (3 a (a + 1) / 2, LANES, 4).
+        blocks: Row 3 pair + i of every lane, four numbers, shape (3 a (a + 1) / 2, LANES, 4).
+        modes: See stretches.put_modes.
     """
 
     values: Array
@@ -62,6 +99,7 @@ class BatchBuffers(NamedTuple):
     pulls: Array
     left: Array
     blocks: Array
+    modes: Array
 
 
 def allocate_buffers(a: int, count: int) -> BatchBuffers:
@@ -70,8 +108,8 @@ def allocate_buffers(a: int, count: int) -> BatchBuffers:
     values, points, steps, stress, means, bulk, volumes, pulls, left = (
         allocate_aligned((each, LANES)) for each in rows
     )
-    blocks = allocate_aligned((3 * a * (a + 1) // 2, LANES, 4))
-    return BatchBuffers(values, points, steps, stress, means, bulk, volumes, pulls, left, blocks)
+    blocks, modes = allocate_aligned((3 * a * (a + 1) // 2, LANES, 4)), allocate_aligned((162, LANES))
+    return BatchBuffers(values, points, steps, stress, means, bulk, volumes, pulls, left, blocks, modes)
 
 
 class PointCells(NamedTuple):
@@ -135,25 +173,112 @@ class CellOutputs(NamedTuple):
 
 @kernel
 def deform(batch: int, inputs: CellInputs, cells: PointCells) -> None:
-    """Compute rows 0 to 18 of all points, and the gradients of `moved`, which are zero if it has no rows."""
+    """Compute F and the gradients of velocities and of `moved` at all points; without rows, the last are zero."""
     nodes, gradients = cells.cells.nodes, cells.cells.gradients
     buffers = cells.buffers
     values, points, steps = buffers.values, buffers.points, buffers.steps
     batches, a, _ = nodes.shape
     count = len(cells.weights) // batches
     place, pitch = batch * a * 3 * count, 3 * count
-    gather(inputs.x, nodes, batch, values)
+    gather_nodes(inputs.x, nodes, batch, values)
     for q in range(count):
-        put_gradient(values, gradients, place + 3 * q, pitch, a, points, POINT_ROWS * q)
-    gather(inputs.velocities, nodes, batch, values)
+        put_gradient(values, gradients, place + 3 * q, pitch, a, points, POINT_ROWS * q + DEFORMATION)
+    gather_nodes(inputs.velocities, nodes, batch, values)
     for q in range(count):
-        put_gradient(values, gradients, place + 3 * q, pitch, a, points, POINT_ROWS * q + 9)
+        put_gradient(values, gradients, place + 3 * q, pitch, a, points, POINT_ROWS * q + RATE)
     if len(inputs.moved):
-        gather(inputs.moved, nodes, batch, values)
+        gather_nodes(inputs.moved, nodes, batch, values)
         for q in range(count):
             put_gradient(values, gradients, place + 3 * q, pitch, a, steps, 9 * q)
     else:
         steps[:] = 0.0
+
+
+@part
+def put_cofactors(points: Array, point: int, moved: Array, place: int) -> None:
+    """Write theta = det F - 1 of a point, its slope and rate, and theta as the last solve found it.
+
+    `moved` has the gradient of the last solve's displacement from row `place` on.
+    """
+    f, step = matrix_at(points, point + DEFORMATION), matrix_at(moved, place)
+    before = difference(f, step)
+    cofactor, turned = cofactors(f), cofactors(before)
+    put_matrix(points, point + DILATATION_SLOPE, cofactor)
+    put(points, point + DILATATION, dot(f[0], cofactor[0]) - 1.0)
+    found = dot(before[0], turned[0]) - 1.0 + contraction(turned, step)
+    put(points, point + FOUND_DILATATION, found)
+    put(points, point + DILATATION_RATE, contraction(cofactor, matrix_at(points, point + RATE)))
+
+
+@part
+def put_answer(points: Array, point: int, stress: Array, place: int, w: Any, mean: Any, lag: float) -> None:
+    """Add the viscoelastic stress H to stress and tangent of a point, and the response to velocities.
+
+    `stress` has six rows from `place` on, H of fem.prony as its upper triangle. w is the weight of the point,
+    `mean` w times the change of pressure by that of the mean volume, `lag` in [s].
+    """
+    for i in range(3):
+        for j in range(3):
+            for k in range(j, 3):
+                entry = point + TANGENT + UPPER[3 * i + j, 3 * i + k]
+                put(points, entry, row(points, entry) + w * row(stress, place + _OF_STRESS[j, k]))
+    for i in range(3):
+        f, response = triple_at(points, point + DEFORMATION + 3 * i), point + DILATATION_SLOPE + 3 * i
+        for j in range(3):
+            answer = mean * row(points, response + j)
+            for k in range(9):
+                slope = row(points, point + TANGENT + UPPER[3 * i + j, k])
+                answer = answer + slope * row(points, point + RATE + k)
+            h0, h1 = row(stress, place + _OF_STRESS[0, j]), row(stress, place + _OF_STRESS[1, j])
+            held = f[0] * (w * h0) + f[1] * (w * h1) + f[2] * (w * row(stress, place + _OF_STRESS[2, j]))
+            own = point + STRESS + 3 * i + j
+            put(points, own, row(points, own) + held + lag * answer)
+
+
+@part
+def put_node(points: Array, point: int, g: Any, w: Any, node: int, volumes: Array, forces: Array) -> None:
+    """Add a point's contribution to a node: w theta' g to its volumes, -P g to its forces.
+
+    g is the gradient of the node, w the weight of the point; volumes and forces are in rows 3 node + i.
+    """
+    turned = times(matrix_at(points, point + DILATATION_SLOPE), g)
+    pull = times(matrix_at(points, point + STRESS), g)
+    put_triple(volumes, 3 * node, plus(triple_at(volumes, 3 * node), scaled(w, turned)))
+    put_triple(forces, 3 * node, minus(triple_at(forces, 3 * node), pull))
+
+
+@part
+def put_left(points: Array, point: int, g: Any, out: Array, place: int) -> None:
+    """Write LEFT_ROWS rows of `out` from row `place` on for a node with the gradient g at a point."""
+    for i in range(3):
+        for other in range(9):
+            first = row(points, point + TANGENT + UPPER[3 * i, other])
+            second = row(points, point + TANGENT + UPPER[3 * i + 1, other])
+            third = row(points, point + TANGENT + UPPER[3 * i + 2, other])
+            put(out, place + 9 * i + other, first * g[0] + second * g[1] + third * g[2])
+
+
+@part
+def put_block(
+    left: Array, gradients: Array, place: int, points: int, volumes: Array, first: int, second: int,
+    bulk: Array, blocks: Array, pair: int,
+) -> None:  # fmt: skip
+    """Write the block of nodes `first` and `second` to `blocks`, see BatchBuffers, in the place of the pair.
+
+    `left` has LEFT_ROWS rows per point, for `points` points. `gradients` has those of the second node, three
+    rows per point from `place` on. `volumes` has rows 3 n + i of node n. `bulk` is one row, the factor on the
+    product of two volumes.
+    """
+    mine, other = scaled(row(bulk, 0), triple_at(volumes, 3 * first)), triple_at(volumes, 3 * second)
+    x, y, z = scaled(mine[0], other), scaled(mine[1], other), scaled(mine[2], other)
+    for q in range(points):
+        g, line = triple_at(gradients, place + 3 * q), LEFT_ROWS * q
+        x = plus(x, times(matrix_at(left, line), g))
+        y = plus(y, times(matrix_at(left, line + 9), g))
+        z = plus(z, times(matrix_at(left, line + 18), g))
+    put_quads(blocks, 12 * pair, x)
+    put_quads(blocks, 12 * pair + 4, y)
+    put_quads(blocks, 12 * pair + 8, z)
 
 
 @kernel
@@ -161,23 +286,23 @@ def press(batch: int, cells: PointCells) -> None:
     """Compute means over the cells, and the pressures at their points, a_p theta + (a - a_p) mean(theta)."""
     points, means, weights, moduli = cells.buffers.points, cells.buffers.means, cells.weights, cells.moduli
     batches = len(cells.cells.nodes)
-    count, row = len(weights) // batches, batch * (len(moduli) // batches)
+    count, own = len(weights) // batches, batch * (len(moduli) // batches)
     means[:] = 0.0
     for q in range(count):
         for lane in range(LANES):
             w = weights[count * batch + q, lane]
             means[3, lane] += w
             for k in range(3):
-                means[k, lane] += w * points[POINT_ROWS * q + 27 + k, lane]
+                means[k, lane] += w * points[POINT_ROWS * q + DILATATION + k, lane]
     for lane in range(LANES):
         for k in range(3):
             means[k, lane] /= means[3, lane]
     for q in range(count):
         for k in range(2):
             for lane in range(LANES):
-                at_point, on_mean = moduli[row, lane], moduli[row + 1, lane]
-                dilatation = points[POINT_ROWS * q + 27 + k, lane]
-                points[POINT_ROWS * q + 84 + k, lane] = at_point * dilatation + on_mean * means[k, lane]
+                at_point, on_mean = moduli[own, lane], moduli[own + 1, lane]
+                dilatation = points[POINT_ROWS * q + DILATATION + k, lane]
+                points[POINT_ROWS * q + PRESSURE + k, lane] = at_point * dilatation + on_mean * means[k, lane]
 
 
 @kernel
@@ -201,7 +326,7 @@ def finish(batch: int, inputs: CellInputs, cells: PointCells, into: CellOutputs)
     buffers = cells.buffers
     points, means, stress, scale = buffers.points, buffers.means, buffers.step_stress, inputs.scale
     batches, a, _ = nodes.shape
-    count, row = len(weights) // batches, batch * (len(moduli) // batches)
+    count, own = len(weights) // batches, batch * (len(moduli) // batches)
     place, pitch, weight = batch * a * 3 * count, 3 * count, batch * count
     volumes, pulls, left, bulk, blocks = (
         buffers.volumes,
@@ -215,19 +340,20 @@ def finish(batch: int, inputs: CellInputs, cells: PointCells, into: CellOutputs)
     if len(inputs.step_stress):
         gather_stress(batch, inputs.step_stress, cells, stress)
     for lane in range(LANES):
-        bulk[0, lane] = inputs.mean_share * moduli[row + 1, lane] * means[2, lane]
+        bulk[0, lane] = inputs.mean_share * moduli[own + 1, lane] * means[2, lane]
     for q in range(count):
-        put_answer(points, POINT_ROWS * q, stress, 6 * q, weights, weight + q, bulk, inputs.lag)
+        w = row(weights, weight + q)
+        put_answer(points, POINT_ROWS * q, stress, 6 * q, w, w * row(bulk, 0), inputs.lag)
         for n in range(a):
             slope = place + n * pitch + 3 * q
-            put_node(points, POINT_ROWS * q, gradients, slope, weights, weight + q, n, volumes, pulls)
+            put_node(points, POINT_ROWS * q, triple_at(gradients, slope), w, n, volumes, pulls)
     for lane in range(LANES):
-        bulk[0, lane] = scale * inputs.mean_share * moduli[row + 1, lane] / means[3, lane]
+        bulk[0, lane] = scale * inputs.mean_share * moduli[own + 1, lane] / means[3, lane]
     pair = 0
     for m in range(a):
         for q in range(count):
             slope = place + m * pitch + 3 * q
-            put_left(points, POINT_ROWS * q, gradients, slope, scale, left, LEFT_ROWS * q)
+            put_left(points, POINT_ROWS * q, scaled(scale, triple_at(gradients, slope)), left, LEFT_ROWS * q)
         for n in range(m, a):
             put_block(left, gradients, place + n * pitch, count, volumes, m, n, bulk, blocks, pair)
             pair += 1
@@ -285,11 +411,11 @@ def remember(batch: int, cells: PointCells, memory: Memory) -> None:
     for lane in range(min(LANES, size - batch * LANES)):
         e = cells.memory[batch * LANES + lane]
         for q in range(count):
-            row, over = POINT_ROWS * q, 1.0 / weights[count * batch + q, lane]
+            first, over = POINT_ROWS * q, 1.0 / weights[count * batch + q, lane]
             for i in range(3):
                 for j in range(3):
-                    f[i, j] = points[row + 3 * i + j, lane]
-                    p[i, j] = over * points[row + 30 + 3 * i + j, lane]
+                    f[i, j] = points[first + DEFORMATION + 3 * i + j, lane]
+                    p[i, j] = over * points[first + STRESS + 3 * i + j, lane]
             for i in range(3):
                 a, b = (i + 1) % 3, (i + 2) % 3
                 for j in range(3):

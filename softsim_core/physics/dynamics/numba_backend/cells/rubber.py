@@ -4,7 +4,7 @@ With the stress P = 2 psi' F + (p - s) cof F, the tangent is
 
     2 psi' I + 4 psi'' F F^T + (p - s) (cof F)' + a_p cof F cof F^T
 
-The tangent without negative eigenvalues is computed in principal stretches; see lanes.
+The tangent without negative eigenvalues is computed in principal stretches; see stretches.
 
 The Mooney-Rivlin law is a sum of powers: the second powers of line and area stretches.
 """
@@ -15,27 +15,29 @@ from math import exp, log
 from typing import Any
 
 import numpy as np
-from numba import types
 
 from softsim_core.base import Array
 from softsim_core.physics.dynamics.numba_backend import kernel
-from softsim_core.physics.dynamics.numba_backend.cells.lanes import (
-    HESSIAN,
-    POINT_ROWS,
-    Batch,
-    Lanes,
+from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     Triple,
-    add_volume,
-    clamp_modes,
+    at_least,
+    choose,
     contraction,
-    flat,
-    put_cofactors,
-    put_modes,
-    put_principal,
-    put_stretches,
-    put_tangent,
+    dot,
+    matrix_at,
+    plus,
+    scaled,
+    size,
+    triple_at,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.points import (
+    DEFORMATION,
+    DILATATION_SLOPE,
+    POINT_ROWS,
+    PRESSURE,
+    STRESS,
+    TANGENT,
+    UPPER,
     CellInputs,
     CellOutputs,
     Memory,
@@ -43,10 +45,20 @@ from softsim_core.physics.dynamics.numba_backend.cells.points import (
     deform,
     finish,
     press,
+    put_cofactors,
     remember,
 )
+from softsim_core.physics.dynamics.numba_backend.cells.stretches import (
+    POWERS,
+    STRETCHES,
+    add_volume,
+    clamp_modes,
+    put_modes,
+    put_principal,
+    put_stretches,
+)
 from softsim_core.physics.fem.materials import LEAST_STRETCH, MooneyRivlin, Ogden, SeriesRubber
-from softsim_core.physics.linalg import LANES, intrinsic
+from softsim_core.physics.linalg import LANES, part, put, row, where
 
 
 def rubber_moduli(law: SeriesRubber, p: Array) -> Array:
@@ -54,68 +66,60 @@ def rubber_moduli(law: SeriesRubber, p: Array) -> Array:
     return np.column_stack([law.rest_moduli(p).slope, law.series(p)])
 
 
-def _psi_slopes(t: Lanes, numbers: list[Lanes]) -> tuple[Lanes, Lanes]:
-    """Return 2 psi' and 4 psi'' for the coefficients c1, c2, c3 and l."""
-    c1, c2, c3, log = numbers
-    over = (t * 0.0 + 1.0) / (t + 4.0)
-    first = (c1 + t * (c2 * 2.0 + t * c3 * 3.0) - log * over) * 2.0
-    return first, (c2 * 2.0 + t * c3 * 6.0 + log * over * over) * 4.0
+@part
+def psi_slopes(t: Any, moduli: Array, series: int) -> tuple[Any, Any]:
+    """Return 2 psi' and 4 psi'' for the coefficients c1, c2, c3 and l in rows from `series` on."""
+    c1, c2, c3 = triple_at(moduli, series)
+    log, inverse = row(moduli, series + 3), 1.0 / (t + 4.0)
+    first = c1 + t * (2.0 * c2 + 3.0 * t * c3) - log * inverse
+    return 2.0 * first, 4.0 * (2.0 * c2 + 6.0 * t * c3 + log * inverse * inverse)
 
 
-@intrinsic
-def put_rubber(typing: Any, points: Any, row: Any, weights: Any, weight: Any, moduli: Any, place: Any) -> Any:
-    """Write stress and tangent of a point; `moduli` has rows from `place` on, see PointCells."""
-    integer = types.int64
-    signature = types.void(points, integer, weights, integer, moduli, integer)
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b, kinds = Batch(context, builder), signature.args
-        point = b.start(kinds[0], args[0], args[1])
-        w = b.load(b.start(kinds[2], args[2], args[3]), 1)[0]
-        at_point, _, rest, *series = b.load(b.start(kinds[4], args[4], args[5]), 7)
-        f, sides = b.load_matrix(point), b.load_matrix(point, 18)
-        first, second = (w * each for each in _psi_slopes(contraction(f, f) - 3.0, series))
-        tension, turning = (w * (each - rest) for each in b.load(point, 2, 84))
-        local, nine, across = w * at_point, flat(f), flat(sides)
-        for k in range(9):
-            b.put(point, 30 + k, first * nine[k] + tension * across[k])
-        stretched, pressed = [second * each for each in nine], [local * each for each in across]
-        turned = [turning * each for each in nine]
-
-        def entry(one: int, other: int) -> Lanes:
-            (i, j), (k, n) = divmod(one, 3), divmod(other, 3)
-            total = stretched[one] * nine[other] + pressed[one] * across[other]
-            if one == other:
-                return total + first
-            if i == k or j == n:
-                return total
-            third = turned[3 * (3 - i - k) + 3 - j - n]
-            return total + third if ((i + 1) % 3 == k) == ((j + 1) % 3 == n) else total - third
-
-        put_tangent(b, point, entry)
-        return context.get_dummy_value()
-
-    return signature, generate
+@part
+def put_rubber(points: Array, point: int, w: Any, moduli: Array, place: int) -> None:
+    """Write stress and tangent of a point of weight w; `moduli` has rows from `place` on, see PointCells."""
+    at_point, rest = row(moduli, place), row(moduli, place + 2)
+    f = matrix_at(points, point + DEFORMATION)
+    first, second = psi_slopes(contraction(f, f) - 3.0, moduli, place + 3)
+    first, second, local = w * first, w * second, w * at_point
+    tension, turning = (
+        w * (row(points, point + PRESSURE) - rest),
+        w * (row(points, point + PRESSURE + 1) - rest),
+    )
+    entry = point + TANGENT
+    for one in range(9):
+        own, side = row(points, point + DEFORMATION + one), row(points, point + DILATATION_SLOPE + one)
+        put(points, point + STRESS + one, first * own + tension * side)
+        stretched, pressed = second * own, local * side
+        for other in range(one, 9):
+            across = row(points, point + DILATATION_SLOPE + other)
+            total = stretched * row(points, point + DEFORMATION + other) + pressed * across
+            put(points, entry, total + first if one == other else total)
+            entry += 1
+    for i in range(3):
+        for k in range(i + 1, 3):
+            third, factor = point + DEFORMATION + 3 * (3 - i - k), turning if k == i + 1 else -turning
+            for j in range(3):
+                before, after = (j + 2) % 3, (j + 1) % 3
+                one, other = UPPER[3 * i + j, 3 * k + after], UPPER[3 * i + j, 3 * k + before]
+                add_to_row(points, point + TANGENT + one, factor * row(points, third + before))
+                add_to_row(points, point + TANGENT + other, -factor * row(points, third + after))
 
 
-@intrinsic
-def put_rubber_modes(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> Any:
+@part
+def add_to_row(points: Array, index: int, a: Any) -> None:
+    """Add to a row."""
+    put(points, index, row(points, index) + a)
+
+
+@part
+def put_rubber_modes(points: Array, point: int, moduli: Array, place: int) -> None:
     """Write psi, h, a and b of W at a point."""
-    signature = types.void(points, types.int64, moduli, types.int64)
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b, kinds = Batch(context, builder), signature.args
-        point = b.start(kinds[0], args[0], args[1])
-        series = b.load(b.start(kinds[2], args[2], args[3]), 4, 3)
-        s = b.load(point, 3, 104)
-        first, second = _psi_slopes(s[0] * s[0] + s[1] * s[1] + s[2] * s[2] - 3.0, series)
-        h = [second * s[i] * s[j] for i in range(3) for j in range(i, 3)]
-        for k in range(3):
-            h[HESSIAN[k][k]] = h[HESSIAN[k][k]] + first
-        put_principal(b, point, [first * each for each in s], h, [first] * 3, [first] * 3)
-        return context.get_dummy_value()
-
-    return signature, generate
+    s = triple_at(points, point + STRETCHES)
+    first, second = psi_slopes(dot(s, s) - 3.0, moduli, place + 3)
+    h0, h1, h2 = scaled(second * s[0], s), scaled(second * s[1], s), scaled(second * s[2], s)
+    h = ((h0[0] + first, h0[1], h0[2]), (h1[0], h1[1] + first, h1[2]), (h2[0], h2[1], h2[2] + first))
+    put_principal(points, point, scaled(first, s), h, (first, first, first), (first, first, first))
 
 
 @kernel
@@ -129,15 +133,15 @@ def rubber_points(batch: int, inputs: CellInputs, cells: PointCells) -> None:
         put_cofactors(points, POINT_ROWS * q, steps, 9 * q)
     press(batch, cells)
     for q in range(count):
-        row, weight = POINT_ROWS * q, count * batch + q
+        point, w = POINT_ROWS * q, row(weights, count * batch + q)
         if inputs.positive:
-            put_stretches(points, row)
-            put_rubber_modes(points, row, moduli, place)
-            add_volume(points, row, moduli, place, place + 2)
-            clamp_modes(points, row)
-            put_modes(points, row, weights, weight)
+            put_stretches(points, point)
+            put_rubber_modes(points, point, moduli, place)
+            add_volume(points, point, row(moduli, place), row(moduli, place + 2))
+            clamp_modes(points, point)
+            put_modes(points, point, w, cells.buffers.modes)
         else:
-            put_rubber(points, row, weights, weight, moduli, place)
+            put_rubber(points, point, w, moduli, place)
 
 
 @kernel
@@ -179,10 +183,14 @@ def mooney_rivlin_moduli(law: MooneyRivlin, p: Array) -> Array:
 
 
 @kernel
-def raise_stretches(points: Array, row: int, moduli: Array, place: int) -> None:
-    """Write rows 122 to 128 of a point: m / (2 n) x^(n/2 - 1) of both terms at three squared stretches."""
+def raise_stretches(points: Array, point: int, moduli: Array, place: int) -> None:
+    """Write the powers of a point: m / (2 n) x^(n/2 - 1) of both terms at three squared stretches."""
     for lane in range(LANES):
-        s0, s1, s2 = points[row + 104, lane], points[row + 105, lane], points[row + 106, lane]
+        s0, s1, s2 = (
+            points[point + STRETCHES, lane],
+            points[point + STRETCHES + 1, lane],
+            points[point + STRETCHES + 2, lane],
+        )
         for term in range(2):
             m, alpha = moduli[place + 3 + 2 * term, lane], moduli[place + 4 + 2 * term, lane]
             n = abs(alpha)
@@ -193,67 +201,96 @@ def raise_stretches(points: Array, row: int, moduli: Array, place: int) -> None:
                 power = 0.0
                 if m != 0.0:
                     power = m / (2.0 * n) * exp((0.5 * n - 1.0) * log(max(own * own, LEAST)))
-                points[row + 122 + 3 * term + k, lane] = power
+                points[point + POWERS + 3 * term + k, lane] = power
 
 
-def _compute_divided_difference(
-    i: int, j: int, x: Triple, bounded: Triple, power: Triple, bend: Triple, b: Lanes
-) -> Lanes:
-    """Return the divided difference of the powers' slope between squared stretches i and j."""
-    gap, apart = x[i] - x[j], bounded[i] - bounded[j]
-    d, one = apart / bounded[j], b * 0.0 + 1.0
-    total = one
+@part
+def divided_difference(
+    x: Any,
+    y: Any,
+    x_bounded: Any,
+    y_bounded: Any,
+    x_power: Any,
+    y_power: Any,
+    x_bend: Any,
+    y_bend: Any,
+    b: Any,
+) -> Any:
+    """Return the divided difference of the powers' slope between squared stretches x and y."""
+    gap, apart = x - y, x_bounded - y_bounded
+    d = apart / y_bounded
+    total = 0.0 * b + 1.0
     for k in range(TERMS, 1, -1):
         total = (b + (1.0 - k)) * (1.0 / k) * d * total + 1.0
-    near = d.size().below(NEAR)
-    inner = ((power[i] - power[j]) / apart).where(near, power[j] / bounded[j] * b * total)
-    same = gap.equals(0.0)
-    low = x[i].below(LEAST)
-    share = (apart / gap).where(same, one.where(low, 0.0))
-    return share * inner + (one - share) * bend[j].where(low, bend[i])
+    inner = where(size(d) < NEAR, y_power / y_bounded * b * total, (x_power - y_power) / apart)
+    is_low = x < LEAST
+    share = where(gap == 0.0, where(is_low, 0.0, 1.0), apart / gap)
+    return share * inner + (1.0 - share) * where(is_low, x_bend, y_bend)
 
 
-@intrinsic
-def put_powers(typing: Any, points: Any, row: Any, moduli: Any, place: Any) -> Any:
+@part
+def put_powers(points: Array, point: int, moduli: Array, place: int) -> None:
     """Write psi, h, a and b of W at a point from its stretches and their powers."""
-    signature = types.void(points, types.int64, moduli, types.int64)
+    s = triple_at(points, point + STRETCHES)
+    first = powers_of_a_term(s, row(moduli, place + 3 + 1), triple_at(points, point + POWERS))
+    second = powers_of_a_term(s, row(moduli, place + 3 + 3), triple_at(points, point + POWERS + 3))
+    h = (plus(first[1][0], second[1][0]), plus(first[1][1], second[1][1]), plus(first[1][2], second[1][2]))
+    a, b = plus(first[2], second[2]), plus(first[3], second[3])
+    put_principal(points, point, plus(first[0], second[0]), h, a, b)
 
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        b, kinds = Batch(context, builder), signature.args
-        point = b.start(kinds[0], args[0], args[1])
-        numbers = b.load(b.start(kinds[2], args[2], args[3]), 4, 3)
-        s = b.load(point, 3, 104)
-        zero = s[0] * 0.0
-        sides = [s[1] * s[2], s[2] * s[0], s[0] * s[1]]
-        psi, h, a, twist = [zero] * 3, [zero] * 6, [zero] * 3, [zero] * 3
-        for term in range(2):
-            alpha = numbers[2 * term + 1]
-            areas, power = alpha.below(0.0), b.load(point, 3, 122 + 3 * term)
-            own = [x.where(areas, y) for x, y in zip(s, sides, strict=True)]
-            x = [each * each for each in own]
-            bounded, exponent = [each.at_least(LEAST) for each in x], alpha.size() * 0.5 - 1.0
-            bend = [each * exponent / k for each, k in zip(power, bounded, strict=True)]
-            slope = [p + c * (each - k) for p, c, each, k in zip(power, bend, x, bounded, strict=True)]
-            pull = [each * y * 2.0 for each, y in zip(slope, own, strict=True)]
-            along = [p * 2.0 + c * each * 4.0 for p, c, each in zip(slope, bend, x, strict=True)]
-            # for areas, by the line stretches: dF_ij changes the cofactor ji by - s_l, and ii by s_l
-            scale = [(zero + 1.0).where(areas, each * each) for each in s]
-            turn = [zero.where(areas, each) for each in pull]
-            for k in range(3):
-                i, j = (k + 1) % 3, (k + 2) % 3
-                gamma = _compute_divided_difference(i, j, x, bounded, power, bend, exponent)
-                both, sum_, gap = slope[i] + slope[j], own[i] + own[j], own[i] - own[j]
-                a[k] = a[k] + (both + sum_ * sum_ * gamma) * scale[k] - turn[k]
-                twist[k] = twist[k] + (both + gap * gap * gamma) * scale[k] + turn[k]
-                psi[k] = psi[k] + pull[k].where(areas, pull[i] * s[j] + pull[j] * s[i])
-                own_second = along[i] * s[j] * s[j] + along[j] * s[i] * s[i]
-                h[HESSIAN[k][k]] = h[HESSIAN[k][k]] + along[k].where(areas, own_second)
-                mixed = along[k] * s[i] * s[j] + pull[k]  # of i and j, by the area k
-                h[HESSIAN[i][j]] = h[HESSIAN[i][j]] + zero.where(areas, mixed)
-        put_principal(b, point, psi, h, a, twist)
-        return context.get_dummy_value()
 
-    return signature, generate
+@part
+def pair_of_modes(is_area: Any, s: Any, both: Any, x: Any, y: Any, difference: Any, pull: Any) -> Any:
+    """Return a and b of the axes beside one with the stretch s.
+
+    `both` is the sum of the slopes at the two own stretches x and y, `difference` their divided difference.
+    """
+    scale, turn = where(is_area, s * s, 1.0), where(is_area, pull, 0.0)
+    along, gap = x + y, x - y
+    a = (both + along * along * difference) * scale - turn
+    return a, (both + gap * gap * difference) * scale + turn
+
+
+@part
+def powers_of_a_term(s: Triple, alpha: Any, power: Triple) -> Any:
+    """Return psi, h, a and b of a term with the exponent alpha, negative for area stretches."""
+    is_area = alpha < 0.0
+    areas = (s[1] * s[2], s[2] * s[0], s[0] * s[1])
+    own = choose(is_area, areas, s)
+    x = (own[0] * own[0], own[1] * own[1], own[2] * own[2])
+    k = (at_least(x[0], LEAST), at_least(x[1], LEAST), at_least(x[2], LEAST))
+    exponent = 0.5 * size(alpha) - 1.0
+    c = (power[0] * exponent / k[0], power[1] * exponent / k[1], power[2] * exponent / k[2])
+    slope = (
+        power[0] + c[0] * (x[0] - k[0]),
+        power[1] + c[1] * (x[1] - k[1]),
+        power[2] + c[2] * (x[2] - k[2]),
+    )
+    pull = (2.0 * slope[0] * own[0], 2.0 * slope[1] * own[1], 2.0 * slope[2] * own[2])
+    along = (
+        2.0 * slope[0] + 4.0 * c[0] * x[0],
+        2.0 * slope[1] + 4.0 * c[1] * x[1],
+        2.0 * slope[2] + 4.0 * c[2] * x[2],
+    )
+    d0 = divided_difference(x[1], x[2], k[1], k[2], power[1], power[2], c[1], c[2], exponent)
+    d1 = divided_difference(x[2], x[0], k[2], k[0], power[2], power[0], c[2], c[0], exponent)
+    d2 = divided_difference(x[0], x[1], k[0], k[1], power[0], power[1], c[0], c[1], exponent)
+    a0, b0 = pair_of_modes(is_area, s[0], slope[1] + slope[2], own[1], own[2], d0, pull[0])
+    a1, b1 = pair_of_modes(is_area, s[1], slope[2] + slope[0], own[2], own[0], d1, pull[1])
+    a2, b2 = pair_of_modes(is_area, s[2], slope[0] + slope[1], own[0], own[1], d2, pull[2])
+    # an area stretch k changes by s_i and s_j: dF_ij changes the cofactor ji by - s_l, and ii by s_l
+    psi = choose(
+        is_area,
+        (pull[1] * s[2] + pull[2] * s[1], pull[2] * s[0] + pull[0] * s[2], pull[0] * s[1] + pull[1] * s[0]),
+        pull,
+    )
+    h00 = where(is_area, along[1] * s[2] * s[2] + along[2] * s[1] * s[1], along[0])
+    h11 = where(is_area, along[2] * s[0] * s[0] + along[0] * s[2] * s[2], along[1])
+    h22 = where(is_area, along[0] * s[1] * s[1] + along[1] * s[0] * s[0], along[2])
+    h12 = where(is_area, along[0] * s[1] * s[2] + pull[0], 0.0)
+    h02 = where(is_area, along[1] * s[2] * s[0] + pull[1], 0.0)
+    h01 = where(is_area, along[2] * s[0] * s[1] + pull[2], 0.0)
+    return psi, ((h00, h01, h02), (h01, h11, h12), (h02, h12, h22)), (a0, a1, a2), (b0, b1, b2)
 
 
 @kernel
@@ -267,14 +304,14 @@ def power_points(batch: int, inputs: CellInputs, cells: PointCells) -> None:
         put_cofactors(points, POINT_ROWS * q, steps, 9 * q)
     press(batch, cells)
     for q in range(count):
-        row = POINT_ROWS * q
-        put_stretches(points, row)
-        raise_stretches(points, row, moduli, place)
-        put_powers(points, row, moduli, place)
-        add_volume(points, row, moduli, place, place + 2)
+        point = POINT_ROWS * q
+        put_stretches(points, point)
+        raise_stretches(points, point, moduli, place)
+        put_powers(points, point, moduli, place)
+        add_volume(points, point, row(moduli, place), row(moduli, place + 2))
         if inputs.positive:
-            clamp_modes(points, row)
-        put_modes(points, row, weights, count * batch + q)
+            clamp_modes(points, point)
+        put_modes(points, point, row(weights, count * batch + q), cells.buffers.modes)
 
 
 @kernel

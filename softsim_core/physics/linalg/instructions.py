@@ -1,10 +1,12 @@
-"""Small dense kernels in explicit vector code, where LLVM does not vectorise by itself.
+"""Machine instructions that Numba has no functions for: vectors, atomic numbers, clock and scheduler.
 
-Each is an intrinsic: a few vector instructions in a loop, generated for the host's vector width.
+Each is an intrinsic, which generates its own code (LLVM). Dense kernels are a few vector instructions in a
+loop, where LLVM does not vectorise by itself, for the vector width of this processor.
 """
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -21,6 +23,12 @@ def _has_wide_vectors() -> bool:
     if features is not None:
         return "+avx512f" in features
     return bool(llvm.get_host_cpu_features().get("avx512f", False))
+
+
+def host_processor() -> tuple[str, str]:
+    """Return name and features of the processor for which kernels are compiled."""
+    name = os.environ.get("NUMBA_CPU_NAME") or llvm.get_host_cpu_name()
+    return name, os.environ.get("NUMBA_CPU_FEATURES") or llvm.get_host_cpu_features().flatten()
 
 
 LANES = 8 if _has_wide_vectors() else 4
@@ -298,3 +306,68 @@ def steady_seconds(typing: Any) -> Any:
         return builder.fadd(seconds, builder.fmul(nanoseconds, _DOUBLE(1e-9)))
 
     return signature, generate
+
+
+_LONG, _ALIGN = types.int64, 8
+
+
+def _address(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any:
+    return builder.gep(context.make_array(kind)(context, builder, array).data, [place])
+
+
+@intrinsic
+def atomic_load(typing: Any, numbers: Any, place: Any) -> Any:
+    """Return numbers[place]; everything that its writer wrote before is visible afterwards (acquire)."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        address = _address(context, builder, signature.args[0], args[0], args[1])
+        return builder.load_atomic(address, "acquire", _ALIGN)
+
+    return _LONG(numbers, _LONG), generate
+
+
+@intrinsic
+def atomic_store(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
+    """Set numbers[place] = value; a reader of it sees everything that was written before (release)."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        address = _address(context, builder, signature.args[0], args[0], args[1])
+        builder.store_atomic(args[2], address, "release", _ALIGN)
+        return context.get_dummy_value()
+
+    return types.void(numbers, _LONG, _LONG), generate
+
+
+@intrinsic
+def atomic_add(typing: Any, numbers: Any, place: Any, value: Any) -> Any:
+    """Add a value to numbers[place] and return what it was before."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        address = _address(context, builder, signature.args[0], args[0], args[1])
+        return builder.atomic_rmw("add", address, args[2], "acq_rel")
+
+    return _LONG(numbers, _LONG, _LONG), generate
+
+
+@intrinsic
+def atomic_exchange(typing: Any, numbers: Any, place: Any, expected: Any, value: Any) -> Any:
+    """Set numbers[place] = value if it is as expected; return whether it was."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        address = _address(context, builder, signature.args[0], args[0], args[1])
+        result = builder.cmpxchg(address, args[2], args[3], "acq_rel", "acquire")
+        return builder.extract_value(result, 1)
+
+    return types.boolean(numbers, _LONG, _LONG, _LONG), generate
+
+
+@intrinsic
+def give_way(typing: Any) -> Any:
+    """Yield the core to another waiting thread, if any (sched_yield)."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(32), [])
+        builder.call(cgutils.get_or_insert_function(builder.module, kind, "sched_yield"), [])
+        return context.get_dummy_value()
+
+    return types.void(), generate
