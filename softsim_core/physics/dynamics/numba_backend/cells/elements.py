@@ -219,10 +219,10 @@ def frozen_batch(
     y: Array, scale: float, nodes: IndexArray, gradients: Array, lame: Array, batch: int, rotations: Array,
     forces: Array, blocks: Array,
 ) -> None:  # fmt: skip
-    """Subtract the elastic forces of a batch at y with frozen rotations; put the blocks of scale K_ab.
+    """Subtract the elastic forces of a batch at y with frozen rotations; put blocks of scale K_ab, a <= b.
 
-    blocks: a <= b, row 3 pair + i of every lane, four numbers each with a zero at the end, shape (30, LANES, 4);
-    pairs run 00, 01, ... 33.
+    Row 3 pair + i of `blocks` has four numbers for every lane, the last one zero, shape (30, LANES, 4); pairs
+    run 00, 01, ... 33.
     """
     h0, h1, h2, h3 = turned_gradients(rotations, gradients, batch)
     lam, mu = row(lame, 2 * batch), row(lame, 2 * batch + 1)

@@ -173,7 +173,7 @@ class CellOutputs(NamedTuple):
 
 @kernel
 def deform(batch: int, inputs: CellInputs, cells: PointCells) -> None:
-    """Compute F and the gradients of velocities and of `moved` at all points; without rows, the last are zero."""
+    """Compute F and the gradients of velocities and of `moved` at all points; no rows: that is zero."""
     nodes, gradients = cells.cells.nodes, cells.cells.gradients
     buffers = cells.buffers
     values, points, steps = buffers.values, buffers.points, buffers.steps

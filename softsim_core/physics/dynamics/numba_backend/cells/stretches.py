@@ -93,7 +93,7 @@ def rotated(cosine: Any, sine: Any, a: Triple, b: Triple) -> tuple[Triple, Tripl
 
 @part
 def make_orthogonal(a: Triple, b: Triple, v: Triple, w: Triple) -> Any:
-    """Return two columns, v and w after a rotation that makes the columns orthogonal, and if it was needed."""
+    """Return two columns, v and w after a rotation that makes the columns orthogonal, and if it was due."""
     first, second, off = dot(a, a), dot(b, b), dot(a, b)
     tangent, cosine = half_turn(second - first, off)
     sine = tangent * cosine
