@@ -1,4 +1,4 @@
-"""A material law of one's own: St. Venant-Kirchhoff in plain NumPy, in dynamics and statics.
+"""A material law of one's own: St. Venant-Kirchhoff in one function, in dynamics and statics.
 
 The energy is Hooke's law on the Green strain E = (F^T F - I) / 2: P = F S, S = lambda tr(E) I + 2 mu E.
 Run it: python examples/my_material.py
@@ -19,12 +19,10 @@ from softsim_core import (
     box_mesh,
 )
 from softsim_core.base import Array
-from softsim_core.physics.fem.materials import Material, MaterialParameter, register_material
-
-IDENTITY = np.eye(3)
+from softsim_core.physics.fem.materials import MaterialParameter, PointLaw, register_material
 
 
-class StVenantKirchhoff(Material):
+class StVenantKirchhoff(PointLaw):
     """Its parameters are the Lame parameters; crushed to 58 % of its length it collapses."""
 
     name = "st_venant_kirchhoff"
@@ -34,28 +32,33 @@ class StVenantKirchhoff(Material):
     )
 
     def energy(self, deformation: Array, p: Array) -> Array:
-        """Psi = lambda / 2 tr(E)^2 + mu E : E."""
-        green = 0.5 * (deformation.swapaxes(-1, -2) @ deformation - IDENTITY)
+        """Psi = lambda / 2 tr(E)^2 + mu E : E, at any number of points."""
+        green = 0.5 * (deformation.swapaxes(-1, -2) @ deformation - np.eye(3))
         trace = np.trace(green, axis1=-2, axis2=-1)
         return np.asarray(0.5 * p[..., 0] * trace**2 + p[..., 1] * (green**2).sum(axis=(-2, -1)))
 
-    def stress(self, deformation: Array, p: Array) -> Array:
-        """P = F S."""
-        return np.asarray(deformation @ self._second_piola(deformation, p))
-
-    def tangent(self, deformation: Array, p: Array) -> Array:
-        """dP_ij / dF_kl = d_ik S_lj + lambda F_ij F_kl + mu (F_il F_kj + (F F^T)_ik d_lj)."""
-        lam, mu = p[..., 0, None, None, None, None], p[..., 1, None, None, None, None]
-        left, second = deformation @ deformation.swapaxes(-1, -2), self._second_piola(deformation, p)
-        result = lam * np.einsum("...ij,...kl->...ijkl", deformation, deformation)
-        result = result + mu * np.einsum("...il,...kj->...ijkl", deformation, deformation)
-        result = result + mu * np.einsum("...ik,lj->...ijkl", left, IDENTITY)
-        return np.asarray(result + np.einsum("ik,...lj->...ijkl", IDENTITY, second))
-
-    def _second_piola(self, deformation: Array, p: Array) -> Array:
-        green = 0.5 * (deformation.swapaxes(-1, -2) @ deformation - IDENTITY)
-        trace = np.trace(green, axis1=-2, axis2=-1)[..., None, None]
-        return np.asarray(p[..., 0, None, None] * trace * IDENTITY + 2.0 * p[..., 1, None, None] * green)
+    @staticmethod
+    def stress_and_tangent(f: Array, p: Array, stress: Array, tangent: Array) -> None:
+        """P = F S and dP_ij / dF_kl at one point; Numba compiles it."""
+        lam, mu = p[0], p[1]
+        left, second = np.zeros((3, 3)), np.zeros((3, 3))
+        for i in range(3):
+            for j in range(3):
+                for k in range(3):
+                    left[i, j] += f[i, k] * f[j, k]
+                    second[i, j] += mu * f[k, i] * f[k, j]
+        trace = left[0, 0] + left[1, 1] + left[2, 2]
+        for i in range(3):
+            second[i, i] += 0.5 * lam * (trace - 3.0) - mu
+        for i in range(3):
+            for j in range(3):
+                stress[i, j] = f[i, 0] * second[0, j] + f[i, 1] * second[1, j] + f[i, 2] * second[2, j]
+                for k in range(3):
+                    for n in range(3):
+                        tangent[i, j, k, n] = lam * f[i, j] * f[k, n] + mu * f[i, n] * f[k, j]
+                    tangent[i, j, k, j] += mu * left[i, k]
+                for n in range(3):
+                    tangent[i, j, i, n] += second[j, n]
 
 
 def sagging_beam(backend: str = "auto") -> tuple[float, float]:

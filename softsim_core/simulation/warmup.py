@@ -217,12 +217,10 @@ def _warm_up_contact() -> None:
 def _compilers() -> tuple[Compiler, ...]:
     from softsim_core.physics.actuation.compiled import compiler as actuation
     from softsim_core.physics.contact import compiler as contact
-    from softsim_core.physics.contact.detection import compiler as detection
-    from softsim_core.physics.contact.solver import compiler as contact_solver
     from softsim_core.physics.dynamics.numba_backend import compiler as step
     from softsim_core.physics.linalg import compiler as linalg
 
-    return (step, linalg, actuation, contact, detection, contact_solver)
+    return (step, linalg, actuation, contact)
 
 
 def _mark(kind: str = "ready") -> Path | None:

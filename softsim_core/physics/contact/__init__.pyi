@@ -3,7 +3,10 @@ from .collision_model import (
     Place as Place,
     VertexCarrier as VertexCarrier,
 )
-from .compile import compiler as compiler
+from .compile import (
+    compiler as compiler,
+    kernel as kernel,
+)
 from .detection import (
     Detector as Detector,
     Proximities as Proximities,

@@ -1,4 +1,4 @@
-"""Decorator of the contact kernels, compiled or interpreted as `Compiler` decides."""
+"""Decorator of the kernels of contact detection and solver, compiled or interpreted as `Compiler` decides."""
 
 from __future__ import annotations
 

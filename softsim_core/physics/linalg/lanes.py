@@ -56,8 +56,8 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
 
 
 @lower_cast(types.Number, _Register)
-def _number_in_all_lanes(context: Any, builder: Any, given: Any, register: Any, value: Any) -> Any:
-    number = context.cast(builder, value, given, types.float64)
+def _number_in_all_lanes(context: Any, builder: Any, number_type: Any, register: Any, value: Any) -> Any:
+    number = context.cast(builder, value, number_type, types.float64)
     return Vectors(context, builder, LANES).splat(number)
 
 
@@ -70,8 +70,8 @@ def _operator(function: Callable[..., Any], kinds: tuple[Any, ...], result: Any,
         def generic(self, arguments: Any, named: Any) -> Any:
             fits = len(arguments) == len(kinds) and any(each in kinds for each in arguments)
             fits = fits and all(
-                given == kind or (kind == REGISTER and _is_number(given))
-                for given, kind in zip(arguments, kinds, strict=False)
+                each == kind or (kind == REGISTER and _is_number(each))
+                for each, kind in zip(arguments, kinds, strict=False)
             )
             return signature(result, *kinds) if fits else None
 

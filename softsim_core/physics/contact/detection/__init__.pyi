@@ -1,4 +1,3 @@
-from .compile import compiler as compiler
 from .detector import (
     Closeness as Closeness,
     Detector as Detector,

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
+from softsim_core.physics.contact import kernel
 from softsim_core.physics.contact.detection.candidates import Near
-from softsim_core.physics.contact.detection.compile import kernel
 from softsim_core.physics.contact.detection.geometry import cross, dot, minus, row, unit
 from softsim_core.physics.contact.detection.topology import Topology
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray
-from softsim_core.physics.contact.detection.compile import kernel
+from softsim_core.physics.contact import kernel
 from softsim_core.physics.contact.detection.geometry import Vector
 from softsim_core.physics.contact.detection.topology import Topology
 

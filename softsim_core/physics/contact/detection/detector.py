@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, DetectionOverflowError, IndexArray
-from softsim_core.physics.contact import CollisionSurface, ContactLimits
+from softsim_core.physics.contact import CollisionSurface, ContactLimits, kernel
 from softsim_core.physics.contact.detection.broad_phase import allocate
 from softsim_core.physics.contact.detection.candidates import (
     ContactBuffers,
@@ -16,7 +16,6 @@ from softsim_core.physics.contact.detection.candidates import (
     allocate_near,
     interpolate_side,
 )
-from softsim_core.physics.contact.detection.compile import kernel
 from softsim_core.physics.contact.detection.geometry import (
     Vector,
     add,

@@ -6,7 +6,7 @@ from math import acos, sqrt
 from typing import TypeAlias
 
 from softsim_core.base import Array, IndexArray
-from softsim_core.physics.contact.detection.compile import kernel
+from softsim_core.physics.contact import kernel
 from softsim_core.physics.contact.detection.topology import Topology
 
 Vector: TypeAlias = tuple[float, float, float]

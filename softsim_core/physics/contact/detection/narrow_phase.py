@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
+from softsim_core.physics.contact import kernel
 from softsim_core.physics.contact.detection.broad_phase import (
     Boxes,
     apart,
@@ -30,7 +31,6 @@ from softsim_core.physics.contact.detection.candidates import (
     write,
     write_pair,
 )
-from softsim_core.physics.contact.detection.compile import kernel
 from softsim_core.physics.contact.detection.geometry import (
     CONE,
     EXACT,

@@ -14,9 +14,9 @@ from math import sqrt
 from typing import NamedTuple
 
 from softsim_core.base import Array, BoolArray
+from softsim_core.physics.contact import kernel
 from softsim_core.physics.contact.detection.broad_phase import Boxes, apart, compare_trees, refit_nodes
 from softsim_core.physics.contact.detection.candidates import Near
-from softsim_core.physics.contact.detection.compile import kernel
 from softsim_core.physics.contact.detection.geometry import (
     CONE,
     Vector,

@@ -1,4 +1,3 @@
-from .compile import compiler as compiler
 from .gauss_seidel import (
     ContactSolution as ContactSolution,
     solve_contacts as solve_contacts,

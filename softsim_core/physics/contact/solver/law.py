@@ -6,7 +6,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from softsim_core.base import Array
-from softsim_core.physics.contact.solver.compile import kernel
+from softsim_core.physics.contact import kernel
 
 _PANEL = 4
 """Number of columns eliminated together; the rest of the matrix is updated once for all of them."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
-from softsim_core.physics.contact.solver.compile import kernel
+from softsim_core.physics.contact import kernel
 from softsim_core.physics.contact.solver.law import (
     ContactProblem,
     eliminate,

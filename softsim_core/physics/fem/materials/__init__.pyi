@@ -20,8 +20,11 @@ from .elastomers import (
 from .law import (
     Material as Material,
     MaterialParameter as MaterialParameter,
+    PointLaw as PointLaw,
     TangentModes as TangentModes,
     VolumetricMaterial as VolumetricMaterial,
+    clamp_tangent as clamp_tangent,
+    compile_points as compile_points,
     lame as lame,
     von_mises as von_mises,
 )

@@ -11,14 +11,16 @@ order of `parameters`; the leading dimensions broadcast.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import inf
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, FactorisationError, MaterialError, known_names
+from softsim_core.base import Array, FactorisationError, MaterialError, SceneError, known_names
+from softsim_core.physics.kernels import why_plain
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,12 +95,18 @@ class Material(ABC):
         has_potential: Whether P is the derivative of `energy`; then the tangent is symmetric.
         in_cell_axes: Whether F is taken in the axes of each cell (its first edge, the plane of its first
             three nodes) instead of the scene's; F at rest is then that frame, not the identity.
+        stress_and_tangent: A static function (F, p, P, C) in the part of Python that Numba compiles, or None.
+            It sets all entries of P (3, 3) and C (3, 3, 3, 3) at one F (3, 3) for values p (k,), arrays of
+            float64. With it the step assembles the law in compiled code, else by `stress` and `tangent`. It
+            is for laws with a potential that do not separate shear from volume; see `PointLaw`. Loops
+            compile in less than a second, products such as F @ F.T in several.
     """
 
     name: ClassVar[str]
     parameters: ClassVar[tuple[MaterialParameter, ...]]
     has_potential: ClassVar[bool] = True
     in_cell_axes: ClassVar[bool] = False
+    stress_and_tangent: ClassVar[Callable[[Array, Array, Array, Array], None] | None] = None
 
     @abstractmethod
     def energy(self, deformation: Array, p: Array) -> Array:
@@ -175,6 +183,60 @@ class Material(ABC):
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in order."""
         return tuple(parameter.name for parameter in self.parameters)
+
+
+class PointLaw(Material):
+    """A law that is written once, as `energy` and the function `stress_and_tangent` at one point."""
+
+    def stress(self, deformation: Array, p: Array) -> Array:
+        """Return the first Piola stress in [Pa], shape (..., 3, 3)."""
+        return self._at_points(deformation, p)[0]
+
+    def tangent(self, deformation: Array, p: Array) -> Array:
+        """Return the tangent dP_ij / dF_kl in [Pa], shape (..., 3, 3, 3, 3)."""
+        return self._at_points(deformation, p)[1]
+
+    def _at_points(self, deformation: Array, p: Array) -> tuple[Array, Array]:
+        shape = np.broadcast_shapes(deformation.shape[:-2], p.shape[:-1])
+        f = np.broadcast_to(deformation, (*shape, 3, 3)).reshape(-1, 3, 3)
+        values = np.broadcast_to(p, (*shape, p.shape[-1])).reshape(len(f), -1)
+        stress, tangent = np.zeros((len(f), 3, 3)), np.zeros((len(f), 3, 3, 3, 3))
+        compile_points(self)(np.ascontiguousarray(f), np.ascontiguousarray(values), stress, tangent)
+        return stress.reshape(*shape, 3, 3), tangent.reshape(*shape, 3, 3, 3, 3)
+
+
+def compile_points(law: Material) -> Callable[[Array, Array, Array, Array], None]:
+    """Return `stress_and_tangent` of a law over points (m, ...), compiled where kernels are.
+
+    Raises:
+        SceneError: Numba does not compile it.
+    """
+    return _over_points(law.stress_and_tangent, law.name)
+
+
+@cache
+def _over_points(at_point: Any, name: str) -> Callable[[Array, Array, Array, Array], None]:
+    """Return a function of one point over points (m, ...)."""
+
+    def at_points(f: Array, p: Array, stress: Array, tangent: Array) -> None:
+        for i in range(len(f)):
+            at_point(f[i], p[i], stress[i], tangent[i])
+
+    if why_plain():
+        return at_points
+    from numba import float64, njit
+    from numba.core.errors import NumbaError
+
+    try:
+        at_point = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True)(at_point)
+        compiled = njit(nogil=True, error_model="numpy")(at_points)
+        compiled.compile((float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, :, :, :, ::1]))
+    except (NumbaError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise SceneError(
+            f"stress_and_tangent of the law {name} must be Python that Numba compiles: {reason[:400]}"
+        ) from error
+    return compiled  # type: ignore[no-any-return]
 
 
 class VolumetricMaterial(Material):

@@ -45,6 +45,30 @@ class SaintVenantKirchhoff(Material):
         result = result + mu * np.einsum("...il,...kj->...ijkl", deformation, deformation)
         return np.asarray(result + np.einsum("ik,...jl->...ijkl", _UNIT, _second(deformation, p)))
 
+    @staticmethod
+    def stress_and_tangent(f: Array, p: Array, stress: Array, tangent: Array) -> None:
+        """Set stress and tangent at one point, see Material."""
+        mu = p[0] / (2.0 * (1.0 + p[1]))
+        lam = 2.0 * mu * p[1] / (1.0 - 2.0 * p[1])
+        left, second = np.zeros((3, 3)), np.zeros((3, 3))
+        for i in range(3):
+            for j in range(3):
+                for k in range(3):
+                    left[i, j] += f[i, k] * f[j, k]
+                    second[i, j] += mu * f[k, i] * f[k, j]
+        trace = left[0, 0] + left[1, 1] + left[2, 2]
+        for i in range(3):
+            second[i, i] += 0.5 * lam * (trace - 3.0) - mu
+        for i in range(3):
+            for j in range(3):
+                stress[i, j] = f[i, 0] * second[0, j] + f[i, 1] * second[1, j] + f[i, 2] * second[2, j]
+                for k in range(3):
+                    for n in range(3):
+                        tangent[i, j, k, n] = lam * f[i, j] * f[k, n] + mu * f[i, n] * f[k, j]
+                    tangent[i, j, k, j] += mu * left[i, k]
+                for n in range(3):
+                    tangent[i, j, i, n] += second[j, n]
+
 
 def _green(deformation: Array) -> Array:
     """Return the Green strain E, shape (..., 3, 3)."""

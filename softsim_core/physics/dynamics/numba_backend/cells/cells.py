@@ -312,6 +312,7 @@ class RelaxingCells:
     def __init__(self, group: ElementGroup) -> None:
         law = compiled_law(group.material)
         assert law is not None
+        assert law.remember is not None
         self._group = group
         self._cells = point_cells(group, cell_batches(group), np.arange(len(group.cells)))
         self._hold, self._remember = OneSignature(hold), OneSignature(law.remember)

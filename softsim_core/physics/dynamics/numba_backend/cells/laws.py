@@ -1,8 +1,13 @@
-"""Laws with compiled stress and tangent at a point, and the moduli of their kernels."""
+"""Laws with compiled stress and tangent at a point, and the moduli of their kernels.
+
+A law of one's own is compiled from its function `stress_and_tangent`, which computes one point after the
+other; the laws of the package compute LANES points at once.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +19,14 @@ from softsim_core.physics.dynamics.numba_backend.cells.corotational import (
     fill_corotational,
     remember_corotational,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.points import PointCells, allocate_buffers
+from softsim_core.physics.dynamics.numba_backend.cells.points import (
+    CellInputs,
+    CellOutputs,
+    PointCells,
+    allocate_buffers,
+    deformation_gradients,
+    fill_given,
+)
 from softsim_core.physics.dynamics.numba_backend.cells.rubber import (
     fill_powers,
     fill_rubber,
@@ -33,8 +45,11 @@ from softsim_core.physics.fem.materials import (
     Relaxing,
     SeriesRubber,
     VolumetricMaterial,
+    clamp_tangent,
+    compile_points,
     law_within,
 )
+from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.linalg import LANES
 
 
@@ -46,14 +61,14 @@ class CompiledLaw(NamedTuple):
             n). All are proportional to the shear response but those in `fixed`.
         size: n.
         fill: Adds forces and stiffness of cells.
-        remember: Advances the cells' memory after a step.
+        remember: Advances the cells' memory after a step; None: the law cannot relax.
         fixed: Columns of the moduli that have another unit.
     """
 
     moduli: Callable[[Any, Array], Array]
     size: int
     fill: Callable[..., None]
-    remember: Callable[..., None]
+    remember: Callable[..., None] | None
     fixed: tuple[int, ...] = ()
 
 
@@ -66,9 +81,43 @@ COMPILED_LAWS: dict[Any, CompiledLaw] = {  # by class
 
 
 def compiled_law(law: Material) -> CompiledLaw | None:
-    """Return the kernels of a law, with or without Prony terms; None: it has none."""
+    """Return the kernels of a law, with or without Prony terms; None: it has none.
+
+    Raises:
+        SceneError: Numba does not compile the function `stress_and_tangent`.
+    """
     within = law_within(law)
+    if within.stress_and_tangent is not None and within.has_potential:
+        return None if isinstance(within, VolumetricMaterial) else _own_law(within)
     return next((each for kind, each in COMPILED_LAWS.items() if isinstance(within, kind)), None)
+
+
+def _own_values(law: Material, p: Array) -> Array:
+    """Return the values (m, k) of a law's parameters, its moduli."""
+    return p
+
+
+@cache
+def _own_law(law: Material) -> CompiledLaw:
+    """Return the kernels of a law with `stress_and_tangent`."""
+    size, at_points = len(law.parameters), compile_points(law)
+    gradients_of, assemble = OneSignature(deformation_gradients), OneSignature(fill_given)
+
+    def fill(inputs: CellInputs, cells: PointCells, into: CellOutputs) -> None:
+        batches, m = len(cells.cells.nodes), int(cells.cells.size[0])
+        q = len(cells.weights) // batches
+        f, stress, tangent = np.empty((m, q, 3, 3)), np.empty((m, q, 3, 3)), np.empty((m, q, 3, 3, 3, 3))
+        gradients_of(inputs, cells, f)
+        values = cells.moduli.reshape(batches, size + 2, LANES)[:, 2:].swapaxes(1, 2).reshape(-1, size)[:m]
+        at_points(
+            f.reshape(-1, 3, 3), np.repeat(values, q, axis=0), stress.reshape(-1, 3, 3),
+            tangent.reshape(-1, 3, 3, 3, 3),
+        )  # fmt: skip
+        if inputs.positive:
+            tangent = clamp_tangent(tangent)
+        assemble(inputs, cells, stress, tangent.reshape(m, q, 9, 9), into)
+
+    return CompiledLaw(_own_values, size, fill, None, tuple(range(size)))
 
 
 def point_cells(group: ElementGroup, cells: CellBatches, memory: IndexArray) -> PointCells:
@@ -94,12 +143,13 @@ def tune(cells: PointCells, group: ElementGroup, p: Array, shear_alone: bool = F
     """Set the moduli for values p (m, k) of the law; `shear_alone`: without bulk and without relaxation."""
     compiled, law = compiled_law(group.material), law_within(group.material)
     assert compiled is not None
-    assert isinstance(law, VolumetricMaterial)
     left = np.ones(len(p))
     if isinstance(group.material, Relaxing):
         left = left if shear_alone else group.material.compute_equilibrium_fraction(p)
         p = group.material.own(p)
-    bulk = (law.bulk(p), np.zeros(len(p))) if mean_volume_law(group) is None else split_bulk(group, law, p)
+    bulk = (np.zeros(len(p)), np.zeros(len(p)))
+    if isinstance(law, VolumetricMaterial):
+        bulk = (law.bulk(p), bulk[1]) if mean_volume_law(group) is None else split_bulk(group, law, p)
     moduli = compiled.moduli(law, p)
     scaled = np.setdiff1d(np.arange(moduli.shape[1]), compiled.fixed)
     moduli[:, scaled] *= left[:, None]

@@ -230,9 +230,9 @@ def put_answer(points: Array, point: int, stress: Array, place: int, w: Any, mea
                 slope = row(points, point + TANGENT + UPPER[3 * i + j, k])
                 answer = answer + slope * row(points, point + RATE + k)
             h0, h1 = row(stress, place + _OF_STRESS[0, j]), row(stress, place + _OF_STRESS[1, j])
-            held = f[0] * (w * h0) + f[1] * (w * h1) + f[2] * (w * row(stress, place + _OF_STRESS[2, j]))
+            viscous = f[0] * (w * h0) + f[1] * (w * h1) + f[2] * (w * row(stress, place + _OF_STRESS[2, j]))
             own = point + STRESS + 3 * i + j
-            put(points, own, row(points, own) + held + lag * answer)
+            put(points, own, row(points, own) + viscous + lag * answer)
 
 
 @part
@@ -364,6 +364,45 @@ def finish(batch: int, inputs: CellInputs, cells: PointCells, into: CellOutputs)
             for i in range(3):
                 forces[nodes[batch, n, lane], i] += pulls[3 * n + i, lane]
         add_blocks(blocks, 4 * lane, 4 * LANES, first + lane, places, panels, pair_blocks)
+
+
+@kernel
+def deformation_gradients(inputs: CellInputs, cells: PointCells, result: Array) -> None:
+    """Write F at all points of all cells, shape (m, q, 3, 3)."""
+    points, size = cells.buffers.points, cells.cells.size[0]
+    for batch in range(len(cells.cells.nodes)):
+        deform(batch, inputs, cells)
+        first = batch * LANES
+        for lane in range(min(LANES, size - first)):
+            for q in range(result.shape[1]):
+                for i in range(3):
+                    for j in range(3):
+                        f = points[POINT_ROWS * q + DEFORMATION + 3 * i + j, lane]
+                        result[first + lane, q, i, j] = f
+
+
+@kernel
+def fill_given(
+    inputs: CellInputs, cells: PointCells, stress: Array, tangent: Array, into: CellOutputs
+) -> None:
+    """Add forces and stiffness of all cells from given stress (m, q, 3, 3) and tangent (m, q, 9, 9)."""
+    points, means, weights = cells.buffers.points, cells.buffers.means, cells.weights
+    size, batches = cells.cells.size[0], len(cells.cells.nodes)
+    count = len(weights) // batches
+    for batch in range(batches):
+        deform(batch, inputs, cells)
+        means[:3] = 0.0
+        means[3] = 1.0
+        for lane in range(LANES):
+            e = min(batch * LANES + lane, size - 1)
+            for q in range(count):
+                point, w = POINT_ROWS * q, weights[count * batch + q, lane]
+                for one in range(9):
+                    points[point + DILATATION_SLOPE + one, lane] = 0.0
+                    points[point + STRESS + one, lane] = w * stress[e, q, one // 3, one % 3]
+                    for other in range(one, 9):
+                        points[point + TANGENT + UPPER[one, other], lane] = w * tangent[e, q, one, other]
+        finish(batch, inputs, cells, into)
 
 
 LEAST_VOLUME = FLATTEST
