@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from small_scenes import jittered
@@ -45,8 +43,8 @@ def group_of(name: str, cell: str, terms: int = 0) -> tuple[ElementGroup, Array,
     """A jittered block of thirteen times as many cells as a batch has lanes and some, values, points."""
     mesh = jittered(box_mesh((0.03, 0.02, 0.02), (3, 2, 2)), 0.002, seed=5)
     mesh = quadratic(mesh) if cell == "tet10" else mesh
-    law = material(LAWS[name][0])
-    given: dict[str, Any] = dict(LAWS[name][1])
+    named, constants = LAWS.get(name, (name, HOOKE))
+    law, given = material(named), dict(constants)
     if terms:
         law = relaxing(law, terms)
         given |= {f"prony_share_{i + 1}": 0.2 + 0.1 * i for i in range(terms)}
@@ -113,6 +111,16 @@ def assert_alike(
     wanted = np.zeros_like(x)
     np.add.at(wanted, group.cells, of_cells)
     np.testing.assert_allclose(forces, wanted, rtol=0, atol=1e-11 * np.abs(of_cells).max())
+
+
+@cells_of
+@pytest.mark.parametrize("amount", [0.0, 0.002, 0.01])
+def test_a_law_of_one_point(cell: str, amount: float) -> None:
+    """Saint Venant-Kirchhoff, whose function of one point the step compiles, beside its methods in NumPy."""
+    group, p, points = group_of("saint_venant_kirchhoff", cell)
+    x = points + amount * np.random.default_rng(4).normal(size=points.shape)
+    for positive in (False, True):
+        assert_alike(group, p, x, None, positive)
 
 
 @laws

@@ -8,6 +8,8 @@ Arrays are C-contiguous, in rows of LANES numbers that are counted from the arra
 that meets a register is the same in all lanes. Comparisons with NaN are false.
 """
 
+# mypy: disallow-untyped-calls=False, disallow-subclassing-any=False
+
 from __future__ import annotations
 
 import operator
@@ -16,7 +18,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.core.typeconv import Conversion
+from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin, lower_cast, models, register_model
 
@@ -24,14 +26,14 @@ from softsim_core.physics.linalg.compile import intrinsic
 from softsim_core.physics.linalg.instructions import LANES, Vectors
 
 
-class _Register(types.Type):  # type: ignore[misc]
+class _Register(types.Type):
     """LANES numbers of type float64."""
 
     def can_convert_from(self, typing: Any, other: Any) -> Any:
         return Conversion.promote if _is_number(other) else None
 
 
-class _Mask(types.Type):  # type: ignore[misc]
+class _Mask(types.Type):
     """LANES truth values."""
 
 
@@ -44,13 +46,13 @@ TRIPLE = types.UniTuple(REGISTER, 3)
 
 
 @register_model(_Register)
-class _RegisterModel(models.PrimitiveModel):  # type: ignore[misc]
+class _RegisterModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, ir.VectorType(ir.DoubleType(), LANES))
 
 
 @register_model(_Mask)
-class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
+class _MaskModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, ir.VectorType(ir.IntType(1), LANES))
 
@@ -64,7 +66,7 @@ def _number_in_all_lanes(context: Any, builder: Any, number_type: Any, register:
 def _operator(function: Callable[..., Any], kinds: tuple[Any, ...], result: Any, build: Any) -> None:
     """Define an operator of registers or masks, whose code `build` generates."""
 
-    class Operator(AbstractTemplate):  # type: ignore[misc]
+    class Operator(AbstractTemplate):
         key = function
 
         def generic(self, arguments: Any, named: Any) -> Any:

@@ -106,7 +106,7 @@ class Material(ABC):
     parameters: ClassVar[tuple[MaterialParameter, ...]]
     has_potential: ClassVar[bool] = True
     in_cell_axes: ClassVar[bool] = False
-    stress_and_tangent: ClassVar[Callable[[Array, Array, Array, Array], None] | None] = None
+    stress_and_tangent: ClassVar[Any] = None
 
     @abstractmethod
     def energy(self, deformation: Array, p: Array) -> Array:
@@ -228,7 +228,7 @@ def _over_points(at_point: Any, name: str) -> Callable[[Array, Array, Array, Arr
     from numba.core.errors import NumbaError
 
     try:
-        at_point = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True)(at_point)
+        at_point = njit(nogil=True, error_model="numpy")(at_point)
         compiled = njit(nogil=True, error_model="numpy")(at_points)
         compiled.compile((float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, :, :, :, ::1]))
     except (NumbaError, TypeError) as error:
@@ -236,7 +236,7 @@ def _over_points(at_point: Any, name: str) -> Callable[[Array, Array, Array, Arr
         raise SceneError(
             f"stress_and_tangent of the law {name} must be Python that Numba compiles: {reason[:400]}"
         ) from error
-    return compiled  # type: ignore[no-any-return]
+    return compiled
 
 
 class VolumetricMaterial(Material):

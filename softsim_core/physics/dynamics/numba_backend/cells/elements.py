@@ -121,7 +121,8 @@ def polar_rotations(
     put_matrix(deformation, 0, f)
     is_weak = ~(denominator >= 1e-3 * k * k * k)
     is_late = ~(LAST_STEP * k >= root(step * step))
-    return bits_of(is_weak | is_late)
+    left: int = bits_of(is_weak | is_late)
+    return left
 
 
 @part

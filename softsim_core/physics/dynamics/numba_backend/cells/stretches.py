@@ -263,13 +263,12 @@ def put_modes(points: Array, point: int, w: Any, modes: Array) -> None:
             x, y = own[0] * other[1], own[1] * other[0]
             put_pair(modes, m + 7, x, y, a[2], b[2])
     place = point + TANGENT
-    for one in range(9):
-        m = 9 * one
-        x, y, z = triple_at(modes, m), triple_at(modes, m + 3), triple_at(modes, m + 6)
-        for other in range(one, 9):
-            n = 9 * other + 81
-            entry = dot(x, triple_at(modes, n)) + dot(y, triple_at(modes, n + 3))
-            put(points, place, entry + dot(z, triple_at(modes, n + 6)))
+    for m in range(9):
+        first, second = triple_at(modes, 9 * m), triple_at(modes, 9 * m + 3)
+        third = triple_at(modes, 9 * m + 6)
+        for n in range(81 + 9 * m, 162, 9):
+            entry = dot(first, triple_at(modes, n)) + dot(second, triple_at(modes, n + 3))
+            put(points, place, entry + dot(third, triple_at(modes, n + 6)))
             place += 1
 
 
