@@ -57,6 +57,10 @@ LAST_STEP = 1e-6
 """A lane with a larger last step, relative to the root, is recomputed by the scalar kernel."""
 
 
+PAIR = tuple(cast(int, np.int64(pair)) for pair in range(10))
+"""Numbers of the pairs of nodes 00, 01, ... 33; their type is no literal, see FROZEN."""
+
+
 @part
 def frame_rotations(x: Array, corners: IndexArray, batch: int, rotations: Array) -> None:
     """Compute rotations (9, LANES) of a batch from the frames of three corners (law `corotational_qr`)."""
@@ -231,19 +235,19 @@ def frozen_batch(
     subtract_forces(forces, nodes, batch, s, h0, h1, h2, h3)
     lam, mu = scale * lam, scale * mu
     lam_h, mu_h = scaled(lam, h0), scaled(mu, h0)
-    put_block(blocks, 0, elastic_block(h0, lam_h, mu_h))
+    put_block(blocks, PAIR[0], elastic_block(h0, lam_h, mu_h))
     lam_h, mu_h = scaled(lam, h1), scaled(mu, h1)
-    put_block(blocks, 1, elastic_block(h0, lam_h, mu_h))
-    put_block(blocks, 4, elastic_block(h1, lam_h, mu_h))
+    put_block(blocks, PAIR[1], elastic_block(h0, lam_h, mu_h))
+    put_block(blocks, PAIR[4], elastic_block(h1, lam_h, mu_h))
     lam_h, mu_h = scaled(lam, h2), scaled(mu, h2)
-    put_block(blocks, 2, elastic_block(h0, lam_h, mu_h))
-    put_block(blocks, 5, elastic_block(h1, lam_h, mu_h))
-    put_block(blocks, 7, elastic_block(h2, lam_h, mu_h))
+    put_block(blocks, PAIR[2], elastic_block(h0, lam_h, mu_h))
+    put_block(blocks, PAIR[5], elastic_block(h1, lam_h, mu_h))
+    put_block(blocks, PAIR[7], elastic_block(h2, lam_h, mu_h))
     lam_h, mu_h = scaled(lam, h3), scaled(mu, h3)
-    put_block(blocks, 3, elastic_block(h0, lam_h, mu_h))
-    put_block(blocks, 6, elastic_block(h1, lam_h, mu_h))
-    put_block(blocks, 8, elastic_block(h2, lam_h, mu_h))
-    put_block(blocks, 9, elastic_block(h3, lam_h, mu_h))
+    put_block(blocks, PAIR[3], elastic_block(h0, lam_h, mu_h))
+    put_block(blocks, PAIR[6], elastic_block(h1, lam_h, mu_h))
+    put_block(blocks, PAIR[8], elastic_block(h2, lam_h, mu_h))
+    put_block(blocks, PAIR[9], elastic_block(h3, lam_h, mu_h))
 
 
 @part
@@ -275,19 +279,19 @@ def turning_batch(
     lam, mu = scale * lam, scale * mu
     twist = (scaled(scale, twist[0]), scaled(scale, twist[1]), scaled(scale, twist[2]))
     lam_h, mu_h, turned = scaled(lam, h0), scaled(mu, h0), crossed_rows(twist, h0)
-    put_turning_block(blocks, 0, h0, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[0], h0, lam_h, mu_h, turned)
     lam_h, mu_h, turned = scaled(lam, h1), scaled(mu, h1), crossed_rows(twist, h1)
-    put_turning_block(blocks, 1, h0, lam_h, mu_h, turned)
-    put_turning_block(blocks, 4, h1, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[1], h0, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[4], h1, lam_h, mu_h, turned)
     lam_h, mu_h, turned = scaled(lam, h2), scaled(mu, h2), crossed_rows(twist, h2)
-    put_turning_block(blocks, 2, h0, lam_h, mu_h, turned)
-    put_turning_block(blocks, 5, h1, lam_h, mu_h, turned)
-    put_turning_block(blocks, 7, h2, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[2], h0, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[5], h1, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[7], h2, lam_h, mu_h, turned)
     lam_h, mu_h, turned = scaled(lam, h3), scaled(mu, h3), crossed_rows(twist, h3)
-    put_turning_block(blocks, 3, h0, lam_h, mu_h, turned)
-    put_turning_block(blocks, 6, h1, lam_h, mu_h, turned)
-    put_turning_block(blocks, 8, h2, lam_h, mu_h, turned)
-    put_turning_block(blocks, 9, h3, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[3], h0, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[6], h1, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[8], h2, lam_h, mu_h, turned)
+    put_turning_block(blocks, PAIR[9], h3, lam_h, mu_h, turned)
 
 
 @part
