@@ -14,6 +14,7 @@ from .kinematics import (
     motion_subspace as motion_subspace,
 )
 from .layout import (
+    CellPlaces as CellPlaces,
     Cells as Cells,
     Elements as Elements,
     Kinematics as Kinematics,

@@ -13,6 +13,21 @@ from softsim_core.physics.actuation.compiled import CompiledKinds
 from softsim_core.physics.linalg import Factor
 
 
+class CellPlaces(NamedTuple):
+    """Places of the blocks of m cells with a nodes each: free nodes, then those of regions, then fixed ones.
+
+    Attributes:
+        starts: Panel place of the block of each pair of nodes, 00, 01, ... 11, ...; -1 where one is not free,
+            shape (m, a (a + 1) / 2).
+        strides: Panel width at each node, 0 where it is not free, shape (m, a).
+        pair_blocks: Place in Pairs.blocks of each cell's first block, shape (m,); -1: no node is moved.
+    """
+
+    starts: IndexArray
+    strides: IndexArray
+    pair_blocks: IndexArray
+
+
 class Elements(NamedTuple):
     """Elements in B batches of LANES; their nodes are sorted: free, then in moving regions, then fixed.
 
@@ -21,19 +36,14 @@ class Elements(NamedTuple):
         corners: Nodes in mesh order (for the law `corotational_qr`), shape (B, 4, LANES).
         gradients: Shape gradients in [1/m], shape (B, 12, LANES).
         lame: Lame parameters times volume in [N m], shape (B, 2, LANES); zero in lanes without an element.
-        starts: Panel places of the ten blocks of free nodes, first panel place of each free node (from 10)
-            and its supernode (from 14), shape (e, 18).
-        strides: Panel width at each free node, shape (e, 4).
-        counts: Free nodes, and nodes in moving rigid regions, shape (e, 2).
+        places: Places of their blocks.
     """
 
     nodes: IndexArray
     corners: IndexArray
     gradients: Array
     lame: Array
-    starts: IndexArray
-    strides: IndexArray
-    counts: IndexArray
+    places: CellPlaces
 
 
 class Pairs(NamedTuple):
@@ -57,15 +67,13 @@ class Cells(NamedTuple):
     """All deforming cells: those with kernels of their own, by law, and pairs of nodes of the others.
 
     Attributes:
-        polar_free, polar_mixed: Law `corotational`: all nodes free, and others.
-        frame_free, frame_mixed: Law `corotational_qr`: all nodes free, and others.
-        pairs: Stored blocks of all other laws and elements.
+        polar: Law `corotational`.
+        frames: Law `corotational_qr`.
+        pairs: Stored blocks of cells with a node in a moving region.
     """
 
-    polar_free: Elements
-    polar_mixed: Elements
-    frame_free: Elements
-    frame_mixed: Elements
+    polar: Elements
+    frames: Elements
     pairs: Pairs
 
 

@@ -1,5 +1,4 @@
 from .batches import (
-    CellPlaces as CellPlaces,
     cell_batches as cell_batches,
     count_folded as count_folded,
     count_inverted as count_inverted,

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
-from softsim_core.physics.dynamics.numba_backend import Nodes, Pairs, Work, kernel
+from softsim_core.physics.dynamics.numba_backend import CellPlaces, Nodes, Pairs, Work, kernel
 from softsim_core.physics.dynamics.numba_backend.cells.algebra import plus, put_triple, scaled, triple_at
 from softsim_core.physics.fem import ElementGroup
 from softsim_core.physics.linalg import LANES, Plan, add_block, part
@@ -174,26 +174,11 @@ def largest_strain_change(cells: CellBatches, before: Array, after: Array) -> fl
     return change
 
 
-class CellPlaces(NamedTuple):
-    """Places of the blocks of m cells with a nodes each: free nodes, then those of regions, then fixed ones.
-
-    Attributes:
-        starts: Panel place of the block of each pair of nodes, 00, 01, ... 11, ...; -1 where one is not free,
-            shape (m, a (a + 1) / 2).
-        strides: Panel width at each node, 0 where it is not free, shape (m, a).
-        pair_blocks: Place in Pairs.blocks of each cell's first block, shape (m,); -1: no node is moved.
-    """
-
-    starts: IndexArray
-    strides: IndexArray
-    pair_blocks: IndexArray
-
-
 @kernel
 def add_blocks(
     blocks: Array, place: int, pitch: int, e: int, places: CellPlaces, panels: Array, pair_blocks: Array
 ) -> None:
-    """Add the blocks of cell e to the panels, and to `pair_blocks` if a node is in a moving region.
+    """Add the blocks of cell e to the panels; write them to `pair_blocks` if a node is in a moving region.
 
     Rows of the blocks are four numbers, the fourth zero. The first row starts at number `place` of `blocks`,
     each further one `pitch` numbers later.
@@ -214,7 +199,7 @@ def add_blocks(
             for i in range(3):
                 row = place + (3 * k + i) * pitch
                 for j in range(3):
-                    pair_blocks[first + k, i, j] += numbers[row + j]
+                    pair_blocks[first + k, i, j] = numbers[row + j]
 
 
 @kernel
@@ -245,14 +230,15 @@ def scatter(pairs: Pairs, nodes: Nodes, work: Work) -> None:
         block, a, b = pairs.regions[p, 0], pairs.regions[p, 1], pairs.regions[p, 2]
         for q in range(nodes.size[b]):
             k = nodes.reduced[b, q]
+            j0, j1, j2 = jacobian[b, q, 0], jacobian[b, q, 1], jacobian[b, q, 2]
+            c0 = blocks[block, 0, 0] * j0 + blocks[block, 0, 1] * j1 + blocks[block, 0, 2] * j2
+            c1 = blocks[block, 1, 0] * j0 + blocks[block, 1, 1] * j1 + blocks[block, 1, 2] * j2
+            c2 = blocks[block, 2, 0] * j0 + blocks[block, 2, 1] * j1 + blocks[block, 2, 2] * j2
             for r in range(nodes.size[a]):
                 m = nodes.reduced[a, r]
                 if a == b and m > k:
                     continue
-                total = 0.0
-                for i in range(3):
-                    for j in range(3):
-                        total += jacobian[a, r, i] * blocks[block, i, j] * jacobian[b, q, j]
+                total = jacobian[a, r, 0] * c0 + jacobian[a, r, 1] * c1 + jacobian[a, r, 2] * c2
                 if a != b and m == k:  # the transposed block contributes, too
                     total *= 2.0
                 schur[min(m, k), max(m, k)] += total

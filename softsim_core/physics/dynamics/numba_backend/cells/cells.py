@@ -9,6 +9,7 @@ import numpy as np
 
 from softsim_core.base import Array, IndexArray, unique_pairs
 from softsim_core.physics.dynamics.numba_backend import (
+    CellPlaces,
     Cells,
     Elements,
     Kinematics,
@@ -33,8 +34,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.batches import (
     scatter,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.elements import (
-    assemble_free,
-    assemble_mixed,
+    assemble_tetrahedra,
     von_mises_stress,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.laws import compiled_law, own_values, point_cells, tune
@@ -87,9 +87,11 @@ class PairedCells:
         panels: Panels of the factor; `fill` adds to them.
         surfaces: Nodes of faces that actuators press on, shapes (m, a).
         coupled: Nodes of cells whose mass is not lumped, shapes (m, a).
+        tetrahedra: Nodes of tetrahedra with kernels of their own, in elimination order, shapes (m, 4).
 
     Attributes:
         pairs: Stored blocks that the kernels have to add, see batches.
+        places_of_tetrahedra: Places of the blocks of `tetrahedra`.
     """
 
     def __init__(
@@ -102,6 +104,7 @@ class PairedCells:
         panels: Array,
         surfaces: Sequence[IndexArray] = (),
         coupled: Sequence[IndexArray] = (),
+        tetrahedra: Sequence[IndexArray] = (),
     ) -> None:
         self._groups = [
             in_elimination_order(group, nodes, local, layout) for group in groups if len(group.cells)
@@ -128,7 +131,8 @@ class PairedCells:
         further = [each.cells for each in (*self._surfaces, *self._coupled)]
         all_cells = [group.cells for group in self._groups] + further
         self._upper = [np.triu_indices(each.shape[1]) for each in all_cells]
-        self._places, self.pairs = cell_places(all_cells, nodes, local, layout)
+        places, self.pairs = cell_places([*all_cells, *tetrahedra], nodes, local, layout)
+        self._places, self.places_of_tetrahedra = places[: len(all_cells)], places[len(all_cells) :]
         self._panels = panels
         self._no_forces = np.zeros((len(local), 3))
         self._filled = np.zeros(1, np.bool_)  # whether the blocks are not zero; shared by all copies
@@ -350,10 +354,8 @@ def assemble_cells(
     PairedCells.fill must have run before: its stored blocks for the reduced coordinates are added, too.
     `polar` and `frames` are the tangents of the two kinds of Cells, see elements.FROZEN.
     """
-    assemble_free(x, scale, polar, cells.polar_free, work)
-    assemble_mixed(x, scale, polar, cells.polar_mixed, nodes, work)
-    assemble_free(x, scale, frames, cells.frame_free, work)
-    assemble_mixed(x, scale, frames, cells.frame_mixed, nodes, work)
+    assemble_tetrahedra(x, scale, polar, cells.polar, cells.pairs.blocks, work)
+    assemble_tetrahedra(x, scale, frames, cells.frames, cells.pairs.blocks, work)
     scatter(cells.pairs, nodes, work)
 
 
@@ -385,14 +387,15 @@ class PlannedCells:
         surfaces: Sequence[IndexArray] = (),
     ) -> None:
         self._count = sum(len(group.cells) for group in model.filling)
-        self._kernels: list[tuple[ElementGroup, Elements, bool]] = []
         by_kind = {(group.element.name, group.material.name): group for group in groups}
-        for kind in COMPILED:
-            group = by_kind.pop(kind, None) or empty_group(element(kind[0]), material(kind[1]))
-            all_free = (model.region_of_node[group.cells] == FREE).all(axis=1)
-            for chosen in (all_free, ~all_free):
-                part, elements = _elements(model, group.part(np.flatnonzero(chosen)), local, layout)
-                self._kernels.append((part, elements, not part.material.in_cell_axes))
+        tetrahedra = [
+            by_kind.pop(kind, empty_group(element(kind[0]), material(kind[1]))) for kind in COMPILED
+        ]
+        orders = [elimination_order(group.cells, nodes, local, layout) for group in tetrahedra]
+        tetrahedra = [group.part(order) for group, (order, _) in zip(tetrahedra, orders, strict=True)]
+        ordered = [
+            group.with_node_order(inside) for group, (_, inside) in zip(tetrahedra, orders, strict=True)
+        ]
         self._paired_groups = tuple(by_kind.values())
         self.paired = PairedCells(
             self._paired_groups,
@@ -403,12 +406,19 @@ class PlannedCells:
             panels,
             surfaces,
             () if model.coupling is None else model.coupling.cells,
+            [group.cells for group in ordered],
         )
+        self._kernels = [
+            (group, _elements(group, sorted_by_node, places), not group.material.in_cell_axes)
+            for group, sorted_by_node, places in zip(
+                tetrahedra, ordered, self.paired.places_of_tetrahedra, strict=True
+            )
+        ]
         self.arrays = self._arrays()
 
     def _arrays(self) -> Cells:
-        polar_free, polar_mixed, frame_free, frame_mixed = (elements for _, elements, _ in self._kernels)
-        return Cells(polar_free, polar_mixed, frame_free, frame_mixed, self.paired.pairs)
+        polar, frames = (elements for _, elements, _ in self._kernels)
+        return Cells(polar, frames, self.paired.pairs)
 
     def of_another_copy(self) -> PlannedCells:
         """Return the same cells with parameters of their own; the buffers are shared."""
@@ -467,42 +477,14 @@ def couplings(
     return unique_pairs(edges), np.array(sorted(reduced), dtype=np.int64).reshape(-1, 2)
 
 
-def _elements(
-    model: Model, group: ElementGroup, local: IndexArray, layout: Plan
-) -> tuple[ElementGroup, Elements]:
-    """Return the cells of a group in elimination order, and their places in the panels."""
-    nodes = group.cells
-    regions = model.region_of_node[nodes]
-    count = len(layout.position)
-    places = np.append(layout.position, 0)[local[nodes]]  # fixed and region nodes have no place
-    rank = np.where(regions == FREE, places, np.where(regions >= 0, count, count + 1))
-    order = np.argsort(rank.min(axis=1, initial=count), kind="stable")
-    group, nodes, regions, rank = group.part(order), nodes[order], regions[order], rank[order]
-    inside = np.argsort(rank, axis=1, kind="stable")
-    ordered = np.take_along_axis(nodes, inside, axis=1)
-    gradients = np.take_along_axis(group.gradients[:, 0], inside[:, :, None], axis=1)
-    counts = np.stack([(regions == FREE).sum(axis=1), (regions >= 0).sum(axis=1)], axis=1)
-    starts, strides = np.zeros((len(nodes), 18), dtype=np.int64), np.zeros((len(nodes), 4), dtype=np.int64)
-    node = local[ordered]  # -1 where it is not free; free ones come first
-    is_free = np.arange(4) < counts[:, :1]
-    starts[:, 10:14] = offset = np.where(is_free, np.append(layout.row_offset, 0)[node], 0)
-    starts[:, 14:] = supernode = np.where(is_free, np.append(layout.supernode, 0)[node], 0)
-    strides[is_free] = layout.width[supernode[is_free]]
-    for a in range(4):
-        for b in range(a, 4):
-            there = np.flatnonzero(is_free[:, b])
-            pair = a * counts[there, 0] - a * (a - 1) // 2 + b - a
-            unknown = 3 * layout.position[node[there, b]]
-            column = layout.panel_columns(supernode[there, a], unknown)
-            starts[there, pair] = offset[there, a] + column
-    return group, Elements(
-        nodes=in_lanes(ordered),
-        corners=in_lanes(nodes),
-        gradients=in_lanes(gradients.reshape(-1, 12)),
-        lame=np.zeros((-(-len(nodes) // LANES), 2, LANES)),
-        starts=starts,
-        strides=strides,
-        counts=counts,
+def _elements(group: ElementGroup, ordered: ElementGroup, places: CellPlaces) -> Elements:
+    """Return the arrays of tetrahedra of a group, and of the same with their nodes in elimination order."""
+    return Elements(
+        nodes=in_lanes(ordered.cells),
+        corners=in_lanes(group.cells),
+        gradients=in_lanes(ordered.gradients.reshape(-1, 12)),
+        lame=np.zeros((-(-len(group.cells) // LANES), 2, LANES)),
+        places=places,
     )
 
 

@@ -36,6 +36,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     triple_at,
     unit,
 )
+from softsim_core.physics.dynamics.numba_backend.cells.batches import add_blocks
 from softsim_core.physics.dynamics.numba_backend.cells.corotational import rotate_lanes, twist_stiffness
 from softsim_core.physics.fem.materials import FLAT
 from softsim_core.physics.linalg import (
@@ -301,14 +302,14 @@ def crossed_rows(m: Matrix, a: Triple) -> Matrix:
 
 
 @part
-def add_element(
+def add_free_element(
     panels: Array, starts: IndexArray, strides: IndexArray, e: int, blocks: Array, lane: int
 ) -> None:
-    """Add the ten blocks of element e, whose nodes are all free, to the panels; see layout.Elements."""
-    pair = 0
+    """Add the ten blocks of element e, whose nodes are all free, to the panels, as `add_blocks` does."""
+    pair, pitch = 0, 4 * LANES
     for a in range(4):
         for _ in range(a, 4):
-            add_block(panels, starts[e, pair], strides[e, a], blocks, ROW * 3 * pair + 4 * lane, ROW)
+            add_block(panels, starts[e, pair], strides[e, a], blocks, 3 * pair * pitch + 4 * lane, pitch)
             pair += 1
 
 
@@ -319,17 +320,16 @@ eigenvalues set to zero, for a step; of `corotational` unchanged, for an equilib
 They have one integer type, because Numba would compile all kernels once more for each literal.
 """
 
-ROW = 4 * LANES
-"""Numbers in a row of a batch's blocks, all lanes together."""
-
 
 @kernel
-def assemble_free(x: Array, scale: float, tangent: int, elements: Elements, work: Work) -> None:
-    """Add elements with four free nodes: forces at work.ahead, and `scale` times the stiffness at x."""
+def assemble_tetrahedra(
+    x: Array, scale: float, tangent: int, elements: Elements, pair_blocks: Array, work: Work
+) -> None:
+    """Add forces at work.ahead, and `scale` times the stiffness at x, to panels and Pairs.blocks."""
     corners, ids, gradients, lame = elements.corners, elements.nodes, elements.gradients, elements.lame
-    starts, strides, panels = elements.starts, elements.strides, work.factor.panels
+    places, panels, ahead, forces = elements.places, work.factor.panels, work.ahead, work.forces
     deformation, rotations, blocks = work.deformation, work.rotations, work.blocks
-    ahead, forces = work.ahead, work.forces
+    count, starts, strides = len(places.pair_blocks), places.starts, places.strides
     for batch in range(len(ids)):
         if tangent == FROZEN:
             frame_rotations(x, corners, batch, rotations)
@@ -343,83 +343,12 @@ def assemble_free(x: Array, scale: float, tangent: int, elements: Elements, work
                 blocks,
             )  # fmt: skip
         first = batch * LANES
-        for lane in range(min(LANES, len(starts) - first)):
-            add_element(panels, starts, strides, first + lane, blocks, lane)
-
-
-@kernel
-def assemble_mixed(
-    x: Array, scale: float, tangent: int, elements: Elements, nodes: Nodes, work: Work
-) -> None:
-    """Add elements with nodes in rigid regions; the part of these nodes goes to the reduced coordinates."""
-    corners, ids, gradients, lame = elements.corners, elements.nodes, elements.gradients, elements.lame
-    starts, strides, panels, counts = elements.starts, elements.strides, work.factor.panels, elements.counts
-    deformation, rotations, k = work.deformation, work.rotations, work.blocks
-    ahead, forces, jacobian, schur = work.ahead, work.forces, work.jacobian, work.factor.schur
-    region_number, size, reduced, column = (
-        nodes.region_number,
-        nodes.size,
-        nodes.reduced,
-        nodes.reduced_column,
-    )
-    for batch in range(len(ids)):
-        if tangent == FROZEN:
-            frame_rotations(x, corners, batch, rotations)
-            frozen_batch(ahead, scale, ids, gradients, lame, batch, rotations, forces, k)
-        else:
-            left = polar_rotations(x, ids, gradients, batch, deformation, rotations)
-            if left:
-                rotate_lanes(left, deformation, rotations)
-            turning_batch(
-                ahead, tangent == EXACT, scale, ids, gradients, lame, batch, deformation, rotations, forces, k
-            )
-        first = batch * LANES
-        for lane in range(min(LANES, len(starts) - first)):
+        for lane in range(min(LANES, count - first)):
             e = first + lane
-            free, moving = counts[e, 0], counts[e, 1]
-            pair = 0
-            for a in range(free):
-                row = 3 * (4 * a - a * (a - 1) // 2)
-                for b in range(a, free):
-                    place = ROW * (row + 3 * (b - a)) + 4 * lane
-                    add_block(panels, starts[e, pair], strides[e, a], k, place, ROW)
-                    pair += 1
-            for b in range(free, free + moving):
-                z = region_number[ids[batch, b, lane]]
-                for q in range(size[z]):  # K_ab J for all a, J the q-th reduced coordinate of region node b
-                    unknown = reduced[z, q]
-                    j0, j1, j2 = jacobian[z, q, 0], jacobian[z, q, 1], jacobian[z, q, 2]
-                    for a in range(free + moving):
-                        low, high = min(a, b), max(a, b)
-                        row = 3 * (4 * low - low * (low - 1) // 2 + high - low)
-                        if a <= b:
-                            c0 = k[row, lane, 0] * j0 + k[row, lane, 1] * j1 + k[row, lane, 2] * j2
-                            c1 = (
-                                k[row + 1, lane, 0] * j0 + k[row + 1, lane, 1] * j1 + k[row + 1, lane, 2] * j2
-                            )
-                            c2 = (
-                                k[row + 2, lane, 0] * j0 + k[row + 2, lane, 1] * j1 + k[row + 2, lane, 2] * j2
-                            )
-                        else:
-                            c0 = k[row, lane, 0] * j0 + k[row + 1, lane, 0] * j1 + k[row + 2, lane, 0] * j2
-                            c1 = k[row, lane, 1] * j0 + k[row + 1, lane, 1] * j1 + k[row + 2, lane, 1] * j2
-                            c2 = k[row, lane, 2] * j0 + k[row + 1, lane, 2] * j1 + k[row + 2, lane, 2] * j2
-                        if a < free:
-                            stride = strides[e, a]
-                            place = starts[e, 10 + a] + column[starts[e, 14 + a], unknown]
-                            panels[place] += c0
-                            panels[place + stride] += c1
-                            panels[place + 2 * stride] += c2
-                            continue
-                        other = region_number[ids[batch, a, lane]]
-                        for p in range(size[other]):
-                            m = reduced[other, p]
-                            if m <= unknown:
-                                schur[m, unknown] += (
-                                    jacobian[other, p, 0] * c0
-                                    + jacobian[other, p, 1] * c1
-                                    + jacobian[other, p, 2] * c2
-                                )
+            if strides[e, 3] > 0:
+                add_free_element(panels, starts, strides, e, blocks, lane)
+            else:
+                add_blocks(blocks, 4 * lane, 4 * LANES, e, places, panels, pair_blocks)
 
 
 @kernel

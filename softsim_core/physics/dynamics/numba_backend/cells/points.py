@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, IndexArray
-from softsim_core.physics.dynamics.numba_backend import kernel
+from softsim_core.physics.dynamics.numba_backend import CellPlaces, kernel
 from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     cofactors,
     contraction,
@@ -34,7 +34,6 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
 )
 from softsim_core.physics.dynamics.numba_backend.cells.batches import (
     CellBatches,
-    CellPlaces,
     add_blocks,
     allocate_aligned,
     gather_nodes,
