@@ -62,10 +62,10 @@ def filled(
 
     They have been filled before, with what another solve has moved, as in a step that is done again.
     """
+    from softsim_core.physics.dynamics.numba_backend import CellPlaces
     from softsim_core.physics.dynamics.numba_backend.cells import (
         CellInputs,
         CellOutputs,
-        CellPlaces,
         cell_batches,
         compiled_law,
         point_cells,

@@ -56,9 +56,8 @@ class SaintVenantKirchhoff(Material):
                 for k in range(3):
                     left[i, j] += f[i, k] * f[j, k]
                     second[i, j] += mu * f[k, i] * f[k, j]
-        trace = left[0, 0] + left[1, 1] + left[2, 2]
         for i in range(3):
-            second[i, i] += 0.5 * lam * (trace - 3.0) - mu
+            second[i, i] += 0.5 * lam * (left[0, 0] + left[1, 1] + left[2, 2] - 3.0) - mu
         for i in range(3):
             for j in range(3):
                 stress[i, j] = f[i, 0] * second[0, j] + f[i, 1] * second[1, j] + f[i, 2] * second[2, j]
