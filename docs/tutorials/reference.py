@@ -88,7 +88,10 @@ def entry(title: str, thing: Callable[..., Any]) -> str:
     summary = " ".join(summary.split())
     rows = []
     defaults = inspect.signature(thing).parameters
-    for names, words in _described(text):
+    for described, words in _described(text):
+        names = [name for name in described if name in defaults or name == "kind"]
+        if not names:  # an attribute of the class, which no scene sets
+            continue
         shown = ", ".join(f"`{name}`" for name in names)
         values = [_default(defaults[name]) for name in names if name in defaults]
         value = ", ".join(dict.fromkeys(filter(None, values)))

@@ -42,6 +42,12 @@ def minus(a: Triple, b: Triple) -> Triple:
 
 
 @part
+def product(a: Triple, b: Triple) -> Triple:
+    """Return a times b, component by component."""
+    return (a[0] * b[0], a[1] * b[1], a[2] * b[2])
+
+
+@part
 def over(a: Triple, divisor: Any) -> Triple:
     """Return a by a divisor."""
     return (a[0] / divisor, a[1] / divisor, a[2] / divisor)

@@ -79,14 +79,13 @@ class PairedCells:
     """Cells of several groups, assembled pair by pair of nodes or by a kernel of their own.
 
     Args:
+        model: The model.
         groups: Groups of the cells, without cells in a single rigid region.
-        whole: All groups of the model, with these cells.
         nodes: Places of the nodes in the step's arrays.
         local: Number of each free node among the free ones, shape (n,).
         layout: The plan of the factor.
         panels: Panels of the factor; `fill` adds to them.
         surfaces: Nodes of faces that actuators press on, shapes (m, a).
-        coupled: Nodes of cells whose mass is not lumped, shapes (m, a).
         tetrahedra: Nodes of tetrahedra with kernels of their own, in elimination order, shapes (m, 4).
 
     Attributes:
@@ -96,14 +95,13 @@ class PairedCells:
 
     def __init__(
         self,
+        model: Model,
         groups: Sequence[ElementGroup],
-        whole: Sequence[ElementGroup],
         nodes: Nodes,
         local: IndexArray,
         layout: Plan,
         panels: Array,
         surfaces: Sequence[IndexArray] = (),
-        coupled: Sequence[IndexArray] = (),
         tetrahedra: Sequence[IndexArray] = (),
     ) -> None:
         self._groups = [
@@ -112,17 +110,20 @@ class PairedCells:
         self._batches = [cell_batches(group) for group in self._groups]
         self._strain = [strain_cells(group) for group in self._groups]
         self._rods = [rod_cells(group) for group in self._groups]
-        kinds = [(group.element.name, group.material.name) for group in whole]
+        kinds = [(group.element.name, group.material.name) for group in model.groups]
         self._memories = []
         for group in self._groups:
             k = kinds.index((group.element.name, group.material.name))
-            self._memories.append((step_stress_name(k), np.searchsorted(whole[k].numbers, group.numbers)))
+            self._memories.append(
+                (step_stress_name(k), np.searchsorted(model.groups[k].numbers, group.numbers))
+            )
         self._points: list[PointCells | None] = []
         self._fill_points: list[OneSignature | None] = []
         for group, cells, (_, memory) in zip(self._groups, self._batches, self._memories, strict=True):
             law = compiled_law(group.material)
             self._points.append(None if law is None else point_cells(group, cells, memory))
             self._fill_points.append(None if law is None else OneSignature(law.fill))
+        coupled = () if model.coupling is None else model.coupling.cells  # cells whose mass is not lumped
         self._surfaces, self._coupled = (
             [_Further(each, *elimination_order(each, nodes, local, layout)) for each in kind]
             for kind in (surfaces, coupled)
@@ -398,14 +399,13 @@ class PlannedCells:
         ]
         self._paired_groups = tuple(by_kind.values())
         self.paired = PairedCells(
+            model,
             self._paired_groups,
-            model.groups,
             nodes,
             local,
             layout,
             panels,
             surfaces,
-            () if model.coupling is None else model.coupling.cells,
             [group.cells for group in ordered],
         )
         self._kernels = [

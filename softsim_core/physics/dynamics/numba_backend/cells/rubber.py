@@ -25,7 +25,9 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     contraction,
     dot,
     matrix_at,
+    minus,
     plus,
+    product,
     scaled,
     size,
     triple_at,
@@ -82,10 +84,8 @@ def put_rubber(points: Array, point: int, w: Any, moduli: Array, place: int) -> 
     f = matrix_at(points, point + DEFORMATION)
     first, second = psi_slopes(contraction(f, f) - 3.0, moduli, place + 3)
     first, second, local = w * first, w * second, w * at_point
-    tension, turning = (
-        w * (row(points, point + PRESSURE) - rest),
-        w * (row(points, point + PRESSURE + 1) - rest),
-    )
+    tension = w * (row(points, point + PRESSURE) - rest)
+    turning = w * (row(points, point + PRESSURE + 1) - rest)
     entry = point + TANGENT
     for one in range(9):
         own, side = row(points, point + DEFORMATION + one), row(points, point + DILATATION_SLOPE + one)
@@ -186,18 +186,14 @@ def mooney_rivlin_moduli(law: MooneyRivlin, p: Array) -> Array:
 def raise_stretches(points: Array, point: int, moduli: Array, place: int) -> None:
     """Write the powers of a point: m / (2 n) x^(n/2 - 1) of both terms at three squared stretches."""
     for lane in range(LANES):
-        s0, s1, s2 = (
-            points[point + STRETCHES, lane],
-            points[point + STRETCHES + 1, lane],
-            points[point + STRETCHES + 2, lane],
-        )
         for term in range(2):
             m, alpha = moduli[place + 3 + 2 * term, lane], moduli[place + 4 + 2 * term, lane]
             n = abs(alpha)
             for k in range(3):
-                own = s0 if k == 0 else s1 if k == 1 else s2
+                own = points[point + STRETCHES + k, lane]
                 if alpha < 0.0:
-                    own = s1 * s2 if k == 0 else s2 * s0 if k == 1 else s0 * s1
+                    i, j = point + STRETCHES + (k + 1) % 3, point + STRETCHES + (k + 2) % 3
+                    own = points[i, lane] * points[j, lane]
                 power = 0.0
                 if m != 0.0:
                     power = m / (2.0 * n) * exp((0.5 * n - 1.0) * log(max(own * own, LEAST)))
@@ -205,18 +201,12 @@ def raise_stretches(points: Array, point: int, moduli: Array, place: int) -> Non
 
 
 @part
-def divided_difference(
-    x: Any,
-    y: Any,
-    x_bounded: Any,
-    y_bounded: Any,
-    x_power: Any,
-    y_power: Any,
-    x_bend: Any,
-    y_bend: Any,
-    b: Any,
-) -> Any:
-    """Return the divided difference of the powers' slope between squared stretches x and y."""
+def divided_difference(one: Any, other: Any, b: Any) -> Any:
+    """Return the divided difference of the powers' slope between two squared stretches.
+
+    `one` and `other` are the squared stretch x, the larger of x and LEAST, its power, and the slope of that.
+    """
+    (x, x_bounded, x_power, x_bend), (y, y_bounded, y_power, y_bend) = one, other
     gap, apart = x - y, x_bounded - y_bounded
     d = apart / y_bounded
     total = 0.0 * b + 1.0
@@ -257,24 +247,17 @@ def powers_of_a_term(s: Triple, alpha: Any, power: Triple) -> Any:
     is_area = alpha < 0.0
     areas = (s[1] * s[2], s[2] * s[0], s[0] * s[1])
     own = choose(is_area, areas, s)
-    x = (own[0] * own[0], own[1] * own[1], own[2] * own[2])
+    x = product(own, own)
     k = (at_least(x[0], LEAST), at_least(x[1], LEAST), at_least(x[2], LEAST))
     exponent = 0.5 * size(alpha) - 1.0
     c = (power[0] * exponent / k[0], power[1] * exponent / k[1], power[2] * exponent / k[2])
-    slope = (
-        power[0] + c[0] * (x[0] - k[0]),
-        power[1] + c[1] * (x[1] - k[1]),
-        power[2] + c[2] * (x[2] - k[2]),
-    )
-    pull = (2.0 * slope[0] * own[0], 2.0 * slope[1] * own[1], 2.0 * slope[2] * own[2])
-    along = (
-        2.0 * slope[0] + 4.0 * c[0] * x[0],
-        2.0 * slope[1] + 4.0 * c[1] * x[1],
-        2.0 * slope[2] + 4.0 * c[2] * x[2],
-    )
-    d0 = divided_difference(x[1], x[2], k[1], k[2], power[1], power[2], c[1], c[2], exponent)
-    d1 = divided_difference(x[2], x[0], k[2], k[0], power[2], power[0], c[2], c[0], exponent)
-    d2 = divided_difference(x[0], x[1], k[0], k[1], power[0], power[1], c[0], c[1], exponent)
+    slope = plus(power, product(c, minus(x, k)))
+    pull, along = scaled(2.0, product(slope, own)), plus(scaled(2.0, slope), scaled(4.0, product(c, x)))
+    first, second = (x[0], k[0], power[0], c[0]), (x[1], k[1], power[1], c[1])
+    third = (x[2], k[2], power[2], c[2])
+    d0 = divided_difference(second, third, exponent)
+    d1 = divided_difference(third, first, exponent)
+    d2 = divided_difference(first, second, exponent)
     a0, b0 = pair_of_modes(is_area, s[0], slope[1] + slope[2], own[1], own[2], d0, pull[0])
     a1, b1 = pair_of_modes(is_area, s[1], slope[2] + slope[0], own[2], own[0], d1, pull[1])
     a2, b2 = pair_of_modes(is_area, s[2], slope[0] + slope[1], own[0], own[1], d2, pull[2])

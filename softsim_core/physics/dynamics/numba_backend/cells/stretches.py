@@ -28,6 +28,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     over,
     plus,
     positive,
+    product,
     put_matrix,
     put_triple,
     scaled,
@@ -248,11 +249,10 @@ def put_modes(points: Array, point: int, w: Any, modes: Array) -> None:
     a, b = scaled(half, triple_at(points, point + PAIRS)), scaled(half, triple_at(points, point + PAIRS + 3))
     for i in range(3):
         own = triple_at(points, point + FIRST_DIRECTIONS + 3 * i)
-        pulled = (pull[0] * own[0], pull[1] * own[1], pull[2] * own[2])
-        put_triple(points, point + STRESS + 3 * i, times(v, pulled))
+        put_triple(points, point + STRESS + 3 * i, times(v, product(pull, own)))
         for j in range(3):
             other = triple_at(points, point + SECOND_DIRECTIONS + 3 * j)
-            stretched = (own[0] * other[0], own[1] * other[1], own[2] * other[2])
+            stretched = product(own, other)
             x, y = own[1] * other[2], own[2] * other[1]
             m = 9 * (3 * i + j)
             put_triple(modes, m, stretched)
