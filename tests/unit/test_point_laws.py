@@ -23,8 +23,7 @@ class Springs(PointLaw):
 
     @staticmethod
     def stress_and_tangent(f: Array, p: Array, stress: Array, tangent: Array) -> None:
-        """Set k (F - I) and k times the identity."""
-        tangent[:] = 0.0
+        """Set k (F - I) and k times the identity; the other entries are zero."""
         for i in range(3):
             for j in range(3):
                 stress[i, j] = p[0] * (f[i, j] - (1.0 if i == j else 0.0))
@@ -96,5 +95,7 @@ def test_a_contradiction_is_refused_with_where_it_was_found(law: Any, message: s
 @pytest.mark.numba
 def test_what_numba_does_not_compile_is_refused_with_its_reason() -> None:
     pytest.importorskip("numba")
-    with pytest.raises(SceneError, match=r"of the law springs must be Python that Numba compiles: .*einsum"):
+    with pytest.raises(
+        SceneError, match=r"of the law springs must be Python that Numba compiles: [^\x1b]*einsum[^\x1b]*$"
+    ):
         register_material(NotCompiled())

@@ -10,6 +10,7 @@ order of `parameters`; the leading dimensions broadcast.
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -96,10 +97,10 @@ class Material(ABC):
         in_cell_axes: Whether F is taken in the axes of each cell (its first edge, the plane of its first
             three nodes) instead of the scene's; F at rest is then that frame, not the identity.
         stress_and_tangent: A static function (F, p, P, C) in the part of Python that Numba compiles, or None.
-            It sets all entries of P (3, 3) and C (3, 3, 3, 3) at one F (3, 3) for values p (k,), arrays of
-            float64. With it the step assembles the law in compiled code, else by `stress` and `tangent`. It
-            is for laws with a potential that do not separate shear from volume; see `PointLaw`. Loops
-            compile in less than a second, products such as F @ F.T in several.
+            It sets P (3, 3) and C (3, 3, 3, 3), which are zero before, at one F (3, 3) for values p (k,);
+            all are arrays of float64. With it the step assembles the law in compiled code, else by `stress`
+            and `tangent`. It is for laws with a potential that do not separate shear from volume; see
+            `PointLaw`. Loops compile in less than a second, products such as F @ F.T in several.
     """
 
     name: ClassVar[str]
@@ -232,7 +233,7 @@ def _over_points(at_point: Any, name: str) -> Callable[[Array, Array, Array, Arr
         compiled = njit(nogil=True, error_model="numpy")(at_points)
         compiled.compile((float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, :, :, :, ::1]))
     except (NumbaError, TypeError) as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", str(error)).split())  # without colours
         raise SceneError(
             f"stress_and_tangent of the law {name} must be Python that Numba compiles: {reason[:400]}"
         ) from error

@@ -106,7 +106,7 @@ def _own_law(law: Material) -> CompiledLaw:
     def fill(inputs: CellInputs, cells: PointCells, into: CellOutputs) -> None:
         batches, m = len(cells.cells.nodes), int(cells.cells.size[0])
         q = len(cells.weights) // batches
-        f, stress, tangent = np.empty((m, q, 3, 3)), np.empty((m, q, 3, 3)), np.empty((m, q, 3, 3, 3, 3))
+        f, stress, tangent = np.empty((m, q, 3, 3)), np.zeros((m, q, 3, 3)), np.zeros((m, q, 3, 3, 3, 3))
         gradients_of(inputs, cells, f)
         values = cells.moduli.reshape(batches, size + 2, LANES)[:, 2:].swapaxes(1, 2).reshape(-1, size)[:m]
         at_points(
