@@ -127,7 +127,8 @@ def test_a_page_lets_other_programs_tune_and_load(witness: Witness) -> None:
         assert robot.set_parameters(**{name: value}) == (True, "")
         witness.pause()
         first.number(label).blur()
-    assert float(second.number(label).input_value()) == pytest.approx(young / 1e3)
+    shown = second.number(label)
+    assert witness.until(lambda: float(shown.input_value()) == pytest.approx(young / 1e3))
     assert robot.trigger("reload")[0]
     first.wait_for_node(BODY)
     witness.browse()
