@@ -180,8 +180,6 @@ if __name__ == "__main__":
     for size in sys.argv[1:] or ["10k"]:
         for shape in SHAPES:
             for each in rows(shape, size):
-                seconds, memory = (f"{each.once_s:.2f}", f"{each.solve_s:.3f}"), f"{each.megabytes:.0f}"
-                table.append(
-                    (f"{shape} {size}", each.name, seconds[0], str(each.iterations), seconds[1], memory)
-                )
+                once, solve, memory = f"{each.once_s:.2f}", f"{each.solve_s:.3f}", f"{each.megabytes:.0f}"
+                table.append((f"{shape} {size}", each.name, once, str(each.iterations), solve, memory))
     sys.stdout.write("\n".join(align_columns(table)) + "\n")

@@ -118,11 +118,11 @@ def polar_rotations(
     a = 0.5 * (k * k - ff)
     denominator = a * k - det
     share, scale = a + ff, 1.0 / denominator
-    for_rows = transposed(f)
+    columns = transposed(f)
     square = (times(f, f[0]), times(f, f[1]), times(f, f[2]))
-    put_triple(rotations, 0, scaled(scale, rotation_row(share, f[0], k, cofactor[0], square[0], for_rows)))
-    put_triple(rotations, 3, scaled(scale, rotation_row(share, f[1], k, cofactor[1], square[1], for_rows)))
-    put_triple(rotations, 6, scaled(scale, rotation_row(share, f[2], k, cofactor[2], square[2], for_rows)))
+    put_triple(rotations, 0, scaled(scale, rotation_row(share, f[0], k, cofactor[0], square[0], columns)))
+    put_triple(rotations, 3, scaled(scale, rotation_row(share, f[1], k, cofactor[1], square[1], columns)))
+    put_triple(rotations, 6, scaled(scale, rotation_row(share, f[2], k, cofactor[2], square[2], columns)))
     put_matrix(deformation, 0, f)
     is_weak = ~(denominator >= 1e-3 * k * k * k)
     is_late = ~(LAST_STEP * k >= root(step * step))
