@@ -308,7 +308,7 @@ class CollisionModel:
     def any_astray(self, active: Proximities, forces: Array, at: Place, end: Place) -> bool:
         """Return whether a contact bore a force although its bodies had slid past each other by the end.
 
-        `forces` (3 k,) in [N] are those of the `active` contacts along their normals and two tangents.
+        `forces` (k, 3) in [N] are those of the `active` contacts along their normals and two tangents.
         """
         limit = _ASTRAY * self.settings.contact_distance
         return self._detector.any_astray(active, forces, at.points, end.points - at.points, limit)

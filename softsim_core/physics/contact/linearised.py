@@ -9,14 +9,23 @@ import numpy as np
 from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.contact.collision_model import CollisionModel, Place
 from softsim_core.physics.contact.detection import Proximities
-from softsim_core.physics.contact.rows import CORNERS, NODES, Motions, contact_frames, contact_rows
+from softsim_core.physics.contact.rows import (
+    CORNERS,
+    NODES,
+    Motions,
+    contact_frames,
+    contact_rows,
+    gaps_after,
+)
 from softsim_core.physics.contact.settings import ContactLimits
 from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.mechanics import MotionSubspace, Rows, cross_matrix
 
 KEYS = 1 << 52
 """Keys of contacts are reduced modulo this, so that a float64 represents them exactly."""
-_frames, _fill_rows = OneSignature(contact_frames), OneSignature(contact_rows)
+_FORESEEN = 0.1
+"""Contacts that would come closer than this many contact distances beyond one at velocities so far."""
+_frames, _fill_rows, _gaps_after = (OneSignature(each) for each in (contact_frames, contact_rows, gaps_after))
 NO_MOTION = MotionSubspace(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
@@ -25,43 +34,72 @@ class LinearisedContacts:
     """Contacts of one step: three rows each, along the normal and two tangents.
 
     Attributes:
+        collisions: The surfaces.
         near: Closest points of the surfaces.
-        rows: Constraint rows on nodes and reduced coordinates, 3 k rows.
-        on_rigid: Constraint rows on velocities and spins of the rigid bodies, shape (3 k, 6 r).
-        gap: Gap beyond the contact distance, then the slips, without contact forces, in [m], shape (3 k,).
+        at: Configuration about which they are linearised; its state may have moved on.
+        motions: Motion of the rigid bodies, frames and joints there.
+        anew: Whether `at` is not the start of the step.
+        vertices: Vertices of both sides, shape (k, 6).
+        shares: Weights of these vertices, negative on the second side, shape (k, 6).
+        gap: Gap beyond the contact distance, then the slips, without contact forces, in [m], shape (k, 3).
         directions: Normal and tangents, shape (k, 3, 3).
         points: Middle of each contact in [m], shape (k, 3).
         friction: Coulomb coefficient of each contact, shape (k,).
         keys: Key of each contact's feature pair, shape (k,).
-        settings: Limits of the contact solver.
+        closing: Whether surfaces meet there, as far as can be foreseen without the forces, shape (k,).
     """
 
+    collisions: CollisionModel
     near: Proximities
-    rows: Rows
-    on_rigid: Array
+    at: Place
+    motions: Motions
+    anew: bool
+    vertices: IndexArray
+    shares: Array
     gap: Array
     directions: Array
     points: Array
     friction: Array
     keys: Array
-    settings: ContactLimits
+    closing: BoolArray
 
     def __len__(self) -> int:
         return len(self.keys)
 
+    @property
+    def settings(self) -> ContactLimits:
+        """Limits of the contact solver."""
+        return self.collisions.settings
+
     def first_forces(self, warm_start: Array) -> Array:
-        """Return initial forces (3 k,) in [N]: those of the same contacts in State.warm_start, else zero."""
+        """Return initial forces (k, 3) in [N]: those of the same contacts in State.warm_start, else zero."""
         start = np.zeros((len(self), 3))
         if len(warm_start) and len(self):
             place = np.minimum(np.searchsorted(warm_start[:, 0], self.keys), len(warm_start) - 1)
             matched = warm_start[place, 0] == self.keys
             start[matched] = warm_start[place[matched], 1:]
-        return start.ravel()
+        return start
 
     def warm_start(self, forces: Array) -> Array:
-        """Return State.warm_start for this step's forces (3 k,) in [N], sorted by key."""
-        rows = np.column_stack([self.keys, forces.reshape(-1, 3)])
+        """Return State.warm_start for this step's forces (k, 3) in [N], sorted by key."""
+        rows = np.column_stack([self.keys, forces])
         return rows[np.argsort(self.keys, kind="stable")]
+
+    def too_close(self, end: Place) -> BoolArray:
+        """Return which contacts are closer than allowed at a configuration, as linearised, shape (k,)."""
+        gaps = self.near.distance - self.settings.contact_distance
+        moved = end.points - self.at.points
+        gaps = _gaps_after(self.vertices, self.shares, self.near.normal, gaps, moved)
+        return np.asarray(gaps < -self.settings.tolerance)
+
+    def rows(self, which: BoolArray) -> tuple[Rows, Array]:
+        """Return three rows for each of the contacts `which` (k,).
+
+        Returns:
+            Rows on nodes and reduced coordinates, and rows on velocities and spins of the rigid bodies.
+        """
+        sides = self.vertices[which], self.shares[which]
+        return _rows(self.collisions, *sides, self.directions[which], self.at, self.motions, self.anew)
 
 
 def linearise(
@@ -101,13 +139,38 @@ def linearise(
         vertices, shares, near.normal, near.distance, at.points, at.moved, ahead, rolled,
         settings.contact_distance, directions, gap, middle,
     )  # fmt: skip
-    rows, on_rigid = _rows(collisions, vertices, shares, directions, at)
-    if anew and on_rigid.size:
-        _follow_turn(on_rigid, collisions, at)
-        gap += (on_rigid @ (free.turned - at.turned).ravel()).reshape(-1, 3)
+    foreseen = near.distance - settings.contact_distance
+    if slides is not None:
+        foreseen = _gaps_after(vertices, shares, near.normal, foreseen, slides)
     keys = (near.key % KEYS).astype(float)
     friction = collisions.friction[near.pair[:, 0], near.pair[:, 1]]
-    return LinearisedContacts(near, rows, on_rigid, gap.ravel(), directions, middle, friction, keys, settings)
+    subspace = collisions.motion_subspace(at) or NO_MOTION
+    motions = Motions(
+        at.state.rigid_positions.copy(),
+        subspace.angular,
+        subspace.linear,
+        subspace.origin,
+        len(collisions.model.rest),
+    )
+    if anew and len(collisions.model.rigid.names):
+        _, on_rigid = _rows(collisions, vertices, shares, directions, at, motions, anew)
+        gap += (on_rigid @ (free.turned - at.turned).ravel()).reshape(-1, 3)
+    closing = (foreseen < _FORESEEN * settings.contact_distance) & (gap[:, 0] < 0.0)
+    return LinearisedContacts(
+        collisions,
+        near,
+        at,
+        motions,
+        anew,
+        vertices,
+        shares,
+        gap,
+        directions,
+        middle,
+        friction,
+        keys,
+        closing,
+    )
 
 
 def _among(keys: IndexArray, requested: IndexArray) -> BoolArray:
@@ -119,23 +182,26 @@ def _among(keys: IndexArray, requested: IndexArray) -> BoolArray:
 
 
 def _rows(
-    collisions: CollisionModel, vertices: IndexArray, shares: Array, directions: Array, at: Place
+    collisions: CollisionModel,
+    vertices: IndexArray,
+    shares: Array,
+    directions: Array,
+    at: Place,
+    motions: Motions,
+    anew: bool,
 ) -> tuple[Rows, Array]:
-    """Return the rows of all contacts on nodes and reduced coordinates, and those on the rigid bodies."""
-    model, state = collisions.model, at.state
-    count = 3 * len(vertices)
-    motion_subspace = collisions.motion_subspace(at) or NO_MOTION
+    """Return the rows of contacts on nodes and reduced coordinates, and those on the rigid bodies."""
+    model, carried, count = collisions.model, collisions.carried, 3 * len(vertices)
     start = np.zeros(count + 1, dtype=np.int64)
-    most = CORNERS * max(NODES, collisions.carried.reduced.shape[1])  # entries of a row
+    most = CORNERS * max(NODES, carried.reduced.shape[1])  # entries of a row
     place = np.empty(count * most, dtype=np.int64)
     coefficient = np.empty((count * most, 3))
     on_rigid = np.zeros((count, 6 * len(model.rigid.names)))
-    subspace = motion_subspace.angular, motion_subspace.linear, motion_subspace.origin
-    motions = Motions(state.rigid_positions, *subspace, len(model.rest))
     entries = _fill_rows(
-        vertices, shares, directions, at.points, collisions.carried, motions, start, place, coefficient,
-        on_rigid,
-    )  # fmt: skip
+        vertices, shares, directions, at.points, carried, motions, start, place, coefficient, on_rigid
+    )
+    if anew and on_rigid.size:
+        _follow_turn(on_rigid, collisions, at)
     return Rows(start, place[:entries], coefficient[:entries]), on_rigid
 
 

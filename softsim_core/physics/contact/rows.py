@@ -193,3 +193,23 @@ def contact_frames(
             for d in range(1, 3):
                 gap[c, d] += directions[c, d, i] * (slip + way)
         gap[c, 0] += distance[c] - apart
+
+
+@kernel
+def gaps_after(vertices: IndexArray, shares: Array, normal: Array, gap: Array, moved: Array) -> Array:
+    """Return the gaps of contacts after a motion, as linearised, in [m], shape (k,).
+
+    Args:
+        vertices: Vertices of both sides, shape (k, 6).
+        shares: Weights of these vertices, negative on the second side, shape (k, 6).
+        normal: From the second side to the first, shape (k, 3).
+        gap: Gaps before the motion in [m], shape (k,).
+        moved: Displacement of the vertices in [m], shape (v, 3).
+    """
+    gaps = gap.copy()
+    for c in range(len(normal)):
+        for q in range(6):
+            v, share = vertices[c, q], shares[c, q]
+            for i in range(3):
+                gaps[c] += share * normal[c, i] * moved[v, i]
+    return gaps

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, IndexArray
+from softsim_core.base import Array, BoolArray, IndexArray
 from softsim_core.physics.actuation import Actuators
 from softsim_core.physics.contact import CollisionModel, LinearisedContacts, Place, linearise
 from softsim_core.physics.contact.detection import Proximities, measured_gaps
@@ -38,7 +38,6 @@ MOST_ROUNDS = 10
 
 _BEFORE_PASSING = 0.95
 """Share of the motion up to the first passing at which contacts are linearised again."""
-_NO_FORCES = ContactSolution(np.zeros(0), 0.0, 0)
 
 
 def runaway_speed(size: float, dt: float) -> float:
@@ -152,13 +151,20 @@ class ContactPhase:
         for count in range(1, MOST_PASSES + 1):
             touching = linearise(collisions, near, start, place, free, slides, earlier)
             watch.mark("detect")
-            state.copy_from(self._free)
-            reached, solution, end = report, _NO_FORCES, free
-            if len(touching):
-                reached, solution = self._solve(motion, report, touching, warm_start, watch)
-                if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):
-                    return reached
-                end = collisions.end(start, state)
+            warm_forces, end = touching.first_forces(warm_start), free
+            pressing = touching.closing | warm_forces.any(axis=1)
+            reached, solution = report, ContactSolution(np.zeros_like(warm_forces), 0.0, 0)
+            for rounds in range(len(touching) + 1):
+                state.copy_from(self._free)
+                if pressing.any():
+                    reached, solution = self._solve(motion, report, touching, pressing, warm_forces, watch)
+                    if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):
+                        return reached
+                    end = collisions.end(start, state)
+                missed = touching.too_close(end) & ~pressing
+                if not missed.any():
+                    break
+                pressing, warm_forces = pressing | missed | (rounds > 0), solution.forces
             end = end._replace(state=state)
             self.model.rigid.finish(state, before)
             warm_start = touching.warm_start(solution.forces)
@@ -204,35 +210,39 @@ class ContactPhase:
         motion: Iteration,
         report: StepReport,
         touching: LinearisedContacts,
-        warm_start: Array,
+        pressing: BoolArray,
+        warm_forces: Array,
         watch: Stopwatch,
     ) -> tuple[StepReport, ContactSolution]:
-        """Find the contact forces and add their effect to the free motion; return the report and the forces.
+        """Find the forces of the contacts `pressing` and add their effect to the free motion.
 
-        The multipliers of actuators are left out of the returned solution.
+        Returns:
+            Report of the step, and forces (k, 3) of all contacts, without the multipliers of actuators.
         """
         model, h, state, before = self.model, self.model.dt, motion.state, motion.before
-        reaches = len(touching.rows.place) > 0  # some contacts act on more than rigid bodies
+        rows, on_rigid = touching.rows(pressing)
+        reaches = len(rows.place) > 0  # some contacts act on more than rigid bodies
         acting = len(self.actuators) if reaches else 0
-        compliance = np.zeros((len(touching.gap),) * 2)
+        compliance = np.zeros((len(on_rigid),) * 2)
         transmissions = self.actuators.transmissions_of_step(before, motion.control)
         if reaches:
-            compliance = h * h * motion.compliance(touching.rows)
+            compliance = h * h * motion.compliance(rows)
             np.einsum("ii->i", compliance)[:acting] += transmissions.compliance[:acting]
-        moves = model.rigid.response(before, touching.on_rigid)
-        compliance[acting:, acting:] += h * h * (moves @ touching.on_rigid.T)
+        moves = model.rigid.response(before, on_rigid)
+        compliance[acting:, acting:] += h * h * (moves @ on_rigid.T)
         watch.mark("compliance")
         multipliers = state.joint_efforts[self.actuators.joint][:acting]
-        gap = np.append(motion.violations[:acting], touching.gap)
+        gap = np.append(motion.violations[:acting], touching.gap[pressing])
         gap -= compliance[:, :acting] @ multipliers
-        first = np.append(multipliers, touching.first_forces(warm_start))
+        first = np.append(before.joint_efforts[self.actuators.joint][:acting], warm_forces[pressing])
+        friction = touching.friction[pressing]
         wrong = np.zeros_like(gap)  # error of the approximate compliance in each row
         for _ in range(MOST_ROUNDS):
             solution = solve_contacts(
                 compliance,
                 gap + wrong,
                 (transmissions.lower[:acting], transmissions.upper[:acting]),
-                touching.friction,
+                friction,
                 first,
                 touching.settings.iterations,
                 touching.settings.tolerance,
@@ -257,14 +267,17 @@ class ContactPhase:
             model.rigid.advance(state, before, h)
             report = _faster(report, state, model.rigid)
         watch.mark("correct")
-        return report, solution._replace(forces=forces)
+        result = np.zeros_like(warm_forces)
+        result[pressing] = forces.reshape(-1, 3)
+        return report, solution._replace(forces=result)
 
 
 def _active(done: Pass) -> IndexArray:
     """Return the keys of contacts with a force on deformable bodies, joints or frames."""
     touching = done.touching
-    reaches = np.diff(touching.rows.start)[::3] > 0
-    pressed = done.solution.forces.reshape(-1, 3).any(axis=1)
+    carried, sides = touching.collisions.carried, touching.vertices[:, [0, 3]]
+    reaches = (carried.soft[sides] | (carried.reduced[sides, 0] >= 0)).any(axis=1)
+    pressed = done.solution.forces.any(axis=1)
     return np.asarray(touching.keys[reaches & pressed], dtype=np.int64)
 
 
@@ -287,7 +300,7 @@ def _measure(done: Pass, collisions: CollisionModel, passes: int) -> ContactRepo
     gaps, others = measured_gaps(
         touching.near, near, points, collisions.carried.radius, settings.alarm_distance
     )
-    forces = np.einsum("kd,kdi->ki", solution.forces.reshape(-1, 3), touching.directions)
+    forces = np.einsum("kd,kdi->ki", solution.forces, touching.directions)
     pairs = np.concatenate([touching.near.pair, others.pair])
     sides = np.einsum("kc,kci->ki", others.a_weights, points[others.a])
     sides += np.einsum("kc,kci->ki", others.b_weights, points[others.b])

@@ -107,7 +107,7 @@ def any_astray(
     For the arguments see Detector.any_astray, and Proximities and Topology.
     """
     for c in range(normal.shape[0]):
-        if forces[3 * c] > 0.0:
+        if forces[c, 0] > 0.0:
             slip = minus(interpolate_side(a, a_weights, c, slides), interpolate_side(b, b_weights, c, slides))
             if _false_closing(a[c], b[c], row(normal, c), slip, points, ring_start, ring) > limit:
                 return True
@@ -317,7 +317,7 @@ class Detector:
 
         Args:
             active: The contacts, k of them.
-            forces: Along their normals and two tangents in [N], shape (3 k,).
+            forces: Along their normals and two tangents in [N], shape (k, 3).
             points: Vertex positions where they were found in [m], shape (v, 3).
             slides: How far vertices have slid from there in [m], shape (v, 3).
             limit: In [m].
