@@ -153,7 +153,7 @@ def test_the_gap_of_features_is_the_distance_that_was_found_and_follows_them(see
         radius[surface.vertices] = surface.radius
     contacts = detector.detect(points, REACH)
     assert len(np.unique(contacts.pair, axis=0)) >= 3
-    nothing = contacts.select(np.zeros(0, dtype=np.int64))
+    nothing = contacts.select(np.zeros(len(contacts.key), dtype=np.bool_))
     gaps, others = measured_gaps(contacts, nothing, points, radius, REACH)
     np.testing.assert_allclose(gaps, contacts.distance, rtol=0.0, atol=1e-12)
     assert len(others.key) == 0

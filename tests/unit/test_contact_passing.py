@@ -57,7 +57,7 @@ def test_known_edges_are_looked_at_wherever_they_are() -> None:
     met = np.concatenate([TENT, roof(0.001)])
     detector = Detector((ridge(0, 0), ridge(4, 1)), met, SETTINGS)
     edges = detector.detect(met, 0.004)
-    edges = edges.select(np.flatnonzero(edges.seeker < 0))
+    edges = edges.select(edges.seeker < 0)
     assert len(edges.key) == 1
     again = detector.edges_again(edges.key, met)
     for name in ("key", "pair", "distance", "normal", "a", "b", "a_weights", "b_weights"):

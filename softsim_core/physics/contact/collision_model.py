@@ -152,7 +152,7 @@ class CollisionModel:
         movable = [each for each in carriers if max(each.rigid, each.frame, each.joint, each.base) >= 0]
         on_ground = [each for each in movable if each.base >= 0 and not each.list_reduced_coordinates(model)]
         self._on_ground = tuple(on_ground)  # moves only when its base is moved
-        self._bases = np.zeros(0)
+        self._bases = b""
         self._movable = tuple(each for each in movable if each not in on_ground)
         self._spheres = tuple(each for each in carriers if self.carried.radius[each.vertices].any())
         start = self.points(model.rest_state())
@@ -172,7 +172,7 @@ class CollisionModel:
     def of_another_copy(self) -> CollisionModel:
         """Return the same surfaces for another copy of the scene; both share the detector's buffers."""
         other = copy(self)
-        other._fixed, other._bases, other._last = self._fixed.copy(), np.zeros(0), None
+        other._fixed, other._bases, other._last = self._fixed.copy(), b"", None
         return other
 
     # --- positions ---
@@ -190,8 +190,8 @@ class CollisionModel:
 
     def _follow_bases(self, state: State) -> None:
         """Update the vertices of carriers on bases that stand on the ground, if a base has moved."""
-        bases = np.append(state.base_positions, state.base_shift)
-        if np.array_equal(bases, self._bases):
+        bases = state.base_positions.tobytes() + state.base_shift.tobytes()
+        if bases == self._bases:
             return
         self._bases = bases
         for carrier in self._on_ground:

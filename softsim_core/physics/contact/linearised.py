@@ -123,9 +123,9 @@ def linearise(
     """
     settings = collisions.settings
     ahead = free.points - at.points
-    lost = earlier[~_among(np.sort(near.key), earlier)]
+    lost = earlier[~_among(near.key, earlier)]
     chosen = collisions.may_hold(near, at, ahead, slides, first=at is start) | _among(earlier, near.key)
-    near = near.select(np.flatnonzero(chosen))
+    near = near.select(chosen)
     if len(lost):
         near = near.join(collisions.edges_again(lost, at))
     vertices = np.concatenate([near.a, near.b], axis=1)

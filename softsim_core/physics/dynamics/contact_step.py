@@ -93,15 +93,22 @@ class ContactPhase:
         model: The model.
         actuators: Its actuators, which are solved again together with the contacts.
         collisions: Collision surfaces; None: there are none.
-
-    Attributes:
-        active: Keys of the contacts of the last step that press on more than rigid bodies, shape (k,).
     """
 
     def __init__(self, model: Model, actuators: Actuators, collisions: CollisionModel | None) -> None:
         self.model, self.actuators, self._collisions = model, actuators, collisions
         self._free = model.empty_state()
-        self.active: IndexArray = np.zeros(0, np.int64)
+        self._last: Pass | None = None
+
+    @property
+    def active(self) -> IndexArray:
+        """Keys of the contacts of the last step that press on more than rigid bodies, shape (k,)."""
+        if self._last is None:
+            return np.zeros(0, np.int64)
+        touching, solution = self._last.touching, self._last.solution
+        carried, sides = touching.collisions.carried, touching.vertices[:, [0, 3]]
+        reaches = (carried.soft[sides] | (carried.reduced[sides, 0] >= 0)).any(axis=1)
+        return np.asarray(touching.keys[reaches & solution.forces.any(axis=1)], dtype=np.int64)
 
     def has_struck(self, start: State) -> bool:
         """Return whether a contact of the step was not active in the state at its start."""
@@ -120,7 +127,7 @@ class ContactPhase:
             model.rigid.predict(state, model.gravity, model.dt, motion.control.rigid_forces)
             model.rigid.advance(state, before, model.dt)
             report = _faster(report, state, model.rigid)
-        state.warm_start, self.active = no_warm_start(), np.zeros(0, np.int64)
+        state.warm_start, self._last = no_warm_start(), None
         if collisions is None or not report.top_speed < runaway_speed(collisions.size, model.dt):
             if model.rigid.names and np.isfinite(report.top_speed):
                 model.rigid.finish(state, before)
@@ -147,27 +154,15 @@ class ContactPhase:
         near, first_slides = collisions.at_start(start, free)
         slides: Array | None = first_slides
         best: Pass | None = None
-        earlier = np.unique(warm_start[warm_start[:, 1:].any(axis=1), 0].astype(np.int64))
+        earlier = warm_start[warm_start[:, 1:].any(axis=1), 0].astype(np.int64)
         for count in range(1, MOST_PASSES + 1):
             touching = linearise(collisions, near, start, place, free, slides, earlier)
             watch.mark("detect")
-            warm_forces, end = touching.first_forces(warm_start), free
-            pressing = touching.closing | warm_forces.any(axis=1)
-            reached, solution = report, ContactSolution(np.zeros_like(warm_forces), 0.0, 0)
-            for rounds in range(len(touching) + 1):
-                state.copy_from(self._free)
-                if pressing.any():
-                    reached, solution = self._solve(motion, report, touching, pressing, warm_forces, watch)
-                    if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):
-                        return reached
-                    end = collisions.end(start, state)
-                missed = touching.too_close(end) & ~pressing
-                if not missed.any():
-                    break
-                pressing, warm_forces = pressing | missed | (rounds > 0), solution.forces
+            reached, solution, end = self._press(motion, report, touching, warm_start, (start, free), watch)
+            if not reached.top_speed < runaway_speed(collisions.size, self.model.dt):
+                return reached
             end = end._replace(state=state)
             self.model.rigid.finish(state, before)
-            warm_start = touching.warm_start(solution.forces)
             near = collisions.at_end(end)
             margin = (collisions.free_share(start, end), collisions.clearance(near))
             if collisions.any_astray(touching.near, solution.forces, place, end):
@@ -176,6 +171,7 @@ class ContactPhase:
                 best = Pass(touching, solution, reached, end, near, margin, state.buffer.copy())
             if margin >= (1.0, collisions.least_gap):
                 break
+            warm_start = touching.warm_start(solution.forces)
             earlier = np.union1d(earlier, touching.near.key)
             if count < MOST_PASSES:
                 share = margin[0]
@@ -187,13 +183,54 @@ class ContactPhase:
         if best.margin[0] < 1.0:
             best = self._cut(best, state, collisions, start)
         state.warm_start = best.touching.warm_start(best.solution.forces)
-        self.active = _active(best)
+        self._last = best
         watch.mark("detect")
         return replace(
-            _faster(best.report, state, self.model.rigid),
+            best.report,
             times={**report.times, **watch.stages()},
             measure=partial(_measure, best, collisions, count),
         )
+
+    def _press(
+        self,
+        motion: Iteration,
+        report: StepReport,
+        touching: LinearisedContacts,
+        warm_start: Array,
+        way: tuple[Place, Place],
+        watch: Stopwatch,
+    ) -> tuple[StepReport, ContactSolution, Place]:
+        """Solve the contacts that press, of all that may.
+
+        Most contacts within the alarm distance bear no force. The first solution is one of those that bore
+        one and of those that are about to close. Others that it leaves too close join them; then all do.
+
+        Args:
+            motion: The iteration.
+            report: Its report.
+            touching: All contacts that may bear a force.
+            warm_start: State.warm_start.
+            way: Configurations at the start of the step, and at its end without contact forces.
+            watch: Measures the stages.
+
+        Returns:
+            Report of the step, forces of all contacts (k, 3), and the configuration at the end.
+        """
+        (start, end), forces = way, touching.first_forces(warm_start)
+        pressing = touching.closing | forces.any(axis=1)
+        solution = ContactSolution(np.zeros_like(forces), 0.0, 0)
+        for rest in (False, True, True):
+            motion.state.copy_from(self._free)
+            if pressing.any():
+                report, solution = self._solve(motion, report, touching, pressing, forces, watch)
+                if not math.isfinite(report.top_speed):
+                    break
+                end = touching.collisions.end(start, motion.state)
+            missed = touching.too_close(end) & ~pressing
+            if not missed.any():
+                break
+            pressing, forces = pressing | missed | rest, solution.forces
+        return report, solution, end
 
     def _cut(self, best: Pass, state: State, collisions: CollisionModel, start: Place) -> Pass:
         """Stop everything before something passes through a surface, with the velocities of the end."""
@@ -270,15 +307,6 @@ class ContactPhase:
         result = np.zeros_like(warm_forces)
         result[pressing] = forces.reshape(-1, 3)
         return report, solution._replace(forces=result)
-
-
-def _active(done: Pass) -> IndexArray:
-    """Return the keys of contacts with a force on deformable bodies, joints or frames."""
-    touching = done.touching
-    carried, sides = touching.collisions.carried, touching.vertices[:, [0, 3]]
-    reaches = (carried.soft[sides] | (carried.reduced[sides, 0] >= 0)).any(axis=1)
-    pressed = done.solution.forces.any(axis=1)
-    return np.asarray(touching.keys[reaches & pressed], dtype=np.int64)
 
 
 def _faster(report: StepReport, state: State, rigid: RigidBodies) -> StepReport:

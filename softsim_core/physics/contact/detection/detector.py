@@ -180,10 +180,10 @@ class Proximities(NamedTuple):
     pair: IndexArray
     key: IndexArray
 
-    def select(self, which: IndexArray) -> Proximities:
-        """Return the contacts with numbers `which`, sorted by key."""
-        order = which[np.argsort(self.key[which], kind="stable")]
-        return Proximities._make(each[order] for each in self)
+    def select(self, which: BoolArray) -> Proximities:
+        """Return the contacts `which` (k,)."""
+        (chosen,) = which.nonzero()
+        return Proximities._make(each[chosen] for each in self)
 
     def join(self, other: Proximities) -> Proximities:
         """Return these contacts, followed by others."""
@@ -236,7 +236,7 @@ class Detector:
             DetectionOverflowError: more feature pairs are close than the buffers may hold.
         """
         near = self.candidates(points, reach)
-        return near.select(np.flatnonzero(near.foremost))
+        return near.select(near.foremost)
 
     def candidates(self, points: Array, reach: float, travel: Array | None = None) -> Proximities:
         """Return all contacts with a gap of at most `reach` plus the travel of both surfaces.
@@ -360,9 +360,9 @@ class Detector:
 
 
 def _copy_contacts(found: ContactBuffers) -> Proximities:
-    """Return copies of the contacts that were found."""
-    count = found.counter[0]
-    return Proximities._make(getattr(found, name)[:count].copy() for name in Proximities._fields)
+    """Return copies of the contacts that were found, sorted by key."""
+    order = np.argsort(found.key[: found.counter[0]], kind="stable")
+    return Proximities._make(getattr(found, name)[order] for name in Proximities._fields)
 
 
 def measured_gaps(
@@ -389,11 +389,11 @@ def measured_gaps(
         found = sorted_others[place] == meeting
         gaps[found] = near.distance[order[place[found]]]
     if not found.all():
-        lost = contacts.select(np.flatnonzero(~found))
+        lost = contacts.select(~found)
         gaps[~found] = feature_gaps(lost, points, radius)
     reported = near.distance <= min(reach, near.distance[near.foremost].min(initial=inf))
     reported |= near.foremost & (near.distance <= reach)
-    return gaps, near.select(np.flatnonzero(reported & ~np.isin(others, meeting)))
+    return gaps, near.select(reported & ~np.isin(others, meeting))
 
 
 @kernel

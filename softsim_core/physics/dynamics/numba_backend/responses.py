@@ -91,6 +91,59 @@ def respond(
 
 
 @kernel
+def let_reduced_move(
+    upper: Array, solved: IndexArray, tail: Array, column: IndexArray, schur: Array, arriving: Array,
+    answer: Array, compliance: Array,
+) -> None:  # fmt: skip
+    """Complete the compliance of contacts by actuators, and by the motion of frames and joints.
+
+    Args:
+        upper: Upper triangle of the Schur complement of b frames and joints and c actuators (d, d + 1).
+        solved: Frames and joints whose motion is not prescribed, shape (s,).
+        tail: Rows of _spread for frames, joints and actuators, shape (d, padded rows).
+        column: Column of each of r rows in `tail`.
+        schur: Filled: the whole Schur complement, shape (d, d).
+        arriving: Filled: forces on frames and joints of actuators and rows, shape (b, c + r).
+        answer: Filled: what moves of them, shape (b, c + r).
+        compliance: The contacts' block is filled and frames and joints are fixed; completed, (c + r, c + r).
+    """
+    size, count = len(arriving), len(schur) - len(arriving)
+    for a in range(len(schur)):
+        for b in range(len(schur)):
+            schur[a, b] = upper[min(a, b), max(a, b)]
+    for i in range(count):
+        for j in range(count):
+            compliance[i, j] = schur[size + i, size + j]
+        for r in range(len(column)):
+            compliance[i, count + r] = compliance[count + r, i] = -tail[size + i, column[r]]
+    for b in range(size):
+        for i in range(count):
+            arriving[b, i] = schur[b, size + i]
+        for r in range(len(column)):
+            arriving[b, count + r] = tail[b, column[r]]
+    factor = np.empty((len(solved), len(solved)))  # L D L^T, with D on the diagonal
+    answer[:] = 0.0
+    for a in range(len(solved)):
+        for b in range(a + 1):
+            value = schur[solved[a], solved[b]]
+            for k in range(b):
+                value -= factor[a, k] * factor[b, k] * factor[k, k]
+            factor[a, b] = value / factor[b, b] if b < a else value
+        answer[solved[a]] = arriving[solved[a]]
+        for k in range(a):
+            answer[solved[a]] -= factor[a, k] * answer[solved[k]]
+    for a in range(len(solved)):
+        for q in range(compliance.shape[1]):
+            half = answer[solved[a], q] / factor[a, a]
+            for p in range(compliance.shape[1]):
+                compliance[p, q] += answer[solved[a], p] * half
+    for a in range(len(solved) - 1, -1, -1):
+        answer[solved[a]] /= factor[a, a]
+        for k in range(a + 1, len(solved)):
+            answer[solved[a]] -= factor[k, a] * answer[solved[k]]
+
+
+@kernel
 def apply_impulses(
     motion: Motion, before: Motion, impulses: Array, reduced_change: Array, h: float, kinematics: Kinematics,
     nodes: Nodes, rows: ActuatorRows, kinds: CompiledKinds, tree: Tree, work: Work, spread: Array,
@@ -165,11 +218,11 @@ class Responses:
         at = Unknowns(model)
         self._first, self._prescribed = at.first_reduced, at.prescribed
         self._solved = np.setdiff1d(np.arange(model.reduced_size), at.fixed - at.first_reduced)
-        self._block = np.ix_(self._solved, self._solved)
         self._spans = np.zeros((len(prepared.tree.columns), 2), dtype=np.int64)
         self._spread = self._arriving = self._answer = self._schur = np.zeros((0, 0))
         self._column, self._buffer = np.zeros(0, np.int64), np.zeros(0)
         self._respond_to, self._apply = OneSignature(respond), OneSignature(apply_impulses)
+        self._let_reduced_move = OneSignature(let_reduced_move)
         unknown = prepared.nodes.first_unknown
         self._unknown = np.append(np.where(unknown < 0, self._first, unknown), self._first)
 
@@ -186,16 +239,12 @@ class Responses:
         size, acting = self.model.reduced_size, len(self.actuators)
         compliance = np.empty((acting + rows.height,) * 2)
         compliance[acting:, acting:] = self._respond(rows, before)
-        self._schur = self._read_schur_complement()
-        schur, arriving = self._schur, self._spread[self._first :].take(self._column, axis=1)
-        compliance[:acting, :acting] = -schur[size:, size:]
-        compliance[:acting, acting:] = -arriving[size:]
-        compliance[acting:, :acting] = -arriving[size:].T
-        self._arriving = np.concatenate([schur[:size, size:], arriving[:size]], axis=1)
-        self._answer = np.zeros_like(self._arriving)
-        if len(solved := self._solved):
-            self._answer[solved] = np.linalg.solve(schur[self._block], self._arriving[solved])
-            compliance += self._arriving.T @ self._answer
+        self._schur = np.empty((size + acting,) * 2)
+        self._arriving, self._answer = np.empty((2, size, acting + rows.height))
+        self._let_reduced_move(
+            self.prepared.work.factor.schur, self._solved, self._spread[self._first :], self._column,
+            self._schur, self._arriving, self._answer, compliance,
+        )  # fmt: skip
         return compliance
 
     def correct(self, state: State, before: State, impulses: Array) -> float:
