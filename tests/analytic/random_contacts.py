@@ -214,7 +214,7 @@ def look(sim: Simulation, count: Count, where: str) -> None:
     """Measure by brute force that nothing has passed: no vertex is inside, no surfaces cross."""
     surfaces, points = sim.collision_surfaces, sim.collision_points
     for a, b in itertools.permutations(surfaces, 2):
-        if a.radius or not b.closed or b.radius or a.owner == b.owner or not (a.moving or b.moving):
+        if a.radius or b.radius or not b.closed or not may_meet(a, b):
             continue
         corners, near = points[b.triangles], points[a.vertices]
         within = (near > corners.min(axis=(0, 1))) & (near < corners.max(axis=(0, 1)))

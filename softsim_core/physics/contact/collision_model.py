@@ -10,10 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from softsim_core.base import Array, BoolArray, IndexArray
+from softsim_core.physics.contact.compile import kernel
 from softsim_core.physics.contact.detection import Closeness, Detector, Proximities
 from softsim_core.physics.contact.rows import Carried
 from softsim_core.physics.contact.settings import ContactLimits
 from softsim_core.physics.contact.surfaces import CollisionSurface
+from softsim_core.physics.kernels import OneSignature
 from softsim_core.physics.mechanics import Carrier, Model, MotionSubspace, State, rotation_exp, rotation_log
 
 _SHORTFALL = 0.9e-3
@@ -28,6 +30,24 @@ _ASTRAY = 0.1
 """The same share for a contact that bears a force; above it, the step is linearised again at its end."""
 _SPARE = 0.05
 """Share of the alarm distance added to the expected travel of a surface in the next step."""
+
+
+@kernel
+def longest_of_each(vectors: Array, first: IndexArray) -> Array:
+    """Return the length of the longest vector of each group (s,); group s of (v, 3) begins at first[s]."""
+    result = np.empty(len(first))
+    for s in range(len(first)):
+        end = first[s + 1] if s + 1 < len(first) else len(vectors)
+        most = 0.0
+        for v in range(first[s], end):
+            square = vectors[v, 0] ** 2 + vectors[v, 1] ** 2 + vectors[v, 2] ** 2
+            if not square <= most:  # also takes NaN
+                most = square
+        result[s] = math.sqrt(most)
+    return result
+
+
+_longest = OneSignature(longest_of_each)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +164,7 @@ class CollisionModel:
         self._falling = np.flatnonzero(self.carried.rigid >= 0)
         distance = settings.contact_distance
         self._closeness = Closeness(settings.alarm_distance, distance, _CLOSE * distance, _STRAY * distance)
-        self._first = [each.vertices.start for each in surfaces]
+        self._first = np.array([each.vertices.start for each in surfaces], dtype=np.int64)
         self._still = np.zeros((len(nodes), 3))
         self._fixed = self._still.copy()
         for each in carriers:
@@ -159,6 +179,7 @@ class CollisionModel:
         self._detector = Detector(surfaces, start, settings)
         self.size = float(np.linalg.norm(np.ptp(start, axis=0)))
         self._parts = np.array([self._yields(each) for each in surfaces])
+        self._parted = self._parts[self._detector.pairs].any(axis=1)
         self._spare = np.where([each.moving for each in surfaces], _SPARE * settings.alarm_distance, 0.0)
         self._fall = model.dt * float(np.linalg.norm(model.gravity))
         self._turning = tuple(
@@ -245,8 +266,7 @@ class CollisionModel:
 
     def _farthest(self, moved: Array) -> Array:
         """Return the longest displacement of a vertex of each surface in [m], shape (s,)."""
-        squares = np.einsum("vi,vi->v", moved, moved)
-        return np.sqrt(np.maximum.reduceat(squares, self._first))
+        return np.asarray(_longest(moved, self._first))
 
     # --- proximity ---
 
@@ -316,7 +336,7 @@ class CollisionModel:
     def free_share(self, start: Place, end: Place) -> float:
         """Return the share of the motion from `start` to `end` without passing through a surface."""
         travel = self._farthest(end.moved)[self._detector.pairs].sum(axis=1)
-        watched = self._parts[self._detector.pairs].any(axis=1) & (travel > self.least_gap)
+        watched = self._parted & (travel > self.least_gap)
         if not watched.any():
             return 1.0
         return self._detector.free_share(start.points, end.points, watched)
