@@ -156,9 +156,13 @@ def fold(random: Generator) -> SceneDescription:
         FLOOR, weight, soft=(bracket,), friction=random.uniform(0.0, 1.0), rayleigh_stiffness=0.01
     )
     arms = []
-    for name, z in (("lower", 0.008), ("upper", 0.020)):
-        arm = Box(center=(0.01, 0.0, z), size=(0.05, 0.03, 0.0122))
-        arms.append(CollisionDescription(name=name, body="bracket", groups=(name,), boxes=(arm,)))
+    for name, x, z, groups in (
+        ("lower", 0.01, 0.008, ("lower",)),
+        ("upper", 0.01, 0.020, ("upper",)),
+        ("back", -0.0225, 0.014, ("lower", "upper")),
+    ):
+        arm = Box(center=(x, 0.0, z), size=(0.0502, 0.03, 0.0122) if x > 0.0 else (0.0152, 0.03, 0.03))
+        arms.append(CollisionDescription(name=name, body="bracket", groups=groups, boxes=(arm,)))
     others = [each for each in scene.collisions if each.body != "bracket"]
     return replace(scene, collisions=(*arms, *others))
 

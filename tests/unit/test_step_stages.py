@@ -32,8 +32,10 @@ def test_a_stage_comes_before_its_parts_and_has_what_they_leave() -> None:
 @pytest.mark.parametrize("scene", ["tripod", "tripod_ball", "cable_finger"])
 def test_the_parts_of_a_real_step_take_no_longer_than_it(scene: str) -> None:
     simulation = Simulation(load_scene(scene), backend="scipy")
-    for _ in range(3):
+    for _ in range(40):
         simulation.step()
+        if len(simulation.contacts.forces) and simulation.contacts.forces.any():
+            break
     times = simulation.stage_times
     assert set(times) - set(PART_OF) == {"step"}
     for whole in set(PART_OF.values()) & set(times):

@@ -113,7 +113,7 @@ def let_reduced_move(
             schur[a, b] = upper[min(a, b), max(a, b)]
     for i in range(count):
         for j in range(count):
-            compliance[i, j] = schur[size + i, size + j]
+            compliance[i, j] = -schur[size + i, size + j]
         for r in range(len(column)):
             compliance[i, count + r] = compliance[count + r, i] = -tail[size + i, column[r]]
     for b in range(size):
