@@ -161,7 +161,7 @@ def fold(random: Generator) -> SceneDescription:
         ("upper", 0.01, 0.020, ("upper",)),
         ("back", -0.0225, 0.014, ("lower", "upper")),
     ):
-        arm = Box(center=(x, 0.0, z), size=(0.0502, 0.03, 0.0122) if x > 0.0 else (0.0152, 0.03, 0.03))
+        arm = Box(center=(x, 0.0, z), size=(0.0498, 0.03, 0.0122) if x > 0.0 else (0.0152, 0.03, 0.03))
         arms.append(CollisionDescription(name=name, body="bracket", groups=groups, boxes=(arm,)))
     others = [each for each in scene.collisions if each.body != "bracket"]
     return replace(scene, collisions=(*arms, *others))
