@@ -257,7 +257,7 @@ class ServoDriver:
             if transport is not None and link is not None:
                 with contextlib.suppress(PortError):
                     for packet_kind in packets:
-                        _say(transport, link, packet_kind)
+                        _send(transport, link, packet_kind)
             if reader is not None:
                 reader.stop()
             if transport is not None:
@@ -475,7 +475,7 @@ class ServoDriver:
     def _say(self, packet_kind: PoselessPacket) -> bool:
         """Send a packet without a pose; return False, with nothing sent, if the board lacks the ability."""
         transport, link = self._transport, self.link
-        return transport is not None and link is not None and _say(transport, link, packet_kind)
+        return transport is not None and link is not None and _send(transport, link, packet_kind)
 
     def _ask(self) -> None:
         """Send the next query of the protocol, if there is one and the board may be queried."""
@@ -510,7 +510,7 @@ def _board(robot: RobotDescription, board: BoardDescription, rate: float, baud_r
     return replace(board, servos=servos, rate=rate, baud_rate=baud_rate)
 
 
-def _say(transport: Transport, link: BoardLink, packet_kind: PoselessPacket) -> bool:
+def _send(transport: Transport, link: BoardLink, packet_kind: PoselessPacket) -> bool:
     """Send a packet without a pose; return False, with nothing sent, if the board lacks the ability."""
     with link.speaking() as board:
         if packet_kind not in board.abilities:
