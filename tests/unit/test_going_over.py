@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ pytestmark = pytest.mark.numba
 
 from softsim_core import Simulation, load_scene  # noqa: E402
 from softsim_core.base import SceneError  # noqa: E402
+from softsim_core.physics.contact import ContactSettings  # noqa: E402
 from softsim_core.physics.kernels import alone  # noqa: E402
 from softsim_core.simulation import small_scene, touching_scene  # noqa: E402
 from softsim_ros.nodes.simulator import PhysicsThread  # noqa: E402
@@ -43,7 +45,7 @@ def moved(simulation: Simulation, step: int) -> None:
     [
         (lambda: load_scene("tripod"), TOLERANCE),
         (lambda: machine("polar"), TOLERANCE),
-        (touching_scene, 5e-5),  # contacts solve to 1e-8 m: 1e-6 m/s in a step of 10 ms
+        (lambda: replace(touching_scene(), contact=ContactSettings(tolerance=1e-12)), 5e-5),
     ],
     ids=["tripod", "two bodies, every joint", "beam with cable and contact"],
 )

@@ -154,8 +154,6 @@ def _let_slide(a: int, i: int, problem: ContactProblem, forces: Array, gaps: Arr
 
 _SWEEPS = 8
 """Number of sweeps before the first Newton attempt; it doubles before each further attempt."""
-_FIRST_SWEEPS = 2
-"""Number of sweeps before Newton's method starts from the forces of the last step."""
 _ROUNDNESS = (1.0, 1.0e4)
 """Initial smoothness of the corners of the smoothed law, used in turn."""
 
@@ -218,18 +216,13 @@ def _solve(problem: ContactProblem, forces: Array, iterations: int, tolerance: f
     state = gaps_under(problem, forces)
     residual, _ = violation(problem, state, forces)
     sweeps, planned, attempt = 0, _SWEEPS, 0
-    if residual > tolerance and forces[problem.lower.shape[0] :].any():
-        start = forces.copy()
-        residual, sweeps = _sweep_until(problem, forces, state, min(_FIRST_SWEEPS, iterations), tolerance)
-        if residual > tolerance:  # Newton's method goes from the forces of the last step more surely
-            forces[:] = start
-            residual = solve_by_newton(problem, forces, tolerance)
-            state[:] = gaps_under(problem, forces)
-            attempt = 1
     while residual > tolerance and sweeps < iterations:
-        count = min(planned, iterations - sweeps)
-        residual, done = _sweep_until(problem, forces, state, count, tolerance)
-        sweeps += done
+        for _ in range(min(planned, iterations - sweeps)):
+            sweeps += 1
+            _sweep(problem, forces, state)
+            residual, _ = violation(problem, state, forces)
+            if residual <= tolerance:
+                break
         if attempt == 0:
             residual = solve_by_newton(problem, forces, tolerance)
         else:
@@ -237,19 +230,6 @@ def _solve(problem: ContactProblem, forces: Array, iterations: int, tolerance: f
             residual = solve_by_sharpening(problem, forces, roundness, tolerance)
         state[:] = gaps_under(problem, forces)
         planned, attempt = 2 * planned, attempt + 1
-    return residual, sweeps
-
-
-@kernel
-def _sweep_until(
-    problem: ContactProblem, forces: Array, state: Array, most: int, tolerance: float
-) -> tuple[float, int]:
-    """Sweep up to `most` times; return the residual in [m] and the number of sweeps."""
-    residual, sweeps = np.inf, 0
-    while residual > tolerance and sweeps < most:
-        sweeps += 1
-        _sweep(problem, forces, state)
-        residual, _ = violation(problem, state, forces)
     return residual, sweeps
 
 
