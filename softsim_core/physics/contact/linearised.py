@@ -24,7 +24,7 @@ from softsim_core.physics.mechanics import MotionSubspace, Rows, cross_matrix
 KEYS = 1 << 52
 """Keys of contacts are reduced modulo this, so that a float64 represents them exactly."""
 _FORESEEN = 0.1
-"""Contacts that would come closer than this many contact distances beyond one at velocities so far."""
+"""Gap beyond the contact distance, as a share of it, below which a contact is foreseen to close."""
 _frames, _fill_rows, _gaps_after = (OneSignature(each) for each in (contact_frames, contact_rows, gaps_after))
 NO_MOTION = MotionSubspace(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
