@@ -151,8 +151,8 @@ class SolverSettings:
         time_integration: "implicit_euler", or "bossak", of second order, for realistic oscillations; see
             dynamics.schemes.
         spectral_radius: For "bossak": factor by which each step multiplies the highest frequencies, 0 to 1.
-        substeps: Largest number of parts of a step where rubber or a quadratic cell strains too much for one:
-            1 (always whole), 2, 4 and so on up to 64.
+        substeps: Largest number of parts of a step where rubber or a quadratic cell strains too much for one,
+            or surfaces come too close in one: 1 (always whole), 2, 4 and so on up to 64.
         iterations: Largest number of Newton iterations of a step, 1 to 1000; with 1 it is linearised once.
             "bossak" uses at least 2 for an unsupported body: linearised once, its rotation would gain energy.
         iteration_tolerance: The iterations end once one has moved no node farther than this, in [m], >= 0.

@@ -203,7 +203,7 @@ def _warm_up_contact() -> None:
     )
     detector = Detector((low, high, *balls), points, ContactSettings().limits())
     near = detector.detect(points, 1.5)
-    detector.edges_again(near.key, points)
+    detector.again(near.key, points)
     detector.free_share(points, points, np.ones(len(detector.pairs), dtype=np.bool_))
     nothing = near.select(np.zeros(len(near.key), dtype=np.bool_))
     measured_gaps(near, nothing, points, np.zeros(len(points)), 1.5)

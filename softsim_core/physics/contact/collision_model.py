@@ -302,9 +302,9 @@ class CollisionModel:
         ways = self._farthest(free.points - place.points), self._farthest(end.points - place.points)
         return self._detector.candidates(place.points, self.settings.alarm_distance, np.maximum(*ways))
 
-    def edges_again(self, keys: IndexArray, place: Place) -> Proximities:
-        """Return the edge pairs among earlier contacts (keys (k,)) at their current closest points."""
-        return self._detector.edges_again(keys, place.points)
+    def again(self, keys: IndexArray, place: Place, edges_only: bool) -> Proximities:
+        """Return earlier contacts (keys (k,)) at their current closest points; see Detector.again."""
+        return self._detector.again(keys, place.points, edges_only)
 
     def may_hold(
         self, near: Proximities, at: Place, ahead: Array, slides: Array | None, *, first: bool

@@ -117,9 +117,10 @@ def linearise(
     last, in [m], shape (v, 3); None where `at` is that end. With q the motion since the start, the gap at the
     end of the step is taken as g(q_at) + H (q - q_at), and the slip likewise.
 
-    Contacts of an `earlier` solution, given by their keys (ascending, unique), take part again; pairs of
-    edges do so even where detection now finds another feature closer, because the contact force keeps them
-    apart. About the start itself, the free motion of rigid bodies is used without linearisation.
+    Contacts of an `earlier` solution, given by their keys (ascending, unique), take part again, even where
+    detection now finds another feature closer, because the contact force keeps them apart: pairs of edges
+    always, a vertex only after the first solution of a step. About the start itself, the free motion of rigid
+    bodies is used without linearisation.
     """
     settings = collisions.settings
     ahead = free.points - at.points
@@ -127,7 +128,7 @@ def linearise(
     chosen = collisions.may_hold(near, at, ahead, slides, first=at is start) | _among(earlier, near.key)
     near = near.select(chosen)
     if len(lost):
-        near = near.join(collisions.edges_again(lost, at))
+        near = near.join(collisions.again(lost, at, edges_only=at is start))
     vertices = np.concatenate([near.a, near.b], axis=1)
     shares = np.concatenate([near.a_weights, -near.b_weights], axis=1)
     count, anew = len(near.key), at is not start

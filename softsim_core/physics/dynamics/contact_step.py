@@ -36,6 +36,8 @@ RUNAWAY_SIZES = 100.0
 MOST_ROUNDS = 10
 """Largest number of contact solutions per pass where the response to forces is approximate."""
 
+_TOO_DEEP = 0.5
+"""Share of the contact distance by which surfaces may come too close within a step that is not cut."""
 _BEFORE_PASSING = 0.95
 """Share of the motion up to the first passing at which contacts are linearised again."""
 
@@ -96,9 +98,22 @@ class ContactPhase:
     """
 
     def __init__(self, model: Model, actuators: Actuators, collisions: CollisionModel | None) -> None:
-        self.model, self.actuators, self._collisions = model, actuators, collisions
+        self.model, self.actuators, self.collisions = model, actuators, collisions
         self._free = model.empty_state()
         self._last: Pass | None = None
+        self._apart = math.inf  # smallest gap at the start of the last step in [m]
+
+    @property
+    def failed(self) -> bool:
+        """Whether something passed a surface in the last step, or surfaces came much too close in it.
+
+        What was too close before counts only where it came closer still.
+        """
+        if self._last is None:
+            return False
+        distance = self._last.touching.collisions.settings.contact_distance
+        allowed = min(self._apart, distance) - _TOO_DEEP * distance
+        return self._last.margin < (1.0, allowed)
 
     @property
     def active(self) -> IndexArray:
@@ -120,7 +135,7 @@ class ContactPhase:
 
         `report` is that of the iteration; return the report with the contacts.
         """
-        model, collisions, state, before = self.model, self._collisions, motion.state, motion.before
+        model, collisions, state, before = self.model, self.collisions, motion.state, motion.before
         if collisions is None and not model.rigid.names:
             return report
         if model.rigid.names:
@@ -152,6 +167,7 @@ class ContactPhase:
         free = collisions.end(start, self._free)
         place, warm_start = start, before.warm_start
         near, first_slides = collisions.at_start(start, free)
+        self._apart = collisions.clearance(near)
         slides: Array | None = first_slides
         best: Pass | None = None
         earlier = warm_start[warm_start[:, 1:].any(axis=1), 0].astype(np.int64)

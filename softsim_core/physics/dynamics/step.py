@@ -2,7 +2,8 @@
 
 The step of nodes, frames, joints and actuators is linear and implicit; see stepper. Around it, in order:
 
-- Parts: a step in which a cell would be torn is repeated in halves; see substeps.
+- Parts: a step in which a cell would be torn, or in which surfaces come too close in spite of their contacts,
+  is repeated in halves; see substeps.
 - State of actuators, such as the gas mass of a pressure line, and memory of viscoelastic bodies: what they
   exert during the part is known at its start, and they advance at its end.
 - Scheme: implicit Euler, or Bossak's method; see schemes. Its first step is taken for its accelerations only,
@@ -163,7 +164,8 @@ class TimeStep:
         self.stepper = self._steppers[0]
         watched = torn_by_rough_steps(model.groups) if settings.parts > 1 else []
         self._strains = StrainWatch(watched, self.stepper.compiled)
-        self._deepest = settings.parts.bit_length() - 1 if watched else 0
+        cuts = bool(watched) or self._phases[0].contacts.collisions is not None
+        self._deepest = settings.parts.bit_length() - 1 if cuts else 0
 
     def step(self, state: State, control: Control, parameters: Parameters) -> StepReport:
         """Advance `state` by one dt, in place; the caller decides by the report whether to accept it.
@@ -196,7 +198,8 @@ class TimeStep:
                 phases.memory.end(state, parameters)
                 phases.actuators.end(state, inputs.targets, phases.model.dt)
                 parts.times.append(report.times)
-                accepted = depth == self._deepest or not self._strains.is_rough(phases.start, state)
+                failed = phases.contacts.failed or self._strains.is_rough(phases.start, state)
+                accepted = depth == self._deepest or not failed
             except FactorisationError:
                 if depth == self._deepest:
                     raise

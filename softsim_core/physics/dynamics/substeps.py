@@ -1,7 +1,8 @@
-"""Parts of a step that is halved, repeatedly, where a body strains too much for one step.
+"""Parts of a step that is halved, repeatedly, where a body strains or moves too much for one step.
 
 A step is linearised once, which is accurate as long as no body changes its strain much within it. A soft body
-that hits something may be crushed by half in a single step, and be torn apart by the next. Such a step is
+that hits something may be crushed by half in a single step, and be torn apart by the next. Something that
+moves by more than its size meets other faces at the end of the step than at its start. Such a step is
 therefore taken back and repeated in halves, which are halved again where they are still too rough.
 
 Joints move half of their way in the first half: actuators from their previous command, since a coordinate may

@@ -168,7 +168,8 @@ def _extra_state(scene: SceneDescription, model: Model, acting: Actuators) -> di
         shapes[MOVED] = model.rest.shape
     if scene.solver.time_integration == "bossak":
         shapes |= {ACCELERATION: model.rest.shape, REDUCED_ACCELERATION: (model.reduced_size,), HOLDING: (1,)}
-    if model.joints and scene.solver.substeps > 1 and torn_by_rough_steps(model.groups):
+    cuts = scene.solver.substeps > 1 and (scene.collisions or torn_by_rough_steps(model.groups))
+    if model.joints and cuts:
         shapes |= {COMMANDED: (len(model.joints),), EFFORT_CHANGE: (len(model.joints),)}
     if acting.internal_size:
         shapes[ACTUATOR_STATE] = (acting.internal_size,)

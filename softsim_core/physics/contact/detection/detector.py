@@ -27,7 +27,7 @@ from softsim_core.physics.contact.detection.geometry import (
     row,
     scale,
 )
-from softsim_core.physics.contact.detection.narrow_phase import KnownEdges, meet_known_edges, sweep
+from softsim_core.physics.contact.detection.narrow_phase import KnownPairs, meet_known_pairs, sweep
 from softsim_core.physics.contact.detection.passage import VertexMotion, free_share
 from softsim_core.physics.contact.detection.topology import build_topology
 from softsim_core.physics.kernels import OneSignature
@@ -227,7 +227,11 @@ class Detector:
         self._owner = np.array([each.owner for each in surfaces], dtype=np.int64)
         self._sweep, self._free_share = OneSignature(sweep), OneSignature(free_share)
         self._may_hold, self._any_astray = OneSignature(may_hold), OneSignature(any_astray)
-        self._known_edges = OneSignature(meet_known_edges)
+        self._known_pairs = OneSignature(meet_known_pairs)
+        topology = self._topology
+        self._first_vertex = np.concatenate(  # of each feature
+            [np.arange(len(topology.radius)), topology.edges[:, 0], topology.triangles[:, 0]]
+        )
 
     def detect(self, points: Array, reach: float) -> Proximities:
         """Return foremost contacts closer than `reach` [m] of surfaces with vertices at `points` (v, 3).
@@ -263,28 +267,29 @@ class Detector:
             self._widen(needed)
         return _copy_contacts(found)
 
-    def edges_again(self, keys: IndexArray, points: Array) -> Proximities:
-        """Return the edge pairs among earlier contacts at their current closest points, at any distance.
+    def again(self, keys: IndexArray, points: Array, edges_only: bool = False) -> Proximities:
+        """Return earlier contacts at their current closest points, at any distance; see `meet_known_pairs`.
 
-        `candidates` no longer lists an edge pair when another feature of either surface becomes closer. Such
-        a pair may still have to bear a force, because the other feature may be closer only as a result of
-        that force.
+        `candidates` no longer lists a pair when another feature of either surface becomes closer. Such a pair
+        may still have to bear a force, because the other feature may be closer only as a result of that
+        force.
 
         Args:
-            keys: Keys of contacts, shape (k,).
+            keys: Keys of contacts, shape (k,); pairs of vertices are left out, because they are found anyway.
             points: Vertex positions in [m], shape (v, 3).
+            edges_only: Whether vertices are left out, too.
         """
         topology = self._topology
-        vertices, count = len(topology.radius), len(topology.edges)
-        total = vertices + count + len(topology.triangles)
-        edges = np.stack(np.divmod(keys, total), axis=1) - vertices
-        edges = edges[((edges >= 0) & (edges < count)).all(axis=1)]
-        first = topology.edges[edges, 0]
+        vertices, edges = len(topology.radius), len(topology.edges)
+        pairs = np.stack(np.divmod(keys, vertices + edges + len(topology.triangles)), axis=1)
+        if edges_only:
+            pairs = pairs[(pairs >= vertices).all(axis=1) & (pairs < vertices + edges).all(axis=1)]
+        first = self._first_vertex[pairs]
         surfaces = np.searchsorted(topology.surface_vertex[:, 0], first, side="right") - 1
         owner = self._owner[surfaces]
         together = np.where(owner[:, 0] == owner[:, 1], self._contact_distance, -1.0)
-        found = allocate_found(len(edges))
-        self._known_edges(KnownEdges(edges, surfaces, together), points, self._rest, topology, found)
+        found = allocate_found(len(pairs))
+        self._known_pairs(KnownPairs(pairs, surfaces, together), points, self._rest, topology, found)
         return _copy_contacts(found)
 
     def may_hold(

@@ -122,12 +122,12 @@ def closest_on_segments(p0: Vector, p1: Vector, q0: Vector, q1: Vector) -> tuple
     s, t, sine = closest_on_lines(p0, p1, q0, q1)
     if sine > 0.0 and min(s, t) >= 0.0 and max(s, t) <= 1.0:
         return s, t
-    best_s, best_t = 0.0, _nearest_share(p0, q0, q1)
+    best_s, best_t = 0.0, nearest_share(p0, q0, q1)
     least = _compute_squared_distance(p0, p1, q0, q1, best_s, best_t)
     for s, t in (
-        (1.0, _nearest_share(p1, q0, q1)),
-        (_nearest_share(q0, p0, p1), 0.0),
-        (_nearest_share(q1, p0, p1), 1.0),
+        (1.0, nearest_share(p1, q0, q1)),
+        (nearest_share(q0, p0, p1), 0.0),
+        (nearest_share(q1, p0, p1), 1.0),
     ):
         squared = _compute_squared_distance(p0, p1, q0, q1, s, t)
         if squared < least:
@@ -136,7 +136,7 @@ def closest_on_segments(p0: Vector, p1: Vector, q0: Vector, q1: Vector) -> tuple
 
 
 @kernel
-def _nearest_share(p: Vector, q0: Vector, q1: Vector) -> float:
+def nearest_share(p: Vector, q0: Vector, q1: Vector) -> float:
     """Return the share of the segment from q0 to q1 that is nearest to p."""
     along = minus(q1, q0)
     return min(1.0, max(0.0, dot(minus(p, q0), along) / dot(along, along)))

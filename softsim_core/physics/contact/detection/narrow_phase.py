@@ -49,6 +49,7 @@ from softsim_core.physics.contact.detection.geometry import (
     has_opposed_triangle,
     length,
     minus,
+    nearest_share,
     outward_at,
     row,
     scale,
@@ -392,25 +393,28 @@ def _squared_distance(p: Vector, boxes: Array, i: int) -> float:
     return total
 
 
-class KnownEdges(NamedTuple):
-    """Pairs of edges, k of them.
+class KnownPairs(NamedTuple):
+    """Pairs of features, k of them: edges, or a vertex and an edge or a triangle.
 
     Attributes:
-        edges: Edge of the first surface, edge of the second, shape (k, 2).
+        features: Numbers of the two features in the order vertices, edges, triangles, shape (k, 2).
         surfaces: Numbers of the two surfaces, first < second, shape (k, 2).
         together: Distance in [m] at rest up to which points of the two never meet, shape (k,).
     """
 
-    edges: IndexArray
+    features: IndexArray
     surfaces: IndexArray
     together: Array
 
 
 @kernel
-def meet_known_edges(
-    pairs: KnownEdges, points: Array, rest: Array, topology: Topology, found: ContactBuffers
+def meet_known_pairs(
+    pairs: KnownPairs, points: Array, rest: Array, topology: Topology, found: ContactBuffers
 ) -> None:
-    """Find the closest points of known edge pairs, end points included; pairs that have crossed are left out.
+    """Find the closest points of known pairs; those that have crossed are left out.
+
+    The closest points of two edges may be their ends. A vertex counts where its closest point is inside the
+    edge or triangle; elsewhere another feature of the same surface is closer to it.
 
     Args:
         pairs: The pairs.
@@ -419,31 +423,86 @@ def meet_known_edges(
         topology: The surfaces' topology.
         found: Overwritten; large enough for all pairs.
     """
-    edges, n = topology.edges, topology.radius.shape[0]
+    n, count = topology.radius.shape[0], topology.edges.shape[0]
     found.counter[0] = 0
-    for k in range(pairs.edges.shape[0]):
-        e, f = pairs.edges[k, 0], pairs.edges[k, 1]
-        e0, e1, f0, f1 = edges[e, 0], edges[e, 1], edges[f, 0], edges[f, 1]
-        p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
-        s, t = closest_on_segments(p0, p1, q0, q1)
-        gap = minus(add(p0, scale(minus(p1, p0), s)), add(q0, scale(minus(q1, q0), t)))
-        distance = length(gap)
-        if dot(gap, minus(_outward(f, points, topology), _outward(e, points, topology))) <= 0.0:
+    for k in range(pairs.features.shape[0]):
+        first, second, spot = pairs.features[k, 0], pairs.features[k, 1], found.counter[0]
+        if min(first, second) >= n and max(first, second) < n + count:
+            _meet_known_edges(pairs, k, points, topology, found)
+        elif min(first, second) < n <= max(first, second):
+            _meet_known_vertex(pairs, k, points, topology, found)
+        if found.counter[0] == spot:
             continue
-        spot = next_row(found.counter, found.distance)
-        found.distance[spot], found.depth[spot], found.seeker[spot] = distance, 0.0, -1
-        found.foremost[spot] = False
-        write(found.a, found.a_weights, spot, (e0, e1, e1), (1.0 - s, s, 0.0))
-        write(found.b, found.b_weights, spot, (f0, f1, f1), (1.0 - t, t, 0.0))
-        sa, sb = pairs.surfaces[k, 0], pairs.surfaces[k, 1]
-        write_pair(found.normal, found.pair, spot, scale(gap, 1.0 / distance), sa, sb)
-        found.key[spot] = (n + e) * features(topology) + n + f
+        found.depth[spot], found.foremost[spot] = 0.0, False
+        found.key[spot] = first * features(topology) + second
         apart = minus(
             interpolate_side(found.a, found.a_weights, spot, rest),
             interpolate_side(found.b, found.b_weights, spot, rest),
         )
         if length(apart) <= pairs.together[k]:
             found.counter[0] = spot
+
+
+@kernel
+def _meet_known_edges(
+    pairs: KnownPairs, k: int, points: Array, topology: Topology, found: ContactBuffers
+) -> None:
+    """Add the pair k, two edges, unless they have crossed."""
+    edges, n = topology.edges, topology.radius.shape[0]
+    e, f = pairs.features[k, 0] - n, pairs.features[k, 1] - n
+    e0, e1, f0, f1 = edges[e, 0], edges[e, 1], edges[f, 0], edges[f, 1]
+    p0, p1, q0, q1 = row(points, e0), row(points, e1), row(points, f0), row(points, f1)
+    s, t = closest_on_segments(p0, p1, q0, q1)
+    gap = minus(add(p0, scale(minus(p1, p0), s)), add(q0, scale(minus(q1, q0), t)))
+    if dot(gap, minus(_outward(f, points, topology), _outward(e, points, topology))) <= 0.0:
+        return
+    spot = next_row(found.counter, found.distance)
+    found.distance[spot], found.seeker[spot] = length(gap), -1
+    write(found.a, found.a_weights, spot, (e0, e1, e1), (1.0 - s, s, 0.0))
+    write(found.b, found.b_weights, spot, (f0, f1, f1), (1.0 - t, t, 0.0))
+    write_pair(found.normal, found.pair, spot, unit(gap), pairs.surfaces[k, 0], pairs.surfaces[k, 1])
+
+
+@kernel
+def _meet_known_vertex(
+    pairs: KnownPairs, k: int, points: Array, topology: Topology, found: ContactBuffers
+) -> None:
+    """Add the pair k, a vertex or sphere and an edge or triangle, if it is in front of that one's inside."""
+    n, count, triangles = topology.radius.shape[0], topology.edges.shape[0], topology.triangles
+    v, other = min(pairs.features[k]), max(pairs.features[k]) - n
+    t = topology.sides[other, 0] if other < count else other - count
+    i, j, m = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+    p, a, b, c = row(points, v), row(points, i), row(points, j), row(points, m)
+    if other < count:
+        first, last = topology.edges[other, 0], topology.edges[other, 1]
+        share = nearest_share(p, row(points, first), row(points, last))
+        inside, outward = 0.0 < share < 1.0, _outward(other, points, topology)
+        wi, wj = _weight_on_edge(i, first, last, share), _weight_on_edge(j, first, last, share)
+        wk = _weight_on_edge(m, first, last, share)
+    else:
+        wi, wj, wk, feature = closest_on_triangle(p, a, b, c)
+        inside, outward = feature == FACE, cross(minus(b, a), minus(c, a))
+    gap = minus(p, add(add(scale(a, wi), scale(b, wj)), scale(c, wk)))
+    if not inside or dot(gap, outward) <= 0.0:
+        return
+    spot = next_row(found.counter, found.distance)
+    found.distance[spot], found.seeker[spot] = length(gap) - topology.radius[v], v
+    if pairs.features[k, 0] == v:
+        write(found.a, found.a_weights, spot, (v, v, v), (1.0, 0.0, 0.0))
+        write(found.b, found.b_weights, spot, (i, j, m), (wi, wj, wk))
+    else:
+        write(found.a, found.a_weights, spot, (i, j, m), (wi, wj, wk))
+        write(found.b, found.b_weights, spot, (v, v, v), (1.0, 0.0, 0.0))
+        gap = scale(gap, -1.0)
+    write_pair(found.normal, found.pair, spot, unit(gap), pairs.surfaces[k, 0], pairs.surfaces[k, 1])
+
+
+@kernel
+def _weight_on_edge(corner: int, first: int, last: int, share: float) -> float:
+    """Return the weight of a triangle's corner in the point at `share` of its edge from first to last."""
+    if corner == first:
+        return 1.0 - share
+    return share if corner == last else 0.0
 
 
 @kernel
