@@ -294,6 +294,26 @@ def _rubber(arguments: argparse.Namespace) -> int:
     return _write_results(times, arguments, any(each.missed for each in times))
 
 
+def _rods(arguments: argparse.Namespace) -> int:
+    """Measure a falling rod, beside PyElastica where it is installed; return 1 if a target is missed."""
+    from benchmarks import rods
+
+    absent = rods.peer_missing()
+    falls, notes = rods.measure_rods(absent is None)
+    print(f"\na rod that falls for {rods.SECONDS} s; error of its free end, simulated seconds per second")
+    print("\n".join([*rods.rod_table(falls), *notes]))
+    if absent is not None:
+        print(absent)
+        return _write_results(falls, arguments, missed=False)
+    ratios = {n: rods.speed_ratio(falls, n) for n in rods.COUNTS}
+    for n, ratio in ratios.items():
+        print(
+            f"error of at most {rods.EQUAL:g} mm with {n} elements: {ratio:.1f} times as fast as {rods.PEER} "
+            f"with {rods.COUNTS[0]}"
+        )
+    return _write_results(falls, arguments, max(ratios.values()) < rods.LIMIT)
+
+
 def _sensors(arguments: argparse.Namespace) -> int:
     """Measure sensors and print them; return 1 if a target is missed and `--check` is given."""
     from benchmarks.sensing import SCENE, measure_sensors, sensor_table
@@ -390,6 +410,11 @@ MEASUREMENTS: Final = {
     ),
     "rubber": Measurement(
         _rubber, "quadratic cells beside splu, and what chambers cost (two minutes)", needs_numba=True
+    ),
+    "rods": Measurement(
+        _rods,
+        "a falling rod: error over cost, beside PyElastica where installed (a minute)",
+        needs_numba=True,
     ),
     "sensors": Measurement(_sensors, "what each kind of sensor costs per step (10 s)", needs_numba=True),
     "batch": Measurement(
