@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from types import MappingProxyType
@@ -115,21 +115,6 @@ def ping(servo_id: int) -> bytes:
     return packet(servo_id, Instruction.PING)
 
 
-def read(servo_id: int, address: int, size: int) -> bytes:
-    """Return a request for bytes of one servo's control table."""
-    return packet(servo_id, Instruction.READ, _two(address) + _two(size))
-
-
-def write(servo_id: int, address: int, data: bytes) -> bytes:
-    """Return a packet that writes bytes into one servo's control table; the response is an empty status."""
-    return packet(servo_id, Instruction.WRITE, _two(address) + data)
-
-
-def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-    """Return a request to several servos for the same bytes; they respond one by one, in this order."""
-    return packet(BROADCAST, Instruction.SYNC_READ, _two(address) + _two(size) + bytes(servo_ids))
-
-
 def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
     """Return a packet that writes bytes of one length to the same address of several servos, by id.
 
@@ -196,16 +181,13 @@ class PacketStream:
         if len(self._data) < _BEFORE_INSTRUCTION:
             return None
         length = int.from_bytes(self._data[5:7], "little")
-        if not _LEAST_LENGTH <= length <= _LARGEST_LENGTH or not _is_id(self._data[4]):
+        is_id = self._data[4] <= LARGEST_ID or self._data[4] == BROADCAST
+        if not is_id or not _LEAST_LENGTH <= length <= _LARGEST_LENGTH:
             return 0
         end = _BEFORE_INSTRUCTION + length
         if self._data.find(HEADER, len(HEADER), end - 2) >= 0:
             return 0  # stuffing keeps headers out of packets, but for the CRC: this one was cut short
         return end if len(self._data) >= end else None
-
-
-def _is_id(value: int) -> bool:
-    return value <= LARGEST_ID or value == BROADCAST
 
 
 def _two(number: int) -> bytes:

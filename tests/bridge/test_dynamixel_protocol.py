@@ -19,6 +19,7 @@ from servo_bridge.protocols import (
     DynamixelProtocol,
     EmulatedServo,
     HardwareError,
+    Instruction,
     PacketStream,
     StatusError,
     candidates,
@@ -34,6 +35,10 @@ SERVOS = tuple(
     for number in IDS
 )
 BOARD = BoardDescription(servos=SERVOS, baud_rate=1_000_000)
+
+
+def write(servo_id: int, address: int, data: bytes) -> bytes:
+    return packets.packet(servo_id, Instruction.WRITE, address.to_bytes(2, "little") + data)
 
 
 class Conversation:
@@ -439,24 +444,24 @@ def test_an_emulated_servo_refuses_what_a_real_one_refuses() -> None:
         (116, table.four(4096), StatusError.DATA_RANGE),
         (64, b"\x02", StatusError.DATA_RANGE),
     ):
-        assert answered(bus, packets.write(3, address, data)) == [(error, b"")]
-    assert answered(bus, packets.write(3, 48, table.four(2500))) == [(0, b"")]
-    assert answered(bus, packets.write(3, 116, table.four(2501))) == [(StatusError.DATA_LIMIT, b"")]
-    assert answered(bus, packets.write(3, 64, b"\x01")) == [(0, b"")]
-    assert answered(bus, packets.write(3, 11, b"\x03")) == [(StatusError.ACCESS, b"")]  # with torque
+        assert answered(bus, write(3, address, data)) == [(error, b"")]
+    assert answered(bus, write(3, 48, table.four(2500))) == [(0, b"")]
+    assert answered(bus, write(3, 116, table.four(2501))) == [(StatusError.DATA_LIMIT, b"")]
+    assert answered(bus, write(3, 64, b"\x01")) == [(0, b"")]
+    assert answered(bus, write(3, 11, b"\x03")) == [(StatusError.ACCESS, b"")]  # with torque
     assert answered(bus, packets.packet(3, 0x77)) == [(StatusError.INSTRUCTION, b"")]
     servo.fail(HardwareError.OVERLOAD)
     assert answered(bus, packets.ping(3)) == [(0x80, bytes([6, 4, 45]))]
-    assert answered(bus, packets.write(3, 64, b"\x01")) == [(0x80 | StatusError.RESULT_FAIL, b"")]
+    assert answered(bus, write(3, 64, b"\x01")) == [(0x80 | StatusError.RESULT_FAIL, b"")]
     assert answered(bus, packets.packet(3, 0x08)) == [(0, b"")]  # reboot
-    assert answered(bus, packets.write(3, 64, b"\x01")) == [(0, b"")]
+    assert answered(bus, write(3, 64, b"\x01")) == [(0, b"")]
     assert answered(bus, packets.ping(4)) == []
 
 
 def test_behind_a_servo_that_is_missing_none_answers() -> None:
     bus = DynamixelBus([1, 2, 3])
     bus.servos[2].answers = False
-    bus.feed(packets.sync_read(132, 4, [1, 2, 3]), 1.0)
+    bus.feed(packets.packet(254, Instruction.SYNC_READ, bytes([132, 0, 4, 0, 1, 2, 3])), 1.0)
     assert [each.servo_id for each in PacketStream().feed(bus.answer(1.0))] == [1]
 
 
