@@ -40,6 +40,7 @@ from .files import (
     write_file as write_file,
 )
 from .machine import (
+    THREAD_VARIABLES as THREAD_VARIABLES,
     describe_machine as describe_machine,
     install_command as install_command,
     limit_threads as limit_threads,

@@ -22,7 +22,6 @@ from .confidence import (
     cross_validated as cross_validated,
     distribution_of as distribution_of,
     load_distribution as load_distribution,
-    plain_distribution as plain_distribution,
     profiled as profiled,
 )
 from .description import (

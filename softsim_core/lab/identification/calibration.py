@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, get_args
 
@@ -34,7 +34,7 @@ from softsim_core.lab.identification.description import (
 from softsim_core.lab.identification.expressions import names_in
 from softsim_core.lab.identification.session import Session, load_session
 from softsim_core.scene import RobotDescription
-from softsim_core.scene.io import comment, read_extended, structure_description
+from softsim_core.scene.io import comment, given_values, read_extended, structure_description
 
 Loss: TypeAlias = Literal["linear", "soft_l1"]
 
@@ -207,12 +207,12 @@ def write_table(file: Path, columns: Mapping[str, Array], notes: Sequence[str] =
 
 def write_description(folder: Path, description: DataSetDescription) -> Path:
     """Write a description as the data set's dataset.yaml, without default values, and return the file."""
-    return write_file(folder / DESCRIPTION, _yaml(plain(description)))
+    return write_file(folder / DESCRIPTION, _yaml(given_values(description)))
 
 
 def write_calibration(folder: Path, calibration: CalibrationDescription) -> Path:
     """Write a calibration as calibration.yaml beside its data set, and return the file."""
-    return write_file(folder / FILE, _yaml(plain(calibration)))
+    return write_file(folder / FILE, _yaml(given_values(calibration)))
 
 
 def first_calibration(
@@ -256,23 +256,6 @@ def first_calibration(
 def _describe_parameter(name: str, start: float, unit: str) -> ParameterDescription:
     lower, start, upper = (float(f"{start * part:.5g}") for part in (1.0 / TIMES, 1.0, TIMES))
     return ParameterDescription(name=name, start=start, lower=lower, upper=upper, unit=unit)
-
-
-def plain(value: Any) -> Any:
-    """Return a description as plain data in the form of its file, without default values."""
-    if is_dataclass(value) and not isinstance(value, type):
-        data = {}
-        for each in fields(value):
-            content = getattr(value, each.name)
-            usual = each.default_factory() if each.default_factory is not MISSING else each.default
-            if usual is MISSING or content != usual:
-                data[each.name] = plain(content)
-        return data
-    if isinstance(value, Mapping):
-        return {key: plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(each) for each in value]
-    return str(value) if isinstance(value, Path) else value
 
 
 def _yaml(data: dict[str, Any]) -> str:

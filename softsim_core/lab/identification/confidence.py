@@ -18,7 +18,6 @@ from typing import Any, Final
 import numpy as np
 
 from softsim_core.base import Array, ConfigError, DataError, FieldError
-from softsim_core.lab.identification.calibration import plain
 from softsim_core.lab.identification.expressions import replace_expressions
 from softsim_core.lab.identification.fitting import Calibration
 from softsim_core.lab.identification.model_replay import Progress
@@ -140,12 +139,6 @@ def load_distribution(file: str | Path) -> DistributionDescription:
     if not path.is_file():
         raise ConfigError(str(file), "", "no such file")
     return structure_description(read_extended(path), DistributionDescription, path, find_files=False)
-
-
-def plain_distribution(distribution: DistributionDescription) -> dict[str, Any]:
-    """Return a distribution as plain data, for a file that `load_distribution` reads."""
-    data: dict[str, Any] = plain(distribution)
-    return data
 
 
 ROUNDS: Final = 4

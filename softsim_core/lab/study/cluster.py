@@ -21,16 +21,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from softsim_core.base import SoftSimError, StudyError, install_command, use_safe_path
+from softsim_core.base import THREAD_VARIABLES, SoftSimError, StudyError, install_command, use_safe_path
 from softsim_core.lab.study.preparing import PreparedStudy, values_of_runs
 from softsim_core.lab.study.single import DONE, RAISED, Outcome, Watch, Work, run_once
 from softsim_core.lab.study.store import Store, count_runs, versions
 from softsim_core.scene import load_scene
 from softsim_core.scene.io import ProgramRule, limited_to
 from softsim_core.simulation import Simulation
-
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Environment of a worker: one thread each, as workers fill the cores and sums need a fixed order."""
 
 AHEAD = 3
 """Waiting tasks per worker thread: the scheduler never has more than these of a study."""
@@ -239,7 +236,8 @@ def engine(where: Where) -> Iterator[Engine]:
         raise StudyError(
             f"studies need Dask and Zarr 3 (Python 3.11 or newer): {install_command('study')}"
         ) from error
-    environment = dict.fromkeys(THREADS, "1")
+    # one thread per worker, as workers fill the cores and sums need a fixed order
+    environment = dict.fromkeys(THREAD_VARIABLES, "1")
     settings = {
         "distributed.nanny.pre-spawn-environ": {**environment, "MALLOC_TRIM_THRESHOLD_": "65536"},
         "distributed.scheduler.allowed-failures": 1,

@@ -13,11 +13,11 @@ from softsim_core.lab.identification import (
     DistributionDescription,
     load_distribution,
     names_in,
-    plain_distribution,
 )
 from softsim_core.scene.io import (
     SourcedMapping,
     config_roots,
+    given_values,
     laid_over,
     mark_source,
     read_extended,
@@ -352,7 +352,7 @@ def _with_posterior(data: SourcedMapping, path: Path) -> SourcedMapping:
         **data,
         "variables": [*drawn, *(data.get("variables") or ())],
         "overlay": laid_over(posterior.overlay, data.get("overlay") or {}),
-        "posterior": plain_distribution(posterior),
+        "posterior": given_values(posterior),
     }
     return cast(SourcedMapping, mark_source(whole, path))
 

@@ -19,9 +19,7 @@ import shutil
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
-from importlib import metadata
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 import numpy as np
@@ -37,6 +35,7 @@ from softsim_core.base import (
     refuse_links,
     sync,
     sync_tree,
+    version_of,
     write_file,
 )
 from softsim_core.lab.study.single import DONE, PENDING, RAISED, STATUS_WORDS, Outcome
@@ -51,13 +50,7 @@ PACKAGES = ("softsim", "numpy", "scipy", "numba", "llvmlite")
 @functools.cache
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that compute."""
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "none"
-    return found
+    return {"python": platform.python_version()} | {name: version_of(name) or "none" for name in PACKAGES}
 
 
 def scene_hash(robot: RobotDescription, code: tuple[Path, ...] = ()) -> str:
@@ -169,9 +162,7 @@ class Store:
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for each in self._open.values():
             each.close()
         self._lock.close()

@@ -128,8 +128,8 @@ def build(scene: SceneDescription, shaped: Sequence[tuple[BodyDescription, Body]
     region_of_node, spring, moving = _assign_nodes(scene, bodies, joints, rest)
     frames = _frames(moving, region_of_node, rest)
     origins = np.array([frame.translation for frame in frames.values()], dtype=float).reshape(-1, 3)
-    turns = np.array([_rotation(frame.rotation_deg) for frame in frames.values()]).reshape(-1, 3, 3)
-    frame_rest = origins, turns
+    turns = np.array([rotation_euler(np.radians(each.rotation_deg)) for each in frames.values()])
+    frame_rest = origins, turns.reshape(-1, 3, 3)
     filling = _groups(scene, bodies)
     rigid = rigid_objects(scene)
     for message in implausible(scene, bodies, filling, rigid):
@@ -408,16 +408,12 @@ def _groups(scene: SceneDescription, bodies: tuple[Body, ...]) -> tuple[ElementG
     return (*groups, join_rods(rods)) if rods else tuple(groups)
 
 
-def _rotation(rotation_deg: tuple[float, float, float]) -> Array:
-    return rotation_euler(np.radians(rotation_deg))
-
-
 def _joint(joint: JointDescription, names: tuple[str, ...]) -> Joint:
     return Joint(
         name=joint.name,
         revolute=joint.kind == "revolute",
         base_position=np.array(joint.base.translation, dtype=float),
-        base_rotation=_rotation(joint.base.rotation_deg),
+        base_rotation=rotation_euler(np.radians(joint.base.rotation_deg)),
         axis=np.array(joint.axis, dtype=float),
         slide_axis=np.array(joint.slide_axis, dtype=float),
         limits=joint.limits,

@@ -35,6 +35,7 @@ from .location import (
     places_of as places_of,
 )
 from .portable import (
+    given_values as given_values,
     mark_source as mark_source,
     read_description as read_description,
     unstructure_scene as unstructure_scene,

@@ -47,6 +47,12 @@ def mark_source(value: Any, file: Path | None) -> Any:
     return _plain(value, file)
 
 
+def given_values(description: Any) -> dict[str, Any]:
+    """Return any description as plain data in the form of its file, without default values."""
+    data: dict[str, Any] = plain_copy(_plain(description, None, given_only=True))
+    return data
+
+
 def _plain(value: Any, file: Path | None, given_only: bool = False) -> Any:
     if isinstance(value, TetMesh):
         return value

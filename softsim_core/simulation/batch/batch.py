@@ -115,12 +115,8 @@ class Share:
                 f"scene {robot.name} has other nodes, frames, joints or bodies than the batch's; "
                 "change numbers only, or make a batch of its own"
             )
-        if k:
-            copy.store_state_in(self._states[k])
-            self._copies[k] = copy
-        else:  # the other copies continue to share the plan of the first one
-            copy.store_state_in(self._states[0])
-            self._copies[0] = copy
+        copy.store_state_in(self._states[k])
+        self._copies[k] = copy  # the copies continue to share the plan of the leader
         self._failed.discard(k)
 
     def call(self, k: int, name: str, arguments: Sequence[Any], named: Mapping[str, Any]) -> Any:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softsim_core.base import write_file
-from softsim_core.scene.io import comment
+from softsim_core.scene.io import comment, given_values
 from softsim_ros import render_page
 
 if TYPE_CHECKING:
@@ -224,9 +224,9 @@ def write_distribution(file: Path, robot: str, result: Calibration) -> None:
     """Write a file that `load_distribution` reads."""
     import yaml
 
-    from softsim_core.lab.identification import distribution_of, plain_distribution
+    from softsim_core.lab.identification import distribution_of
 
-    distribution = plain_distribution(distribution_of(result, _beside(robot, file)))
+    distribution = given_values(distribution_of(result, _beside(robot, file)))
     head = comment(f"What softsim calibrate {result.description.name} leaves open.")
     write_file(file, head + yaml.safe_dump(distribution, sort_keys=False, default_flow_style=None))
 

@@ -11,7 +11,7 @@ import tempfile
 import termios
 import threading
 from contextlib import suppress
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import IO, Any, Final
 
 from softsim_core.base import SoftSimError
@@ -43,9 +43,7 @@ class DeferredOutput:
                 os.dup2(self._file.fileno(), descriptor)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Restore both and write the newest redirected lines to standard error (or output)."""
         if self._file is None:
             return
@@ -132,9 +130,7 @@ class RawTerminal:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Restore the terminal."""
         self.close()
 
