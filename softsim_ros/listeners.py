@@ -101,22 +101,23 @@ class JointReader:
 
         Return None for a message of another robot.
         """
+        positions, efforts = self.positions(message), self.efforts(message)
+        if positions is None or efforts is None:
+            return positions
+        return np.where([joint.by_effort for joint in self._joints], efforts, positions)
+
+    def positions(self, message: JointState) -> Array | None:
+        """Return positions in [rad] or [m], shape (j,); None for a message of another robot."""
         names = tuple(message.name)
         if names != self._order[0]:
             self._order = (names, self._order_of(names))
         order = self._order[1]
         if order is None or len(message.position) != len(names):
             return None
-        has_efforts = len(message.effort) == len(names)
-        return np.array(
-            [
-                message.effort[index] if has_efforts and joint.by_effort else message.position[index]
-                for index, joint in zip(order, self._joints, strict=True)
-            ]
-        )
+        return np.array([message.position[index] for index in order])
 
     def efforts(self, message: JointState) -> Array | None:
-        """Return efforts in [N m] or [N], (j,), of the message that `read` has read; None if it has none."""
+        """Return efforts in [N m] or [N], (j,), of the message read last; None if it has none."""
         order = self._order[1]
         if order is None or len(message.effort) != len(self._order[0]):
             return None
@@ -125,9 +126,8 @@ class JointReader:
     def _order_of(self, names: tuple[str, ...]) -> list[int] | None:
         missing = [joint.name for joint in self._joints if joint.name not in names]
         if missing:
-            self._refuse(
-                f"joint states of another robot ignored: {', '.join(missing)} not in {', '.join(names)}"
-            )
+            found = ", ".join(names) or "it"
+            self._refuse(f"joint_states of another robot ignored: {', '.join(missing)} not in {found}")
             return None
         return [names.index(joint.name) for joint in self._joints]
 
@@ -137,20 +137,27 @@ class JointStates:
 
     Args:
         node: Owner of the subscriptions.
-        stale_after_s: Time in [s] without a measurement after which the bridge's positions are used.
+        stale_after_s: Time in [s] without a message of the first topic after which the second one is used.
         take: Called in the node's executor with each message.
+        topics: The topics in another order, for a node that prefers the bridge's positions.
     """
 
-    def __init__(self, node: Node, stale_after_s: float, take: Callable[[JointState], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        stale_after_s: float,
+        take: Callable[[JointState], None],
+        topics: tuple[str, str] = ("joint_states", "applied_joint_states"),
+    ) -> None:
         self._stale_after_s, self._take = stale_after_s, take
-        self._measured_at = -np.inf
-        node.create_subscription(JointState, "joint_states", self._on_measured, MEASURED)
-        node.create_subscription(JointState, "applied_joint_states", self._on_applied, MEASURED)
+        self._first_at = -np.inf
+        for topic, callback in zip(topics, (self._on_first, self._on_second), strict=True):
+            node.create_subscription(JointState, topic, callback, MEASURED)
 
-    def _on_measured(self, message: JointState) -> None:
-        self._measured_at = time.monotonic()
+    def _on_first(self, message: JointState) -> None:
+        self._first_at = time.monotonic()
         self._take(message)
 
-    def _on_applied(self, message: JointState) -> None:
-        if time.monotonic() - self._measured_at > self._stale_after_s:  # no simulator
+    def _on_second(self, message: JointState) -> None:
+        if time.monotonic() - self._first_at > self._stale_after_s:
             self._take(message)

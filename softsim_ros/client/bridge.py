@@ -11,7 +11,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from softsim_ros import StateListener
-from softsim_ros.client.services import AsyncService, Done, Outcome, Request, ignore_outcome
+from softsim_ros.client.services import AsyncService, Done, Outcome, Request, ignore_outcome, report
 from softsim_ros.client.state import BridgeState, RobotSnapshot
 
 STATES: Final[dict[int, BridgeState]] = {
@@ -100,8 +100,7 @@ class Bridge:
         return True
 
     def _end(self, success: bool, message: str, done: Done) -> None:
-        self._snapshot.say(message)
-        done(Outcome(success, message))
+        report(Outcome(success, message), self._snapshot.say, done)
 
     def _request(self, transition: int, done: Done) -> None:
         self._snapshot.say(_ASKED[transition])

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from softsim_core.base import MILLIMETRE
 from softsim_node import MEASURED, NEWEST_ONLY
 from softsim_ros import StateListener
-from softsim_ros.client.services import Done, Outcome, Switch, ignore_outcome
+from softsim_ros.client.services import Done, Outcome, Switch, ignore_outcome, report
 from softsim_ros.client.state import (
     STALE_AFTER_S,
     EffectorPose,
@@ -55,8 +55,7 @@ class ClosedLoop:
     def refer(self, reference: Tilt, done: Done = ignore_outcome) -> None:
         """Send the loop a reference; refused while it is off."""
         if self._snapshot.state.tilt is None:
-            self._snapshot.say("reference not sent: the closed loop is off")
-            done(Outcome(False, "reference not sent: the closed loop is off"))
+            report(Outcome(False, "reference not sent: the closed loop is off"), self._snapshot.say, done)
             return
         self._snapshot.change(tilt=reference)
         message = Vector3Stamped()
@@ -112,12 +111,12 @@ class Inverse:
     def give_goal(self, goal: EffectorPose, done: Done = ignore_outcome) -> None:
         """Send a goal; refused while inverse control is off."""
         if not self._snapshot.state.inverse:
-            self._end(Outcome(False, "goal not sent: inverse control is off"), done)
+            report(Outcome(False, "goal not sent: inverse control is off"), self._snapshot.say, done)
             return
         self._snapshot.change(goal=goal, heard_goal=goal)
         stamp = self._clock.now().to_msg()
         self._goals.publish(pose_stamped(stamp, "world", goal.position, goal.quaternion_xyzw))
-        self._end(Outcome(True, ""), done)
+        done(Outcome(True, ""))
 
     def move_goal(self, shift: Sequence[float], done: Done = ignore_outcome) -> None:
         """Move the goal; the first goal is the effector's present pose, moved.
@@ -128,15 +127,10 @@ class Inverse:
         """
         goal = moved_goal(self._snapshot.state, shift, time.monotonic())
         if goal is None:
-            self._end(Outcome(False, "goal not moved: no effector pose received yet"), done)
+            report(Outcome(False, "goal not moved: no effector pose received yet"), self._snapshot.say, done)
         else:
             self._snapshot.say(f"goal {format_point(goal)} mm")
             self.give_goal(goal, done)
-
-    def _end(self, end: Outcome, done: Done) -> None:
-        if end.sentence:
-            self._snapshot.say(end.sentence)
-        done(end)
 
     # --- its state ------------------------------------------------------------------------------------
 

@@ -20,7 +20,8 @@ from softsim_core.base import CommandError, Unit, listing
 from softsim_core.physics.mechanics import check_command
 from softsim_core.scene import JointDescription, RobotDescription
 from softsim_node import MEASURED, NEWEST_ONLY
-from softsim_ros.client.services import Done, Outcome, ignore_outcome
+from softsim_ros import JointReader
+from softsim_ros.client.services import Done, Outcome, ignore_outcome, report
 from softsim_ros.client.state import (
     REACHED,
     STALE_AFTER_S,
@@ -195,7 +196,7 @@ class Joints:
 
     def __init__(self, node: Node, snapshot: RobotSnapshot, simulated: Callable[[], bool]) -> None:
         self._snapshot, self._simulated = snapshot, simulated
-        self._order: tuple[tuple[str, ...], list[int] | None] = ((), None)
+        self._reader = JointReader(snapshot.robot.joints, snapshot.say)
         self._states_at = self._repeated_at = -math.inf
         commands = "position_controller/commands"
         self._commands = node.create_publisher(Float64MultiArray, commands, NEWEST_ONLY)
@@ -259,8 +260,7 @@ class Joints:
             begin_s: Time of the start in [s], on the clock that stamps the joint states; 0: on arrival.
         """
         if refusal := self._why_not_followed(way_points):
-            self._snapshot.say(refusal)
-            done(Outcome(False, refusal))
+            report(Outcome(False, refusal), self._snapshot.say, done)
             return
         names = list(way_points[0][1])
         message = JointTrajectory(joint_names=names)
@@ -306,7 +306,7 @@ class Joints:
 
     def forget(self) -> None:
         """Reset the state of the joints after another robot has been loaded."""
-        self._order = ((), None)
+        self._reader = JointReader(self._snapshot.robot.joints, self._snapshot.say)
         self._snapshot.change(measured=None, commanded=None, measured_at=-math.inf, efforts=())
 
     def expect(self, pose: str) -> None:
@@ -348,27 +348,14 @@ class Joints:
             self._measure(message)
 
     def _measure(self, message: JointState) -> None:
-        names = tuple(message.name)
-        if names != self._order[0]:
-            self._order = (names, self._order_of(names))
-        order = self._order[1]
-        if order is None or len(message.position) != len(names):
+        positions, efforts = self._reader.positions(message), self._reader.efforts(message)
+        if positions is None:
             return
-        positions = [message.position[index] for index in order]
-        efforts = [message.effort[index] for index in order] if len(message.effort) == len(names) else ()
-        before = self._snapshot.state
-        state = with_measurement(before, positions, time.monotonic(), efforts)
+        before, known = self._snapshot.state, () if efforts is None else efforts.tolist()
+        state = with_measurement(before, positions.tolist(), time.monotonic(), known)
         if state is before:
             self._snapshot.say("a joint position that is not a finite number arrived and was ignored")
         self._snapshot.put(state)
-
-    def _order_of(self, names: Sequence[str]) -> list[int] | None:
-        missing = [joint for joint in self._snapshot.robot.joint_names if joint not in names]
-        if missing:
-            found = ", ".join(names) or "it"
-            self._snapshot.say(f"joint_states of another robot: {', '.join(missing)} not in {found}")
-            return None
-        return [names.index(joint) for joint in self._snapshot.robot.joint_names]
 
     def _on_command(self, message: Float64MultiArray) -> None:
         snapshot = self._snapshot

@@ -112,6 +112,13 @@ def ignore_outcome(_: Outcome) -> None:
     """Ignore the outcome."""
 
 
+def report(end: Outcome, say: Callable[[str], None], done: Done) -> None:
+    """Report the message of an outcome to the user, if it has one, and pass the outcome on."""
+    if end.sentence:
+        say(end.sentence)
+    done(end)
+
+
 class AsyncService:
     """Non-blocking client of one service.
 
@@ -200,19 +207,16 @@ class Request(AsyncService):
             else:
                 own = on_success()
                 end = Outcome(True, f"{self._who}: {response.message}" if response.message else own)
-            self._end(end, done)
+            report(end, self._say, done)
 
         if self.is_busy:
-            self._end(Outcome(False, f"{self._who}: still busy with {self.name}"), done)
+            problem = f"{self._who}: still busy with {self.name}"
         elif not self.is_there:
-            self._end(Outcome(False, f"{self._who} is not running (no service {self.full_name})"), done)
+            problem = f"{self._who} is not running (no service {self.full_name})"
         else:
             self.call(request, time.monotonic(), handle_response)
-
-    def _end(self, end: Outcome, done: Done) -> None:
-        if end.sentence:
-            self._say(end.sentence)
-        done(end)
+            return
+        report(Outcome(False, problem), self._say, done)
 
 
 class Switch(Request):

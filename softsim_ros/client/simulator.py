@@ -21,7 +21,7 @@ from softsim_node import EVERY_ONE, LATCHED, NEWEST_ONLY, steady_timer
 from softsim_ros import StateListener
 from softsim_ros.client.control import Inverse
 from softsim_ros.client.joints import INVERSE_OWNS, Joints
-from softsim_ros.client.services import AsyncService, Done, Outcome, Request, Switch, ignore_outcome
+from softsim_ros.client.services import AsyncService, Done, Outcome, Request, Switch, ignore_outcome, report
 from softsim_ros.client.state import RobotSnapshot
 from softsim_ros.messages import Proposal, base_target, header, read_proposal, write_edits
 
@@ -232,8 +232,7 @@ class Simulator:
     def start(self, done: Done = ignore_outcome) -> None:
         """Play the robot's start animation; refused while inverse control is on."""
         if self._snapshot.state.inverse:
-            self._snapshot.say(INVERSE_OWNS)
-            done(Outcome(False, INVERSE_OWNS))
+            report(Outcome(False, INVERSE_OWNS), self._snapshot.say, done)
             return
 
         def record_start() -> str:

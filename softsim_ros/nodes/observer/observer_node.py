@@ -42,7 +42,7 @@ from softsim_node import (
     run_node,
     steady_timer,
 )
-from softsim_ros import FrameSettings, JointReader, RobotNode, RobotSettings
+from softsim_ros import FrameSettings, JointReader, JointStates, RobotNode, RobotSettings
 from softsim_ros.messages import OK, WARN, header, message_array, pose_stamped
 from softsim_ros.nodes.inverse import FARTHEST_M, check_frame, checked_pose, unit_quaternion
 from softsim_ros.nodes.simulator import Publications
@@ -179,7 +179,7 @@ class ObserverNode(RobotNode):
         self._markers = len(values.places)
         self._base_shift = values.base_shift
         self._joints: Array | None = None
-        self._joints_at = self._applied_at = -np.inf
+        self._joints_at = -np.inf
         self._running, self._message = False, "waits for joint states"
         self._measured: dict[str, object] = {}
         self._estimate: Estimate | None = None
@@ -207,13 +207,13 @@ class ObserverNode(RobotNode):
         )
 
     def _subscribe(self, values: ObserverParameters) -> None:
-        def listen(kind: type, topic: str, callback: object, profile: object = MEASURED) -> None:
+        def listen(kind: type, topic: str, callback: object) -> None:
             if topic:
-                self.create_subscription(kind, topic, callback, profile)
+                self.create_subscription(kind, topic, callback, MEASURED)
 
-        listen(JointState, "applied_joint_states", self._on_applied)
-        listen(JointState, "joint_states", self._on_joint_states)
-        listen(Float64, "base_shift", self._on_base_shift, LATCHED)
+        topics = "applied_joint_states", "joint_states"  # simulated ones only where no bridge reports any
+        JointStates(self, SILENT_AFTER_S, self._take_joints, topics)
+        self.create_subscription(Float64, "base_shift", self._on_base_shift, LATCHED)
         if self._observer.unknowns.touch.start < self._observer.unknowns.acting:
             listen(PoseStamped, values.pose_topic, self._on_pose)
             listen(Imu, values.imu_topic, self._on_imu)
@@ -229,14 +229,6 @@ class ObserverNode(RobotNode):
         return self._estimate.verdict if self._running and self._estimate is not None else "waiting"
 
     # --- messages -------------------------------------------------------------------------------------
-
-    def _on_applied(self, message: JointState) -> None:
-        self._applied_at = time.monotonic()
-        self._take_joints(message)
-
-    def _on_joint_states(self, message: JointState) -> None:
-        if time.monotonic() - self._applied_at > SILENT_AFTER_S:  # no bridge reports them: simulated
-            self._take_joints(message)
 
     def _take_joints(self, message: JointState) -> None:
         joints = self._reader.read(message)
