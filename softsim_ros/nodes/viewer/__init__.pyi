@@ -17,9 +17,9 @@ from .guard import (
     MOST_REFUSED as MOST_REFUSED,
     AccessRule as AccessRule,
     GuardedServer as GuardedServer,
-    PageFilter as PageFilter,
     ViewerError as ViewerError,
     is_loopback as is_loopback,
+    passes as passes,
 )
 from .inner_view import (
     CollisionView as CollisionView,

@@ -3,7 +3,7 @@
 By itself viser listens on every interface, accepts any Origin and Host, moves on to another port when one is
 busy, opens a public tunnel when a page asks for it, and lets a page change any property of a control,
 including its callbacks, and upload files without end. Here every request and every WebSocket handshake passes
-`AccessRule` first, every message passes `PageFilter`, and the tunnel is disabled. The hook is
+`AccessRule` first, every message the function `passes`, and the tunnel is disabled. The hook is
 `websockets.asyncio.server.serve`, which viser calls once; if it no longer does, nothing is served.
 """
 
@@ -100,28 +100,18 @@ def _message_type(name: str, rule: Mapping[str, Any]) -> Any:
 _MESSAGES: Final[Any] = Union[tuple(_message_type(name, rule) for name, rule in RULES.items())]  # noqa: UP007
 
 
-class PageFilter:
-    """Decides which messages of a page pass.
-
-    Args:
-        controls: Returns viser's handles of the controls that are on the page now, by their ids.
-    """
-
-    def __init__(self, controls: Callable[[], Mapping[str, Any]]) -> None:
-        self._controls = controls
-
-    def passes(self, raw: bytes | str) -> bool:
-        """Return whether a message may be passed on to viser."""
-        if not isinstance(raw, bytes):
-            return False
-        try:  # in two steps, since viser decodes to a dictionary, too: both see the same of doubled keys
-            message = msgspec.convert(msgspec.msgpack.decode(raw), _MESSAGES, builtin_types=(bytes,))
-        except (msgspec.DecodeError, RecursionError, ValueError):
-            return False
-        if hasattr(message, "updates"):
-            handle = self._controls().get(message.uuid)
-            return handle is not None and may_have(handle, message.updates.value)
-        return True
+def passes(raw: bytes | str, controls: Mapping[str, Any]) -> bool:
+    """Return whether a page's message may be passed on to viser; `controls` are its handles by their ids."""
+    if not isinstance(raw, bytes):
+        return False
+    try:  # in two steps, since viser decodes to a dictionary, too: both see the same of doubled keys
+        message = msgspec.convert(msgspec.msgpack.decode(raw), _MESSAGES, builtin_types=(bytes,))
+    except (msgspec.DecodeError, RecursionError, ValueError):
+        return False
+    if hasattr(message, "updates"):
+        handle = controls.get(message.uuid)
+        return handle is not None and may_have(handle, message.updates.value)
+    return True
 
 
 def may_have(handle: Any, value: Any) -> bool:
@@ -146,17 +136,17 @@ def may_have(handle: Any, value: Any) -> bool:
 
 
 class FilteredConnection:
-    """A WebSocket connection that receives only messages that pass the filter.
+    """A WebSocket connection that receives only messages that pass; see `passes`.
 
     Everything else is passed to the inner connection.
 
     Args:
         inner: The connection.
-        page_filter: Decides which messages pass.
+        controls: Returns viser's handles of the controls that are on the page now.
     """
 
-    def __init__(self, inner: Any, page_filter: PageFilter) -> None:
-        self._inner, self._filter = inner, page_filter
+    def __init__(self, inner: Any, controls: Callable[[], Mapping[str, Any]]) -> None:
+        self._inner, self._controls = inner, controls
         self._refused, self._credit, self._counted_at = 0, float(BURST), time.monotonic()
 
     def __getattr__(self, name: str) -> Any:
@@ -168,7 +158,7 @@ class FilteredConnection:
         while True:
             raw = await self._inner.recv()
             await self._wait_for_turn()
-            if self._filter.passes(raw):
+            if passes(raw, self._controls()):
                 return bytes(raw)
             self._refused += 1
             if self._refused > MOST_REFUSED:
@@ -316,8 +306,7 @@ class GuardedServer(viser.ViserServer):
         _check_free(rule)
         os.environ.pop("_VISER_PORT_OVERRIDE", None)
         guarded: list[bool] = []
-        page_filter = PageFilter(self._controls)
-        with _guarding(rule, page_filter, guarded), contextlib.redirect_stdout(io.StringIO()):
+        with _guarding(rule, self._controls, guarded), contextlib.redirect_stdout(io.StringIO()):
             super().__init__(host=rule.host, port=rule.port, label=label, verbose=False)
         if not guarded or self.get_port() != rule.port:
             self.stop()
@@ -363,7 +352,9 @@ def _busy(rule: AccessRule) -> str:
 
 
 @contextlib.contextmanager
-def _guarding(rule: AccessRule, page_filter: PageFilter, guarded: list[bool]) -> Iterator[None]:
+def _guarding(
+    rule: AccessRule, controls: Callable[[], Mapping[str, Any]], guarded: list[bool]
+) -> Iterator[None]:
     """Apply rule and filter to servers started inside the context; `guarded` is then not empty."""
     serve = websockets.asyncio.server.serve
     page = _page()
@@ -376,7 +367,7 @@ def _guarding(rule: AccessRule, page_filter: PageFilter, guarded: list[bool]) ->
         options["logger"] = _disabled_logger()
 
         async def handle_filtered(connection: Any) -> None:
-            await handler(FilteredConnection(connection, page_filter))
+            await handler(FilteredConnection(connection, controls))
 
         return serve(handle_filtered, *args, **options)
 
