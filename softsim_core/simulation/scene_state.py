@@ -212,11 +212,6 @@ class SceneState:
         tets = [body.solid.tets[:, :4] + body.nodes.start for body in self.bodies]
         return np.concatenate([np.zeros((0, 4), np.int64), *tets])
 
-    @property
-    def surface_triangles(self) -> IndexArray:
-        """Boundary triangles of all bodies, as indices into `positions`, shape (k, 3)."""
-        return np.concatenate([np.zeros((0, 3), np.int64)] + [body.boundary for body in self.bodies])
-
     def visual_points(self) -> Array:
         """Return the present vertices of the visual surfaces of all bodies in [m], shape (p, 3)."""
         return self._surface.follow(self._state.positions)

@@ -28,7 +28,6 @@ from .sensors import (
     messages_of as messages_of,
     read_contact_cloud as read_contact_cloud,
     read_step_profile as read_step_profile,
-    read_tactile_image as read_tactile_image,
     step_profile as step_profile,
 )
 from .states import (
@@ -49,7 +48,6 @@ from .types import (
     OK as OK,
     WARN as WARN,
     diagnostic_array as diagnostic_array,
-    diagnostic_values as diagnostic_values,
     format_value as format_value,
     load_message as load_message,
 )

@@ -111,11 +111,6 @@ def tactile_image(header: Header, value: Array, _: Output) -> Image:
     )
 
 
-def read_tactile_image(message: Image) -> Array:
-    """Return pressures in [Pa] of a message made by `tactile_image`, shape (rows, columns)."""
-    return np.frombuffer(message.data, dtype="<f4").reshape(message.height, message.width).astype(float)
-
-
 def imu(header: Header, value: Array, output: Output) -> Imu:
     """Return specific force, angular rate and orientation with their noise variances.
 

@@ -51,11 +51,3 @@ def diagnostic_array(
         values=[KeyValue(key=key, value=format_value(value)) for key, value in values.items()],
     )
     return DiagnosticArray(header=header(stamp, ""), status=[status])
-
-
-def diagnostic_values(message: DiagnosticArray, name: str) -> dict[str, str]:
-    """Return the values of the status called `name`; empty if the message has none of that name."""
-    for status in message.status:
-        if status.name == name:
-            return {entry.key: entry.value for entry in status.values}
-    return {}

@@ -17,6 +17,7 @@ pytest.importorskip("daqp")
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from diagnostics import diagnostic_values  # noqa: E402
 from geometry_msgs.msg import PoseStamped  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -24,7 +25,6 @@ from std_msgs.msg import Float64MultiArray  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
 from softsim_ros import SpinThread, StateListener  # noqa: E402
-from softsim_ros.messages import diagnostic_values  # noqa: E402
 from softsim_ros.nodes.inverse import inverse_node  # noqa: E402
 
 CONTROLLER = "softsim_ros.nodes.inverse.inverse_node"

@@ -12,6 +12,7 @@ pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.shared_robot("tripod")]
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from diagnostics import diagnostic_values  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 from sensor_msgs.msg import JointState, PointCloud2  # noqa: E402
@@ -19,7 +20,7 @@ from shape_msgs.msg import Mesh  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402
 
-from softsim_ros.messages import diagnostic_values, read_point_cloud  # noqa: E402
+from softsim_ros.messages import read_point_cloud  # noqa: E402
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

@@ -13,13 +13,13 @@ pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
+from diagnostics import diagnostic_values  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from softsim_core.scene.io import config_file  # noqa: E402
 from softsim_node import LATCHED  # noqa: E402
-from softsim_ros.messages import diagnostic_values  # noqa: E402
 
 
 def test_a_simulator_starts_with_other_parameters(start_robot: Any, spin_until: Any) -> None:

@@ -22,7 +22,7 @@ from softsim_core.base import (
     sync_tree,
     write_file,
 )
-from softsim_core.control.inverse import ClosedLoopLog, EffectorPath, write_csv_path
+from softsim_core.control.inverse import ClosedLoopLog
 from softsim_core.lab.identification import write_table
 from softsim_core.physics.mesh import SurfaceMesh, TetMesh, write_surface, write_tets
 
@@ -172,9 +172,6 @@ WRITERS: dict[str, Callable[[Path], object]] = {
     "mesh.msh": lambda file: write_tets(file, TET),
     "surface.stl": lambda file: write_surface(file, SURFACE),
     "table.csv": lambda file: write_table(file, {"a": np.zeros(2)}),
-    "path.csv": lambda file: write_csv_path(
-        file, EffectorPath(np.arange(2.0), np.zeros((2, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)))
-    ),
     "log.csv": _log,
     "calibration.yaml": _calibration,
     "picture.png": _figure,

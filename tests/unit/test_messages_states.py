@@ -8,8 +8,10 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
+from diagnostics import diagnostic_values  # noqa: E402
+
 from softsim_ros import messages  # noqa: E402
-from softsim_ros.messages import OK, diagnostic_array, diagnostic_values  # noqa: E402
+from softsim_ros.messages import OK, diagnostic_array  # noqa: E402
 
 
 @pytest.mark.parametrize(

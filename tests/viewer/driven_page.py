@@ -7,6 +7,7 @@ from typing import Any
 
 from browser_page import BrowserPage
 from diagnostic_msgs.msg import DiagnosticArray
+from diagnostics import diagnostic_values
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from lifecycle_msgs.srv import GetState
 from sensor_msgs.msg import JointState
@@ -14,7 +15,6 @@ from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import SetBool
 
 from softsim_node import STATE_QOS
-from softsim_ros.messages import diagnostic_values
 
 BODY = "/bodies/silicone"
 START, MID, HIGH = -1.4965, -1.0466666666666667, -0.785

@@ -13,11 +13,10 @@ pytest.importorskip("viser")
 
 import viser
 from diagnostic_msgs.msg import DiagnosticArray
+from diagnostics import diagnostic_values
 from node_processes import resident_mb
 from tcp_ports import free_port
 from waiting import DEADLINE_S
-
-from softsim_ros.messages import diagnostic_values
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

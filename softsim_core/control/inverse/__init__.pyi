@@ -31,7 +31,6 @@ from .paths import (
     read_csv_path as read_csv_path,
     read_maze_plan as read_maze_plan,
     read_path as read_path,
-    write_csv_path as write_csv_path,
 )
 from .problem import (
     QP as QP,

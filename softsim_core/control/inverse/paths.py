@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.base import MILLIMETRE, Array, CommandError, ConfigError, known_names, listing, write_file
+from softsim_core.base import MILLIMETRE, Array, CommandError, ConfigError, known_names, listing
 from softsim_core.control.inverse.closed_loop import tilt_rotation
 from softsim_core.physics.mechanics import Pose, quaternion_of
 from softsim_core.scene.io import config_roots, shorten
@@ -282,19 +281,3 @@ def read_csv_path(file: str | PathLike[str]) -> EffectorPath:
     except PathRefusedError as error:
         where = "" if error.row is None else f"row {rows[error.row][0]}"
         raise ConfigError(file, where, error.problem) from error
-
-
-def write_csv_path(file: str | PathLike[str], path: EffectorPath) -> None:
-    """Write a path as a CSV file that `read_csv_path` reads back to the same numbers.
-
-    Raises:
-        ConfigError: the file cannot be written.
-    """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(CSV_COLUMNS)
-    writer.writerows(np.column_stack([path.times, path.positions, path.quaternions]).tolist())
-    try:
-        write_file(Path(file), text.getvalue())
-    except OSError as error:
-        raise ConfigError(file, "", f"cannot be written: {error.strerror}") from error

@@ -26,12 +26,11 @@ class Pacer:
 
     Attributes:
         late_s: Total time skipped by restarting the schedule, in [s].
-        restarts: Number of restarts.
     """
 
     def __init__(self, tolerance_s: float = 0.1) -> None:
         self.tolerance_s = tolerance_s
-        self.late_s, self.restarts = 0.0, 0
+        self.late_s = 0.0
         self._due: float | None = None
 
     def start(self) -> None:
@@ -55,7 +54,6 @@ class Pacer:
         behind = now - self._due
         if behind > self.tolerance_s:
             self.late_s += behind
-            self.restarts += 1
             self._due = now
         return max(0.0, -behind)
 
