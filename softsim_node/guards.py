@@ -155,6 +155,10 @@ class GuardedNode(Node):
     This includes rclpy's own parameter services. See `softsim_node.guards`.
     """
 
+    def close(self) -> None:
+        """Reach the safe state, end threads and ports, destroy the node; a second call does nothing."""
+        self.destroy_node()
+
     def refuse(self, text: str) -> None:
         """Log why something that came from outside was refused."""
         if self.context.ok():

@@ -10,7 +10,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 import rclpy
 import rclpy.utilities
@@ -27,6 +27,7 @@ from rclpy.signals import SignalHandlerOptions
 from softsim_core.base import SoftSimError, use_safe_path
 from softsim_node import environment
 from softsim_node.environment import check_ros_variables, prepare_environment
+from softsim_node.guards import GuardedNode
 from softsim_node.parameters import Program
 from softsim_node.signals import OUTLIVE, ending
 from softsim_node.text import error_message
@@ -171,23 +172,7 @@ def serve_callbacks(node: Any) -> None:
     spin(executor, lambda: not ending.asked)
 
 
-class RunnableNode(Protocol):
-    """A node that can end in a safe state; every node of the suite is one."""
-
-    def close(self) -> None:
-        """Reach the safe state, end threads and ports; a second call does nothing."""
-        ...
-
-    def destroy_node(self) -> None:
-        """Close, then destroy the node; a second call does nothing."""
-        ...
-
-    def get_logger(self) -> Any:
-        """Return rclpy's logger of the node."""
-        ...
-
-
-NodeType = TypeVar("NodeType", bound=RunnableNode)
+NodeType = TypeVar("NodeType", bound=GuardedNode)
 
 END_LIMIT_S = 60.0
 """Longest time in [s] for the end of a process.

@@ -24,7 +24,6 @@ from .report_pages import (
     write_page as write_page,
 )
 from .robot_node import (
-    ClosableNode as ClosableNode,
     FrameSettings as FrameSettings,
     RobotNode as RobotNode,
     RobotSettings as RobotSettings,

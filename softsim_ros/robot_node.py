@@ -21,14 +21,6 @@ from softsim_node import GuardedNode, RobotFrames, declare, parameter, parameter
 from softsim_ros.messages import diagnostic_array
 
 
-class ClosableNode(GuardedNode):
-    """A node that ends its own threads and ports, and survives errors in its callbacks."""
-
-    def close(self) -> None:
-        """Close threads and ports, then destroy the node; a second call does nothing."""
-        self.destroy_node()
-
-
 class SpinThread:
     """Runs callbacks of some nodes in their own thread; leaving the `with` block stops and joins it."""
 
@@ -80,7 +72,7 @@ class FrameSettings:
     )
 
 
-class RobotNode(ClosableNode):
+class RobotNode(GuardedNode):
     """A node for one robot or scene, in the robot's namespace.
 
     Args:

@@ -14,8 +14,8 @@ from rclpy.node import Node
 
 from softsim_core.base import SoftSimError, listing
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_node import error_message, prepare_environment, steady_timer
-from softsim_ros import ClosableNode, SpinThread
+from softsim_node import GuardedNode, error_message, prepare_environment, steady_timer
+from softsim_ros import SpinThread
 from softsim_ros.client.bridge import Bridge
 from softsim_ros.client.control import ClosedLoop, Inverse
 from softsim_ros.client.discovery import running_robot, running_robots
@@ -233,7 +233,7 @@ def connect(
     scene = robot if isinstance(robot, RobotDescription) else load_scene(robot)
     context = Context()
     context.init(args=["--ros-args", "--disable-rosout-logs"], domain_id=domain)
-    node = ClosableNode(
+    node = GuardedNode(
         f"client_{os.getpid()}",
         context=context,
         namespace=scene.namespace if namespace is None else namespace,
@@ -250,7 +250,7 @@ def connect(
         context.try_shutdown()
 
 
-def _wait_for_robot(session: RobotSession, node: ClosableNode, within_s: float) -> None:
+def _wait_for_robot(session: RobotSession, node: GuardedNode, within_s: float) -> None:
     """Wait for joint states and, if there is a simulator, until it can be commanded and called."""
 
     def is_whole(state: RobotState) -> bool:

@@ -32,8 +32,16 @@ from std_srvs.srv import SetBool
 
 from softsim_core import load_scene
 from softsim_core.base import SoftSimError
-from softsim_node import Program, StateTopics, declare, matching_qos, parameter, parameter_probe, run_node
-from softsim_ros import ClosableNode
+from softsim_node import (
+    GuardedNode,
+    Program,
+    StateTopics,
+    declare,
+    matching_qos,
+    parameter,
+    parameter_probe,
+    run_node,
+)
 from softsim_ros.messages import load_message
 from softsim_ros.recording.bag_writer import BagWriter
 from softsim_ros.recording.errors import RecordingError
@@ -142,7 +150,7 @@ class RecorderSettings:
     autostart: bool = parameter(True, "Begin at once, without a call of ~/enable", fixed=True)
 
 
-class Recorder(ClosableNode):
+class Recorder(GuardedNode):
     """Records while it is enabled, each time into a new bag.
 
     Args:

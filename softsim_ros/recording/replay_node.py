@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import NamedTuple
 
-from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_node import STATE_TOPICS, LiveParameters, StateTopics, ending, parameter, serve_once
-from softsim_ros import ClosableNode
+from softsim_node import STATE_TOPICS, GuardedNode, LiveParameters, StateTopics, ending, parameter, serve_once
 from softsim_ros.messages import load_message
 from softsim_ros.nodes.simulator import RateGate
 from softsim_ros.recording.bag import Bag, RawMessage
@@ -32,15 +30,14 @@ class ReplayClock:
 
     Args:
         now: Steady clock in [s].
-        position: Bag time to begin at in [s].
         speed: Seconds of the bag per second of the clock, > 0.
 
     Attributes:
         paused: Whether it stands still.
     """
 
-    def __init__(self, now: float, position: float = 0.0, speed: float = 1.0) -> None:
-        self._since, self._position, self._speed = now, position, speed
+    def __init__(self, now: float, speed: float = 1.0) -> None:
+        self._since, self._position, self._speed = now, 0.0, speed
         self.paused = False
 
     def position(self, now: float) -> float:
@@ -138,14 +135,13 @@ class ReplaySettings:
     speed: float = parameter(1.0, "Seconds of the bag per second", within=(0.001, 1000.0))
 
 
-class Replay(ClosableNode):
+class Replay(GuardedNode):
     """Publishes a bag.
 
     Args:
         bag: Bag to play, open.
         namespace: Namespace in which to play it; None takes the one in which it was recorded.
         commands_only: Publish only what moves joints, for a running simulator; otherwise everything.
-        context: rclpy context; None takes the default one.
         speed: Seconds of the bag per second; the parameter `speed` changes it.
         start_s: Length of the beginning to skip in [s]; the newest latched messages are published anyway.
 
@@ -159,12 +155,11 @@ class Replay(ClosableNode):
         *,
         namespace: str | None = None,
         commands_only: bool = False,
-        context: Context | None = None,
         speed: float = 1.0,
         start_s: float = 0.0,
     ) -> None:
         target = bag.namespace if namespace is None else namespace
-        super().__init__(NODE_NAME, context=context, namespace=target)
+        super().__init__(NODE_NAME, namespace=target)
         self._bag, self._commands_only = bag, commands_only
         self._since_ns = bag.begin_ns + round(1e9 * start_s)
         self._playhead = ReplayClock(time.monotonic())

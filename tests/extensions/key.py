@@ -8,8 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from softsim_core.scene import load_scene
-from softsim_node import ros_process
-from softsim_ros import ClosableNode, SpinThread
+from softsim_node import GuardedNode, ros_process
+from softsim_ros import SpinThread
 from softsim_ros.client import RobotClient, RobotSession
 from softsim_ros.keys import Keyboard, KeyPress
 from softsim_ros.nodes.simulator import Simulator
@@ -24,7 +24,7 @@ messages: list[str] = []
 with ros_process(), contextlib.ExitStack() as stack:
     simulator = Simulator(scene)
     stack.callback(simulator.close)
-    node = ClosableNode("keys", namespace=simulator.get_namespace())
+    node = GuardedNode("keys", namespace=simulator.get_namespace())
     stack.callback(node.close)
     client = RobotClient(node, scene)
     keyboard = Keyboard(node, client, messages.append)

@@ -19,9 +19,8 @@ from rclpy.node import Node  # noqa: E402
 from waiting import DEADLINE_S  # noqa: E402
 
 from softsim_core.base import SceneError  # noqa: E402
-from softsim_node import Program, run_node  # noqa: E402
+from softsim_node import GuardedNode, Program, run_node  # noqa: E402
 from softsim_ros import (  # noqa: E402
-    ClosableNode,
     SpinThread,
 )
 
@@ -59,12 +58,12 @@ def test_a_spin_thread_outlives_its_context(node: Node, context: Context) -> Non
 PROGRAM = Program(name="trial", about="Tries.")
 
 
-class Failing(ClosableNode):
+class Failing(GuardedNode):
     def __init__(self) -> None:
         raise SceneError("scene x: no such thing; known: y")
 
 
-class Stopping(ClosableNode):
+class Stopping(GuardedNode):
     closed: list[str]
 
     def __init__(self) -> None:
@@ -98,13 +97,12 @@ import ctypes
 import sys
 
 from softsim_node import process
-from softsim_node import Program
-from softsim_ros import ClosableNode
+from softsim_node import GuardedNode, Program
 
 process.END_LIMIT_S = 1.0
 
 
-class Hanging(ClosableNode):
+class Hanging(GuardedNode):
     def __init__(self):
         super().__init__("hanging")
         self.create_timer(0.01, self.context.try_shutdown)

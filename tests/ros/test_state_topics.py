@@ -17,10 +17,10 @@ from std_msgs.msg import Bool  # noqa: E402
 
 from softsim_node import (  # noqa: E402
     STATE_TOPICS,
+    GuardedNode,
     StateTopics,
 )
 from softsim_ros import (  # noqa: E402
-    ClosableNode,
     SpinThread,
     StateListener,
 )
@@ -41,7 +41,7 @@ def state_topics_of(client: Any, node: str) -> set[str]:
 
 
 def test_a_fact_is_sent_at_the_start_and_on_every_change(client: Any, spin_until: Any) -> None:
-    node = ClosableNode("replay", context=client.context, namespace="tripod")
+    node = GuardedNode("replay", context=client.context, namespace="tripod")
     paused = False
     topics = StateTopics(node, {"replay/paused": lambda: Bool(data=paused)})
     try:
@@ -63,7 +63,7 @@ def test_a_fact_is_sent_at_the_start_and_on_every_change(client: Any, spin_until
 
 
 def test_a_fact_that_is_in_no_table_is_refused(client: Any) -> None:
-    node = ClosableNode("replay", context=client.context, namespace="tripod")
+    node = GuardedNode("replay", context=client.context, namespace="tripod")
     with pytest.raises(KeyError, match="replay/speed"):
         StateTopics(node, {"replay/speed": lambda: Bool()})
     node.close()
@@ -71,7 +71,7 @@ def test_a_fact_that_is_in_no_table_is_refused(client: Any) -> None:
 
 def test_in_one_process_it_lasts_as_long_as_its_publisher(client: Any, spin_until: Any) -> None:
     """As in `softsim up`, whose terminal hears the nodes beside it: Fast DDS lets their leases run out."""
-    node = ClosableNode("recorder", context=client.context, namespace="tripod")
+    node = GuardedNode("recorder", context=client.context, namespace="tripod")
     StateTopics(node, {"recorder/enabled": lambda: Bool(data=True)})
     enabled = StateListener(client.node, "recorder/enabled")
     with SpinThread([node], client.context):
@@ -87,9 +87,9 @@ def test_in_one_process_every_end_is_noticed(client: Any, spin_until: Any, start
     """Fast DDS may tell of a publisher at its end only, and the graph may still list it then."""
     names = [name for name in STATE_TOPICS if name.startswith("servo_bridge/")]
     facts = {name: STATE_TOPICS[name] for name in names}  # a type called without values is a reader
-    node = ClosableNode("servo_bridge", context=client.context, namespace="tripod")
+    node = GuardedNode("servo_bridge", context=client.context, namespace="tripod")
     StateTopics(node, facts)
-    listener = ClosableNode("listener", context=client.context, namespace="tripod")
+    listener = GuardedNode("listener", context=client.context, namespace="tripod")
     heard = [StateListener(listener, name) for name in names]
     with SpinThread([listener], client.context):
         with SpinThread([node], client.context):
@@ -104,7 +104,7 @@ def test_a_simulator_tells_its_state_while_it_lives(
     running_tripod: Any, client: Any, spin_until: Any
 ) -> None:
     assert spin_until(lambda: state_topics_of(client, "simulator") == {"paused", "faulted"})
-    node = ClosableNode("listener", context=client.context, namespace="tripod")
+    node = GuardedNode("listener", context=client.context, namespace="tripod")
     seen: list[Any] = []
     paused = StateListener(node, "simulator/paused", seen.append)
     faulted = StateListener(node, "simulator/faulted")

@@ -50,8 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     from rclpy.parameter import Parameter
 
     from softsim_core.scene import load_scene
-    from softsim_node import ros_process
-    from softsim_ros import ClosableNode, SpinThread
+    from softsim_node import GuardedNode, ros_process
+    from softsim_ros import SpinThread
     from softsim_ros.cli.running import only_one
     from softsim_ros.client import RobotClient, RobotSession
     from softsim_ros.nodes.simulator import Simulator
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     with only_one(scene.name), ros_process(), contextlib.ExitStack() as stack:
         simulator = Simulator(scene, parameter_overrides=parameters)
         stack.callback(simulator.close)
-        node = ClosableNode(arguments.name, namespace=simulator.get_namespace())
+        node = GuardedNode(arguments.name, namespace=simulator.get_namespace())
         stack.callback(node.close)
         client = RobotClient(node, scene)
         show: Show = show_class(node, client)

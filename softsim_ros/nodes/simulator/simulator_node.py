@@ -272,7 +272,7 @@ class Simulator(RobotNode):
     # --- another scene --------------------------------------------------------------------------------
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
-        """Create a service as ClosableNode does.
+        """Create a service as GuardedNode does.
 
         A request to set parameters that load another scene is answered once that scene has been built.
         """

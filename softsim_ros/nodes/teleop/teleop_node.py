@@ -11,8 +11,7 @@ from typing import Any, Final
 from rclpy.executors import SingleThreadedExecutor
 
 from softsim_core.scene import RobotDescription, load_scene
-from softsim_node import Program, ending, ready_callbacks, run_node
-from softsim_ros import ClosableNode
+from softsim_node import GuardedNode, Program, ending, ready_callbacks, run_node
 from softsim_ros.client import RobotClient, Warnings
 from softsim_ros.keys import Keyboard, KeySettings, requested_robot
 from softsim_ros.nodes.teleop.decoder import KeyDecoder
@@ -25,7 +24,7 @@ KEY_WAIT_S: Final = 0.04
 DRAW_INTERVAL_S: Final = 0.1
 
 
-class Teleop(ClosableNode):
+class Teleop(GuardedNode):
     """Thin node: a client of the robot, a keyboard that drives it, and the newest message for the user.
 
     Args:

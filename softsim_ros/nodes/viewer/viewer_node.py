@@ -14,8 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from softsim_core.base import Array, SoftSimError
 from softsim_core.scene import RobotDescription, SceneCatalog
 from softsim_core.scene.io import shorten, without_contents
-from softsim_node import Program, declare, ending, ready_callbacks, run_node
-from softsim_ros import ClosableNode
+from softsim_node import GuardedNode, Program, declare, ending, ready_callbacks, run_node
 from softsim_ros.client import Editing, RobotClient, RobotLog, Warnings
 from softsim_ros.keys import Keyboard, KeySettings
 from softsim_ros.nodes.viewer.edit_mode import EditMode
@@ -37,7 +36,7 @@ VIEW_DEPTH_MM: Final = (1.0, 100_000.0)
 """Near and far plane of cameras in [mm]; viser's default far plane would be at 1 m."""
 
 
-class Viewer(ClosableNode):
+class Viewer(GuardedNode):
     """Serves the page of one robot; see `frame` for its loop.
 
     Args:
