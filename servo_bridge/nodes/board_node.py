@@ -33,9 +33,9 @@ class BoardNode(GuardedNode):
     A subclass creates its `board` with a link to `link_path`, then calls `begin`.
 
     Args:
+        node_name: Name of the node.
         link: Path of a link to the port; None takes the parameter `link` (empty: no link).
         show: Whether to write the port's name and a status line to standard output.
-        node_name: Name of the node.
         **node_kwargs: Passed on to rclpy's Node.
 
     Attributes:
@@ -46,7 +46,7 @@ class BoardNode(GuardedNode):
     board: PtyBoard
     defaults: ClassVar[Any] = BoardSettings()
 
-    def __init__(self, *, link: str | None, show: bool, node_name: str, **node_kwargs: Any) -> None:
+    def __init__(self, node_name: str, link: str | None, show: bool, **node_kwargs: Any) -> None:
         super().__init__(node_name, **node_kwargs)
         self.settings = declare(self, self.defaults)
         self.link_path = (self.settings.link if link is None else link) or None

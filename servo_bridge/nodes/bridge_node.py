@@ -41,10 +41,8 @@ class ServoBridge(GuardedLifecycleNode):
     A `scene` is a robot that is already loaded; None loads the one of the parameter `robot` at configure.
     """
 
-    def __init__(
-        self, *, scene: RobotDescription | None = None, node_name: str = "servo_bridge", **node_kwargs: Any
-    ) -> None:
-        super().__init__(node_name, **node_kwargs)
+    def __init__(self, *, scene: RobotDescription | None = None, **node_kwargs: Any) -> None:
+        super().__init__("servo_bridge", **node_kwargs)
         self._live = LiveParameters(
             self,
             BridgeSettings(frame_prefix=prefix_of(self.get_namespace())),

@@ -48,15 +48,8 @@ class EmulatedBoardNode(BoardNode):
     board: EmulatedBoardPty
     defaults = EmulatedBoardSettings()
 
-    def __init__(
-        self,
-        *,
-        link: str | None = None,
-        show: bool = False,
-        node_name: str = "emulated_board",
-        **node_kwargs: Any,
-    ) -> None:
-        super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
+    def __init__(self, *, link: str | None = None, show: bool = False, **node_kwargs: Any) -> None:
+        super().__init__("emulated_board", link, show, **node_kwargs)
         self.board = EmulatedBoardPty(
             self.settings.firmware or None, link=self.link_path, log_length=LOG_LENGTH
         )

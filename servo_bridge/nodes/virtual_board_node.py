@@ -52,7 +52,7 @@ class VirtualBoardNode(BoardNode):
 
     Args:
         described: Board of the robot; None takes the one of the parameter `robot`.
-        link, show, node_name, **node_kwargs: As for `BoardNode`.
+        link, show, **node_kwargs: As for `BoardNode`.
 
     Raises:
         PortError: the link cannot be made.
@@ -68,10 +68,9 @@ class VirtualBoardNode(BoardNode):
         described: BoardDescription | None = None,
         link: str | None = None,
         show: bool = False,
-        node_name: str = "virtual_board",
         **node_kwargs: Any,
     ) -> None:
-        super().__init__(link=link, show=show, node_name=node_name, **node_kwargs)
+        super().__init__("virtual_board", link, show, **node_kwargs)
         servos: int | Sequence[Servo] = self.settings.servos
         protocol = self.settings.protocol
         if described is None and not (servos and protocol):
