@@ -118,10 +118,10 @@ def plan(arguments: LaunchArguments, folder: Path) -> Plan:
     return Plan(namespace, tuple(nodes), f"drive it from another terminal: {teleop}")
 
 
-def board_link(namespace: str, environment: Mapping[str, str] = os.environ) -> Path:
+def board_link(namespace: str) -> Path:
     """Return the link to the port of a board that is a program, in a folder of this user alone."""
     name = namespace.strip("/").replace("/", "_")
-    return runtime_folder(environment) / f"softsim_{os.getuid()}_{name}_board"
+    return runtime_folder() / f"softsim_{os.getuid()}_{name}_board"
 
 
 def _hardware(arguments: LaunchArguments, robot: RobotDescription, namespace: str) -> list[PlannedNode]:

@@ -24,12 +24,11 @@ RATE = 20.0
 BODY_COLOUR = (0.9, 0.9, 0.9, 1.0)
 
 
-def html_replay(bag: Bag, *, stress: bool = True) -> str:
+def html_replay(bag: Bag) -> str:
     """Return the page as HTML.
 
-    Args:
-        bag: Open bag with the surface (topics mesh/topology and mesh/points).
-        stress: Colour by von Mises stress; the largest stress of the bag has the last colour.
+    The surface (topics mesh/topology and mesh/points) is coloured by von Mises stress; the largest stress of
+    the bag has the last colour.
 
     Raises:
         BagError: the bag contains no surface.
@@ -47,7 +46,7 @@ def html_replay(bag: Bag, *, stress: bool = True) -> str:
         layers = _layers(bag, scene)
         surface = SurfaceView(scene, lambda mesh: None)
         top = max(float(frame.von_mises.max(initial=0.0)) for frame in frames)
-        surface.apply_view(ViewSettings(stress=stress, stress_top=top or None))
+        surface.apply_view(ViewSettings(stress=True, stress_top=top or None))
         recording = server.get_scene_serializer()
         shown: MeshFrame | None = None
         for frame in frames:

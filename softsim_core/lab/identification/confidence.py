@@ -162,15 +162,12 @@ class Folds:
         return float(np.mean(list(self.left_out.values())) / np.mean(list(self.fitted.values())))
 
 
-def cross_validated(
-    result: Calibration, count: int = 5, seed: int = 0, done: Progress | None = None
-) -> Folds:
+def cross_validated(result: Calibration, count: int = 5, done: Progress | None = None) -> Folds:
     """Cross-validate a calibration: return the errors of rows that were not fitted.
 
     Args:
         result: The calibration, not interrupted.
-        count: Number of folds.
-        seed: Seed of the division of rows; sessions in time are divided into as many spans.
+        count: Number of folds; sessions in time are divided into as many spans.
         done: Called with the number of finished folds.
 
     Raises:
@@ -179,7 +176,7 @@ def cross_validated(
     problem = result.problem
     best = (result.values - problem.low) / problem.span
     around = problem.look_around(best)
-    generator, sessions = np.random.default_rng(seed), problem.misfit.sessions
+    generator, sessions = np.random.default_rng(0), problem.misfit.sessions
     fold_of = [_dealt(each, count, generator) for each in sessions]
     fitted: dict[str, list[float]] = {each.name: [] for each in sessions}
     left_out: dict[str, list[float]] = {each.name: [] for each in sessions}
@@ -213,11 +210,10 @@ def _dealt(session: Session, count: int, generator: np.random.Generator) -> Arra
     return folds
 
 
-def profiled(result: Calibration, parameter: int, done: Progress | None = None) -> tuple[float, float]:
+def profiled(result: Calibration, parameter: int) -> tuple[float, float]:
     """Return the 95 % interval of a parameter by profile likelihood; an end at or beyond a bound is infinite.
 
-    The parameter is an index. The calibration must not have been interrupted. `done` is called with the
-    number of finished ends, of two.
+    The parameter is an index. The calibration must not have been interrupted.
     """
     problem = result.problem
     best = (result.values - problem.low) / problem.span
@@ -248,9 +244,5 @@ def profiled(result: Calibration, parameter: int, done: Progress | None = None) 
             away *= float(np.clip(np.sqrt(allowed / growth), 0.3, 3.0))
         return away
 
-    ends = []
-    for number, sign in enumerate((-1.0, 1.0)):
-        ends.append(float(result.values[parameter] + sign * problem.span[parameter] * find_end(sign)))
-        if done is not None:
-            done(number + 1, 2)
-    return ends[0], ends[1]
+    value, span = float(result.values[parameter]), float(problem.span[parameter])
+    return value - span * find_end(-1.0), value + span * find_end(1.0)

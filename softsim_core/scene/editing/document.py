@@ -332,9 +332,9 @@ class SceneDocument:
         del self._states[: max(0, len(self._states) - 1 - MOST_UNDONE)]
         self._at, self._stroke = len(self._states) - 1, stroke
 
-    def note_saved(self, file: Path | None = None) -> None:
-        """Record that the proposal was saved to its file, or to another one, which is edited from now on."""
-        self.file, self.saved = file or self.file, self.text
+    def note_saved(self) -> None:
+        """Record that the proposal was saved to its file."""
+        self.saved = self.text
 
     def undo(self) -> bool:
         """Undo the last change; return whether there was one."""

@@ -179,16 +179,9 @@ def add_cable(
     return _add_joint(robot, "cable", {"limits": limits, "cable": cable})
 
 
-def add_chamber(
-    robot: RobotDescription, body: str, most: float, inside: Vector | None = None
-) -> tuple[str, Edits]:
-    """Return part name and edits that make a body's cavity a chamber of up to `most` in [Pa].
-
-    Of several cavities, the one around `inside` is used.
-    """
+def add_chamber(robot: RobotDescription, body: str, most: float) -> tuple[str, Edits]:
+    """Return part name and edits that make a body's cavity a chamber of up to `most` in [Pa]."""
     chamber: dict[str, Any] = {"body": body, "control": "pressure"}
-    if inside is not None:
-        chamber["inside"] = plain_vector(inside)
     limits = {"lower": 0.0, "upper": float(most), "speed": float(most)}
     return _add_joint(robot, "chamber", {"limits": limits, "chamber": chamber})
 

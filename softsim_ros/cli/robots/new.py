@@ -32,7 +32,6 @@ def scene_text(
     preset: str,
     factor: float,
     doubts: Sequence[str] = (),
-    dt: float = _DT,
 ) -> str:
     """Return the scene in YAML.
 
@@ -43,7 +42,6 @@ def scene_text(
         preset: Name of an elastomer.
         factor: Factor of its stiffness.
         doubts: Arguments against the guess of a cable.
-        dt: Time step in [s].
     """
     order, tilt = made.mesh.order, guess.tilt_deg
     order_line = "\n    order: 2  # quadratic elements" if order == 2 else ""
@@ -63,7 +61,7 @@ def scene_text(
 # {name}: made of {file} by `softsim new`. SI units (m, kg, s, Pa), z up.
 # What is a GUESS here is marked so: look at each in the page (softsim up), then correct it.
 name: {name}
-dt: {number(dt)}  # time step; every dt is stable, a smaller one damps less
+dt: {number(_DT)}  # time step; every dt is stable, a smaller one damps less
 gravity: [0.0, 0.0, -9.81]
 solver: {{rayleigh_stiffness: 0.01}}  # damping; GUESS
 

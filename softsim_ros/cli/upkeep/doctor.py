@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib.metadata
 import importlib.util
 import os
 import platform
@@ -19,7 +18,7 @@ from serial.tools import list_ports
 from servo_bridge import PortError
 from servo_bridge.driver import find_port
 from servo_bridge.emulator import VirtualBoard, why_missing
-from softsim_core.base import SoftSimError
+from softsim_core.base import SoftSimError, version_of
 from softsim_node import environment, has_ros_wheels, ros_problems, system_ros
 from softsim_ros import OPTIONAL
 from softsim_ros.cli import Colours
@@ -63,6 +62,7 @@ OPTIONAL_PACKAGES = {  # import name -> distribution, and what needs it
     "matplotlib": ("matplotlib", "charts of report, pictures of workspace --out"),
 }
 OLDEST, NEWEST = (3, 10), (3, 13)
+UNKNOWN = "(version unknown)"
 
 
 def check_python() -> list[Finding]:
@@ -82,7 +82,7 @@ def check_packages() -> list[Finding]:
     if missing:
         names = " ".join(PACKAGES[name] for name in missing)
         return [Finding(Level.PROBLEM, "packages", f"missing: {names}", f"pip install {names}")]
-    text = ", ".join(f"{name} {_version(name)}" for name in PACKAGES.values())
+    text = ", ".join(f"{name} {version_of(name) or UNKNOWN}" for name in PACKAGES.values())
     return [Finding(Level.OK, "packages", text)]
 
 
@@ -91,7 +91,7 @@ def check_optional_packages() -> list[Finding]:
     findings = []
     for name, (distribution, lost) in OPTIONAL_PACKAGES.items():
         if importlib.util.find_spec(name) is not None:
-            findings.append(Finding(Level.OK, distribution, _version(distribution)))
+            findings.append(Finding(Level.OK, distribution, version_of(distribution) or UNKNOWN))
             continue
         advice = f"pip install {distribution}, or ros2_ws/pip-requirements.txt in a virtual environment"
         findings.append(Finding(Level.WARNING, distribution, f"not installed: without it no {lost}", advice))
@@ -108,7 +108,7 @@ def check_numba() -> list[Finding]:
     from softsim_core.simulation import cached_kernels, kernels_ready
 
     compiled, folder = cached_kernels()
-    text = f"{_version('numba')}, {compiled} compiled kernels cached in {folder}"
+    text = f"{version_of('numba')}, {compiled} compiled kernels cached in {folder}"
     if kernels_ready():
         return [Finding(Level.OK, "numba", f"{text}: robots run on the compiled path")]
     advice = (
@@ -146,13 +146,6 @@ def check_terminal() -> list[Finding]:
     else:
         text = "none: softsim up shows a status line instead of the teleop"
     return [Finding(Level.OK, "terminal", text)]
-
-
-def _version(distribution: str) -> str:
-    try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return "(version unknown)"
 
 
 def check_board(port: str = "") -> list[Finding]:

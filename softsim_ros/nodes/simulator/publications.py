@@ -27,7 +27,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -145,16 +145,6 @@ class Moment:
         values = self.simulation.visual_values(self.simulation.von_mises())
         # vertices outside their element extrapolate below zero
         return self.simulation.visual_points(), np.maximum(values, 0.0)
-
-
-class Publication(Protocol):
-    """What publishes on one or more topics; used from the thread that owns the simulation."""
-
-    def show_scene(self, moment: Moment) -> None:
-        """Publish the static part of the first scene, or of another one that replaces it."""
-
-    def publish(self, moment: Moment) -> None:
-        """Publish what is due."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -489,7 +479,7 @@ class Publications:
         }
         self._points = topics[POINTS]
         self.set_mesh_rate(mesh_rate)
-        self._publications: list[Publication] = [
+        self._publications: list[TopicPublication | ChamberPublications | SensorPublications] = [
             *topics.values(),
             ChamberPublications(node, below),
             SensorPublications(node, below),
