@@ -48,7 +48,7 @@ class Transport(Protocol):
         """Close the port; a second call does nothing."""
 
 
-class SerialTransport:
+class SerialTransport(contextlib.AbstractContextManager["SerialTransport"]):
     """An open serial port: whole packets out, bytes in.
 
     One thread may read while another one writes. The modem lines are not set: opening a port resets most
@@ -119,9 +119,6 @@ class SerialTransport:
             self._serial.close()
         except OSError:  # a vanished device may refuse even this; its descriptor is gone all the same
             self._serial.is_open = False
-
-    def __enter__(self) -> SerialTransport:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()
@@ -347,7 +344,11 @@ def find_port(port: str = "", *, ports: Iterable[ListPortInfo] | None = None, by
     if port:
         return port
     found_ports = sorted(list_ports.comports() if ports is None else ports, key=lambda info: info.device)
-    boards = {Path(info.device).resolve(): info.device for info in found_ports if _is_board(info)}
+    boards = {
+        Path(info.device).resolve(): info.device
+        for info in found_ports
+        if (info.vid, info.pid) in BOARD_USB_IDS or "arduino" in (info.manufacturer or "").lower()
+    }
     links = sorted(by_id.iterdir()) if by_id.is_dir() else []
     for link in links:
         if "arduino" in link.name.lower() or link.resolve() in boards:
@@ -434,7 +435,3 @@ def find_same_device(
         stable or port,
         f"{stable or usb} is not plugged in{other}; plug it in, or for another board cleanup and configure",
     )
-
-
-def _is_board(info: ListPortInfo) -> bool:
-    return (info.vid, info.pid) in BOARD_USB_IDS or "arduino" in (info.manufacturer or "").lower()

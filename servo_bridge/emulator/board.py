@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,7 +37,7 @@ FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "tripod.hex"  # th
 FRAME_S = 0.020  # period of the servo pulses in [s]
 
 
-class EmulatedBoard:
+class EmulatedBoard(AbstractContextManager["EmulatedBoard"]):
     """A servo board in lock-step: time passes only in `run`, and is the same on every execution.
 
     Args:
@@ -189,9 +190,6 @@ class EmulatedBoard:
     def close(self) -> None:
         """Free the emulator's memory."""
         self.processor.close()
-
-    def __enter__(self) -> EmulatedBoard:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()

@@ -34,7 +34,7 @@ from softsim_core.physics.mechanics import COMMANDED, Model, Pose, Rows, State, 
 from softsim_core.physics.mesh import SurfaceFollower
 from softsim_core.physics.sensing import Sensors, StepObservation
 from softsim_core.scene import SceneDescription
-from softsim_core.scene.building import Body, BuiltScene, build, contacts, sensors
+from softsim_core.scene.building import BuiltScene, build, contacts, sensors
 from softsim_core.simulation.drive import check_values, set_body_motion
 
 
@@ -80,12 +80,13 @@ class SceneState:
         self._report = StepReport()
         self._forces = np.zeros_like(self.model.rest)
         self._rigid_forces = np.zeros((len(self.model.rigid.names), 6))
-        self._surface: SurfaceFollower = (
-            _surface_of(self.bodies, self.model) if twin is None else twin._surface
-        )
-        self._mean_at_nodes: csr_array = (
-            _mean_of(self.bodies, self.model) if twin is None else twin._mean_at_nodes
-        )
+        if twin is None:
+            followed = [(body.surface, body.embedding, body.nodes.start) for body in self.bodies]
+            self._surface = SurfaceFollower(followed, len(self.model.rest))
+            cells = [each + body.nodes.start for body in self.bodies for each in body.blocks.values()]
+            self._mean_at_nodes = mean_at_nodes(cells, len(self.model.rest))
+        else:
+            self._surface, self._mean_at_nodes = twin._surface, twin._mean_at_nodes
         self._with_points = [group for group in self.model.filling if len(group.element.points) > 1]
         self._shown_by_points = np.unique(
             np.concatenate([np.zeros(0, np.int64), *(group.cells.ravel() for group in self._with_points)])
@@ -431,18 +432,6 @@ def _time_step(
         ),
         collisions_of,
         like,
-    )
-
-
-def _surface_of(bodies: Sequence[Body], model: Model) -> SurfaceFollower:
-    return SurfaceFollower(
-        [(body.surface, body.embedding, body.nodes.start) for body in bodies], len(model.rest)
-    )
-
-
-def _mean_of(bodies: Sequence[Body], model: Model) -> csr_array:
-    return mean_at_nodes(
-        [cells + body.nodes.start for body in bodies for cells in body.blocks.values()], len(model.rest)
     )
 
 

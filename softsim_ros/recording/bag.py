@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,7 +46,7 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
-class Bag:
+class Bag(AbstractContextManager["Bag"]):
     """A rosbag2 folder or a single MCAP or SQLite file, open for reading in a `with` block.
 
     Args:
@@ -85,10 +85,6 @@ class Bag:
             for each in self._reader.connections:  # types that the reader does not know
                 if each.msgtype not in self._types.fielddefs and each.msgdef.data:
                     self._types.register(get_types_from_msg(each.msgdef.data, each.msgtype))
-
-    def __enter__(self) -> Bag:
-        """Return the bag, which is open already."""
-        return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Close the file.

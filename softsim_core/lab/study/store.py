@@ -18,6 +18,7 @@ import platform
 import shutil
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -127,7 +128,7 @@ class Plan:
     attributes: Mapping[str, Any]
 
 
-class Store:
+class Store(AbstractContextManager["Store"]):
     """A store in a folder that is written by one process.
 
     Attributes:
@@ -158,9 +159,6 @@ class Store:
         except BaseException:
             self._lock.close()
             raise
-
-    def __enter__(self) -> Store:
-        return self
 
     def __exit__(self, *_: object) -> None:
         for each in self._open.values():
@@ -202,7 +200,8 @@ class Store:
                 outcome = Outcome(RAISED, error, {})
                 break
         columns = {
-            name: _pack_array(np.asarray(value)) for name, value in {**values, **outcome.results}.items()
+            name: base64.b64encode(np.asarray(value, dtype="<f8").tobytes()).decode()
+            for name, value in {**values, **outcome.results}.items()
         }
         row = {"run": number, "status": outcome.status, "error": outcome.error, "columns": columns}
         block = number // self.plan.block
@@ -415,10 +414,6 @@ def zarr_package() -> Any:
         raise StudyError(
             f"studies need Dask and Zarr 3 (Python 3.11 or newer): {install_command('study')}"
         ) from error
-
-
-def _pack_array(value: Array) -> str:
-    return base64.b64encode(np.ascontiguousarray(value, dtype="<f8").tobytes()).decode()
 
 
 def _unpack_array(text: str) -> Array:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import weakref
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
@@ -138,7 +139,7 @@ Chosen = Sequence[int] | IndexArray | None
 """Numbers of copies; None: all of them."""
 
 
-class Batch:
+class Batch(AbstractContextManager["Batch"]):
     """Copies of a scene that share geometry, plans and workspace; each has its own state.
 
     Each copy produces the same bytes as a Simulation with the same commands, whatever the number of workers
@@ -206,9 +207,6 @@ class Batch:
 
     def __len__(self) -> int:
         return len(self.states)
-
-    def __enter__(self) -> Batch:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

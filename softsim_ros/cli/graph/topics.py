@@ -34,7 +34,9 @@ def run(arguments: argparse.Namespace) -> int:
                 limit=None if arguments.full else 12,
                 wait_s=arguments.wait,
             )
-        rows = graph.topic_rows(observer, lambda name: arguments.all or not _is_background(name))
+        rows = graph.topic_rows(  # without --all, not ROS's own and those hidden by its convention
+            observer, lambda name: arguments.all or not (name in OF_ROS or "/_" in name)
+        )
     if not rows:
         print(f"no topics: no node runs in {graph.where()}; start one with: softsim up tripod")
         return 0
@@ -43,8 +45,3 @@ def run(arguments: argparse.Namespace) -> int:
     for row in lines:
         print("  ".join(f"{cell!s:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
     return 0
-
-
-def _is_background(name: str) -> bool:
-    """Return whether a topic is ROS's own, or hidden by ROS's convention, such as those of an action."""
-    return name in OF_ROS or "/_" in name

@@ -79,7 +79,7 @@ TERMINAL_PERIOD_S = 0.5
 LOG_PERIOD_S = 30.0
 
 
-class BringUp:
+class BringUp(contextlib.AbstractContextManager["BringUp"]):
     """The nodes of one robot, spinning in two threads.
 
     Leaving the `with` block moves the servos to the safe pose.
@@ -144,10 +144,6 @@ class BringUp:
         self.bridge = ServoBridge(scene=robot, namespace=namespace, parameter_overrides=_parameters(values))
         stack.callback(self.bridge.destroy_node)
         return [*([self.board] if self.board else ()), self.bridge]
-
-    def __enter__(self) -> BringUp:
-        """Return the object; everything spins already."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Stop spinning, move to the safe pose, close the port, end the physics."""

@@ -30,7 +30,7 @@ class PageChoice(NamedTuple):
     no_token: bool = False
 
 
-class WebPage:
+class WebPage(contextlib.AbstractContextManager["WebPage"]):
     """A viewer process; leaving the `with` block ends it.
 
     Args:
@@ -90,10 +90,6 @@ class WebPage:
         if self._process is not None and self._process.poll() is not None:
             return f"the web page has ended, the robot continues; another page: {self._again}"
         return f"open {self._address} in a browser"
-
-    def __enter__(self) -> WebPage:
-        """Return the object; the process is starting already."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """End the process."""

@@ -265,7 +265,8 @@ class ControlThread(OwnerThread):
         if bool(trouble) != (self._mode == "holding"):
             self._mode = "holding" if trouble else "on"
             self._warn(trouble or "the robot follows again: inverse control continues")
-        measured = plant.measured_pose(self.feedback, self._model_pose(), now)
+        model_pose = None if self._report is None else self._report.model_pose
+        measured = plant.measured_pose(self.feedback, model_pose, now)
         if not trouble:
             with self._goal_lock:
                 goal, self._goal = self._goal, None
@@ -277,9 +278,6 @@ class ControlThread(OwnerThread):
         if self._report is not None and self._command is not None:
             self._publish(self._command, self._report.model_pose)
         self._show(trouble, measured is not None)
-
-    def _model_pose(self) -> Pose | None:
-        return None if self._report is None else self._report.model_pose
 
     def _fail(self, reason: str) -> None:
         self._end(f"inverse control is off: {reason}; enable it again to continue from there")

@@ -197,7 +197,7 @@ class RawTerminal:
             self.close()
             raise NoTerminalError("this one is used by another job (was it started with &?)")
         self._output = self._standard(sys.__stdout__)
-        if self._output < 0 and not _is_writable(self._input):
+        if self._output < 0 and fcntl.fcntl(self._input, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
             with suppress(OSError):
                 self._output = os.open("/dev/tty", os.O_WRONLY | os.O_NOCTTY | os.O_CLOEXEC)
                 self._opened.append(self._output)
@@ -244,10 +244,6 @@ class RawTerminal:
     def _on_continue(self, number: int, frame: FrameType | None) -> None:
         with suppress(termios.error):
             self._take()
-
-
-def _is_writable(descriptor: int) -> bool:
-    return fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_ACCMODE != os.O_RDONLY
 
 
 def _in_foreground(descriptor: int) -> bool:
