@@ -92,7 +92,7 @@ class BoardNode(GuardedNode):
             sys.stdout.flush()
 
 
-def run_board(program: Program, node: type[Any], args: Sequence[str] | None) -> int:
+def run_board(program: Program, node: type[Any], args: Sequence[str] | None = None) -> int:
     """Run the node of a board until a signal ends it, in the namespace of its robot (parameter `robot`).
 
     Returns:

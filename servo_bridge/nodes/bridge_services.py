@@ -11,14 +11,14 @@ from typing import Any
 
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from servo_bridge.driver import EStop
 from softsim_core.base import listing
-from softsim_node import GuardedNode, error_text, shorten
+from softsim_node import GuardedNode, error_text, shorten, spin
 
 
 class GuardedLifecycleNode(GuardedNode, LifecycleNode):
@@ -57,8 +57,6 @@ class GuardedLifecycleNode(GuardedNode, LifecycleNode):
         response.success = False
         return response
 
-
-SPIN_PERIOD_S = 0.1
 
 # Longest wait in [s] for the packet that carries the stop: longer than a period of the slowest rate
 ACKNOWLEDGE_TIMEOUT_S = 0.25
@@ -106,7 +104,8 @@ class EStopServices:
         self._executor.add_node(self._node)
         self._stop = threading.Event()
         self._answered = -math.inf
-        self._thread = threading.Thread(target=self._spin, name="servo_bridge_e_stop", daemon=True)
+        going = (self._executor, lambda: not self._stop.is_set())
+        self._thread = threading.Thread(target=spin, args=going, name="servo_bridge_e_stop", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -118,17 +117,6 @@ class EStopServices:
         time.sleep(max(0.0, self._answered + ARRIVES_S - time.monotonic()))
         self._executor.shutdown(timeout_sec=0)
         self._node.destroy_node()
-
-    def _spin(self) -> None:
-        context = self._node.context
-        try:
-            while context.ok() and not self._stop.is_set():
-                self._executor.spin_once(timeout_sec=SPIN_PERIOD_S)
-        except ExternalShutdownException:
-            pass
-        except Exception:
-            if context.ok():  # else the context went down under the call
-                raise
 
     def _latch(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._e_stop.latch()

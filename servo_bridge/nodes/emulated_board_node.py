@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from rclpy.publisher import Publisher
@@ -76,10 +76,8 @@ class EmulatedBoardNode(BoardNode):
             self._widths.publish(Float64MultiArray(data=list(self.board.widths_us() or ())))
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run an emulated board; see `run_board`."""
-    return run_board(PROGRAM, EmulatedBoardNode, args)
-
+main = partial(run_board, PROGRAM, EmulatedBoardNode)
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

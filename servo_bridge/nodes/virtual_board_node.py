@@ -6,6 +6,7 @@ import sys
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from rclpy.publisher import Publisher
@@ -105,10 +106,8 @@ class VirtualBoardNode(BoardNode):
             self._pose_publisher.publish(self._message_type(data=data))
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run a virtual board; see `run_board`."""
-    return run_board(PROGRAM, VirtualBoardNode, args)
-
+main = partial(run_board, PROGRAM, VirtualBoardNode)
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

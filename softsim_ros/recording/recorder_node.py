@@ -36,6 +36,7 @@ from softsim_node import (
     GuardedNode,
     Program,
     StateTopics,
+    answering,
     declare,
     matching_qos,
     parameter,
@@ -189,7 +190,7 @@ class Recorder(GuardedNode):
             self._settings = declare(self, RecorderSettings())
             self._selection = Selection(self.get_namespace(), self._settings.topics.split())
             steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self.create_service(SetBool, "~/enable", self._on_enable)
+            self.create_service(SetBool, "~/enable", answering(self._switch))
             self.create_timer(LOOK_PERIOD_S, self._look, clock=steady)
             self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
             if self._settings.autostart:
@@ -343,13 +344,11 @@ class Recorder(GuardedNode):
             self._news(message)
         return message
 
-    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _switch(self, on: bool) -> str:
         try:
-            response.success, response.message = True, self.begin() if request.data else self.end()
-        except SoftSimError as error:
-            response.success, response.message = False, str(error)
-        self._state_topics.refresh()
-        return response
+            return self.begin() if on else self.end()
+        finally:
+            self._state_topics.refresh()
 
 
 def namespace_of(robot: str) -> str:
@@ -372,11 +371,8 @@ PROGRAM = Program(
     settings=(RecorderSettings(),),
 )
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the recorder as a process; return the exit code."""
-    return run_node(PROGRAM, lambda _: Recorder(), args)
-
+main = partial(run_node, PROGRAM, lambda _: Recorder())
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -17,7 +17,16 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_node import STATE_TOPICS, GuardedNode, LiveParameters, StateTopics, ending, parameter, serve_once
+from softsim_node import (
+    STATE_TOPICS,
+    GuardedNode,
+    LiveParameters,
+    StateTopics,
+    answering,
+    ending,
+    parameter,
+    serve_once,
+)
 from softsim_ros.messages import load_message
 from softsim_ros.nodes.simulator import RateGate
 from softsim_ros.recording.bag import Bag, RawMessage
@@ -176,7 +185,7 @@ class Replay(GuardedNode):
             self._senders: dict[str, Publisher] = {}
             services = ("start", "reset")
             self._simulator = {name: self.create_client(Trigger, f"simulator/{name}") for name in services}
-            self.create_service(SetBool, "~/pause", self._on_pause)
+            self.create_service(SetBool, "~/pause", answering(self._pause))
             facts = {"replay/paused": lambda: Bool(data=self._playhead.paused)}
             self._state_topics = StateTopics(self, facts)
         except BaseException:
@@ -291,11 +300,10 @@ class Replay(GuardedNode):
             reason = f"{topic} has the type {type_name}, which is not installed here"
             raise BagError(self._bag.path, reason) from None
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._playhead.pause(request.data, time.monotonic())
+    def _pause(self, paused: bool) -> str:
+        self._playhead.pause(paused, time.monotonic())
         self._state_topics.refresh()
-        response.success, response.message = True, "paused" if request.data else "playing"
-        return response
+        return "paused" if paused else "playing"
 
     def _change_speed(self, _: frozenset[str], settings: ReplaySettings) -> None:
         self._playhead.set_speed(settings.speed, time.monotonic())

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -363,11 +363,8 @@ PROGRAM = Program(
     settings=(LoopSettings(), FrameSettings()),
 )
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the closed loop as a process; return the exit code."""
-    return run_node(PROGRAM, lambda _: ClosedLoop(), args)
-
+main = partial(run_node, PROGRAM, lambda _: ClosedLoop())
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

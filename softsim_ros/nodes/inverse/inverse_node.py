@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -209,11 +209,8 @@ PROGRAM = Program(
     settings=(ControllerSettings(), FrameSettings()),
 )
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the inverse controller as a process; return the exit code."""
-    return run_node(PROGRAM, lambda _: InverseControl(), args)
-
+main = partial(run_node, PROGRAM, lambda _: InverseControl())
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

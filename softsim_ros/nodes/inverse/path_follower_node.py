@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
@@ -488,11 +488,8 @@ PROGRAM = Program(
     settings=(FollowerSettings(), FrameSettings()),
 )
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the path follower as a process; return the exit code."""
-    return run_node(PROGRAM, lambda _: PathFollower(), args)
-
+main = partial(run_node, PROGRAM, lambda _: PathFollower())
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

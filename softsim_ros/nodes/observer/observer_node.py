@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -334,11 +335,8 @@ PROGRAM = Program(
     settings=(ObserverParameters(), FrameSettings()),
 )
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the observer as a process; return the exit code."""
-    return run_node(PROGRAM, lambda _: ObserverNode(), args)
-
+main = partial(run_node, PROGRAM, lambda _: ObserverNode())
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -323,11 +324,8 @@ PROGRAM = Program(
     "effector_goal, imu, bodies/poses.",
 )
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the policy as a process; return the exit code."""
-    return run_node(PROGRAM, lambda _: PolicyNode(), args)
-
+main = partial(run_node, PROGRAM, lambda _: PolicyNode())
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

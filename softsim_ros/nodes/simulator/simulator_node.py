@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
@@ -428,11 +428,8 @@ PROGRAM = Program(
     " rayleigh_stiffness, rayleigh_mass, ...; of several bodies BODY.young_modulus.",
 )
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the simulator as a process; return the exit code."""
-    return run_node(PROGRAM, lambda _: Simulator(), args)
-
+main = partial(run_node, PROGRAM, lambda _: Simulator())
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

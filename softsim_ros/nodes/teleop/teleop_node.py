@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 from rclpy.executors import SingleThreadedExecutor
@@ -122,11 +123,8 @@ PROGRAM = Program(
     settings=(KeySettings(),),
 )
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the teleop in this terminal; return the exit code."""
-    return run_node(PROGRAM, lambda _: Teleop(load_scene(requested_robot("teleop"))), args, drive)
-
+main = partial(run_node, PROGRAM, lambda _: Teleop(load_scene(requested_robot("teleop"))), serve=drive)
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,7 +6,7 @@ import secrets
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from functools import partial
 from typing import Any, Final
 
 from rclpy.executors import SingleThreadedExecutor
@@ -238,11 +238,8 @@ PROGRAM = Program(
     settings=(KeySettings(), ViewerSettings()),
 )
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Serve the page until Ctrl-C or SIGTERM; return the exit code."""
-    return run_node(PROGRAM, lambda _: announced_viewer(), args, serve)
-
+main = partial(run_node, PROGRAM, lambda _: announced_viewer(), serve=serve)
+"""Run as a process with the words of its command line; return the exit code."""
 
 if __name__ == "__main__":
     sys.exit(main())
