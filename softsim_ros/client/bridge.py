@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Final
 
 from lifecycle_msgs.msg import State, Transition
@@ -48,27 +49,12 @@ class Bridge:
 
     def start(self, done: Done = ignore_outcome) -> None:
         """Start sending to the servo board, opening its port first if needed."""
-        state = self._snapshot.state.bridge
-        if self._cannot_change(done):
-            return
-        if state == "comm":
-            self._end(True, "sending to the servo board", done)
-        elif state == "init":
-            self._request(Transition.TRANSITION_CONFIGURE, done)
-        elif state == "no-comm":
-            self._request(Transition.TRANSITION_ACTIVATE, done)
-        else:
-            self._end(False, f"the servo bridge is {state}; nothing was asked of it", done)
+        configure, activate = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+        self._leave_state({"init": configure, "no-comm": activate}, done)
 
     def stop(self, done: Done = ignore_outcome) -> None:
         """Stop sending; the servos go to their rest pose first."""
-        state = self._snapshot.state.bridge
-        if self._cannot_change(done):
-            return
-        if state == "comm":
-            self._request(Transition.TRANSITION_DEACTIVATE, done)
-        else:
-            self._end(False, f"the servo bridge is {state}; nothing was asked of it", done)
+        self._leave_state({"comm": Transition.TRANSITION_DEACTIVATE}, done)
 
     def e_stop(self, done: Done = ignore_outcome) -> None:
         """Stop the servos where they are; the stop is latched."""
@@ -88,16 +74,20 @@ class Bridge:
     def _on_state(self, state: State | None) -> None:
         self._snapshot.change(bridge="not running" if state is None else STATES.get(state.id, "changing"))
 
-    def _cannot_change(self, done: Done) -> bool:
-        """Return whether no transition can be requested now; report the reason."""
+    def _leave_state(self, transitions: Mapping[str, int], done: Done) -> None:
+        """Request the transition that leaves the present state, or report why there is none."""
+        state = self._snapshot.state.bridge
         if self._change.is_busy:
             self._end(False, "the servo bridge is still changing state", done)
-        elif self._snapshot.state.bridge == "not running" or not self._change.is_there:
+        elif state == "not running" or not self._change.is_there:
             hint = f"no servo bridge on {self._name}; start it with `softsim run servo_bridge`"
             self._end(False, hint, done)
+        elif state in transitions:
+            self._request(transitions[state], done)
+        elif state == "comm":
+            self._end(True, "sending to the servo board", done)
         else:
-            return False
-        return True
+            self._end(False, f"the servo bridge is {state}; nothing was asked of it", done)
 
     def _end(self, success: bool, message: str, done: Done) -> None:
         report(Outcome(success, message), self._snapshot.say, done)

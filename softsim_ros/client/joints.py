@@ -351,8 +351,8 @@ class Joints:
         positions, efforts = self._reader.positions(message), self._reader.efforts(message)
         if positions is None:
             return
-        before, known = self._snapshot.state, () if efforts is None else efforts.tolist()
-        state = with_measurement(before, positions.tolist(), time.monotonic(), known)
+        before, measured_efforts = self._snapshot.state, () if efforts is None else efforts.tolist()
+        state = with_measurement(before, positions.tolist(), time.monotonic(), measured_efforts)
         if state is before:
             self._snapshot.say("a joint position that is not a finite number arrived and was ignored")
         self._snapshot.put(state)

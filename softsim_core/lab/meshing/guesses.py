@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softsim_core.base import Array, Box, Vector
+from softsim_core.base import Array, Box, Vector, vector
 from softsim_core.lab.meshing.part import own_axes
 from softsim_core.physics.mechanics import euler_of, rotation_log
 from softsim_core.physics.mesh import TetMesh, boundary_surface
@@ -61,10 +61,10 @@ def guess(mesh: TetMesh) -> Guess:
 
 def _transform_guess(found: Guess, axes: Array) -> Guess:
     """Transform guesses along the axes of a file to a part with axes of its own."""
-    angles = _vector(np.degrees(euler_of(axes)))
+    angles = vector(np.degrees(euler_of(axes)))
 
     def place(own: Vector) -> Vector:
-        return _vector(axes @ np.array(own))
+        return vector(axes @ np.array(own))
 
     base, tip = (
         Box(center=place(own.center), size=own.size, rotation_deg=angles)
@@ -93,7 +93,7 @@ def _along_axes(mesh: TetMesh) -> Guess:
     middle = 0.5 * (top.min(axis=0) + top.max(axis=0))
     middle[axis] = high[axis]
     base = end_face(mesh.points, axis)
-    return Guess(np.eye(3), axis, float(size[axis]), base, tip, _vector(middle), cable, _vector(pull))
+    return Guess(np.eye(3), axis, float(size[axis]), base, tip, vector(middle), cable, vector(pull))
 
 
 def end_face(points: Array, axis: int = 2, at_top: bool = False) -> Box:
@@ -111,7 +111,7 @@ def end_face(points: Array, axis: int = 2, at_top: bool = False) -> Box:
     centre, lengths = 0.5 * (low + high), 1.1 * size
     centre[axis] = high[axis] if at_top else low[axis]
     lengths[axis] = 2.0 * share * size[axis]
-    return Box(center=_vector(centre), size=_vector(lengths))
+    return Box(center=vector(centre), size=vector(lengths))
 
 
 def _cable(mesh: TetMesh, axis: int) -> tuple[Vector, ...]:
@@ -128,10 +128,5 @@ def _cable(mesh: TetMesh, axis: int) -> tuple[Vector, ...]:
         middle_point = 0.5 * (near.min(axis=0) + near.max(axis=0))
         middle_point[axis] = level
         middle_point[side] = near[:, side].min() + _DEPTH * np.ptp(near[:, side])
-        found.append(_vector(near[np.linalg.norm(near - middle_point, axis=1).argmin()]))
+        found.append(vector(near[np.linalg.norm(near - middle_point, axis=1).argmin()]))
     return tuple(found)
-
-
-def _vector(values: Array) -> Vector:
-    x, y, z = (float(each) for each in values)
-    return (x, y, z)

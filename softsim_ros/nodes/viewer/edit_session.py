@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from softsim_core.base import Array, Box, CommandError, SceneError, SoftSimError, Sphere
+from softsim_core.base import Array, Box, CommandError, SceneError, SoftSimError, Sphere, vector
 from softsim_core.physics.actuation import Route
 from softsim_core.scene import BodyDescription, JointDescription, RobotDescription
 from softsim_core.scene.editing import (
@@ -336,8 +336,8 @@ class EditSession:
             return ""
         at = _round_lengths(place, diagonal)
         edge = _round_lengths(np.array(SHARE * diagonal), diagonal)
-        box = Box(center=_vector(at), size=(float(edge),) * 3)
-        sphere = Sphere(center=_vector(at), radius=0.5 * float(edge))
+        box = Box(center=vector(at), size=(float(edge),) * 3)
+        sphere = Sphere(center=vector(at), radius=0.5 * float(edge))
         if self.click == ROUTE:
             return self._lead(robot, body, at, diagonal)
         made = {
@@ -379,7 +379,7 @@ class EditSession:
             return "the cable leaves there; click where it enters the body, then on to where it ends"
         _, start = self._leaves
         self._leaves = None
-        part, edits = add_cable(robot, body, _vector(start), [_vector(at)], round(0.1 * diagonal, 4))
+        part, edits = add_cable(robot, body, vector(start), [vector(at)], round(0.1 * diagonal, 4))
         self._awaited = part
         self._send(edits, "")
         return f"{part} proposed; further clicks lead it on"
@@ -491,7 +491,7 @@ def drag_handle(region: Region, handle: str, place: Array) -> Box | Sphere:
     size = _round_lengths(np.maximum(local - opposite, 1e-3 * diagonal), diagonal)
     center = region.center + region.rotation @ (opposite + 0.5 * size)
     moved = region.at(center)
-    return Box(center=moved.center, size=_vector(size), rotation_deg=shape.rotation_deg)
+    return Box(center=moved.center, size=vector(size), rotation_deg=shape.rotation_deg)
 
 
 def _half(shape: Box | Sphere) -> Array:
@@ -505,8 +505,3 @@ def _round_lengths(values: Array, diagonal: float) -> Array:
     """Round lengths to about a thousandth of a diagonal, the accuracy of a drag by hand."""
     digits = 4 - math.ceil(math.log10(max(diagonal, 1e-9)))
     return np.round(values, max(0, digits))
-
-
-def _vector(values: Any) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
