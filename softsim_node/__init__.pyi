@@ -65,8 +65,6 @@ from .text import (
     error_text as error_text,
     list_names as list_names,
     one_line as one_line,
-    printable as printable,
-    shorten as shorten,
     takes_escapes as takes_escapes,
 )
 from .topics import (

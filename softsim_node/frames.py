@@ -6,8 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from softsim_core.base import CommandError
-from softsim_core.scene.io import shorten
+from softsim_core.base import CommandError, shorten
 
 
 def prefix_of(namespace: str) -> str:

@@ -17,8 +17,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from softsim_core.base import CommandError, SoftSimError, known_names
-from softsim_core.scene.io import shorten
+from softsim_core.base import CommandError, SoftSimError, known_names, shorten
 from softsim_node.parameters import with_decimals
 from softsim_node.text import error_message, one_line
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable
-from itertools import islice
+from collections.abc import Iterable
 from typing import Final, TextIO
 
-from softsim_core.base import SoftSimError
+from softsim_core.base import MOST_NAMES, SoftSimError, names_up_to, on_one_line, shorten
 
 LONGEST_MESSAGE: Final = 300
 """Longest message about a refusal in the log and in a response, in characters."""
@@ -24,7 +23,7 @@ def error_message(error: BaseException) -> str:
 def one_line(text: str) -> str:
     """Prepare foreign text for logs and responses: replace control characters, cut at LONGEST_MESSAGE."""
     head = text[: LONGEST_MESSAGE + 1]
-    plain = head if head.isprintable() else "".join(c if c.isprintable() else " " for c in head)
+    plain = on_one_line(head)
     return plain if len(plain) <= LONGEST_MESSAGE else f"{plain[: LONGEST_MESSAGE - 3]}..."
 
 
@@ -37,27 +36,12 @@ def takes_escapes(stream: TextIO | int) -> bool:
     return terminal and os.environ.get("TERM") != "dumb"
 
 
-MOST_NAMES = 10
-LONGEST_NAME, LONGEST_LISTED = 40, 16
+LONGEST_LISTED: Final = 16
 
 
-def printable(text: str) -> str:
-    """Return the text with every character that is not printable written as its escape sequence."""
-    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
-
-
-def shorten(text: str, length: int = LONGEST_NAME) -> str:
-    """Return at most `length` printable characters of the text; an ellipsis marks omitted ones."""
-    safe = printable(text[: length + 1])
-    return safe if len(safe) <= length else f"{safe[: length - 3]}..."
-
-
-def list_names(names: Collection[str]) -> str:
+def list_names(names: Iterable[str]) -> str:
     """Return names for a message: at most ten, shortened, and the number of others; "none" without any."""
-    few: Iterable[str] = islice(names, MOST_NAMES)
-    text = ", ".join(shorten(each, LONGEST_LISTED) for each in few)
-    more = len(names) - MOST_NAMES
-    return f"{text} and {more} more" if more > 0 else text or "none"
+    return names_up_to(MOST_NAMES, names, LONGEST_LISTED)
 
 
 def error_text(error: BaseException | str) -> str:

@@ -19,7 +19,6 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from servo_bridge import PortError
 from softsim_core.base import SoftSimError, listing, open_lock, runtime_folder
-from softsim_node import printable
 
 READ_TIMEOUT_S = 0.05
 WRITE_TIMEOUT_S = 0.2
@@ -397,7 +396,8 @@ def _identity(info: ListPortInfo) -> str:
     which = f"in USB socket {socket}"
     if info.serial_number and (info.vid, info.pid) not in CLONE_USB_IDS:
         _, _, interface = socket.partition(":")  # one of several interfaces of a chip
-        which = f"serial number {printable(info.serial_number)}{interface and f' interface {interface}'}"
+        number = info.serial_number.encode("unicode_escape").decode()
+        which = f"serial number {number}{interface and f' interface {interface}'}"
     return f"USB {info.vid:04x}:{info.pid:04x} {which}"
 
 

@@ -17,8 +17,8 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from servo_bridge.driver import EStop
-from softsim_core.base import listing
-from softsim_node import GuardedNode, error_text, shorten, spin
+from softsim_core.base import listing, shorten
+from softsim_node import GuardedNode, error_text, spin
 
 
 class GuardedLifecycleNode(GuardedNode, LifecycleNode):

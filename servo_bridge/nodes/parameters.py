@@ -16,9 +16,9 @@ from servo_bridge.driver import (
     file_for,
 )
 from servo_bridge.protocols import AUTO, TiltReading, names
-from softsim_core.base import ConfigError, SoftSimError, listing
+from softsim_core.base import ConfigError, SoftSimError, listing, shorten
 from softsim_core.scene import RobotDescription
-from softsim_node import ParameterError, declare, parameter, parameter_probe, shorten
+from softsim_node import ParameterError, declare, parameter, parameter_probe
 
 Loaded = TypeVar("Loaded")
 

@@ -16,7 +16,7 @@ from servo_bridge import PortError
 from servo_bridge.driver import BoardLink, BoardSession, EStop, ServoDriver
 from servo_bridge.nodes.bridge_services import GuardedLifecycleNode
 from servo_bridge.protocols import Ability, TiltReading
-from softsim_node import Facts, printable
+from softsim_node import Facts
 
 # Variance in [rad^2] of a tilt: about one degree, as small IMUs with sensor fusion specify
 TILT_VARIANCE = math.radians(1.0) ** 2
@@ -83,10 +83,9 @@ class Reports:
 
     def report(self, problem: str) -> None:
         """Log an error once, and show it in the diagnostics until it is over."""
-        text = printable(problem)
-        if text != self.trouble:
-            self.trouble = text
-            self._node.get_logger().error(text)
+        if problem != self.trouble:
+            self.trouble = problem
+            self._node.get_logger().error(problem)
 
     def publish_applied(self, driver: ServoDriver) -> None:
         """Publish the pose that was sent to the servos last."""

@@ -53,12 +53,16 @@ from .moved import (
     keep_former_names as keep_former_names,
 )
 from .names import (
+    MOST_NAMES as MOST_NAMES,
     MOST_PROPOSED as MOST_PROPOSED,
     Registry as Registry,
     did_you_mean as did_you_mean,
     known_names as known_names,
+    names_up_to as names_up_to,
     nearest as nearest,
+    on_one_line as on_one_line,
     one_of as one_of,
+    shorten as shorten,
 )
 from .processes import (
     python_command as python_command,

@@ -16,7 +16,11 @@ _ALIKE = 0.55
 _NEARLY_AS_ALIKE = 0.1
 """A suggestion may be less similar than the best one by this, of 1."""
 
-_LONGEST = 60
+LONGEST_NAME = 60
+"""Largest number of characters of a name in a message."""
+
+MOST_NAMES = 10
+"""Largest number of names that come from elsewhere in a message."""
 
 
 def nearest(unknown: object, names: Iterable[object]) -> list[str]:
@@ -29,7 +33,7 @@ def nearest(unknown: object, names: Iterable[object]) -> list[str]:
 
 def _rank_names(unknown: object, names: Iterable[object]) -> list[tuple[float, str]]:
     """Return the nearest names with their similarity, up to 1; more for names with the same beginning."""
-    plain = _plain(str(unknown)[:_LONGEST])
+    plain = _plain(str(unknown)[:LONGEST_NAME])
     table: dict[str, str] = {}
     for name in map(str, names):
         table.setdefault(_plain(name), name)
@@ -92,6 +96,24 @@ def one_of(unknown: object, names: Iterable[object]) -> str:
     every = list(map(str, names))
     question = _best_of_few(unknown, every)
     return f"one of {listing(every)}" + (f" ({question})" if question else "")
+
+
+def on_one_line(text: str) -> str:
+    """Return text without line breaks and other characters that are not printable."""
+    return "".join(each if each.isprintable() else " " for each in text)
+
+
+def shorten(text: str, most: int = LONGEST_NAME) -> str:
+    """Return foreign text for a message: without control characters, of at most `most` characters."""
+    plain = "".join(each if each.isprintable() else "?" for each in text[: most + 1])
+    return plain if len(plain) <= most else f"{plain[: most - 3]}..."
+
+
+def names_up_to(most: int, names: Iterable[str], longest: int = LONGEST_NAME) -> str:
+    """Return names for a message: the first ones, shortened, and the number of further ones."""
+    every = list(names)
+    more = f" and {len(every) - most} more" if len(every) > most else ""
+    return f"{listing(shorten(name, longest) for name in every[:most])}{more}"
 
 
 def _plain(name: str) -> str:

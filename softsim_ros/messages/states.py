@@ -21,8 +21,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState, MultiDOFJointState
 from std_msgs.msg import Header
 
-from softsim_core.base import CommandError
-from softsim_core.scene.io import shorten
+from softsim_core.base import CommandError, shorten
+from softsim_node import WORLD
 
 _TYPECODES: dict[str, Any] = {"d": np.dtype("<f8"), "f": np.dtype("<f4"), "I": np.dtype("<u4")}
 
@@ -116,9 +116,6 @@ def transform_stamped(
     shift.x, shift.y, shift.z = map(float, position)
     turn.x, turn.y, turn.z, turn.w = map(float, quaternion_xyzw)
     return message
-
-
-WORLD = "world"
 
 
 def base_target(stamp: Time, joint: str, position: Sequence[float]) -> MultiDOFJointState:

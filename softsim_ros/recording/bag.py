@@ -14,8 +14,7 @@ from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from softsim_core.base import SoftSimError
-from softsim_core.scene.io import shorten
+from softsim_core.base import SoftSimError, shorten
 from softsim_ros.recording.errors import BagError
 from softsim_ros.recording.integrity import guard_reader, hold_budget, is_torn
 

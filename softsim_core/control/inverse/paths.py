@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softsim_core.base import MILLIMETRE, Array, CommandError, ConfigError, known_names, listing
+from softsim_core.base import MILLIMETRE, Array, CommandError, ConfigError, known_names, listing, shorten
 from softsim_core.control.inverse.closed_loop import tilt_rotation
 from softsim_core.physics.mechanics import Pose, quaternion_of
-from softsim_core.scene.io import config_roots, shorten
+from softsim_core.scene.io import config_roots
 
 MAZE_SPACING_S = 0.5
 """Time between two pairs of a maze plan in [s]."""

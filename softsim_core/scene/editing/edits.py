@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeAlias
 
-from softsim_core.base import ConfigError, listing
-from softsim_core.scene.io import Item, Steps, key_path, shorten
+from softsim_core.base import ConfigError, listing, shorten
+from softsim_core.scene.io import Item, Steps, key_path
 
 EDITED_KEYS: Final = (
     *("dt", "gravity", "solver", "bodies", "joints", "attachments", "rigid_bodies", "collisions", "contact"),

@@ -1,9 +1,6 @@
 from .catalog import (
-    MOST_NAMES as MOST_NAMES,
     code_folder as code_folder,
     folders_of as folders_of,
-    names_up_to as names_up_to,
-    shorten as shorten,
 )
 from .files import (
     comment as comment,
@@ -14,7 +11,6 @@ from .files import (
     installed_roots as installed_roots,
     known_scenes as known_scenes,
     named_files as named_files,
-    on_one_line as on_one_line,
     scalar as scalar,
 )
 from .loaders import (

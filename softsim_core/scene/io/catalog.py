@@ -9,23 +9,17 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from softsim_core.base import ConfigError, known_names, listing
+from softsim_core.base import ConfigError, known_names, shorten
 from softsim_core.scene import RobotDescription
 from softsim_core.scene.io.files import SUFFIXES, known_scenes
 from softsim_core.scene.io.loaders import load_python, load_yaml
 from softsim_core.scene.io.programs import ANY_PROGRAM, ProgramRule, limited_to
-
-MOST_NAMES: Final = 10
-"""Largest number of names in a message."""
 
 MOST_FILES: Final = 200
 """Largest number of known scenes per folder."""
 
 MOST_ENTRIES: Final = 20000
 """Largest number of entries read per folder."""
-
-LONGEST_NAME: Final = 60
-"""Largest number of characters of a name in a message."""
 
 HEAD_BYTES: Final = 65536
 _MARKS: Final = {
@@ -117,19 +111,6 @@ class SceneCatalog:
 def folders_of(text: str) -> list[str]:
     """Split a list of folders that is written like $PATH; empty text is an empty list."""
     return [each for each in text.split(os.pathsep) if each]
-
-
-def shorten(text: str, most: int = LONGEST_NAME) -> str:
-    """Return foreign text for a message: without control characters, of at most `most` characters."""
-    plain = "".join(each if each.isprintable() else "?" for each in text[: most + 1])
-    return plain if len(plain) <= most else f"{plain[: most - 3]}..."
-
-
-def names_up_to(most: int, names: Iterable[str]) -> str:
-    """Return names for a message: the first ones, and the number of further ones."""
-    every = [shorten(name) for name in names]
-    more = f" and {len(every) - most} more" if len(every) > most else ""
-    return f"{listing(every[:most])}{more}"
 
 
 def code_folder(path: str | os.PathLike[str]) -> Path:

@@ -12,7 +12,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
-from softsim_core.base import ConfigError, SceneName, known_names, listing
+from softsim_core.base import ConfigError, SceneName, known_names, listing, on_one_line
 from softsim_core.physics.actuation import ActuatorDescription, described_kinds
 from softsim_core.physics.sensing import SimulatedSensorDescription, sensor_kind, sensor_kinds
 from softsim_core.scene import RobotDescription, hints_of, is_absent, is_beside
@@ -182,11 +182,6 @@ LONGEST: Final = 500
 def comment(*lines: str) -> str:
     """Return the lines of a comment in YAML, Python or CSV files; the texts may contain anything."""
     return "".join(f"# {on_one_line(line)[:LONGEST]}\n" for line in lines)
-
-
-def on_one_line(text: str) -> str:
-    """Return text without line breaks and other characters that are not printable."""
-    return "".join(each if each.isprintable() else " " for each in text)
 
 
 def scalar(text: str) -> str:

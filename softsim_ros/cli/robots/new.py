@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from softsim_core.base import Box, ConfigError, SceneError, listing, write_file
+from softsim_core.base import Box, ConfigError, SceneError, listing, on_one_line, write_file
 from softsim_core.lab.meshing import Guess, MeshedPart, RepairedSurface, guess, mesh_part, open_hollows
 from softsim_core.physics.fem.materials import elastomer
 from softsim_core.physics.mechanics import euler_of, rotation_euler
 from softsim_core.physics.mesh import write_tets
 from softsim_core.scene.arm import RigidRobot, read_urdf
-from softsim_core.scene.io import on_one_line, scalar
+from softsim_core.scene.io import scalar
 from softsim_ros.cli import CommandError, UsageError
 from softsim_ros.cli.robots.mesh import add_options, options, say
 from softsim_ros.cli.robots.mesh_speed import DENSITY, POISSON, PRESET, STIFFNESS_FACTOR

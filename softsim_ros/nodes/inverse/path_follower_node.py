@@ -18,7 +18,7 @@ from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from softsim_core import RobotDescription
-from softsim_core.base import Array, CommandError, SoftSimError
+from softsim_core.base import MOST_NAMES, Array, CommandError, SoftSimError, names_up_to, shorten
 from softsim_core.control.inverse import (
     EffectorPath,
     PathRefusedError,
@@ -29,7 +29,6 @@ from softsim_core.control.inverse import (
     read_path,
 )
 from softsim_core.physics.mechanics import Pose
-from softsim_core.scene.io import MOST_NAMES, names_up_to, shorten
 from softsim_node import (
     MEASURED,
     WORLD,

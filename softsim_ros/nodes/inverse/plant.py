@@ -12,12 +12,11 @@ from geometry_msgs.msg import PoseStamped, Quaternion as QuaternionMessage
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from softsim_core.base import Array, CommandError, SceneError, SoftSimError, listing
+from softsim_core.base import Array, CommandError, SceneError, SoftSimError, listing, shorten
 from softsim_core.physics.contact import ContactSettings
 from softsim_core.physics.mechanics import Pose, quaternion_of, rotation_exp, rotation_log, rotation_of
 from softsim_core.scene import JointDescription, RobotDescription, SceneDescription
 from softsim_core.scene.building import with_rest_frames
-from softsim_core.scene.io import shorten
 from softsim_node import LATCHED, WORLD, RobotFrames
 from softsim_ros.messages import read_scene_message
 

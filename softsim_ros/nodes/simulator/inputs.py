@@ -16,9 +16,8 @@ from sensor_msgs.msg import JointState, MultiDOFJointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
-from softsim_core.base import Array, CommandError, SoftSimError
+from softsim_core.base import MOST_NAMES, Array, CommandError, SoftSimError, names_up_to, shorten
 from softsim_core.physics.mechanics import rotation_of
-from softsim_core.scene.io import MOST_NAMES, names_up_to, shorten
 from softsim_core.simulation import Simulation
 from softsim_node import GuardedNode, LiveParameters, ParameterError, RobotFrames, parameter, steady_timer
 from softsim_ros.messages import read_base_target

@@ -23,6 +23,7 @@ from softsim_core.base import (
     SceneError,
     SoftSimError,
     SolverDivergedError,
+    names_up_to,
     python_command,
     start_process,
 )
@@ -37,7 +38,6 @@ from softsim_core.scene.io import (
     limited_to,
     load_yaml,
     named_files,
-    names_up_to,
     read_overrides,
     read_yaml,
     relative_to_file,

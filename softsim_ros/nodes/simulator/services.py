@@ -12,9 +12,8 @@ from typing import Final
 
 from std_srvs.srv import SetBool, Trigger
 
-from softsim_core.base import SnapshotError, write_file
+from softsim_core.base import SnapshotError, shorten, write_file
 from softsim_core.scene import RobotDescription
-from softsim_core.scene.io import shorten
 from softsim_node import GuardedNode, answering
 from softsim_ros.nodes.simulator.physics_thread import PhysicsThread
 

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
-from softsim_core.base import Array, CommandError
+from softsim_core.base import MOST_NAMES, Array, CommandError, names_up_to
 from softsim_core.physics.actuation import JointTrajectory
 from softsim_core.physics.mechanics import (
     check_age,
@@ -22,7 +22,6 @@ from softsim_core.physics.mechanics import (
     check_positions_only,
     says_something,
 )
-from softsim_core.scene.io import MOST_NAMES, names_up_to
 from softsim_core.simulation import Simulation
 
 MOST_POINTS: Final = 10_000

@@ -13,11 +13,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from softsim_core import RobotDescription
-from softsim_core.base import Array, ConfigError, Placement, SceneError, SoftSimError
+from softsim_core.base import MOST_NAMES, Array, ConfigError, Placement, SceneError, SoftSimError, names_up_to
 from softsim_core.physics.mechanics import euler_of
 from softsim_core.scene import CollisionDescription, RigidBodyDescription, SceneCatalog, SceneDescription
 from softsim_core.scene.building import rigid_objects
-from softsim_core.scene.io import MOST_NAMES, names_up_to
 
 
 class RequestError(SoftSimError):

@@ -11,8 +11,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from softsim_core.base import CommandError, SoftSimError
-from softsim_core.scene.io import MOST_NAMES, names_up_to
+from softsim_core.base import MOST_NAMES, CommandError, SoftSimError, names_up_to
 from softsim_core.simulation import Simulation, check_values, rotation_from
 from softsim_node import WORLD, BackgroundWorker, GuardedNode, ending, error_message, one_line
 from softsim_ros import messages, optional_module, optional_type

@@ -17,10 +17,9 @@ from rclpy.action.server import ActionServer, CancelResponse, GoalResponse, Serv
 from rclpy.exceptions import InvalidHandle
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from softsim_core.base import Array, CommandError
+from softsim_core.base import MOST_NAMES, Array, CommandError, names_up_to
 from softsim_core.physics.actuation import JointTrajectory
 from softsim_core.scene import JointDescription
-from softsim_core.scene.io import MOST_NAMES, names_up_to
 from softsim_node import GuardedNode
 from softsim_ros import StateListener, optional_type
 from softsim_ros.description import CONTROLLER, GOAL_TIME, GOAL_TOLERANCE

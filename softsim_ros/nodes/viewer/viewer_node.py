@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from rclpy.executors import SingleThreadedExecutor
 
-from softsim_core.base import Array, SoftSimError
+from softsim_core.base import Array, SoftSimError, shorten
 from softsim_core.scene import RobotDescription, SceneCatalog
-from softsim_core.scene.io import shorten, without_contents
+from softsim_core.scene.io import without_contents
 from softsim_node import GuardedNode, Program, declare, ending, ready_callbacks, run_node
 from softsim_ros.client import Editing, RobotClient, RobotLog, Warnings
 from softsim_ros.keys import Keyboard, KeySettings
