@@ -9,12 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-
 from servo_bridge.emulator import PtyBoard
 from servo_bridge.nodes.parameters import robot_namespace
-from softsim_node import GuardedNode, Program, declare, parameter, run_node, takes_escapes
+from softsim_node import GuardedNode, Program, declare, parameter, run_node, steady_timer, takes_escapes
 
 STATUS_PERIOD_S = 0.2
 
@@ -64,9 +61,8 @@ class BoardNode(GuardedNode):
 
     def begin(self, what: str, publish_period_s: float) -> None:
         """Announce the board and start to publish; called once the board exists."""
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(publish_period_s, self.publish_pose, clock=steady)
-        self.create_timer(STATUS_PERIOD_S, self._show_status, clock=steady)
+        steady_timer(self, publish_period_s, self.publish_pose)
+        steady_timer(self, STATUS_PERIOD_S, self._show_status)
         self.get_logger().info(f"{what} on {self.board.port}")
         if self._show:
             sys.stdout.write(f"{self.board.port}\n")

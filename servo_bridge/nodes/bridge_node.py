@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from servo_bridge import PortError
@@ -22,7 +20,7 @@ from servo_bridge.nodes.parameters import BridgeSettings, assemble
 from servo_bridge.nodes.reports import Reports
 from softsim_core.base import SoftSimError
 from softsim_core.scene import RobotDescription
-from softsim_node import LiveParameters, Program, StateTopics, error_text, prefix_of, run_node
+from softsim_node import LiveParameters, Program, StateTopics, error_text, prefix_of, run_node, steady_timer
 
 SUPERVISION_PERIOD_S = 0.1
 RETRY_JITTER = 0.2
@@ -59,9 +57,8 @@ class ServoBridge(GuardedLifecycleNode):
         self._input: CommandInput | None = None
         self._closed = False
         self._recovery = Recovery(RETRY_JITTER)
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(SUPERVISION_PERIOD_S, self._supervise, clock=self._steady)
-        self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
+        steady_timer(self, SUPERVISION_PERIOD_S, self._supervise)
+        steady_timer(self, 1.0, self._publish_diagnostics)
         self._recovery.request(self._live.values.autostart, time.monotonic(), wait=False)
         self._state_topics = StateTopics(self, self._reports.facts())
         self._e_stop_services = EStopServices(

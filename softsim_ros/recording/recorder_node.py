@@ -13,8 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
@@ -42,6 +40,7 @@ from softsim_node import (
     parameter,
     parameter_probe,
     run_node,
+    steady_timer,
 )
 from softsim_ros.messages import load_message
 from softsim_ros.recording.bag_writer import BagWriter
@@ -189,10 +188,9 @@ class Recorder(GuardedNode):
         try:
             self._settings = declare(self, RecorderSettings())
             self._selection = Selection(self.get_namespace(), self._settings.topics.split())
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_service(SetBool, "~/enable", answering(self._switch))
-            self.create_timer(LOOK_PERIOD_S, self._look, clock=steady)
-            self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
+            steady_timer(self, LOOK_PERIOD_S, self._look)
+            steady_timer(self, FLUSH_PERIOD_S, self._flush)
             if self._settings.autostart:
                 self.begin()
             self._state_topics = StateTopics(self, {"recorder/enabled": lambda: Bool(data=self.recording)})
