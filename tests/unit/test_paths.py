@@ -94,7 +94,7 @@ def test_a_maze_plan_follows_its_key_points() -> None:
 def test_a_csv_file_comes_back_the_same(tmp_path: Path) -> None:
     path, file = random_path(3), tmp_path / "path.csv"
     rows = np.column_stack([path.times, path.positions, path.quaternions])
-    np.savetxt(file, rows, "%r", ",", header="time,x,y,z,qx,qy,qz,qw", comments="")
+    np.savetxt(file, rows, "%.17g", ",", header="time,x,y,z,qx,qy,qz,qw", comments="")
     again = read_csv_path(file)
     assert np.array_equal(again.times, path.times)
     assert np.array_equal(again.positions, path.positions)
