@@ -85,12 +85,13 @@ def filled(
     law = compiled_law(group.material)
     assert law is not None
     other = np.random.default_rng(5).normal(size=x.shape)
-    law.fill(
+    law.run(
         given._replace(moved=0.001 * other, positive=False),
         cells,
         CellOutputs(places, np.zeros_like(x), np.zeros(1), np.zeros_like(kept)),
+        None,
     )
-    law.fill(given, cells, CellOutputs(places, forces, np.zeros(1), kept))
+    law.run(given, cells, CellOutputs(places, forces, np.zeros(1), kept), None)
     blocks, (first, second) = np.empty((count, a, a, 3, 3)), np.triu_indices(a)
     blocks[:, first, second] = kept.reshape(count, pairs, 3, 3) / 3.0
     blocks[:, second, first] = np.swapaxes(blocks[:, first, second], -1, -2)

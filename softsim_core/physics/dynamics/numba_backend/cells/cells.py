@@ -122,7 +122,7 @@ class PairedCells:
         for group, cells, (_, memory) in zip(self._groups, self._batches, self._memories, strict=True):
             law = compiled_law(group.material)
             self._points.append(None if law is None else point_cells(group, cells, memory))
-            self._fill_points.append(None if law is None else OneSignature(law.fill))
+            self._fill_points.append(None if law is None else OneSignature(law.run))
         coupled = () if model.coupling is None else model.coupling.cells  # cells whose mass is not lumped
         self._surfaces, self._coupled = (
             [_Further(each, *elimination_order(each, nodes, local, layout)) for each in kind]
@@ -213,7 +213,7 @@ class PairedCells:
                         x, by if found else forces[:0], velocities, _NOTHING if stress is None else stress,
                         positive and not found, lag, mean_share, scale,
                     ),
-                    points, CellOutputs(self._places[k], forces, self._panels, pair_blocks),
+                    points, CellOutputs(self._places[k], forces, self._panels, pair_blocks), None,
                 )  # fmt: skip
                 continue
             if strain is not None and positive:
@@ -317,10 +317,9 @@ class RelaxingCells:
     def __init__(self, group: ElementGroup) -> None:
         law = compiled_law(group.material)
         assert law is not None
-        assert law.remember is not None
         self._group = group
         self._cells = point_cells(group, cell_batches(group), np.arange(len(group.cells)))
-        self._hold, self._remember = OneSignature(hold), OneSignature(law.remember)
+        self._hold, self._remember = OneSignature(hold), OneSignature(law.run)
         self._tuned = np.zeros(0)
 
     def hold(self, p: Array, memory: Array, stress: Array, h: float) -> None:
@@ -335,7 +334,7 @@ class RelaxingCells:
         nothing = positions[:0]
         still = np.zeros_like(positions)
         inputs = CellInputs(positions, nothing, still, np.zeros((0, 1, 3, 3)), False, 0.0, 1.0, 1.0)
-        self._remember(inputs, self._cells, self._memory(p, memory, h))
+        self._remember(inputs, self._cells, None, self._memory(p, memory, h))
 
     def _memory(self, p: Array, memory: Array, h: float) -> Memory:
         shares, fades, halves = fading(self._group, p, h)

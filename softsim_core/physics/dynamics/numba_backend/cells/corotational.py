@@ -1,4 +1,4 @@
-"""Compiled corotational elasticity: rotations of cells, their forces, and the stiffness of rotation.
+"""Rotations of linear tetrahedra, and the stiffness of their rotation by the law `corotational`.
 
 The element blocks of the law `corotational` are those with frozen rotation plus [h_a]x D [h_b]x, with
 
@@ -16,9 +16,6 @@ are one or two of them, the root that is alone on its side of zero gives the pro
 relative to mu, not relative to D.
 
 Source: Kim and Eberle 2022, Dynamic deformables (eigensystem of corotational energies); Smith 1961 (roots).
-
-In principal stretches theta = s1 + s2 + s3 - 3 and psi_i = 2 mu (s_i - 1) + p; of the tangent only the
-rotational modes can be negative: b_l = 2 mu - 2 gamma / (s_i + s_j), gamma = 2 mu - p.
 """
 
 from __future__ import annotations
@@ -36,44 +33,12 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     Triple,
     at_least,
     contraction,
-    difference,
-    matrix_at,
     plus,
-    put_matrix,
     scaled,
     times,
-    transposed,
-    triple_at,
 )
-from softsim_core.physics.dynamics.numba_backend.cells.points import (
-    DEFORMATION,
-    DILATATION,
-    DILATATION_RATE,
-    DILATATION_SLOPE,
-    FOUND_DILATATION,
-    POINT_ROWS,
-    PRESSURE,
-    RATE,
-    CellInputs,
-    CellOutputs,
-    Memory,
-    PointCells,
-    deform,
-    finish,
-    press,
-    remember,
-)
-from softsim_core.physics.dynamics.numba_backend.cells.stretches import (
-    FIRST_DIRECTIONS,
-    SECOND_DIRECTIONS,
-    STRETCHES,
-    put_modes,
-    put_principal,
-    put_stretches,
-    signed_stretches,
-)
-from softsim_core.physics.fem.materials import SMALLEST_VOLUME, Corotational, lame
-from softsim_core.physics.linalg import part, put, root, row, where
+from softsim_core.physics.fem.materials import SMALLEST_VOLUME
+from softsim_core.physics.linalg import part, root, where
 
 
 @kernel
@@ -290,95 +255,3 @@ def _polynomial(u: Any) -> Any:
 def _four(c0: float, c1: float, c2: float, c3: float, u: Any, u2: Any) -> Any:
     """Return c0 + c1 u + c2 u^2 + c3 u^3."""
     return (c1 * u + c0) + (c3 * u + c2) * u2
-
-
-def corotational_moduli(law: Corotational, p: Array) -> Array:
-    """Return mu in [Pa], shape (m, 1)."""
-    return np.asarray(lame(p)[1][:, None])
-
-
-@part
-def put_rotation(points: Array, point: int) -> None:
-    """Write the rotation and theta = tr S - 3 of a point from its stretches."""
-    u, v = matrix_at(points, point + FIRST_DIRECTIONS), matrix_at(points, point + SECOND_DIRECTIONS)
-    s = triple_at(points, point + STRETCHES)
-    r = (times(v, u[0]), times(v, u[1]), times(v, u[2]))
-    theta = s[0] + s[1] + s[2] - 3.0
-    put_matrix(points, point + DILATATION_SLOPE, r)
-    put(points, point + DILATATION, theta)
-    put(points, point + FOUND_DILATATION, theta)
-    put(points, point + DILATATION_RATE, contraction(r, matrix_at(points, point + RATE)))
-
-
-@part
-def put_found(points: Array, point: int, moved: Array, place: int) -> None:
-    """Write theta as the last solve found it.
-
-    `moved` has the gradient of the solve's displacement from row `place` on.
-    """
-    f = matrix_at(points, point + DEFORMATION)
-    u, _, v = signed_stretches(difference(f, matrix_at(moved, place)))
-    u, v = transposed(u), transposed(v)
-    r = (times(v, u[0]), times(v, u[1]), times(v, u[2]))
-    put(points, point + FOUND_DILATATION, contraction(r, f) - 3.0)
-
-
-@part
-def put_corotational(points: Array, point: int, moduli: Array, place: int, positive: bool) -> None:
-    """Write psi, h, a and b of a point; `moduli` has a_p, one more, and mu in rows from `place` on."""
-    at_point, mu = row(moduli, place), row(moduli, place + 2)
-    s = triple_at(points, point + STRETCHES)
-    now, found = row(points, point + PRESSURE), row(points, point + PRESSURE + 1)
-    double = 2.0 * mu
-    gamma, sums = double - found, (s[1] + s[2], s[2] + s[0], s[0] + s[1])
-    within = (gamma < mu * sums[0], gamma < mu * sums[1], gamma < mu * sums[2])
-    floor = where(within[0] & within[1] & within[2], SMALLEST_VOLUME, 0.0 * mu)
-    volume = at_least(sums[0] * sums[1] * sums[2], floor)
-    if positive:
-        share = gamma / volume
-        turning = (
-            where(within[0], share * sums[1] * sums[2], mu),
-            where(within[1], share * sums[2] * sums[0], mu),
-            where(within[2], share * sums[0] * sums[1], mu),
-        )
-    else:
-        turning = (gamma / sums[0], gamma / sums[1], gamma / sums[2])
-    twist = (double - 2.0 * turning[0], double - 2.0 * turning[1], double - 2.0 * turning[2])
-    psi = (double * (s[0] - 1.0) + now, double * (s[1] - 1.0) + now, double * (s[2] - 1.0) + now)
-    own = at_point + double
-    h = ((own, at_point, at_point), (at_point, own, at_point), (at_point, at_point, own))
-    put_principal(points, point, psi, h, (double, double, double), twist)
-
-
-@kernel
-def corotational_points(batch: int, inputs: CellInputs, cells: PointCells) -> None:
-    """Compute stress and tangent at all points of a batch."""
-    points, steps, weights, moduli = cells.buffers.points, cells.buffers.steps, cells.weights, cells.moduli
-    batches = len(cells.cells.nodes)
-    count, place = len(weights) // batches, batch * (len(moduli) // batches)
-    deform(batch, inputs, cells)
-    for q in range(count):
-        put_stretches(points, POINT_ROWS * q)
-        put_rotation(points, POINT_ROWS * q)
-        if len(inputs.moved):
-            put_found(points, POINT_ROWS * q, steps, 9 * q)
-    press(batch, cells)
-    for q in range(count):
-        put_corotational(points, POINT_ROWS * q, moduli, place, inputs.positive)
-        put_modes(points, POINT_ROWS * q, row(weights, count * batch + q), cells.buffers.modes)
-
-
-@kernel
-def fill_corotational(inputs: CellInputs, cells: PointCells, into: CellOutputs) -> None:
-    """Add forces and stiffness of all cells."""
-    for batch in range(len(cells.cells.nodes)):
-        corotational_points(batch, inputs, cells)
-        finish(batch, inputs, cells, into)
-
-
-@kernel
-def remember_corotational(inputs: CellInputs, cells: PointCells, memory: Memory) -> None:
-    """Advance the memory of all cells after a step."""
-    for batch in range(len(cells.cells.nodes)):
-        corotational_points(batch, inputs, cells)
-        remember(batch, cells, memory)

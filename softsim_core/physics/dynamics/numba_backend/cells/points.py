@@ -6,8 +6,8 @@ of the shape functions, the block of nodes m and n is the sum over the points of
     w g_m . C . g_n,    and of cells with a mean volume (a - a_p) / V g_m' g_n'^T,   g' = sum w theta' g
 
 For each batch, `deform` computes gradients, the law computes theta, `press` the pressures, the law stress and
-tangent, and `finish` forces and blocks. The numbers of a point are in POINT_ROWS rows of one buffer, by the
-names below; stress and tangent are multiplied by the weight of the point.
+tangent, and `finish` forces and blocks, or the memory. The numbers of a point are in POINT_ROWS rows of one
+buffer, by the names below; stress and tangent are multiplied by the weight of the point.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from softsim_core.physics.dynamics.numba_backend.cells.algebra import (
     put_triple,
     scaled,
     times,
+    transposed,
     triple_at,
 )
 from softsim_core.physics.dynamics.numba_backend.cells.batches import (
@@ -319,7 +320,7 @@ def gather_stress(batch: int, stress: Array, cells: PointCells, out: Array) -> N
 
 
 @kernel
-def finish(batch: int, inputs: CellInputs, cells: PointCells, into: CellOutputs) -> None:
+def add_cells(batch: int, inputs: CellInputs, cells: PointCells, into: CellOutputs) -> None:
     """Compute forces and blocks of a batch from stress and tangent at its points."""
     nodes, gradients, weights, moduli = cells.cells.nodes, cells.cells.gradients, cells.weights, cells.moduli
     buffers = cells.buffers
@@ -401,10 +402,7 @@ def fill_given(
                     points[point + STRESS + one, lane] = w * stress[e, q, one // 3, one % 3]
                     for other in range(one, 9):
                         points[point + TANGENT + UPPER[one, other], lane] = w * tangent[e, q, one, other]
-        finish(batch, inputs, cells, into)
-
-
-LEAST_VOLUME = FLATTEST
+        add_cells(batch, inputs, cells, into)
 
 
 class Memory(NamedTuple):
@@ -439,41 +437,47 @@ def hold(memory: Memory, stress: Array) -> None:
                     stress[e, q, i, j] = total
 
 
+@part
+def put_second_stress(points: Array, point: int, w: Any) -> None:
+    """Write S = F^-1 P of a point over its stress w P, and det F over its pressure."""
+    f, pulls = matrix_at(points, point + DEFORMATION), transposed(matrix_at(points, point + STRESS))
+    cofactor = cofactors(f)
+    volume, columns = dot(f[0], cofactor[0]), transposed(cofactor)
+    share = 1.0 / (w * volume)
+    put(points, point + PRESSURE, volume)
+    for i in range(3):
+        put_triple(points, point + STRESS + 3 * i, scaled(share, times(pulls, columns[i])))
+
+
 @kernel
 def remember(batch: int, cells: PointCells, memory: Memory) -> None:
     """Advance the memory of a batch with S, from the stress at its points without pressure."""
     points, weights, size = cells.buffers.points, cells.weights, cells.cells.size[0]
     stresses, fades, gains = memory.stresses, memory.fades, memory.gains
     count, terms = len(weights) // len(cells.cells.nodes), fades.shape[1]
-    f, p, inverse, s = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    for lane in range(min(LANES, size - batch * LANES)):
-        e = cells.memory[batch * LANES + lane]
-        for q in range(count):
-            first, over = POINT_ROWS * q, 1.0 / weights[count * batch + q, lane]
+    for q in range(count):
+        point = POINT_ROWS * q
+        put_second_stress(points, point, row(weights, count * batch + q))
+        for lane in range(min(LANES, size - batch * LANES)):
+            e = cells.memory[batch * LANES + lane]
+            is_crushed = not points[point + PRESSURE, lane] > FLATTEST
             for i in range(3):
                 for j in range(3):
-                    f[i, j] = points[first + DEFORMATION + 3 * i + j, lane]
-                    p[i, j] = over * points[first + STRESS + 3 * i + j, lane]
-            for i in range(3):
-                a, b = (i + 1) % 3, (i + 2) % 3
-                for j in range(3):
-                    c, d = (j + 1) % 3, (j + 2) % 3
-                    inverse[j, i] = f[a, c] * f[b, d] - f[a, d] * f[b, c]
-            volume = f[0, 0] * inverse[0, 0] + f[0, 1] * inverse[1, 0] + f[0, 2] * inverse[2, 0]
-            if volume > LEAST_VOLUME:
-                for i in range(3):
-                    for j in range(3):
-                        s[i, j] = 0.0
-                        for k in range(3):
-                            s[i, j] += inverse[i, k] * p[k, j]
-                        s[i, j] /= volume
-            else:
-                s[:] = stresses[e, q, terms]
-            for i in range(3):
-                for j in range(3):
-                    now = 0.5 * (s[i, j] + s[j, i])
-                    gained = now - stresses[e, q, terms, i, j]
+                    before = stresses[e, q, terms, i, j]
+                    one, other = point + STRESS + 3 * i + j, point + STRESS + 3 * j + i
+                    now = before if is_crushed else 0.5 * (points[one, lane] + points[other, lane])
                     for t in range(terms):
                         past = fades[e, t] * stresses[e, q, t, i, j]
-                        stresses[e, q, t, i, j] = past + gains[e, t] * gained
+                        stresses[e, q, t, i, j] = past + gains[e, t] * (now - before)
                     stresses[e, q, terms, i, j] = now
+
+
+@kernel
+def finish(
+    batch: int, inputs: CellInputs, cells: PointCells, into: CellOutputs | None, memory: Memory | None
+) -> None:
+    """Add forces and stiffness of a batch, and advance its memory; None: leave that out."""
+    if into is not None:
+        add_cells(batch, inputs, cells, into)
+    if memory is not None:
+        remember(batch, cells, memory)
